@@ -1,0 +1,269 @@
+"""The bench: every physical parameter with value, unit, standard uncertainty and source."""
+
+from __future__ import annotations
+
+import difflib
+import functools
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import pint
+import yaml
+
+from gyrowheel_sim.errors import InputError
+
+SCHEMA = 1
+#: Parameters that must be greater than zero for the equations to make sense.
+_POSITIVE = frozenset(
+    """rotor_inertia_x rotor_inertia_y rotor_inertia_z shaft_inertia flexure_stiffness_x flexure_stiffness_y
+    coil_constant coil_voltage_limit coil_resistance coil_heat_capacity coil_thermal_resistance motor_constant
+    motor_resistance supply_voltage tilt_scale sample_period drift_time air_temperature air_density_reference
+    gas_constant spin_rate_reference tilt_reference tilt_limit spin_rate_minimum spin_rate_maximum""".split()
+)
+_NOT_NEGATIVE = frozenset(
+    """gimbal_inertia_x gimbal_inertia_y gimbal_inertia_z flexure_damping_x flexure_damping_y bearing_coulomb
+    bearing_viscous tilt_noise spin_angle_noise spin_rate_noise coil_voltage_noise motor_voltage_noise
+    motor_current_noise temperature_noise pressure_noise coil_voltage_drift motor_voltage_drift
+    motor_current_drift air_pressure""".split()
+)
+
+
+@functools.cache
+def unit_registry() -> pint.UnitRegistry[Any]:
+    """Return the one unit registry of the project."""
+    return pint.UnitRegistry()
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One physical parameter of a bench.
+
+    Attributes
+    ----------
+    name : str
+        Name, unique in the bench.
+    value : float
+        Value in `unit`.
+    unit : str
+        SI unit.
+    uncertainty : float
+        Standard uncertainty (1 sigma), absolute, in `unit`.
+    source : str
+        Where the value comes from; ``assumed`` where nothing published gives it.
+    description : str
+        What it is.
+    group : str
+        Parameters of one group vary by one common factor; the own name where there is no group.
+    """
+
+    name: str
+    value: float
+    unit: str
+    uncertainty: float
+    source: str
+    description: str
+    group: str
+
+    @property
+    def relative_uncertainty(self) -> float:
+        """Standard uncertainty over the value (infinite for a value of zero with an uncertainty)."""
+        if self.uncertainty == 0.0:
+            return 0.0
+        return abs(self.uncertainty / self.value) if self.value else math.inf
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Every physical parameter of a test bench; read from a bench file.
+
+    Attributes
+    ----------
+    name, title : str
+        What the bench is called.
+    parameters : dict of str to Parameter
+        The parameters by name.
+    references : dict of str to str
+        Full citations by the key that `Parameter.source` starts with.
+    origin : str
+        The file it was read from, for error messages.
+    """
+
+    name: str
+    title: str
+    parameters: Mapping[str, Parameter]
+    references: Mapping[str, str] = field(default_factory=dict)
+    origin: str = ""
+
+    @classmethod
+    def load(cls, source: str | Path = "gyrowheel") -> Bench:
+        """Read a bench by shipped name or from a file.
+
+        Parameters
+        ----------
+        source : str or Path
+            ``"gyrowheel"`` (the default bench) or the path of a bench file.
+
+        Raises
+        ------
+        InputError
+            If the file is missing, is no YAML, or a field of it is missing, unknown or out of range.
+        """
+        if str(source) == "gyrowheel":
+            file = resources.files("gyrowheel_sim").joinpath("config/bench.yaml")
+            return cls.from_text(file.read_text(encoding="utf-8"), origin="bench.yaml")
+        path = Path(source)
+        if not path.is_file():
+            raise InputError(f"bench '{source}': no such shipped bench or file; shipped: gyrowheel")
+        return cls.from_text(path.read_text(encoding="utf-8", errors="replace"), origin=str(path))
+
+    @classmethod
+    def from_text(cls, text: str, *, origin: str) -> Bench:
+        """Read a bench from the text of a bench file (see `load`)."""
+        try:
+            raw = yaml.safe_load(text)
+        except yaml.YAMLError as error:
+            raise InputError(f"{origin}: not valid YAML: {_one_line(error)}") from None
+        if not isinstance(raw, dict) or not isinstance(raw.get("parameters"), dict):
+            raise InputError(f"{origin}: not a bench file (a mapping with 'parameters' is expected)")
+        if raw.get("schema") != SCHEMA:
+            raise InputError(f"{origin}: schema: {raw.get('schema')!r} is not known; allowed: {SCHEMA}")
+        known = _default_names()
+        parameters: dict[str, Parameter] = {}
+        for name, entry in raw["parameters"].items():
+            if known and name not in known:
+                near = difflib.get_close_matches(str(name), known, n=1)
+                hint = f"; did you mean '{near[0]}'?" if near else ""
+                raise InputError(f"{origin}: parameters.{name}: no such parameter{hint}")
+            parameters[name] = _parameter(str(name), entry, origin)
+        missing = sorted(set(known) - set(parameters))
+        if missing:
+            raise InputError(f"{origin}: parameters: missing {', '.join(missing)}")
+        bench = cls(
+            name=str(raw.get("name", "bench")),
+            title=str(raw.get("title", "")),
+            parameters=parameters,
+            references={str(k): str(v) for k, v in (raw.get("references") or {}).items()},
+            origin=origin,
+        )
+        if bench.value("spin_rate_minimum") >= bench.value("spin_rate_maximum"):
+            raise InputError(f"{origin}: parameters.spin_rate_minimum: must be below spin_rate_maximum")
+        return bench
+
+    def value(self, name: str) -> float:
+        """Return the value of one parameter [SI]."""
+        return self.parameters[name].value
+
+    def values(self) -> dict[str, float]:
+        """Return all values by name [SI]."""
+        return {name: parameter.value for name, parameter in self.parameters.items()}
+
+    def with_values(self, values: Mapping[str, float], *, where: str = "overrides") -> Bench:
+        """Return the same bench with some values replaced.
+
+        Raises
+        ------
+        InputError
+            If a name is unknown or a value not allowed; `where` names the place in the message.
+        """
+        parameters = dict(self.parameters)
+        for name, value in values.items():
+            if name not in parameters:
+                near = difflib.get_close_matches(name, parameters, n=1)
+                hint = f"; did you mean '{near[0]}'?" if near else ""
+                raise InputError(f"{where}.{name}: the bench has no such parameter{hint}")
+            parameters[name] = replace(parameters[name], value=check_value(name, value, where))
+        return replace(self, parameters=parameters)
+
+    @property
+    def sample_period(self) -> float:
+        """Sampling interval [s]."""
+        return self.value("sample_period")
+
+    def groups(self) -> dict[str, list[Parameter]]:
+        """Return the uncertain parameters, those that vary together under one name."""
+        groups: dict[str, list[Parameter]] = {}
+        for parameter in self.parameters.values():
+            if parameter.uncertainty > 0.0:
+                groups.setdefault(parameter.group, []).append(parameter)
+        return groups
+
+    def describe(self) -> str:
+        """Return the bench as JSON text: what a recording carries as its provenance."""
+        return json.dumps(
+            {
+                "schema": SCHEMA,
+                "name": self.name,
+                "title": self.title,
+                "parameters": {
+                    p.name: {"value": p.value, "unit": p.unit, "uncertainty": p.uncertainty, "source": p.source}
+                    for p in self.parameters.values()
+                },
+            },
+            separators=(",", ":"),
+        )
+
+
+def check_value(name: str, value: Any, where: str) -> float:
+    """Return `value` as a float allowed for parameter `name`; else raise InputError naming `where`."""
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        raise InputError(f"{where}.{name}: {value!r} is not a number")
+    try:
+        number = float(value)
+    except ValueError:
+        raise InputError(f"{where}.{name}: {value!r} is not a number") from None
+    if not math.isfinite(number):
+        raise InputError(f"{where}.{name}: {value!r} is not finite")
+    if name in _POSITIVE and number <= 0.0:
+        raise InputError(f"{where}.{name}: {number:g} is out of range; allowed: > 0")
+    if name in _NOT_NEGATIVE and number < 0.0:
+        raise InputError(f"{where}.{name}: {number:g} is out of range; allowed: >= 0")
+    return number
+
+
+@functools.cache
+def _default_names() -> tuple[str, ...]:
+    text = resources.files("gyrowheel_sim").joinpath("config/bench.yaml").read_text(encoding="utf-8")
+    return tuple(yaml.safe_load(text)["parameters"])
+
+
+def _parameter(name: str, entry: Any, origin: str) -> Parameter:
+    where = f"{origin}: parameters"
+    if not isinstance(entry, dict):
+        raise InputError(f"{where}.{name}: {entry!r} is not a mapping with value, unit, uncertainty and source")
+    unknown = set(entry) - {"value", "unit", "uncertainty", "source", "description", "group"}
+    if unknown:
+        raise InputError(f"{where}.{name}.{sorted(map(str, unknown))[0]}: no such field")
+    for needed in ("value", "unit", "uncertainty", "source"):
+        if needed not in entry:
+            raise InputError(f"{where}.{name}.{needed}: missing")
+    value = check_value(name, entry["value"], where)
+    try:
+        unit_registry().parse_units(str(entry["unit"]))
+    except Exception as error:  # pint raises several unrelated classes for a bad unit
+        raise InputError(f"{where}.{name}.unit: {entry['unit']!r} is no unit ({_one_line(error)})") from None
+    raw = entry["uncertainty"]
+    relative = isinstance(raw, str) and raw.strip().endswith("%")
+    try:
+        uncertainty = float(str(raw).strip().removesuffix("%")) * (abs(value) / 100.0 if relative else 1.0)
+    except ValueError:
+        raise InputError(f"{where}.{name}.uncertainty: {raw!r} is neither a number nor a percentage") from None
+    if not math.isfinite(uncertainty) or uncertainty < 0.0:
+        raise InputError(f"{where}.{name}.uncertainty: {raw!r} is out of range; allowed: >= 0")
+    return Parameter(
+        name=name,
+        value=value,
+        unit=str(entry["unit"]),
+        uncertainty=uncertainty,
+        source=str(entry["source"]),
+        description=str(entry.get("description", "")),
+        group=str(entry.get("group", name)),
+    )
+
+
+def _one_line(error: BaseException) -> str:
+    return " ".join(str(error).split())

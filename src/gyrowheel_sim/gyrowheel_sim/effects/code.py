@@ -1,0 +1,224 @@
+"""From declarations to code: generated compiled source for the simulation, array functions for the analysis."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import importlib.util
+import os
+import re
+import sys
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numba
+import numpy as np
+import sympy as sp
+from sympy.printing.pycode import PythonCodePrinter
+
+from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.effects.declaration import TARGETS, Effect
+from gyrowheel_sim.effects.quantities import QUANTITIES, REFERENCES
+from gyrowheel_sim.effects.registry import EffectValues
+
+_MARK = "# --- kernel ---"
+_END = "# --- end of kernel ---"
+
+
+class _Printer(PythonCodePrinter):
+    """Python source for scalar compiled code: small powers as products, functions of `math`."""
+
+    def _print_Pow(self, expr: sp.Pow, rational: bool = False) -> str:  # noqa: N802  (name given by SymPy)
+        base, exponent = expr.as_base_exp()
+        if exponent.is_Integer and 2 <= int(exponent) <= 4:
+            factor = self.parenthesize(base, 100)
+            return "(" + "*".join([factor] * int(exponent)) + ")"
+        return str(super()._print_Pow(expr, rational=rational))
+
+    def _print_sign(self, expr: sp.sign) -> str:
+        return f"math.copysign(1.0, {self._print(expr.args[0])})"
+
+
+def coefficient_layout(effects: Sequence[Effect]) -> dict[tuple[str, str], int]:
+    """Return the place of each (effect, coefficient) in the flat array of the compiled step."""
+    keys = [(effect.name, c.name) for effect in effects for c in effect.coefficients]
+    return {key: index for index, key in enumerate(keys)}
+
+
+def coefficient_arrays(
+    effects: Sequence[Effect], values: EffectValues, bench: Bench
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return (coefficients, active flags) for the compiled step; the reference values follow the coefficients."""
+    layout = coefficient_layout(effects)
+    coefficients = np.zeros(len(layout) + len(REFERENCES))
+    active = np.zeros(len(effects), dtype=np.uint8)
+    for index, effect in enumerate(effects):
+        if effect.name in values:
+            active[index] = 1
+            for name, value in (effect.defaults() | values[effect.name]).items():
+                coefficients[layout[effect.name, name]] = value
+    for offset, parameter in enumerate(REFERENCES.values()):
+        coefficients[len(layout) + offset] = bench.value(parameter)
+    return coefficients, active
+
+
+def laws_source(effects: Sequence[Effect]) -> str:
+    """Return the source of `evaluate_laws` for these effects (see `gyrowheel_sim.effects.no_laws`)."""
+    printer = _Printer({"fully_qualified_modules": True})
+    layout = coefficient_layout(effects)
+    real = {name: sp.Symbol(name, real=True) for name in ("zx", "zy", "zx_rate", "zy_rate")}
+    split = {
+        QUANTITIES["z"].symbol: real["zx"] + sp.I * real["zy"],
+        QUANTITIES["z_rate"].symbol: real["zx_rate"] + sp.I * real["zy_rate"],
+    }
+    lines = [
+        "@register_jitable",
+        "def evaluate_laws(coef, active, zx, zy, zx_rate, zy_rate, Omega, theta_x, theta_y, theta_x_rate, theta_y_rate,",
+        "                  T_coil, T_air, rho, up, t):",
+        *(f"    {name} = coef[{len(layout) + i}]" for i, name in enumerate(REFERENCES)),
+        "    Tx = Ty = axial = shaft = flex_x = flex_y = gain = read_x = read_y = 0.0",
+    ]
+    outputs = {
+        "rotor_torque": ("Tx", "Ty"),
+        "axial_torque": ("axial",),
+        "shaft_torque": ("shaft",),
+        "coil_gain": ("gain",),
+        "tilt_reading": ("read_x", "read_y"),
+    }
+    for index, effect in enumerate(effects):
+        lines.append(f"    if active[{index}]:  # {effect.name}")
+        places = {
+            c.symbol: sp.Symbol(f"coef[{layout[effect.name, c.name]}]", real=True) for c in effect.coefficients
+        }
+        for law in effect.laws:
+            expression = law.expression.subs(places).subs(split)
+            if law.target == "flexure_torque":
+                for axis in "xy":
+                    own = {
+                        QUANTITIES["theta"].symbol: sp.Symbol(f"theta_{axis}", real=True),
+                        QUANTITIES["theta_rate"].symbol: sp.Symbol(f"theta_{axis}_rate", real=True),
+                    }
+                    lines.append(f"        flex_{axis} += {printer.doprint(expression.subs(own))}")
+                continue
+            parts = expression.expand(complex=True).as_real_imag()
+            for name, part in zip(outputs[law.target], parts, strict=False):
+                lines.append(f"        {name} += {printer.doprint(sp.simplify(part))}")
+    lines.append("    return Tx, Ty, axial, shaft, flex_x, flex_y, gain, read_x, read_y")
+    return "\n".join(lines) + "\n"
+
+
+def compose(effects: Sequence[Effect], extra: Sequence[tuple[str, str]] = ()) -> ModuleType:
+    """Return the compiled module of the plant with these effects; cached on disk by content.
+
+    Parameters
+    ----------
+    effects : sequence of Effect
+        Effects whose laws are compiled in; each acts only where its flag is set.
+    extra : sequence of (package, file name)
+        Further kernel files that are appended (a controller, a closed loop); the text after their
+        ``# --- kernel ---`` line is taken.
+
+    Notes
+    -----
+    One source file holds the generated laws, the equations of motion and the plant, so that the compiler sees all
+    of it and a second process loads the machine code instead of compiling.
+    """
+    key = (tuple(effects), tuple(extra))
+    if key not in _COMPOSED:
+        _COMPOSED[key] = _compose(effects, extra)
+    return _COMPOSED[key]
+
+
+_COMPOSED: dict[Any, ModuleType] = {}
+
+
+def _compose(effects: Sequence[Effect], extra: Sequence[tuple[str, str]]) -> ModuleType:
+    parts = [_kernel_text("gyrowheel_sim", "dynamics.py"), _cached_laws(tuple(effects))]
+    parts += [_kernel_text(package, name) for package, name in (("gyrowheel_sim", "kernel.py"), *extra)]
+    header = (
+        '"""Generated: the laws of the effects and the kernels of the bench in one compiled module."""\n'
+        "import math\nfrom typing import Any, NamedTuple\n\nimport numpy as np\n"
+        "from numba import njit\nfrom numba.extending import register_jitable\n\n"
+    )
+    text = header + "\n\n".join(parts)
+    digest = hashlib.sha256(
+        "\0".join((text, numba.__version__, np.__version__, sys.version)).encode()
+    ).hexdigest()[:20]
+    name = f"gyrowheel_kernel_{digest}"
+    if name in sys.modules:
+        return sys.modules[name]
+    path = cache_folder() / f"{name}.py"
+    if not path.is_file() or path.read_text(encoding="utf-8") != text:
+        _write_atomically(path, text)
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:  # pragma: no cover - only a broken interpreter gets here
+        raise RuntimeError(f"cannot load the generated module {path}")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@functools.cache
+def cache_folder() -> Path:
+    """Return the folder of compiled kernels: ``$GYROWHEEL_CACHE``, the user's cache folder, or a temporary one."""
+    base = os.environ.get("GYROWHEEL_CACHE") or os.path.join(
+        os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "gyrowheel"
+    )
+    folder = Path(base)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError:
+        folder = Path(tempfile.mkdtemp(prefix="gyrowheel-cache-"))
+    return folder
+
+
+@functools.cache
+def _cached_laws(effects: tuple[Effect, ...]) -> str:
+    """Return `laws_source`, kept on disk by the text of the declarations (SymPy takes seconds, reading none)."""
+    own = resources.files("gyrowheel_sim").joinpath("effects/code.py").read_text(encoding="utf-8")
+    declared = [(e.name, [(law.target, sp.srepr(law.expression)) for law in e.laws], [c.name for c in e.coefficients]) for e in effects]
+    digest = hashlib.sha256(repr((own, declared, sp.__version__)).encode()).hexdigest()[:20]
+    path = cache_folder() / f"gyrowheel_laws_{digest}.txt"
+    if path.is_file():
+        return path.read_text(encoding="utf-8")
+    text = laws_source(effects)
+    _write_atomically(path, text)
+    return text
+
+
+def _write_atomically(path: Path, text: str) -> None:
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name)
+    with os.fdopen(handle, "w", encoding="utf-8") as file:
+        file.write(text)
+    os.replace(temporary, path)
+
+
+def _kernel_text(package: str, name: str) -> str:
+    text = resources.files(package).joinpath(name).read_text(encoding="utf-8")
+    body = text.split(_MARK, 1)[1].split(_END, 1)[0]
+    return f"# from {package}/{name}\n" + re.sub(r"^\n+", "", body)
+
+
+@functools.cache
+def array_law(effect: Effect, index: int) -> Callable[..., Any]:
+    """Return law number `index` of an effect as a function of arrays.
+
+    The function takes keyword arguments: the quantities of `QUANTITIES` and the coefficients; all broadcast.
+    """
+    law = effect.laws[index]
+    symbols = [q.symbol for q in QUANTITIES.values()] + [c.symbol for c in effect.coefficients]
+    names = [s.name for s in symbols]
+    function = sp.lambdify(symbols, law.expression, modules="numpy", cse=True)
+
+    def evaluate(values: Mapping[str, Any]) -> Any:
+        return function(*(values[name] for name in names))
+
+    evaluate.__doc__ = f"{law.target} [{TARGETS[law.target][0]}] of {effect.name}."
+    return evaluate

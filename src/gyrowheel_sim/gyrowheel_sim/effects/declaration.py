@@ -1,0 +1,165 @@
+"""What an effect declaration consists of."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import sympy as sp
+
+from gyrowheel_sim.bench import unit_registry
+from gyrowheel_sim.effects.quantities import QUANTITIES
+
+Category = Literal[
+    "air", "flexure", "gravity", "actuator", "sensor", "bearing", "motor", "inertia", "environment", "other"
+]
+Target = Literal["rotor_torque", "axial_torque", "shaft_torque", "flexure_torque", "coil_gain", "tilt_reading"]
+
+#: What a law can act on: unit, whether it is complex (two case axes), and what it means.
+TARGETS: dict[str, tuple[str, bool, str]] = {
+    "rotor_torque": ("N*m", True, "torque on the rotor across its spin axis, T_x + i T_y in case axes"),
+    "axial_torque": ("N*m", False, "torque on the rotor along its spin axis"),
+    "shaft_torque": ("N*m", False, "torque on the motor shaft"),
+    "flexure_torque": ("N*m", False, "torque of each flexure on its joint, by the flexure's own angle and rate"),
+    "coil_gain": ("1", False, "relative change of the torque per volt of the coils"),
+    "tilt_reading": ("rad", True, "added to the tilt readings, x + i y"),
+}
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """One coefficient of an effect.
+
+    Attributes
+    ----------
+    name : str
+        Name, unique in the effect.
+    unit : str
+        SI unit.
+    description : str
+        What it is.
+    usual : tuple of float
+        Range of the sizes met in practice (low, high); where `signed`, of the magnitude.
+    bounds : tuple of float
+        Values allowed at all.
+    source : str
+        Where the usual size comes from.
+    signed : bool
+        Whether both signs occur.
+    shape : float or None
+        For a coefficient that shapes the law (an exponent): its usual value, about which the law is
+        linearised; None for an amplitude, in which the law is linear and zero means no effect.
+    shape_uncertainty : float
+        Standard uncertainty of `shape` before a measurement.
+    """
+
+    name: str
+    unit: str
+    description: str
+    usual: tuple[float, float]
+    bounds: tuple[float, float]
+    source: str
+    signed: bool = False
+    shape: float | None = None
+    shape_uncertainty: float = 0.0
+
+    @property
+    def symbol(self) -> sp.Symbol:
+        """The symbol that stands for it in the law."""
+        return sp.Symbol(self.name, real=True)
+
+    @property
+    def default(self) -> float:
+        """Value used where none is given: the usual shape, or the geometric middle of the usual sizes."""
+        return self.shape if self.shape is not None else math.sqrt(self.usual[0] * self.usual[1])
+
+    @property
+    def null(self) -> float:
+        """Value of "no effect": zero for an amplitude, the usual shape otherwise."""
+        return self.shape if self.shape is not None else 0.0
+
+
+@dataclass(frozen=True)
+class Law:
+    """What an effect does: a SymPy expression and the target it acts on (see `TARGETS`)."""
+
+    target: Target
+    expression: sp.Expr
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A physical effect: its law and all that is known about it.
+
+    Attributes
+    ----------
+    name, title, category : str
+        Canonical name, one-line title, and category.
+    sentence : str
+        The physics in one sentence.
+    laws : tuple of Law
+        What it does.
+    coefficients : tuple of Coefficient
+        Its coefficients, amplitudes first.
+    validity : str
+        Where the law holds.
+    look_alikes : dict of str to str
+        Effects (or bench errors) with a similar signature, each with the test that separates them.
+    source : str
+        Where the law comes from.
+    """
+
+    name: str
+    title: str
+    category: Category
+    sentence: str
+    laws: tuple[Law, ...]
+    coefficients: tuple[Coefficient, ...]
+    validity: str
+    source: str
+    look_alikes: Mapping[str, str] = field(default_factory=dict, hash=False)
+
+    def __post_init__(self) -> None:
+        """Refuse a declaration that contradicts itself."""
+        names = [c.name for c in self.coefficients]
+        if len(set(names)) != len(names) or not names:
+            raise ValueError(f"effect {self.name}: coefficients need distinct names")
+        if set(names) & set(QUANTITIES):
+            raise ValueError(f"effect {self.name}: a coefficient has the name of a quantity")
+        known = {q.symbol for q in QUANTITIES.values()} | {c.symbol for c in self.coefficients}
+        for law in self.laws:
+            if law.target not in TARGETS:
+                raise ValueError(f"effect {self.name}: unknown target {law.target}")
+            if stray := law.expression.free_symbols - known:
+                raise ValueError(f"effect {self.name}: unknown symbols {sorted(map(str, stray))}")
+        for c in self.coefficients:
+            unit_registry().parse_units(c.unit)
+
+    @property
+    def amplitudes(self) -> tuple[Coefficient, ...]:
+        """The coefficients in which the law is linear; all zero means no effect."""
+        return tuple(c for c in self.coefficients if c.shape is None)
+
+    @property
+    def shapes(self) -> tuple[Coefficient, ...]:
+        """The coefficients that shape the law (exponents)."""
+        return tuple(c for c in self.coefficients if c.shape is not None)
+
+    def defaults(self) -> dict[str, float]:
+        """Return a value for every coefficient: usual size and usual shape."""
+        return {c.name: c.default for c in self.coefficients}
+
+    def nulls(self) -> dict[str, float]:
+        """Return the values of every coefficient for which nothing happens."""
+        return {c.name: c.null for c in self.coefficients}
+
+    @property
+    def formula(self) -> str:
+        """The laws as one line of text."""
+        return "; ".join(f"{law.target} = {_pretty(law.expression)}" for law in self.laws)
+
+
+def _pretty(expression: sp.Expr) -> str:
+    return sp.sstr(expression, order="none").replace("**", "^").replace("I*", "i*").replace("*I", "*i")

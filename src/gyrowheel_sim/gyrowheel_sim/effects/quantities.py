@@ -1,0 +1,60 @@
+"""The quantities that the bench knows at an instant, as SymPy symbols: what a law may be written in.
+
+Complex tilt ``z = tan(phi_x) + i tan(phi_y)`` in case axes; a complex torque is ``T_x + i T_y`` in case axes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import sympy as sp
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A symbol with its unit and meaning."""
+
+    symbol: sp.Symbol
+    unit: str
+    description: str
+
+
+def _real(name: str, unit: str, description: str, *, positive: bool = False) -> Quantity:
+    assumptions = {"positive": True} if positive else {"real": True}
+    return Quantity(sp.Symbol(name, **assumptions), unit, description)
+
+
+QUANTITIES: dict[str, Quantity] = {
+    quantity.symbol.name: quantity
+    for quantity in (
+        Quantity(sp.Symbol("z", complex=True), "rad", "complex tilt tan(phi_x) + i tan(phi_y)"),
+        Quantity(sp.Symbol("z_rate", complex=True), "rad/s", "rate of the complex tilt"),
+        _real("Omega", "rad/s", "spin rate", positive=True),
+        _real("theta", "rad", "angle of a flexure"),
+        _real("theta_rate", "rad/s", "rate of a flexure"),
+        _real("T_coil", "K", "temperature of the torque coils", positive=True),
+        _real("T_air", "K", "temperature of the air", positive=True),
+        _real("rho", "kg/m^3", "density of the air", positive=True),
+        _real("up", "1", "+1 with the spin axis up, -1 inverted"),
+        _real("t", "s", "time since the start of the recording"),
+        _real("Omega_ref", "rad/s", "reference spin rate of the bench", positive=True),
+        _real("rho_ref", "kg/m^3", "reference air density of the bench", positive=True),
+        _real("T_ref", "K", "reference temperature of the bench", positive=True),
+        _real("z_ref", "rad", "reference tilt of the bench", positive=True),
+    )
+}
+
+z, z_rate = QUANTITIES["z"].symbol, QUANTITIES["z_rate"].symbol
+Omega, Omega_ref = QUANTITIES["Omega"].symbol, QUANTITIES["Omega_ref"].symbol
+theta, theta_rate = QUANTITIES["theta"].symbol, QUANTITIES["theta_rate"].symbol
+T_coil, T_air, T_ref = QUANTITIES["T_coil"].symbol, QUANTITIES["T_air"].symbol, QUANTITIES["T_ref"].symbol
+rho, rho_ref = QUANTITIES["rho"].symbol, QUANTITIES["rho_ref"].symbol
+up, t, z_ref = QUANTITIES["up"].symbol, QUANTITIES["t"].symbol, QUANTITIES["z_ref"].symbol
+
+#: The reference values, as bench parameters.
+REFERENCES = {
+    "Omega_ref": "spin_rate_reference",
+    "rho_ref": "air_density_reference",
+    "T_ref": "air_temperature",
+    "z_ref": "tilt_reference",
+}

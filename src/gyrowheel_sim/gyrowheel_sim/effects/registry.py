@@ -1,0 +1,104 @@
+"""The registered effects: those of the library and those that other packages add by entry point."""
+
+from __future__ import annotations
+
+import difflib
+import functools
+import logging
+import math
+from collections.abc import Mapping
+from importlib.metadata import entry_points
+from types import MappingProxyType
+from typing import TypeAlias
+
+from gyrowheel_sim.effects.declaration import Effect
+from gyrowheel_sim.effects.library import LIBRARY
+from gyrowheel_sim.errors import InputError
+
+#: Coefficients of effects: {effect: {coefficient: value}}.
+EffectValues: TypeAlias = dict[str, dict[str, float]]
+
+ENTRY_POINT_GROUP = "gyrowheel.effects"
+
+
+@functools.cache
+def registry() -> Mapping[str, Effect]:
+    """Return every registered effect by name.
+
+    An entry point of the group ``gyrowheel.effects`` names an `Effect` or a sequence of them. One that cannot be
+    loaded, or that takes a name in use, is logged and skipped.
+    """
+    effects = {effect.name: effect for effect in LIBRARY}
+    for point in sorted(entry_points(group=ENTRY_POINT_GROUP), key=lambda p: p.name):
+        try:
+            loaded = point.load()
+            for effect in (loaded,) if isinstance(loaded, Effect) else tuple(loaded):
+                if not isinstance(effect, Effect):
+                    raise TypeError(f"{effect!r} is no Effect")
+                if effect.name in effects:
+                    raise ValueError(f"the name {effect.name} is taken")
+                effects[effect.name] = effect
+        except Exception as error:  # a broken plug-in must not break the bench
+            logging.getLogger(__name__).warning("effects of '%s' skipped: %s", point.value, error)
+    return MappingProxyType(effects)
+
+
+def get(name: str, *, where: str = "effect") -> Effect:
+    """Return a registered effect.
+
+    Raises
+    ------
+    InputError
+        If there is none of that name; the message has the nearest names.
+    """
+    effects = registry()
+    if name in effects:
+        return effects[name]
+    near = difflib.get_close_matches(name, effects, n=3, cutoff=0.4)
+    hint = f"did you mean {', '.join(near)}?" if near else f"known: {', '.join(effects)}"
+    raise InputError(f"{where}: '{name}' is not a known effect; {hint}")
+
+
+def validated(name: str, values: Mapping[str, object], *, where: str = "effect") -> dict[str, float]:
+    """Return the coefficients of an effect, checked and completed with the usual values.
+
+    Raises
+    ------
+    InputError
+        If effect or coefficient is unknown, or a value is no finite number within the bounds.
+    """
+    effect = get(name, where=where)
+    coefficients = {c.name: c for c in effect.coefficients}
+    result = effect.defaults()
+    for key, raw in values.items():
+        if key not in coefficients:
+            raise InputError(f"{where}.{name}.{key}: no such coefficient; it has {', '.join(coefficients)}")
+        try:
+            value = float(raw)  # type: ignore[arg-type]
+        except (TypeError, ValueError):
+            raise InputError(f"{where}.{name}.{key}: {raw!r} is not a number") from None
+        low, high = coefficients[key].bounds
+        if not math.isfinite(value) or not low <= value <= high:
+            raise InputError(
+                f"{where}.{name}.{key}: {value:g} is out of range; allowed: {low:g} .. {high:g} {coefficients[key].unit}"
+            )
+        result[key] = value
+    return result
+
+
+def parse_option(text: str) -> tuple[str, dict[str, float]]:
+    """Read ``NAME`` or ``NAME:COEF=VALUE,...`` (coefficients not given take their usual size).
+
+    Raises
+    ------
+    InputError
+        If the text is not of that form or a name or value is not allowed.
+    """
+    name, _, rest = text.partition(":")
+    values: dict[str, object] = {}
+    for item in filter(None, rest.split(",")):
+        key, equals, value = item.partition("=")
+        if not equals:
+            raise InputError(f"--effect: {text!r}: expected NAME:COEF=VALUE,..., not {item!r}")
+        values[key.strip()] = value.strip()
+    return name.strip(), validated(name.strip(), values, where="--effect")

@@ -1,0 +1,178 @@
+"""The plant as one step of compiled code: rotor, coils, motor, thermal states, sensors, noise and drift.
+
+This module is not run as it stands: `compose` puts the generated laws of the effects, the body of `dynamics` and
+the body of this module into one source file, which is compiled once and cached on disk.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from numba import njit
+
+from gyrowheel_sim.dynamics import (
+    case_accelerations,
+    case_to_joint,
+    generalised_forces,
+    inertia_terms,
+    joint_accelerations,
+)
+from gyrowheel_sim.effects.no_laws import evaluate_laws
+
+# --- kernel ---
+
+N_STATE = 12  # n_x, n_y, n_x', n_y', theta_z, Omega, T_coil, p_air, drift of coil x, coil y, motor voltage, motor current
+N_NOISE = 15  # 11 readings, 4 drifts
+N_MEASUREMENT = 11
+
+
+@njit(cache=True, error_model="numpy")
+def plant_rates(
+    p: Any, coef: Any, active: Any, up: float, t: float, rho: float, T_coil: float, T_air: float,
+    vx: float, vy: float, vm: float, nx: float, ny: float, ux: float, uy: float, angle: float, Omega: float,
+) -> Any:  # fmt: skip
+    """Return (n_x'', n_y'', Omega') of the rotor under held voltages, with every active effect."""
+    nz = math.sqrt(1.0 - nx * nx - ny * ny)
+    nz_rate = -(nx * ux + ny * uy) / nz
+    zx = -ny / nz
+    zy = nx / nz
+    zx_rate = -(uy - ny * nz_rate / nz) / nz
+    zy_rate = (ux - nx * nz_rate / nz) / nz
+    sz = math.sin(angle)
+    cz = math.cos(angle)
+    sx, cx, sy, cy, wx, wy = case_to_joint(nx, ny, ux, uy, sz, cz, Omega)
+    theta_x = math.asin(sx)
+    theta_y = math.asin(sy)
+    Tx, Ty, axial, shaft, flex_x, flex_y, gain, _, _ = evaluate_laws(
+        coef, active, zx, zy, zx_rate, zy_rate, Omega, theta_x, theta_y, wx, wy, T_coil, T_air, rho, up, t
+    )
+    # across the spin axis: T . n = 0 fixes the z component
+    Tz = zx * Ty - zy * Tx
+    k = p.coil_constant * (1.0 + gain)
+    Q1, Q2, Q3 = generalised_forces(
+        sx, cx, sz, cz,
+        Tx + axial * nx + p.fixed_torque_x, Ty + axial * ny + p.fixed_torque_y, Tz + axial * nz,
+    )  # fmt: skip
+    C1, C2, _ = generalised_forces(sx, cx, sz, cz, k * vx, k * vy, 0.0)
+    current = (vm - p.motor_constant * Omega) / p.motor_resistance
+    sign = 1.0 if Omega > 0.0 else (-1.0 if Omega < 0.0 else 0.0)
+    friction = p.bearing_coulomb * sign + p.bearing_viscous * Omega
+    m11, m13, m22, m23, m33, f1, f2, f3 = inertia_terms(
+        sx, cx, sy, cy, wx, wy, Omega,
+        p.rotor_inertia_x, p.rotor_inertia_y, p.rotor_inertia_z,
+        p.gimbal_inertia_x, p.gimbal_inertia_y, p.gimbal_inertia_z, p.shaft_inertia,
+    )  # fmt: skip
+    b1 = Q1 + C1 + f1 + flex_x - p.flexure_stiffness_x * theta_x - p.flexure_damping_x * wx
+    b2 = Q2 + C2 + f2 + flex_y - p.flexure_stiffness_y * theta_y - p.flexure_damping_y * wy
+    b3 = Q3 + f3 + shaft + p.motor_constant * current - friction
+    ax, ay, az = joint_accelerations(m11, m13, m22, m23, m33, b1, b2, b3)
+    ax_case, ay_case = case_accelerations(sx, cx, sy, cy, wx, wy, sz, cz, Omega, ax, ay, az)
+    return ax_case, ay_case, az
+
+
+@njit(cache=True, error_model="numpy")
+def plant_step(
+    p: Any, coef: Any, active: Any, env: Any, state: Any, t: float, vx: float, vy: float, vm: float
+) -> None:
+    """Advance `state` in place by one sample period under held voltages (classical Runge-Kutta, fourth order).
+
+    `env` is (up, pressure the jar is set to [Pa], heater temperature above the air [K], 0 = off).
+    """
+    h = p.sample_period
+    up = env[0]
+    T_coil = state[6]
+    T_air = p.air_temperature
+    rho = state[7] / (p.gas_constant * T_air)
+    x, y, ux, uy, a, w = state[0], state[1], state[2], state[3], state[4], state[5]
+    k1x, k1y, k1w = plant_rates(p, coef, active, up, t, rho, T_coil, T_air, vx, vy, vm, x, y, ux, uy, a, w)
+    g = 0.5 * h
+    ux2, uy2, w2 = ux + g * k1x, uy + g * k1y, w + g * k1w
+    k2x, k2y, k2w = plant_rates(
+        p, coef, active, up, t + g, rho, T_coil, T_air, vx, vy, vm, x + g * ux, y + g * uy, ux2, uy2, a + g * w, w2
+    )
+    ux3, uy3, w3 = ux + g * k2x, uy + g * k2y, w + g * k2w
+    k3x, k3y, k3w = plant_rates(
+        p, coef, active, up, t + g, rho, T_coil, T_air, vx, vy, vm, x + g * ux2, y + g * uy2, ux3, uy3, a + g * w2, w3
+    )
+    ux4, uy4, w4 = ux + h * k3x, uy + h * k3y, w + h * k3w
+    k4x, k4y, k4w = plant_rates(
+        p, coef, active, up, t + h, rho, T_coil, T_air, vx, vy, vm, x + h * ux3, y + h * uy3, ux4, uy4, a + h * w3, w4
+    )
+    s = h / 6.0
+    state[0] = x + s * (ux + 2.0 * ux2 + 2.0 * ux3 + ux4)
+    state[1] = y + s * (uy + 2.0 * uy2 + 2.0 * uy3 + uy4)
+    state[2] = ux + s * (k1x + 2.0 * k2x + 2.0 * k3x + k4x)
+    state[3] = uy + s * (k1y + 2.0 * k2y + 2.0 * k3y + k4y)
+    angle = a + s * (w + 2.0 * w2 + 2.0 * w3 + w4)
+    state[4] = angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi))
+    state[5] = w + s * (k1w + 2.0 * k2w + 2.0 * k3w + k4w)
+    # coils: electrical heating, loss to the air; the heater brings them to its temperature within about a second
+    power = (vx * vx + vy * vy) / p.coil_resistance - (T_coil - T_air) / p.coil_thermal_resistance
+    if env[2] > 0.0:
+        power += p.coil_heat_capacity * (T_air + env[2] - T_coil) / HEATER_TIME
+    state[6] = T_coil + h * power / p.coil_heat_capacity
+    state[7] += h * (env[1] - state[7]) / PUMP_TIME
+
+
+HEATER_TIME = 0.5  # s
+PUMP_TIME = 0.3  # s; the case holds 0.3 litre of air
+
+
+@njit(cache=True, error_model="numpy")
+def plant_measure(
+    p: Any, coef: Any, active: Any, env: Any, state: Any, t: float, vx: float, vy: float, vm: float, noise: Any, out: Any
+) -> None:
+    """Write one sample of every sensor into `out` (11 values), advancing the slow drifts in `state`."""
+    a = math.exp(-p.sample_period / p.drift_time)
+    b = math.sqrt(1.0 - a * a)
+    state[8] = a * state[8] + b * p.coil_voltage_drift * noise[11]
+    state[9] = a * state[9] + b * p.coil_voltage_drift * noise[12]
+    state[10] = a * state[10] + b * p.motor_voltage_drift * noise[13]
+    state[11] = a * state[11] + b * p.motor_current_drift * noise[14]
+    nx, ny, ux, uy, Omega, T_coil = state[0], state[1], state[2], state[3], state[5], state[6]
+    nz = math.sqrt(1.0 - nx * nx - ny * ny)
+    nz_rate = -(nx * ux + ny * uy) / nz
+    zx, zy = -ny / nz, nx / nz
+    T_air = p.air_temperature
+    rho = state[7] / (p.gas_constant * T_air)
+    _, _, _, _, _, _, _, bias_x, bias_y = evaluate_laws(
+        coef, active, zx, zy, -(uy - ny * nz_rate / nz) / nz, (ux - nx * nz_rate / nz) / nz, Omega,
+        0.0, 0.0, 0.0, 0.0, T_coil, T_air, rho, env[0], t,
+    )  # fmt: skip
+    out[0] = p.tilt_scale * math.atan(zx) + p.tilt_bias_x + bias_x + p.tilt_noise * noise[0]
+    out[1] = p.tilt_scale * math.atan(zy) + p.tilt_bias_y + bias_y + p.tilt_noise * noise[1]
+    angle = state[4] + p.spin_angle_noise * noise[2]
+    out[2] = angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi))
+    out[3] = Omega + p.spin_rate_noise * noise[3]
+    out[4] = vx + state[8] + p.coil_voltage_noise * noise[4]
+    out[5] = vy + state[9] + p.coil_voltage_noise * noise[5]
+    out[6] = vm + state[10] + p.motor_voltage_noise * noise[6]
+    out[7] = (vm - p.motor_constant * Omega) / p.motor_resistance + state[11] + p.motor_current_noise * noise[7]
+    out[8] = T_coil + p.temperature_bias + p.temperature_noise * noise[8]
+    out[9] = T_air + p.temperature_noise * noise[9]
+    out[10] = state[7] + p.pressure_bias + p.pressure_noise * noise[10]
+
+
+@njit(cache=True, error_model="numpy")
+def saturated(value: float, limit: float) -> float:
+    """Return `value` held within +-`limit`."""
+    return min(max(value, -limit), limit)
+
+
+@njit(cache=True, error_model="numpy")
+def plant_advance(
+    p: Any, coef: Any, active: Any, env: Any, state: Any, held: Any, t: float, vx: float, vy: float, vm: float,
+    noise: Any, out: Any,
+) -> None:  # fmt: skip
+    """Advance by one sample: the command waiting in `held` acts, (vx, vy, vm) waits for the next, `out` is read.
+
+    The command that answers a sample therefore acts one sample later, as on a computer that writes its outputs at
+    the next tick.
+    """
+    ax, ay, am = held[0], held[1], held[2]
+    plant_step(p, coef, active, env, state, t, ax, ay, am)
+    held[0] = saturated(vx, p.coil_voltage_limit)
+    held[1] = saturated(vy, p.coil_voltage_limit)
+    held[2] = saturated(vm, p.supply_voltage)
+    plant_measure(p, coef, active, env, state, t + p.sample_period, ax, ay, am, noise, out)

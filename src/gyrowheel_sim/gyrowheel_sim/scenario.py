@@ -1,0 +1,81 @@
+"""What a simulated machine really is: the truth behind a recording, which no analysis may see."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.effects import EffectValues, validated
+from gyrowheel_sim.errors import InputError
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """The true parameters and effects of a simulated machine, and the seed of its noise.
+
+    Attributes
+    ----------
+    values : dict of str to float
+        Bench parameters that differ from the bench file [SI].
+    effects : dict
+        Active effects: {name: {coefficient: value}}.
+    noise_seed : int
+        Seed of sensor noise and drift.
+    """
+
+    values: Mapping[str, float] = field(default_factory=dict)
+    effects: EffectValues = field(default_factory=dict)
+    noise_seed: int = 0
+
+    @classmethod
+    def nominal(cls, effects: EffectValues | None = None, *, noise_seed: int = 0) -> Scenario:
+        """Return a machine exactly as its bench file says, with the given effects."""
+        return cls(effects=dict(effects or {}), noise_seed=noise_seed)
+
+    @classmethod
+    def load(cls, path: str | Path, bench: Bench) -> Scenario:
+        """Read a scenario file.
+
+        Raises
+        ------
+        InputError
+            If the file is missing or not a scenario, or a name or value is not allowed.
+        """
+        file = Path(path)
+        try:
+            raw = json.loads(file.read_text(encoding="utf-8"))
+            values, effects, seed = raw["values"], raw["effects"], int(raw["noise_seed"])
+            checked = {name: validated(name, given, where=f"{file}: effects") for name, given in effects.items()}
+            bench.with_values(values, where=f"{file}: values")
+        except InputError:
+            raise
+        except OSError as error:
+            raise InputError(f"{file}: cannot be read: {error.strerror}") from None
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            raise InputError(f"{file}: not a scenario file ({error})") from None
+        return cls(values={k: float(v) for k, v in values.items()}, effects=checked, noise_seed=seed)
+
+    def save(self, path: str | Path) -> None:
+        """Write a scenario file, atomically and readable by its owner alone."""
+        write_private_json(
+            Path(path), {"values": dict(self.values), "effects": self.effects, "noise_seed": self.noise_seed}
+        )
+
+
+def write_private_json(path: Path, content: object) -> None:
+    """Write JSON so that the file is whole or absent, and readable by its owner alone."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            json.dump(content, file, indent=2)
+            file.write("\n")
+        os.replace(temporary, path)
+    except BaseException:
+        os.unlink(temporary)
+        raise
