@@ -69,7 +69,7 @@ def _fixed(name: str, layout: wire.Layout, depth: int) -> Topic:
 MEASUREMENT: Final = _fixed("/gyrowheel/measurement", wire.MEASUREMENT, _HIGH_RATE)
 COMMAND: Final = _fixed("/gyrowheel/command", wire.COMMAND, _HIGH_RATE)
 SETPOINT: Final = _fixed("/gyrowheel/setpoint", wire.SETPOINT, _HIGH_RATE)
-DRAG_ESTIMATE: Final = Topic("/gyrowheel/drag_estimate", "gyrowheel_msgs/msg/DragEstimate", 100)
+DRAG_ESTIMATE: Final = _fixed("/gyrowheel/drag_estimate", wire.DRAG_ESTIMATE, 100)
 BENCH: Final = Topic("/gyrowheel/bench", "std_msgs/msg/String", 1, latched=True)
 ENVIRONMENT: Final = Topic("/gyrowheel/environment", "std_msgs/msg/String", 10, latched=True)
 TRUTH: Final = Topic("/gyrowheel/truth", "std_msgs/msg/String", 1_000)

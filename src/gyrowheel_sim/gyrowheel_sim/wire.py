@@ -19,7 +19,7 @@ FRAME_ID: Final = "case"  #: frame of all stamped messages of the bench
 SECOND: Final = 1_000_000_000  #: [ns]
 
 _ENCAPSULATION: Final = b"\x00\x01\x00\x00"  # plain CDR, little endian, no options
-_FORMATS: Final = {"int32": "i", "uint8": "B", "uint32": "I", "uint64": "Q", "float64": "d"}
+_FORMATS: Final = {"int32": "i", "bool": "?", "uint8": "B", "uint32": "I", "uint64": "Q", "float64": "d"}
 _TIME: Final = {"sec": "int32", "nanosec": "uint32"}
 _HEADER: Final = {**_TIME, "frame_id": "string"}
 
@@ -32,15 +32,17 @@ class Layout:
     type_name : str
         Type of the message, such as ``"gyrowheel_msgs/msg/Command"``.
     declaration : dict of str to str
-        Fields in message order, nested ones flat, and their primitive types. The first two are the stamp,
-        ``sec`` and ``nanosec``; a ``string`` is `FRAME_ID`.
+        Fields in message order, nested ones flat, and their types: a primitive or an array of three, such as
+        ``"float64[3]"``. The first two are the stamp, ``sec`` and ``nanosec``; a ``string`` is `FRAME_ID`.
 
     Attributes
     ----------
     type_name : str
         As given.
+    declaration : dict of str to str
+        As given.
     integers, fields : tuple of str
-        Names of the integer fields after the header, and of the float fields, both in message order.
+        Names of the integer (and bool) fields after the header, and of the float fields, in message order.
     size : int
         Length of the serialized message, encapsulation included [bytes].
     dtype : numpy.dtype
@@ -50,38 +52,45 @@ class Layout:
 
     def __init__(self, type_name: str, declaration: dict[str, str]) -> None:
         self.type_name = type_name
-        form = "<4s"  # format of `struct` with the padding written out
-        end = 0  # of the fields so far, after the encapsulation
-        names, types, offsets = ["encapsulation"], ["S4"], [0]
+        self.declaration = declaration
+        after_header = [name for name in declaration if name not in _HEADER]
+        self.integers = tuple(name for name in after_header if not declaration[name].startswith("float"))
+        self.fields = tuple(name for name in after_header if name not in self.integers)
+
+        form = "<4s"  # format of `struct`, the padding written out
+        end = 0  # of the fields so far, counted after the encapsulation
+        places: dict[str, tuple[Any, int]] = {"encapsulation": ("S4", 0)}
         self._constants: dict[str, Any] = {"encapsulation": np.bytes_(_ENCAPSULATION)}
+        self._prefix: tuple[Any, ...] = ()  # constants between the stamp and the other fields
 
-        def place(name: str, code: str, size: int, align: int) -> None:
+        def place(name: str, code: str, dtype: Any, alignment: int) -> None:
             nonlocal form, end
-            padding = -end % align
+            padding = -end % alignment
             form += f"{padding}x{code}"
-            names.append(name)
-            types.append(f"<{code}" if align == size else f"S{size}")
-            offsets.append(len(_ENCAPSULATION) + end + padding)
-            end += padding + size
+            places[name] = (dtype, len(_ENCAPSULATION) + end + padding)
+            end += padding + struct.calcsize(f"<{code}")
 
-        text = FRAME_ID.encode() + b"\0"
-        prefix: list[Any] = []
         for name, kind in declaration.items():
             if kind == "string":
-                place(f"{name}_length", "I", 4, 4)
-                place(name, f"{len(text)}s", len(text), 1)
+                text = FRAME_ID.encode() + b"\0"
+                place(f"{name}_length", "I", "<u4", 4)
+                place(name, f"{len(text)}s", f"S{len(text)}", 1)
                 self._constants |= {f"{name}_length": len(text), name: np.bytes_(text)}
-                prefix = [len(text), text]
+                self._prefix = (len(text), text)
             else:
-                code = _FORMATS[kind]
-                place(name, code, struct.calcsize(code), struct.calcsize(code))
-        self.integers = tuple(n for n, kind in declaration.items() if "int" in kind and n not in _TIME)
-        self.fields = tuple(n for n, kind in declaration.items() if kind == "float64")
+                code = _FORMATS[kind.removesuffix("[3]")]
+                shape = (3,) if kind.endswith("[3]") else ()
+                place(name, f"{3 if shape else ''}{code}", (f"<{code}", shape), struct.calcsize(f"<{code}"))
         self.size = len(_ENCAPSULATION) + end
-        self.dtype = np.dtype({"names": names, "formats": types, "offsets": offsets, "itemsize": self.size})
+        self.dtype = np.dtype(
+            {
+                "names": list(places),
+                "formats": [dtype for dtype, _ in places.values()],
+                "offsets": [offset for _, offset in places.values()],
+                "itemsize": self.size,
+            }
+        )
         self._struct = struct.Struct(form)
-        self._prefix = tuple(prefix)
-        self._first = 3 + len(prefix)  # place of the first field after the header among the unpacked values
 
     def pack(self, stamp_ns: int, *values: float) -> bytes:
         """Serialize one message.
@@ -91,7 +100,7 @@ class Layout:
         stamp_ns : int
             Stamp [ns].
         *values : int or float
-            The fields after the header in message order: the integers, then the floats.
+            The fields after the header in message order, arrays by their elements.
 
         Returns
         -------
@@ -215,6 +224,25 @@ SETPOINT: Final = Layout(
         "tilt_rate_y": "float64",
         "spin_rate": "float64",
         "spin_acceleration": "float64",
+    },
+)
+DRAG_ESTIMATE: Final = Layout(
+    "gyrowheel_msgs/msg/DragEstimate",
+    {
+        **_HEADER,
+        "segment": "uint32",
+        "settled": "bool",
+        "duration": "float64",
+        "tilt_x": "float64",
+        "tilt_y": "float64",
+        "spin_rate": "float64",
+        "dc_voltage": "float64[3]",
+        "dc_voltage_std": "float64[3]",
+        "voltage_increment": "float64[3]",
+        "measured_torque": "float64[3]",
+        "measured_torque_std": "float64[3]",
+        "simulated_torque": "float64[3]",
+        "residual": "float64[3]",
     },
 )
 CLOCK: Final = Layout("rosgraph_msgs/msg/Clock", _TIME)
