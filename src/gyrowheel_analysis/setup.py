@@ -1,0 +1,15 @@
+"""For colcon only; pip reads pyproject.toml, which also holds the metadata."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+setup(
+    packages=find_packages(include=["gyrowheel_analysis", "gyrowheel_analysis.*"]),
+    package_data={"": ["py.typed", "**/*.yaml"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["resource/gyrowheel_analysis"]),
+        ("share/gyrowheel_analysis", ["package.xml"]),
+        ("lib/gyrowheel_analysis", sorted(glob("scripts/*"))),
+    ],
+)

@@ -1,0 +1,15 @@
+"""For colcon only; pip reads pyproject.toml, which also holds the metadata."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+setup(
+    packages=find_packages(include=["gyrowheel_control", "gyrowheel_control.*"]),
+    package_data={"": ["py.typed", "**/*.yaml"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["resource/gyrowheel_control"]),
+        ("share/gyrowheel_control", ["package.xml"]),
+        ("lib/gyrowheel_control", sorted(glob("scripts/*"))),
+    ],
+)
