@@ -1,3 +1,3 @@
-"""Analysis of the gyrowheel test bench: recordings, torque balance, comparison with a model, discovery of effects."""
+"""Analysis of the gyrowheel test bench: recordings, torque balance, comparison, discovery of effects."""
 
 __version__ = "0.1.0"

@@ -1,0 +1,85 @@
+# `make help` lists the targets.
+
+SHELL := /bin/bash
+.SHELLFLAGS := -euo pipefail -c
+MAKEFLAGS += --no-builtin-rules --no-print-directory
+.DELETE_ON_ERROR:
+.DEFAULT_GOAL := all
+
+PYTHON ?= python3
+SEED ?= 1
+
+BIN := .venv/bin
+# One empty file a step that is done; a step is done again when what it was made from is newer.
+DONE := .venv/.done
+PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check --no-input
+say = @printf '%s\n' '$(1)'
+
+MSGS := src/gyrowheel_msgs
+PACKAGES := src/gyrowheel_sim src/gyrowheel_control src/gyrowheel_analysis src/gyrowheel_bringup
+MSGS_FILES := $(wildcard $(MSGS)/*.* $(MSGS)/*/*)
+# Python modules are used where they stand; these are what an installation copies.
+PACKAGE_FILES := $(foreach p,$(PACKAGES),$(wildcard \
+    $(p)/pyproject.toml $(p)/package.xml $(p)/resource/* $(p)/scripts/* $(p)/launch/* $(p)/config/*))
+
+export CMAKE_BUILD_PARALLEL_LEVEL ?= 2
+# The nodes talk to this machine alone, unless told otherwise.
+export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
+# .venv is a ROS installation of its own: nothing of another one that the shell may have sourced mixes in.
+export AMENT_PREFIX_PATH := $(CURDIR)/.venv
+unexport PYTHONPATH
+ifdef _ROS_WHEELS_BOOTSTRAP_COMPLETE
+unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH
+endif
+
+.PHONY: all demo test lint lock clean help
+
+all: $(DONE)/packages ## create .venv and install the five packages into it (also: just `make`)
+	$(call say,ready: .venv/bin/gyrowheel ("make demo" shows what it does))
+
+$(DONE)/venv:
+	$(call say,creating .venv)
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' || \
+	    { echo 'Python 3.11 is needed; name it by: make PYTHON=/path/to/python3.11' >&2; exit 1; }
+	@$(PYTHON) -c 'import os, sysconfig as s; sys_h = s.get_path("include") + "/Python.h"; assert os.path.exists(sys_h)' \
+	    2>/dev/null || { echo 'the headers of Python are needed (Debian, Ubuntu: python3-dev)' >&2; exit 1; }
+	@command -v "$${CXX:-c++}" >/dev/null || { echo 'a C and C++ compiler is needed (Debian, Ubuntu: g++)' >&2; exit 1; }
+	@$(PYTHON) -m venv .venv
+	@mkdir -p $(DONE) && touch $@
+
+$(DONE)/requirements: requirements.lock | $(DONE)/venv
+	$(call say,installing the packages of requirements.lock (about a minute))
+	@$(PIP) install --requirement requirements.lock
+	@touch $@
+
+$(DONE)/msgs: $(MSGS_FILES) $(DONE)/requirements
+	$(call say,building gyrowheel_msgs (about half a minute))
+	@$(PIP) install --no-deps --no-build-isolation --force-reinstall ./$(MSGS)
+	@touch $@
+
+$(DONE)/packages: $(PACKAGE_FILES) $(DONE)/requirements $(DONE)/msgs
+	$(call say,installing $(notdir $(PACKAGES)))
+	@$(PIP) install --no-deps --no-build-isolation $(addprefix --editable ,$(PACKAGES))
+	@touch $@
+
+demo: $(DONE)/packages ## find a hidden effect, from the running graph to the report (SEED=1 draws which)
+	@$(BIN)/gyrowheel demo --seed $(SEED)
+
+test: $(DONE)/packages ## run the tests (ARGS="-k plans" picks some)
+	@$(BIN)/python -m pytest $(ARGS)
+
+lint: $(DONE)/packages ## check style and types
+	@$(BIN)/ruff check
+	@$(BIN)/ruff format --check
+	@$(BIN)/mypy
+
+lock: $(DONE)/venv ## write requirements.lock anew, with the newest versions
+	@$(PIP) install uv
+	@$(BIN)/python tools/lock.py
+
+clean: ## remove .venv and all caches
+	@rm -rf .venv .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	@find src $(wildcard tests) -name __pycache__ -prune -exec rm -rf {} +
+
+help: ## list the targets
+	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-6s %s\n", $$1, $$2}' $(firstword $(MAKEFILE_LIST))
