@@ -14,8 +14,8 @@ import numpy as np
 from gyrowheel_control.kernel import N_CONTROLLER, ControllerParameters
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.code import compose
-from gyrowheel_sim.effects.registry import registry
 from gyrowheel_sim.errors import InputError
+from gyrowheel_sim.plant import simulated_effects
 
 
 @dataclass(frozen=True)
@@ -94,8 +94,8 @@ def controller_parameters(bench: Bench, gains: Gains) -> ControllerParameters:
 
 @functools.cache
 def loop_code() -> ModuleType:
-    """Return the compiled module of plant, controller and closed loop with every registered effect."""
-    return compose(tuple(registry().values()), (("gyrowheel_control", "kernel.py"),))
+    """Return the compiled module of plant, controller and closed loop with every effect that the plant can have."""
+    return compose(simulated_effects(), (("gyrowheel_control", "kernel.py"),))
 
 
 class Controller:

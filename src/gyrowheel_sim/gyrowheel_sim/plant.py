@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.code import coefficient_arrays, compose
 from gyrowheel_sim.effects.declaration import Effect
+from gyrowheel_sim.effects.outside import OUTSIDE
 from gyrowheel_sim.effects.registry import EffectValues, registry
 from gyrowheel_sim.environment import Environment
 from gyrowheel_sim.errors import InputError
@@ -91,9 +92,15 @@ class PlantParameters(NamedTuple):
 
 
 @functools.cache
+def simulated_effects() -> tuple[Effect, ...]:
+    """Return every effect that the plant can have: the registered ones and those for blind tests."""
+    return (*registry().values(), *OUTSIDE)
+
+
+@functools.cache
 def plant_code() -> ModuleType:
-    """Return the compiled plant with the laws of every registered effect."""
-    return compose(tuple(registry().values()))
+    """Return the compiled plant with the laws of every effect that it can have."""
+    return compose(simulated_effects())
 
 
 class Machine:
@@ -125,9 +132,9 @@ class Machine:
                 f"allowed: 0 .. {1.2 * bench.value('spin_rate_maximum'):.0f} rad/s"
             )
         true = bench.with_values(scenario.values, where="scenario.values")
-        library = tuple(registry().values()) if effects is None else tuple(effects)
+        library = simulated_effects() if effects is None else tuple(effects)
         self.parameters = PlantParameters.of(true)
-        self.coefficients, self.active = coefficient_arrays(library, _checked(scenario.effects), bench)
+        self.coefficients, self.active = coefficient_arrays(library, _checked(scenario.effects, library), bench)
         self.state = np.zeros(N_STATE)
         self.state[5] = initial_spin_rate
         self.state[6] = true.value("air_temperature")
@@ -239,8 +246,8 @@ class Plant:
         return self._noise[self._row - 1]
 
 
-def _checked(effects: EffectValues) -> EffectValues:
-    known = registry()
+def _checked(effects: EffectValues, library: Sequence[Effect]) -> EffectValues:
+    known = {effect.name for effect in library}
     if stray := [name for name in effects if name not in known]:
         raise InputError(f"scenario.effects: '{stray[0]}' is not a known effect")
     return effects

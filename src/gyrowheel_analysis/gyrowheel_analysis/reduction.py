@@ -1,0 +1,318 @@
+"""From 2 kHz samples to windows of whole revolutions: smooth motion, harmonics of the spin, mean voltages.
+
+A window is described so that the torque which its motion needs can be computed exactly: the tilt as a polynomial in
+time plus its first and second harmonics of the spin angle, whose amplitudes may vary in the window (on a cone they
+turn with the tilt), and the spin rate likewise. Voltages and currents are plain means, which leaves their noise simple.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel_control.plans import HOLD
+from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.environment import Environment
+from gyrowheel_sim.units import DEG
+
+Array = NDArray[np.float64]
+
+#: Time given to the loops to settle at the start of a steady motion [s]; the spin loop is the slower one.
+SETTLING = 0.5
+SPIN_SETTLING = 1.0
+_SPEED_CHANGE = 2.0  # rad/s; a change of speed beyond this gets SPIN_SETTLING
+_LONGEST = 2.0  # s; longer holds are split, so that drift within a window stays small
+_SHORTEST = 0.16  # s
+_MIN_REVOLUTIONS = 3
+_ARC = 35.0 * DEG  # of a cone within one window
+_DEGREE = 5  # of the polynomials in time
+_MODULATION = 3  # terms of the polynomial in time of a harmonic's amplitude
+HARMONICS = (-2, -1, 1, 2)
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Reduced windows, arrays over the windows (n).
+
+    Attributes
+    ----------
+    start, duration : ndarray (n,)
+        Start [s from the start of the recording] and length [s] of the interval whose voltages are averaged.
+    samples : ndarray (n,)
+        Samples used.
+    segment : ndarray (n,)
+        Segment of the plan, -1 where unknown.
+    tilt : complex ndarray (n, 6)
+        Polynomial of the tilt angles phi_x + i phi_y [rad] in x, the time from the middle over half the duration.
+    tilt_harmonics : complex ndarray (n, 4, 3)
+        Amplitudes of exp(i h theta_z) in the tilt, h in `HARMONICS`, as polynomials in x [rad].
+    spin : ndarray (n, 5)
+        Polynomial of the spin rate [rad/s] in x.
+    spin_harmonics : complex ndarray (n, 4, 3)
+        Amplitudes of exp(i h theta_z) in the spin rate, h in `HARMONICS`, as polynomials in x [rad/s].
+    coil_voltage : complex ndarray (n,)
+        Mean coil voltages x + i y [V].
+    motor_voltage, motor_current : ndarray (n,)
+        Means [V], [A].
+    coil_temperature, air_temperature, air_pressure : ndarray (n,)
+        Means [K], [K], [Pa].
+    coil_temperature_rate : ndarray (n,)
+        Slope of the coil temperature [K/s].
+    up : ndarray (n,)
+        +1 upright, -1 inverted.
+    yaw : ndarray (n,)
+        Turn of the rig about the vertical [rad].
+    tilt_rate_variance : ndarray (n,)
+        Variance of the mean tilt rate, one axis, from white noise of the tilt readings [rad^2/s^2].
+    spin_acceleration_variance : ndarray (n,)
+        Variance of the mean spin acceleration from white noise of the angle readings [rad^2/s^4].
+    """
+
+    start: Array
+    duration: Array
+    samples: Array
+    segment: NDArray[np.int64]
+    tilt: NDArray[np.complex128]
+    tilt_harmonics: NDArray[np.complex128]
+    spin: Array
+    spin_harmonics: NDArray[np.complex128]
+    coil_voltage: NDArray[np.complex128]
+    motor_voltage: Array
+    motor_current: Array
+    coil_temperature: Array
+    coil_temperature_rate: Array
+    air_temperature: Array
+    air_pressure: Array
+    up: Array
+    yaw: Array
+    tilt_rate_variance: Array
+    spin_acceleration_variance: Array
+
+    def __len__(self) -> int:
+        """Return the number of windows."""
+        return len(self.start)
+
+    def select(self, rows: Any) -> Windows:
+        """Return some of the windows (index or mask)."""
+        return Windows(*(getattr(self, item.name)[rows] for item in fields(self)))
+
+    @property
+    def middle(self) -> Array:
+        """Middle of each window [s]."""
+        return self.start + 0.5 * self.duration
+
+    @property
+    def mean_tilt(self) -> NDArray[np.complex128]:
+        """Mean tilt angles phi_x + i phi_y [rad]."""
+        return self.tilt @ _MEAN[: self.tilt.shape[1]]
+
+    @property
+    def mean_tilt_rate(self) -> NDArray[np.complex128]:
+        """Mean tilt rate [rad/s]."""
+        return self.tilt @ _RISE[: self.tilt.shape[1]] / self.duration
+
+    @property
+    def mean_spin(self) -> Array:
+        """Mean spin rate [rad/s]."""
+        return self.spin @ _MEAN[: self.spin.shape[1]]
+
+    @property
+    def mean_spin_acceleration(self) -> Array:
+        """Mean spin acceleration [rad/s^2]."""
+        return self.spin @ _RISE[: self.spin.shape[1]] / self.duration
+
+    @property
+    def moving(self) -> NDArray[np.bool_]:
+        """Whether the tilt moves (a cone) or the speed does (a sweep), beyond the settling of a hold."""
+        return (np.abs(self.mean_tilt_rate) > 0.5 * DEG) | (np.abs(self.mean_spin_acceleration) > 1.0)
+
+
+#: Mean over -1..1, and difference between the ends, of the powers of x.
+_MEAN = np.array([1.0 / (k + 1) if k % 2 == 0 else 0.0 for k in range(_DEGREE + 1)])
+_RISE = np.array([2.0 if k % 2 else 0.0 for k in range(_DEGREE + 1)])
+
+
+def concatenate(parts: Sequence[Windows]) -> Windows:
+    """Join windows of several recordings (times stay those of each recording)."""
+    return Windows(*(np.concatenate([getattr(p, item.name) for p in parts]) for item in fields(Windows)))
+
+
+@dataclass(frozen=True)
+class Samples:
+    """The columns of a recording that the reduction needs.
+
+    Attributes
+    ----------
+    time : ndarray (n,)
+        Sampling instants [s].
+    values : ndarray (n, 11)
+        Readings, columns as in the Measurement message [SI].
+    setpoint_time : ndarray (m,)
+        Times of the setpoints [s]; empty if there are none.
+    setpoint : structured ndarray (m,)
+        Setpoints with fields ``segment``, ``phase``, ``tilt_rate_x``, ``tilt_rate_y``, ``spin_acceleration``.
+    environment : sequence of Environment
+        Known changes of the environment.
+    """
+
+    time: Array
+    values: Array
+    setpoint_time: Array
+    setpoint: Any
+    environment: Sequence[Environment] = ()
+
+
+def steady_spans(data: Samples) -> list[tuple[float, float, int, float]]:
+    """Return the steady motions as (start, stop [s], segment, rate of the tilt's direction [rad/s]).
+
+    They are taken from the setpoints where there are any, else found in the motion itself.
+    """
+    if len(data.setpoint_time):
+        return _spans_from_setpoints(data)
+    return _spans_from_motion(data)
+
+
+def _spans_from_setpoints(data: Samples) -> list[tuple[float, float, int, float]]:
+    sp, time = data.setpoint, data.setpoint_time
+    step = float(np.median(np.diff(time))) if len(time) > 1 else 0.005
+    key = sp["segment"].astype(np.int64) * 2 + (sp["phase"] == HOLD)
+    edges = np.flatnonzero(np.diff(key)) + 1
+    spans = []
+    for a, b in zip(np.r_[0, edges], np.r_[edges, len(key)], strict=True):
+        if sp["phase"][a] != HOLD:
+            continue
+        changed = a > 0 and abs(sp["spin_rate"][a] - sp["spin_rate"][max(a - round(0.5 / step), 0)]) > _SPEED_CHANGE
+        settling = SPIN_SETTLING if changed else SETTLING
+        speed = math.hypot(sp["tilt_rate_x"][a], sp["tilt_rate_y"][a])
+        radius = math.hypot(sp["tilt_x"][a], sp["tilt_y"][a])
+        turn = speed / radius if radius > 0.0 else 0.0
+        spans.append((float(time[a]) + settling, float(time[b - 1]) + step, int(sp["segment"][a]), turn))
+    return spans
+
+
+def _spans_from_motion(data: Samples) -> list[tuple[float, float, int, float]]:
+    """Find steady motion by itself: the tilt rate and the spin acceleration change little over 0.25 s."""
+    h = float(np.median(np.diff(data.time)))
+    block = max(int(round(0.05 / h)), 1)
+    n = len(data.time) // block
+    if n < 10:
+        return []
+    time = data.time[: n * block].reshape(n, block).mean(axis=1)
+    means = data.values[: n * block].reshape(n, block, -1).mean(axis=1)
+    tilt, spin = means[:, 0] + 1j * means[:, 1], means[:, 3]
+    rate = np.gradient(tilt, time)
+    bend = np.abs(np.gradient(rate, time))
+    jerk = np.abs(np.gradient(np.gradient(spin, time), time))
+    # a cone of 4 deg in 2.5 s bends by 25 deg/s^2; the corners of a ramp by several hundred
+    calm = (bend < 0.6 * np.maximum(np.abs(rate) * 4.0, 0.05)) & (jerk < 15.0)
+    calm = np.convolve(calm, np.ones(5), mode="same") >= 5
+    edges = np.flatnonzero(np.diff(np.r_[0, calm.astype(int), 0]))
+    spans = []
+    for a, b in zip(edges[::2], edges[1::2], strict=True):
+        speed, radius = float(np.median(np.abs(rate[a:b]))), float(np.median(np.abs(tilt[a:b])))
+        turn = speed / radius if speed > 0.5 * DEG and radius > 0.2 * DEG else 0.0
+        spans.append((float(time[a]) + 0.5 * SETTLING, float(time[b - 1]), -1, turn))
+    return spans
+
+
+def reduce(data: Samples, bench: Bench) -> Windows:
+    """Reduce a recording to windows of whole revolutions.
+
+    Parameters
+    ----------
+    data : Samples
+        The recording's columns.
+    bench : Bench
+        Gives the noise of the readings.
+
+    Returns
+    -------
+    Windows
+        In time order; empty if the recording has no steady motion.
+    """
+    h = bench.sample_period
+    rows: list[dict[str, Any]] = []
+    for start, stop, segment, turn in steady_spans(data):
+        longest = _LONGEST
+        if turn > 0.0:
+            inside = (data.time >= start) & (data.time < stop)
+            speed = float(np.median(data.values[inside, 3])) if inside.any() else math.nan
+            if not speed > 0.0:
+                continue
+            # short enough that the cone bends little, long enough for whole revolutions
+            longest = min(_LONGEST, max(_ARC / turn, _SHORTEST, (_MIN_REVOLUTIONS + 1) * 2.0 * math.pi / speed))
+        count = max(math.floor((stop - start) / longest), 1) if turn else max(math.ceil((stop - start) / longest - 1e-6), 1)
+        edges = np.linspace(start, stop, count + 1)
+        for a, b in zip(edges[:-1], edges[1:], strict=True):
+            i, j = np.searchsorted(data.time, (a - 1e-9, b - 1e-9))
+            row = _window(data, int(i), int(j), h, bench)
+            if row is not None:
+                row["segment"] = segment
+                rows.append(row)
+    names = [item.name for item in fields(Windows)]
+    columns = {name: np.array([row[name] for row in rows]) for name in names}
+    if not rows:
+        harmonics = (0, len(HARMONICS), _MODULATION)
+        shapes: dict[str, Any] = {"tilt": (0, _DEGREE + 1), "tilt_harmonics": harmonics, "spin": (0, _DEGREE), "spin_harmonics": harmonics}
+        columns = {name: np.zeros(shapes.get(name, 0)) for name in names}
+    return Windows(**columns)
+
+
+def _window(data: Samples, i: int, j: int, h: float, bench: Bench) -> dict[str, Any] | None:
+    """Reduce samples i .. j-1, shortened to whole revolutions; None if there is too little of them."""
+    if j - i < 3 * _MIN_REVOLUTIONS:
+        return None
+    angle = np.unwrap(data.values[i:j, 2])
+    turns = math.floor((angle[-1] - angle[0]) / (2.0 * math.pi))
+    if turns < _MIN_REVOLUTIONS:
+        return None
+    # the last sample belongs to the interval before it, so n samples cover n periods
+    stop = int(np.searchsorted(angle, angle[0] + 2.0 * math.pi * turns - 0.5 * (angle[1] - angle[0])))
+    j, angle = i + stop, angle[:stop]
+    time, values = data.time[i:j], data.values[i:j]
+    if len(time) < 0.7 * (time[-1] - time[0]) / h or time[-1] - time[0] < 0.5 * _SHORTEST:
+        return None  # too many samples lost
+    begin, end = float(time[0]) - h, float(time[-1])  # a reading of a voltage is of the interval that ends with it
+    duration = end - begin
+    x = (time - 0.5 * (begin + end)) / (0.5 * duration)
+    powers = x[:, None] ** np.arange(_DEGREE + 1)
+    waves = (np.exp(1j * np.outer(angle, HARMONICS))[:, :, None] * powers[:, None, :_MODULATION]).reshape(len(x), -1)
+    design = np.hstack([powers, waves])
+    degree = _DEGREE + 1
+    # the smooth part of the speed comes from the angle, which knows its slope far better
+    readings = np.column_stack([values[:, 0] + 1j * values[:, 1], angle, values[:, 3]])
+    gram = np.linalg.inv(design.conj().T @ design)
+    fit = (gram @ (design.conj().T @ readings)).T
+    modulation = (len(HARMONICS), _MODULATION)
+    inverse = gram[:degree, :degree].real
+    rise = _RISE / duration
+    # mean of the second derivative of the angle: difference of its slope between the ends
+    slope = np.array([0.0 if k < 2 else k * (1.0 - (-1.0) ** (k - 1)) for k in range(degree)]) * 2.0 / duration**2
+    warm = np.polynomial.polynomial.polyfit(x, values[:, 8], 1)
+    last = [e for e in data.environment if e.time <= begin + 1e-6]
+    means = values.mean(axis=0)
+    return {
+        "start": begin,
+        "duration": duration,
+        "samples": float(len(time)),
+        "tilt": fit[0, :degree],
+        "tilt_harmonics": fit[0, degree:].reshape(modulation),
+        "spin": fit[1, 1:degree].real * np.arange(1, degree) * 2.0 / duration,
+        "spin_harmonics": fit[2, degree:].reshape(modulation),
+        "coil_voltage": complex(means[4], means[5]),
+        "motor_voltage": means[6],
+        "motor_current": means[7],
+        "coil_temperature": means[8],
+        "coil_temperature_rate": warm[1] * 2.0 / duration,
+        "air_temperature": means[9],
+        "air_pressure": means[10],
+        "up": last[-1].up if last else 1.0,
+        "yaw": last[-1].yaw if last else 0.0,
+        "tilt_rate_variance": float(rise @ inverse @ rise) * bench.value("tilt_noise") ** 2,
+        "spin_acceleration_variance": float(slope @ inverse @ slope) * bench.value("spin_angle_noise") ** 2,
+    }
