@@ -17,7 +17,7 @@ say = @printf '%s\n' '$(1)'
 
 MSGS := src/gyrowheel_msgs
 PACKAGES := src/gyrowheel_sim src/gyrowheel_control src/gyrowheel_analysis src/gyrowheel_bringup
-MSGS_FILES := $(wildcard $(MSGS)/*.* $(MSGS)/*/*)
+MSGS_FILES := $(addprefix $(MSGS)/,package.xml CMakeLists.txt pyproject.toml) $(wildcard $(MSGS)/*/*.*)
 # Python modules are used where they stand; these are what an installation copies.
 PACKAGE_FILES := $(foreach p,$(PACKAGES),$(wildcard \
     $(p)/pyproject.toml $(p)/package.xml $(p)/resource/* $(p)/scripts/* $(p)/launch/* $(p)/config/*))
@@ -57,7 +57,7 @@ $(DONE)/msgs: $(MSGS_FILES) $(DONE)/requirements
 	@$(PIP) install --no-deps --no-build-isolation --force-reinstall ./$(MSGS)
 	@touch $@
 
-$(DONE)/packages: $(PACKAGE_FILES) $(DONE)/requirements $(DONE)/msgs
+$(DONE)/packages: $(PACKAGE_FILES) $(DONE)/requirements | $(DONE)/msgs
 	$(call say,installing $(notdir $(PACKAGES)))
 	@$(PIP) install --no-deps --no-build-isolation $(addprefix --editable ,$(PACKAGES))
 	@touch $@
