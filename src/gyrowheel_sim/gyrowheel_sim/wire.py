@@ -184,6 +184,29 @@ class Layout:
         array["sec"], array["nanosec"] = np.divmod(np.asarray(stamp_ns, np.int64), SECOND)
 
 
+def pack_text(text: str) -> bytes:
+    """Serialize a std_msgs/String."""
+    data = text.encode() + b"\0"
+    return _ENCAPSULATION + struct.pack("<I", len(data)) + data
+
+
+def unpack_text(data: bytes) -> str:
+    """Read a serialized std_msgs/String.
+
+    Raises
+    ------
+    ValueError
+        If it is none.
+    """
+    if data[:4] != _ENCAPSULATION or len(data) < 8:
+        raise ValueError("std_msgs/msg/String: encapsulation is not that of plain CDR, little endian")
+    (length,) = struct.unpack_from("<I", data, 4)
+    text = data[8 : 8 + length]
+    if not text.endswith(b"\0") or len(text) != length:
+        raise ValueError("std_msgs/msg/String: the text is cut off")
+    return text[:-1].decode()
+
+
 MEASUREMENT: Final = Layout(
     "gyrowheel_msgs/msg/Measurement",
     {

@@ -1,0 +1,7 @@
+"""Recordings: rosbag2 directories of the bench's topics, written and read as numpy columns. Needs no ROS."""
+
+from gyrowheel_analysis.recording.info import RecordingInfo, info
+from gyrowheel_analysis.recording.reader import Integrity, Recording
+from gyrowheel_analysis.recording.writer import RecordingWriter, write_run
+
+__all__ = ["Integrity", "Recording", "RecordingInfo", "RecordingWriter", "info", "write_run"]

@@ -1,0 +1,186 @@
+"""From serialized messages to numpy columns."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from rosbags.interfaces import Nodetype
+from rosbags.interfaces.typing import FieldDesc, Typesdict
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from gyrowheel_analysis.recording.definitions import typestore
+from gyrowheel_analysis.recording.mcap_reader import TopicData
+from gyrowheel_sim import wire
+from gyrowheel_sim.errors import InputError
+from gyrowheel_sim.wire import Layout
+
+_SEPARATOR = "=" * 80 + "\n"
+
+
+def column_dtype(layout: Layout) -> np.dtype[Any]:
+    """Return the dtype of columns: ``stamp_ns`` and the fields of a message after its header."""
+    names = [*layout.integers, *layout.fields]
+    return np.dtype([("stamp_ns", np.int64), *((name, layout.dtype[name]) for name in names)], align=True)
+
+
+def columns(topic: TopicData | None, layout: Layout, where: str) -> npt.NDArray[Any]:
+    """Return the messages of a topic as columns.
+
+    Messages that have the layout are taken as they lie; others (another frame_id, other byte order, further
+    fields) are decoded one by one.
+
+    Parameters
+    ----------
+    topic : TopicData or None
+        The messages; None for a topic that the recording does not have.
+    layout : Layout
+        Layout that they should have, and the fields to return.
+    where : str
+        What to name in an error.
+
+    Returns
+    -------
+    structured ndarray, shape (n,)
+        In the order of the file; dtype as `column_dtype` says.
+
+    Raises
+    ------
+    InputError
+        If the messages have not the fields of the layout, or cannot be decoded.
+    """
+    dtype = column_dtype(layout)
+    if topic is None or topic.count == 0:
+        return np.zeros(0, dtype)
+    where = f"{where}: {topic.name}"
+    if topic.message_encoding != "cdr":
+        raise InputError(f"{where}: messages are encoded as {topic.message_encoding!r}; only cdr is known")
+    messages = _as_laid_out(topic, layout, where)
+    if messages is None:
+        messages = _decoded(topic, layout, where)
+    result = np.empty(len(messages), dtype)
+    result["stamp_ns"] = layout.stamps(messages)
+    for name in (*layout.integers, *layout.fields):
+        result[name] = messages[name]
+    return result
+
+
+def texts(topic: TopicData | None, where: str) -> list[str]:
+    """Return the messages of a topic of std_msgs/String.
+
+    Raises
+    ------
+    InputError
+        If they are of another type, or damaged.
+    """
+    if topic is None:
+        return []
+    if topic.type_name != "std_msgs/msg/String":
+        raise InputError(f"{where}: {topic.name}: type {topic.type_name}; std_msgs/msg/String is expected")
+    try:
+        return [wire.unpack_text(bytes(message)) for piece in topic.pieces for message in piece]
+    except ValueError as error:
+        raise InputError(f"{where}: {topic.name}: {error}") from None
+
+
+def _as_laid_out(topic: TopicData, layout: Layout, where: str) -> npt.NDArray[Any] | None:
+    """Return the messages as they lie, or None if they do not have the layout."""
+    if topic.definition:
+        same = _declaration(_types(topic, where), topic.type_name) == layout.declaration
+    else:
+        same = topic.type_name == layout.type_name
+    if not same:
+        return None
+    arrays = []
+    for piece in topic.pieces:
+        if not isinstance(piece, np.ndarray):
+            if any(len(message) != layout.size for message in piece):
+                return None
+            piece = np.frombuffer(b"".join(piece), layout.dtype)
+        arrays.append(piece)
+    messages = np.concatenate(arrays)
+    return messages if layout.matches(messages).all() else None
+
+
+def _decoded(topic: TopicData, layout: Layout, where: str) -> npt.NDArray[Any]:
+    """Return the messages put into the layout, each decoded by its definition."""
+    store = _store(topic, where)
+    result = layout.array(topic.count)
+    names = (*layout.integers, *layout.fields)
+    k = 0
+    for piece in topic.pieces:
+        for message in piece:
+            try:
+                decoded: Any = store.deserialize_cdr(bytes(message), topic.type_name)
+            except Exception as error:  # rosbags lets through what its generated code raises on bad data
+                text = " ".join(str(error).split())
+                raise InputError(f"{where}: message {k} cannot be decoded ({text})") from None
+            try:
+                stamp = decoded.header.stamp
+                layout.set_stamps(result[k : k + 1], stamp.sec * wire.SECOND + stamp.nanosec)
+                for name in names:
+                    result[name][k] = getattr(decoded, name)
+            except (AttributeError, TypeError, ValueError, OverflowError) as error:
+                raise InputError(
+                    f"{where}: messages of type {topic.type_name} do not have the fields of"
+                    f" {layout.type_name} ({error})"
+                ) from None
+            k += 1
+    return result
+
+
+def _types(topic: TopicData, where: str) -> Typesdict:
+    """Return the types that the definition of a topic declares."""
+    try:
+        if topic.definition_encoding == "ros2msg":
+            return get_types_from_msg(topic.definition, topic.type_name)
+        if topic.definition_encoding == "ros2idl":
+            types: Typesdict = {}
+            parts = topic.definition.split(_SEPARATOR)
+            for part in parts[1:] if len(parts) > 1 else parts:
+                types.update(
+                    get_types_from_idl(part.partition("\n")[2] if part.startswith("IDL: ") else part)
+                )
+            return types
+    except Exception as error:  # rosbags lets through what its parser raises on damaged text
+        text = " ".join(str(error).split())
+        raise InputError(f"{where}: the definition of {topic.type_name} cannot be read ({text})") from None
+    raise InputError(f"{where}: message definition of encoding {topic.definition_encoding!r}")
+
+
+def _store(topic: TopicData, where: str) -> Typestore:
+    """Return a store that knows the type of a topic."""
+    store = get_typestore(Stores.EMPTY) if topic.definition else typestore()
+    if topic.definition:
+        store.register(_types(topic, where))
+    if topic.type_name not in store.fielddefs:
+        raise InputError(
+            f"{where}: the recording has no definition of {topic.type_name}, and none is installed"
+        )
+    return store
+
+
+def _declaration(types: Typesdict, type_name: str) -> dict[str, str] | None:
+    """Return the fields of a type as a layout declares them: nested ones flat; None if it has others."""
+    result: dict[str, str] = {}
+    for name, description in types[type_name][1] if type_name in types else ():
+        kind = _kind(description)
+        if kind is not None:
+            result[name] = kind
+            continue
+        inner = _declaration(types, description[1]) if isinstance(description[1], str) else None
+        if inner is None or inner.keys() & result.keys():
+            return None
+        result |= inner
+    return result or None
+
+
+def _kind(description: FieldDesc) -> str | None:
+    """Return primitive type, or array of three of it; None for another type."""
+    if description[0] == Nodetype.BASE:
+        return str(description[1][0])
+    if description[0] == Nodetype.ARRAY and description[1][1] == 3 and description[1][0][0] == Nodetype.BASE:
+        return f"{description[1][0][1][0]}[3]"
+    return None

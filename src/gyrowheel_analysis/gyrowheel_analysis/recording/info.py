@@ -1,0 +1,181 @@
+"""What a recording holds, in short."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gyrowheel_analysis.recording.reader import Integrity, Recording
+from gyrowheel_sim.units import DEG, RPM
+
+_HOLD = 1  # Setpoint.HOLD
+
+
+@dataclass(frozen=True)
+class Hold:
+    """A stretch for which the setpoints ask the bench to keep its state.
+
+    Attributes
+    ----------
+    segment : int
+        Segment of the plan.
+    start, duration : float
+        From the start of the recording, and how long [s].
+    tilt_x, tilt_y : float
+        Tilt asked for, in the middle of the stretch [rad].
+    spin_rate : float
+        Spin rate asked for [rad/s].
+    """
+
+    segment: int
+    start: float
+    duration: float
+    tilt_x: float
+    tilt_y: float
+    spin_rate: float
+
+
+@dataclass(frozen=True)
+class RecordingInfo:
+    """What a recording holds.
+
+    Attributes
+    ----------
+    path : str
+        Where it is.
+    size : int
+        Of its files [bytes].
+    duration : float
+        From the first to the last sample [s].
+    rate : float
+        Samples per second, gaps not counted [1/s]; 0 for a single sample.
+    topics : dict of str to int
+        Number of messages of every topic.
+    integrity : Integrity
+        Missing and other faulty samples.
+    segments : int
+        Segments of test plans that have a hold; 0 where no setpoints were recorded.
+    holds : tuple of Hold
+        The holds.
+    spin_rate : tuple of float
+        Smallest and largest spin rate measured [rad/s].
+    tilt : tuple of float
+        Smallest and largest tilt measured, whatever its direction [rad].
+    rigs : tuple of str
+        Attitudes of the rig that were planned, in order.
+    """
+
+    path: str
+    size: int
+    duration: float
+    rate: float
+    topics: dict[str, int]
+    integrity: Integrity
+    segments: int
+    holds: tuple[Hold, ...]
+    spin_rate: tuple[float, float]
+    tilt: tuple[float, float]
+    rigs: tuple[str, ...]
+
+    def to_json(self) -> str:
+        """Return everything as JSON text, SI units."""
+        return json.dumps(asdict(self), indent=2, allow_nan=False)
+
+    def render(self) -> str:
+        """Return everything as lines of text for people, degrees and rpm."""
+        faults = self.integrity
+        lines = [
+            f"{self.path}  ({self.size / 1e6:.1f} MB)",
+            f"  {self.duration:.2f} s, {faults.samples} samples at {self.rate:.1f} Hz",
+        ]
+        counts = {
+            "missing": faults.missing,
+            "duplicate": faults.duplicates,
+            "out of order": faults.out_of_order,
+            "not finite": faults.not_finite,
+        }
+        lines.append(
+            "  samples: " + (", ".join(f"{n} {what}" for what, n in counts.items() if n) or "all there")
+        )
+        lines.append(f"  spin rate {_range(self.spin_rate, RPM)} rpm, tilt {_range(self.tilt, DEG)} deg")
+        if self.holds:
+            speeds = sorted({round(hold.spin_rate / RPM) for hold in self.holds})
+            tilts = sorted({round(math.hypot(hold.tilt_x, hold.tilt_y) / DEG, 2) for hold in self.holds})
+            lines.append(f"  {len(self.holds)} holds in {self.segments} segments")
+            lines.append(f"    at {', '.join(map(str, speeds))} rpm")
+            lines.append(f"    tilted by {', '.join(f'{tilt:g}' for tilt in tilts)} deg")
+        if self.rigs:
+            lines.append(f"  rig {', '.join(self.rigs)}")
+        width = max(map(len, self.topics))
+        lines += [f"  {name:<{width}}  {count}" for name, count in self.topics.items()]
+        return "\n".join(lines)
+
+
+def info(directory: str | Path) -> RecordingInfo:
+    """Return what a recording holds.
+
+    Raises
+    ------
+    InputError
+        As `Recording.open` does.
+    """
+    recording = Recording.open(directory)
+    samples, faults = recording.measurement, recording.integrity()
+    steps = len(samples) - 1 + faults.missing
+    tilt = np.hypot(samples["tilt_x"], samples["tilt_y"])
+    holds = _holds(recording)
+    path = recording.path
+    files = [path] if path.is_file() else [file for file in path.rglob("*") if file.is_file()]
+    return RecordingInfo(
+        path=str(path),
+        size=sum(file.stat().st_size for file in files),
+        duration=recording.duration,
+        rate=steps / recording.duration if steps else 0.0,
+        topics=recording.topics,
+        integrity=faults,
+        segments=len({hold.segment for hold in holds}),
+        holds=holds,
+        spin_rate=_extremes(samples["spin_rate"]),
+        tilt=_extremes(tilt),
+        rigs=tuple(dict.fromkeys(event.rig for event in recording.environment)),
+    )
+
+
+def _holds(recording: Recording) -> tuple[Hold, ...]:
+    rows = recording.setpoint
+    if len(rows) == 0:
+        return ()
+    time = recording.seconds(rows["stamp_ns"])
+    period = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+    key = rows["segment"].astype(np.int64) * 2 + (rows["phase"] == _HOLD)
+    edges = [0, *(np.flatnonzero(np.diff(key)) + 1), len(rows)]
+    holds = []
+    for first, last in itertools.pairwise(edges):
+        if rows["phase"][first] == _HOLD:
+            middle = rows[(first + last) // 2]
+            holds.append(
+                Hold(
+                    segment=int(middle["segment"]),
+                    start=float(time[first]),
+                    duration=float(time[last - 1] - time[first]) + period,
+                    tilt_x=float(middle["tilt_x"]),
+                    tilt_y=float(middle["tilt_y"]),
+                    spin_rate=float(middle["spin_rate"]),
+                )
+            )
+    return tuple(holds)
+
+
+def _extremes(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> tuple[float, float]:
+    finite = values[np.isfinite(values)]
+    return (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 0.0)
+
+
+def _range(extremes: tuple[float, float], unit: float) -> str:
+    low, high = (f"{value / unit:.2f}".rstrip("0").rstrip(".") for value in extremes)
+    return low if low == high else f"{low} .. {high}"

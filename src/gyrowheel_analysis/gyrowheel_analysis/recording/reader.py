@@ -1,0 +1,215 @@
+"""Reading of recordings: the topics of the bench as numpy columns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from gyrowheel_analysis.recording.bags import read_bag
+from gyrowheel_analysis.recording.columns import columns, texts
+from gyrowheel_sim import environment as environments
+from gyrowheel_sim import topics, wire
+from gyrowheel_sim.environment import Environment
+from gyrowheel_sim.errors import InputError
+
+_COLUMNS = (topics.MEASUREMENT, topics.COMMAND, topics.SETPOINT, topics.DRAG_ESTIMATE)
+_TEXTS = (topics.ENVIRONMENT, topics.BENCH)
+
+
+@dataclass(frozen=True)
+class Integrity:
+    """Whether the samples of a recording are complete, by their sequence numbers.
+
+    Attributes
+    ----------
+    samples : int
+        Different samples.
+    missing : int
+        Samples that lie between those recorded but are not there.
+    gaps : tuple of (int, int)
+        The missing ones: first sequence and number of them, in order.
+    duplicates : int
+        Further copies of a sample; they have been left out.
+    out_of_order : int
+        Samples that stand after a later one in the file; they have been put into order.
+    not_finite : int
+        Samples with a reading that is not a finite number.
+    """
+
+    samples: int
+    missing: int = 0
+    gaps: tuple[tuple[int, int], ...] = ()
+    duplicates: int = 0
+    out_of_order: int = 0
+    not_finite: int = 0
+
+    @property
+    def complete(self) -> bool:
+        """Whether no sample is missing and every reading is finite."""
+        return self.missing == 0 and self.not_finite == 0
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A recording in memory. Arrays are in the order of stamps, SI units.
+
+    Attributes
+    ----------
+    path : Path
+        Where it was read from.
+    topics : dict of str to int
+        Number of messages of every topic in it.
+    measurement : structured ndarray, shape (n,)
+        ``stamp_ns`` and the fields of the Measurement message; n > 0, stamps and sequence strictly ascend.
+    command, setpoint, drag_estimate : structured ndarray
+        ``stamp_ns`` and the fields of these messages; of length 0 where the recording has none.
+    environment : list of Environment
+        What was planned for the rig; times in seconds from the start of the recording. Empty where unknown.
+    bench_text : str
+        The description of the bench; empty where the recording has none.
+    """
+
+    path: Path
+    topics: dict[str, int]
+    measurement: npt.NDArray[Any]
+    command: npt.NDArray[Any]
+    setpoint: npt.NDArray[Any]
+    drag_estimate: npt.NDArray[Any]
+    environment: list[Environment]
+    bench_text: str
+    _integrity: Integrity = field(repr=False)
+
+    @classmethod
+    def open(cls, directory: str | Path) -> Recording:
+        """Read a recording.
+
+        Parameters
+        ----------
+        directory : str or Path
+            A rosbag2 directory of any storage, or one of its files.
+
+        Raises
+        ------
+        InputError
+            If it does not exist, is incomplete or damaged, or has no measurements.
+        """
+        path = Path(directory)
+        wanted: dict[str, np.dtype[Any] | None] = {topic.name: None for topic in _TEXTS}
+        wanted |= {topic.name: topic.layout.dtype for topic in _COLUMNS if topic.layout}
+        found = read_bag(path, wanted)
+        where = str(path)
+        read = {
+            topic: columns(found.get(topic.name), topic.layout, where) for topic in _COLUMNS if topic.layout
+        }
+        if len(read[topics.MEASUREMENT]) == 0:
+            others = ", ".join(sorted(name for name, topic in found.items() if topic.count)) or "none at all"
+            raise InputError(f"{path}: no messages on {topics.MEASUREMENT.name}; there are: {others}")
+        measurement, integrity = _in_order(read[topics.MEASUREMENT], where)
+        start = int(measurement["stamp_ns"][0])
+        descriptions = texts(found.get(topics.BENCH.name), where)
+        return cls(
+            path=path,
+            topics={name: topic.count for name, topic in sorted(found.items())},
+            measurement=measurement,
+            command=_by_stamp(read[topics.COMMAND]),
+            setpoint=_by_stamp(read[topics.SETPOINT]),
+            drag_estimate=_by_stamp(read[topics.DRAG_ESTIMATE]),
+            environment=_environment(texts(found.get(topics.ENVIRONMENT.name), where), start, where),
+            bench_text=descriptions[-1] if descriptions else "",
+            _integrity=integrity,
+        )
+
+    @property
+    def name(self) -> str:
+        """Name of the directory or file."""
+        return self.path.absolute().name
+
+    @property
+    def start_ns(self) -> int:
+        """Stamp of the first sample [ns]."""
+        return int(self.measurement["stamp_ns"][0])
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last sample [s]."""
+        return float(self.seconds(self.measurement["stamp_ns"][-1:])[0])
+
+    @cached_property
+    def time(self) -> npt.NDArray[np.float64]:
+        """Times of the samples from the start of the recording [s], shape (n,)."""
+        return self.seconds(self.measurement["stamp_ns"])
+
+    @cached_property
+    def readings(self) -> npt.NDArray[np.float64]:
+        """Readings [SI], shape (n, 11), columns as in the Measurement message."""
+        return np.stack([self.measurement[name] for name in wire.MEASUREMENT.fields], axis=1)
+
+    def seconds(self, stamp_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
+        """Return stamps [ns] as times from the start of the recording [s]."""
+        return np.multiply(stamp_ns - self.start_ns, 1e-9, dtype=np.float64)
+
+    def integrity(self) -> Integrity:
+        """Return which samples are missing, and what else was wrong with them."""
+        return self._integrity
+
+
+def _in_order(samples: npt.NDArray[Any], where: str) -> tuple[npt.NDArray[Any], Integrity]:
+    """Return the samples in order, each once, and what had to be done for it."""
+    sequence = samples["sequence"].astype(np.int64)
+    late = int(np.count_nonzero(sequence[1:] < np.maximum.accumulate(sequence)[:-1]))
+    total = len(samples)
+    samples = samples[np.lexsort((sequence, samples["stamp_ns"]))]
+    if total > 1:
+        # compared as bytes: what is no number equals itself here
+        rows = samples.view(np.uint8).reshape(total, -1)
+        samples = samples[np.r_[True, np.any(rows[1:] != rows[:-1], axis=1)]]
+    steps = np.diff(samples["sequence"].astype(np.int64))
+    wrong = np.flatnonzero((steps <= 0) | (np.diff(samples["stamp_ns"]) <= 0))
+    if len(wrong):
+        before, after = samples[wrong[0]], samples[wrong[0] + 1]
+        was, then = (f"{row['sequence']} at {row['stamp_ns'] * 1e-9:.4f} s" for row in (before, after))
+        raise InputError(
+            f"{where}: {topics.MEASUREMENT.name}: sequence {was} is followed by {then}; both must ascend,"
+            " as they do in a recording of one run"
+        )
+    holes = np.flatnonzero(steps > 1)
+    gaps = [(int(samples["sequence"][k]) + 1, int(steps[k]) - 1) for k in holes]
+    finite = np.ones(len(samples), dtype=bool)
+    for name in wire.MEASUREMENT.fields:
+        finite &= np.isfinite(samples[name])
+    return samples, Integrity(
+        samples=len(samples),
+        missing=sum(count for _, count in gaps),
+        gaps=tuple(gaps),
+        duplicates=total - len(samples),
+        out_of_order=late,
+        not_finite=int(np.count_nonzero(~finite)),
+    )
+
+
+def _by_stamp(rows: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    stamps = rows["stamp_ns"]
+    return rows if np.all(stamps[1:] >= stamps[:-1]) else rows[np.argsort(stamps, kind="stable")]
+
+
+def _environment(messages: list[str], start_ns: int, where: str) -> list[Environment]:
+    """Return the environments that held, with times from the start of the recording.
+
+    A later message replaces what earlier ones had planned for the time from its first event on.
+    """
+    events: list[Environment] = []
+    for text in messages:
+        try:
+            plan = environments.from_json(text)
+        except InputError as error:
+            raise InputError(f"{where}: {topics.ENVIRONMENT.name}: {error}") from None
+        if plan:
+            events = [event for event in events if event.time < plan[0].time] + plan
+    start = start_ns * 1e-9
+    before = [replace(event, time=0.0) for event in events if event.time <= start]
+    return before[-1:] + [replace(event, time=event.time - start) for event in events if event.time > start]
