@@ -62,6 +62,7 @@ class Balance:
     def __init__(self, windows: Windows, bench: Bench) -> None:
         self.windows = windows
         self.bench = bench
+        self._ripple: Any = None
         self._references = {name: bench.value(parameter) for name, parameter in REFERENCES.items()}
         w = windows
         half = 0.5 * w.duration[:, None]
@@ -83,26 +84,19 @@ class Balance:
             return np.einsum("nhk,hp->nkp", c * ((1j * h) ** derivative)[None, :, None], wave)
 
         a0, a1, a2 = (smooth(w.tilt_harmonics, d) for d in range(3))
-        b0, b1 = (smooth(w.spin_harmonics, d) for d in range(2))
-        spin = smooth(w.spin)[:, :, None]
-        self.rate = spin + waves(b0).real
-        self.acceleration = smooth(w.spin, 1)[:, :, None] + waves(b0, 1).real * self.rate + waves(b1).real
-        # readings of the tilt, and their derivatives, before any correction of the sensor
-        self._tilt = smooth(w.tilt)[:, :, None] + waves(a0)
-        self._tilt_rate = smooth(w.tilt, 1)[:, :, None] + waves(a0, 1) * self.rate + waves(a1)
-        self._tilt_acc = (
-            smooth(w.tilt, 2)[:, :, None]
-            + waves(a0, 2) * self.rate**2
-            + waves(a0, 1) * self.acceleration
-            + 2.0 * waves(a1, 1) * self.rate
-            + waves(a2)
-        )
         tau = half * _NODES
-        self._angle = np.broadcast_to(theta, self.rate.shape)
-        self._weights = np.broadcast_to((_WEIGHTS / 2.0)[None, :, None] / _PHASES, self.rate.shape)
+        self._order, self._wave = 1j * h, wave
+        self._spin, self._spin_rate = smooth(w.spin)[:, :, None], smooth(w.spin, 1)[:, :, None]
+        # readings of the tilt before any correction of the sensor, and the parts of their derivatives
+        self._tilt = smooth(w.tilt)[:, :, None] + waves(a0)
+        self._first = (smooth(w.tilt, 1)[:, :, None] + waves(a1), waves(a0, 1))
+        self._second = (smooth(w.tilt, 2)[:, :, None] + waves(a2), 2.0 * waves(a1, 1), waves(a0, 2))
+        self._current = smooth(w.current_harmonics)
+        shape = (len(w), len(_NODES), _PHASES)
+        self._angle = np.broadcast_to(theta, shape)
+        self._weights = np.broadcast_to((_WEIGHTS / 2.0)[None, :, None] / _PHASES, shape)
         time = w.middle[:, None] + tau
         self._quantities: dict[str, Any] = {
-            "Omega": self.rate,
             "T_coil": (w.coil_temperature[:, None] + w.coil_temperature_rate[:, None] * tau)[:, :, None],
             "T_air": w.air_temperature[:, None, None],
             "rho": (w.air_pressure / (bench.value("gas_constant") * w.air_temperature))[:, None, None],
@@ -161,29 +155,57 @@ class Balance:
         return np.concatenate([coil_row.real, coil_row.imag, self.bench.value("motor_constant") * current, voltage])
 
     def _instantaneous(self, values: Mapping[str, float], effects: list[ActiveEffect]) -> tuple[Any, Any, Any]:
-        q = dict(self._quantities)
+        """Return the torques of coils and motor and the change of the coils' gain, (n, nodes, phases) each.
+
+        The universal joint makes the spin rate ripple. The ripple that belongs to the measured current is far better
+        known than a reading of the speed: over a revolution the motor's torque must be that of its current.
+        """
+        inertia = values["rotor_inertia_z"] + values["gimbal_inertia_z"] + values["shaft_inertia"]
+        wanted = values["motor_constant"] * self._current
+        ripple = self._ripple
+        if ripple is None:
+            ripple = np.zeros_like(wanted)
+            for _ in range(2):
+                ripple = ripple + self._ripple_error(self._torques(values, effects, ripple)[1], wanted, inertia)
+            self._ripple = ripple
+        first = self._torques(values, effects, ripple)
+        error = self._ripple_error(first[1], wanted, inertia)
+        return self._torques(values, effects, ripple + error)
+
+    def _ripple_error(self, motor: Any, wanted: Any, inertia: float) -> Any:
+        found = np.einsum("nkp,hp->nhk", motor, self._wave.conj()) / _PHASES
+        return (wanted - found) / (inertia * self._order[None, :, None] * self._spin[:, None, :, 0])
+
+    def _torques(self, values: Mapping[str, float], effects: list[ActiveEffect], ripple: Any) -> tuple[Any, Any, Any]:
+        """Return the same for a given ripple of the spin rate: amplitudes (n, harmonics, nodes) [rad/s]."""
+        rate = self._spin + np.einsum("nhk,hp->nkp", ripple, self._wave).real
+        acceleration = self._spin_rate + np.einsum("nhk,hp->nkp", ripple * self._order[:, None], self._wave).real * self._spin
+        tilt_rate = self._first[0] + self._first[1] * rate
+        tilt_acc = self._second[0] + self._second[1] * rate + self._second[2] * rate**2 + self._first[1] * acceleration
+        q = {**self._quantities, "Omega": rate}
         reading: Any = complex(values["tilt_bias_x"], values["tilt_bias_y"])
         # the error of the reading first: every other law sees the true tilt
-        q["z"], q["z_rate"] = self._tilt, self._tilt_rate
+        q["z"], q["z_rate"] = self._tilt, tilt_rate
         q["theta"] = q["theta_rate"] = 0.0
         for target, value in self._laws(effects, q, {"tilt_reading"}):
             assert target == "tilt_reading"
             reading = reading + value
         scale = values["tilt_scale"]
         phi = (self._tilt - reading) / scale
-        rate, acc = self._tilt_rate / scale, self._tilt_acc / scale
+        phi_rate, phi_acc = tilt_rate / scale, tilt_acc / scale
         tx, ty = np.tan(phi.real), np.tan(phi.imag)
         sx2, sy2 = 1.0 + tx**2, 1.0 + ty**2
         z = tx + 1j * ty
-        z_rate = sx2 * rate.real + 1j * sy2 * rate.imag
-        z_acc = sx2 * (acc.real + 2.0 * tx * rate.real**2) + 1j * sy2 * (acc.imag + 2.0 * ty * rate.imag**2)
+        z_rate = sx2 * phi_rate.real + 1j * sy2 * phi_rate.imag
+        z_acc = sx2 * (phi_acc.real + 2.0 * tx * phi_rate.real**2)
+        z_acc = z_acc + 1j * sy2 * (phi_acc.imag + 2.0 * ty * phi_rate.imag**2)
         q["z"], q["z_rate"] = z, z_rate
-        motion = Spin(z, z_rate, z_acc, self._angle, self.rate, self.acceleration)
+        motion = Spin(z, z_rate, z_acc, self._angle, rate, acceleration)
         joint = inverse(motion, tuple(values[name] for name in _INERTIAS))  # type: ignore[arg-type]
         n, _, _, nz = spin_axis(z, z_rate, z_acc)
         torque: Any = complex(values["fixed_torque_x"], values["fixed_torque_y"])
         axial: Any = 0.0
-        shaft: Any = -values["bearing_coulomb"] * np.sign(self.rate) - values["bearing_viscous"] * self.rate
+        shaft: Any = -values["bearing_coulomb"] * np.sign(rate) - values["bearing_viscous"] * rate
         flexure_x: Any = -values["flexure_stiffness_x"] * joint.theta_x - values["flexure_damping_x"] * joint.theta_x_rate
         flexure_y: Any = -values["flexure_stiffness_y"] * joint.theta_y - values["flexure_damping_y"] * joint.theta_y_rate
         gain: Any = 0.0

@@ -2,7 +2,8 @@
 
 A window is described so that the torque which its motion needs can be computed exactly: the tilt as a polynomial in
 time plus its first and second harmonics of the spin angle, whose amplitudes may vary in the window (on a cone they
-turn with the tilt), and the spin rate likewise. Voltages and currents are plain means, which leaves their noise simple.
+turn with the tilt), the smooth spin rate, and the harmonics of the motor's current. Voltages and currents are plain
+means, which leaves their noise simple.
 """
 
 from __future__ import annotations
@@ -53,8 +54,8 @@ class Windows:
         Amplitudes of exp(i h theta_z) in the tilt, h in `HARMONICS`, as polynomials in x [rad].
     spin : ndarray (n, 5)
         Polynomial of the spin rate [rad/s] in x.
-    spin_harmonics : complex ndarray (n, 4, 3)
-        Amplitudes of exp(i h theta_z) in the spin rate, h in `HARMONICS`, as polynomials in x [rad/s].
+    current_harmonics : complex ndarray (n, 4, 3)
+        Amplitudes of exp(i h theta_z) in the motor current, h in `HARMONICS`, as polynomials in x [A].
     coil_voltage : complex ndarray (n,)
         Mean coil voltages x + i y [V].
     motor_voltage, motor_current : ndarray (n,)
@@ -80,7 +81,7 @@ class Windows:
     tilt: NDArray[np.complex128]
     tilt_harmonics: NDArray[np.complex128]
     spin: Array
-    spin_harmonics: NDArray[np.complex128]
+    current_harmonics: NDArray[np.complex128]
     coil_voltage: NDArray[np.complex128]
     motor_voltage: Array
     motor_current: Array
@@ -258,7 +259,7 @@ def reduce(data: Samples, bench: Bench) -> Windows:
     columns = {name: np.array([row[name] for row in rows]) for name in names}
     if not rows:
         harmonics = (0, len(HARMONICS), _MODULATION)
-        shapes: dict[str, Any] = {"tilt": (0, _DEGREE + 1), "tilt_harmonics": harmonics, "spin": (0, _DEGREE), "spin_harmonics": harmonics}
+        shapes: dict[str, Any] = {"tilt": (0, _DEGREE + 1), "tilt_harmonics": harmonics, "spin": (0, _DEGREE), "current_harmonics": harmonics}
         columns = {name: np.zeros(shapes.get(name, 0)) for name in names}
     return Windows(**columns)
 
@@ -285,7 +286,7 @@ def _window(data: Samples, i: int, j: int, h: float, bench: Bench) -> dict[str, 
     design = np.hstack([powers, waves])
     degree = _DEGREE + 1
     # the smooth part of the speed comes from the angle, which knows its slope far better
-    readings = np.column_stack([values[:, 0] + 1j * values[:, 1], angle, values[:, 3]])
+    readings = np.column_stack([values[:, 0] + 1j * values[:, 1], angle, values[:, 7]])
     gram = np.linalg.inv(design.conj().T @ design)
     fit = (gram @ (design.conj().T @ readings)).T
     modulation = (len(HARMONICS), _MODULATION)
@@ -303,7 +304,7 @@ def _window(data: Samples, i: int, j: int, h: float, bench: Bench) -> dict[str, 
         "tilt": fit[0, :degree],
         "tilt_harmonics": fit[0, degree:].reshape(modulation),
         "spin": fit[1, 1:degree].real * np.arange(1, degree) * 2.0 / duration,
-        "spin_harmonics": fit[2, degree:].reshape(modulation),
+        "current_harmonics": fit[2, degree:].reshape(modulation),
         "coil_voltage": complex(means[4], means[5]),
         "motor_voltage": means[6],
         "motor_current": means[7],

@@ -1,0 +1,330 @@
+"""Weighted least squares of a model on the rows of recordings, with the bench's uncertain parameters always fitted along."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel_analysis.balance import ActiveEffect, Balance
+from gyrowheel_analysis.discovery.noise import Noise
+from gyrowheel_sim.bench import Bench, Parameter
+from gyrowheel_sim.effects import Effect, EffectValues, registry
+
+Array = NDArray[np.float64]
+
+#: Bench parameters that are fitted along, by the name of their group in the bench file.
+NUISANCE_GROUPS = (
+    "flexure_stiffness_x",
+    "flexure_stiffness_y",
+    "gimbal_inertia",
+    "rotor_inertia_transverse",
+    "rotor_inertia_z",
+    "shaft_inertia",
+    "flexure_damping_x",
+    "flexure_damping_y",
+    "bearing_coulomb",
+    "bearing_viscous",
+    "coil_constant",
+    "motor_constant",
+    "motor_resistance",
+    "fixed_torque_x",
+    "fixed_torque_y",
+    "tilt_bias_x",
+    "tilt_bias_y",
+    "tilt_scale",
+)
+#: Bench parameters whose error is a finding of its own name: {finding: groups that move by one common factor}.
+ERRORS: dict[str, tuple[str, ...]] = {
+    "stiffness_error": ("flexure_stiffness_x", "flexure_stiffness_y"),
+    "gimbal_inertia_error": ("gimbal_inertia",),
+    "shaft_inertia_error": ("shaft_inertia",),
+    "rotor_inertia_error": ("rotor_inertia_z",),
+    "coil_gain_error": ("coil_constant",),
+    "motor_constant_error": ("motor_constant",),
+}
+
+
+@dataclass(frozen=True)
+class Term:
+    """Something beyond the uncertain bench parameters that a fit may use: an effect, or the error of a parameter."""
+
+    name: str
+    effect: Effect | None = None
+
+    @property
+    def coefficients(self) -> tuple[str, ...]:
+        """Names of the free coefficients; the error of a parameter has one, its relative deviation."""
+        return tuple(c.name for c in self.effect.coefficients) if self.effect else ("relative_error",)
+
+    @property
+    def amplitudes(self) -> tuple[str, ...]:
+        """Names of the coefficients for which zero means no effect."""
+        return tuple(c.name for c in self.effect.amplitudes) if self.effect else ("relative_error",)
+
+
+def candidate_terms() -> list[Term]:
+    """Return every registered effect, and every parameter error that is a finding."""
+    return [Term(name, effect) for name, effect in registry().items()] + [Term(name) for name in ERRORS]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Result of a fit.
+
+    Attributes
+    ----------
+    terms : tuple of Term
+        What was in the fit beside the bench parameters.
+    nuisance : ndarray (q,)
+        Deviations of the bench parameters from their stated values, in stated uncertainties.
+    coefficients : dict
+        {term: {coefficient: value}}.
+    chi2 : float
+        Weighted sum of squares of the rows plus that of the deviations of parameters with a prior.
+    chi2_rows : float
+        The part of the rows alone.
+    covariance : ndarray
+        Of all unknowns: the nuisance deviations, then the coefficients in the order of `columns`.
+    columns : list of (term, coefficient)
+        What the unknowns after the nuisance ones are.
+    residual : ndarray (N,)
+        Rows measured minus predicted.
+    pull : ndarray (unknowns,)
+        Deviation of every unknown from its prior, in prior deviations; 0 where it has none.
+    jacobian : ndarray (N, unknowns)
+        Derivatives of the predicted rows.
+    """
+
+    terms: tuple[Term, ...]
+    nuisance: Array
+    coefficients: EffectValues
+    chi2: float
+    chi2_rows: float
+    covariance: Array
+    columns: list[tuple[str, str]]
+    residual: Array
+    pull: Array
+    jacobian: Array = field(repr=False)
+
+    def standard_error(self, term: str, coefficient: str) -> float:
+        """Return the standard error of one coefficient."""
+        index = len(self.nuisance) + self.columns.index((term, coefficient))
+        return float(np.sqrt(self.covariance[index, index]))
+
+    def significance(self, term: str) -> float:
+        """Return the size of a term's amplitudes in standard errors (square root of its Wald statistic)."""
+        names = [c for t in self.terms if t.name == term for c in t.amplitudes]
+        index = [len(self.nuisance) + self.columns.index((term, name)) for name in names]
+        values = np.array([self.coefficients[term][name] for name in names])
+        return float(np.sqrt(values @ np.linalg.solve(self.covariance[np.ix_(index, index)], values)))
+
+
+class Problem:
+    """Recordings, bench and noise put together: everything that a fit needs.
+
+    Parameters
+    ----------
+    balances : sequence of Balance
+        One a recording.
+    bench : Bench
+        The bench as its file describes it: the stated values and uncertainties.
+    known : EffectValues
+        Effects that the model has already.
+    known_errors : dict
+        Standard errors of their coefficients; a coefficient that has none is held.
+    """
+
+    def __init__(
+        self,
+        balances: Sequence[Balance],
+        bench: Bench,
+        known: EffectValues | None = None,
+        known_errors: EffectValues | None = None,
+    ) -> None:
+        self.balances = list(balances)
+        self.bench = bench
+        self.known = {name: dict(values) for name, values in (known or {}).items()}
+        self._loose = [
+            (name, key, error)
+            for name, errors in (known_errors or {}).items()
+            for key, error in errors.items()
+            if name in self.known and error > 0.0
+        ]
+        groups = bench.groups()
+        self.nuisances: list[tuple[str, list[Parameter]]] = [(g, groups[g]) for g in NUISANCE_GROUPS if g in groups]
+        self.measured = np.concatenate([b.measured for b in self.balances])
+        self.count = len(self.nuisances) + len(self._loose)
+        self.base = self._predict(np.zeros(self.count), {})
+        self.noise = Noise(self.balances, self._split(self.base))
+        self.base_jacobian = self._nuisance_jacobian(np.zeros(self.count), {}, self.base)
+
+    def _split(self, rows: Array) -> list[Array]:
+        edges = np.cumsum([len(b) for b in self.balances])[:-1]
+        return np.split(rows, edges)
+
+    def values(self, nuisance: Array, coefficients: EffectValues | None = None) -> dict[str, float]:
+        """Return the bench parameters for deviations `nuisance` and the parameter errors among `coefficients`."""
+        values = self.bench.values()
+        for (_, parameters), u in zip(self.nuisances, nuisance[: len(self.nuisances)], strict=True):
+            for p in parameters:
+                values[p.name] = p.value + u * p.uncertainty
+        for name, groups in ERRORS.items():
+            if coefficients and name in coefficients:
+                for group, parameters in self.nuisances:
+                    if group in groups:
+                        for p in parameters:
+                            values[p.name] += p.value * coefficients[name]["relative_error"]
+        return values
+
+    def effects(self, nuisance: Array, coefficients: EffectValues) -> list[ActiveEffect]:
+        """Return all effects with their coefficients: those known and those of the terms."""
+        known = {name: dict(v) for name, v in self.known.items()}
+        for (name, key, error), u in zip(self._loose, nuisance[len(self.nuisances) :], strict=True):
+            known[name][key] += u * error
+        every = registry()
+        active = [ActiveEffect(every[name], v) for name, v in known.items()]
+        return active + [ActiveEffect(every[name], v) for name, v in coefficients.items() if name in every]
+
+    def _predict(self, nuisance: Array, coefficients: EffectValues) -> Array:
+        values, effects = self.values(nuisance, coefficients), self.effects(nuisance, coefficients)
+        return np.concatenate([b.predicted(values, effects) for b in self.balances])
+
+    def _nuisance_jacobian(self, nuisance: Array, coefficients: EffectValues, at: Array) -> Array:
+        columns = []
+        for k in range(self.count):
+            moved = nuisance.copy()
+            moved[k] += 0.1
+            columns.append((self._predict(moved, coefficients) - at) / 0.1)
+        return np.column_stack(columns)
+
+    def term_jacobian(self, term: Term, nuisance: Array, coefficients: EffectValues, at: Array) -> Array:
+        """Return the derivatives of the rows by the coefficients of a term (amplitudes zero where not given)."""
+        columns = []
+        for name in term.coefficients:
+            values = {t: dict(v) for t, v in coefficients.items()}
+            own = values.setdefault(term.name, self.null(term))
+            step = self._step(term, name)
+            own[name] += step
+            columns.append((self._predict(nuisance, values) - at) / step)
+        return np.column_stack(columns)
+
+    @staticmethod
+    def null(term: Term) -> dict[str, float]:
+        """Return the coefficients of a term for which it does nothing."""
+        return term.effect.nulls() if term.effect else {"relative_error": 0.0}
+
+    @staticmethod
+    def scale(term: Term, name: str) -> float:
+        """Return a generous size of a coefficient: several times the usual amplitude, the uncertainty of a shape."""
+        if term.effect is None:
+            return 1.0
+        c = next(c for c in term.effect.coefficients if c.name == name)
+        return c.shape_uncertainty if c.shape is not None else 5.0 * c.usual[1]
+
+    def _step(self, term: Term, name: str) -> float:
+        return 1.0e-3 * self.scale(term, name)
+
+    def prior(self, terms: Sequence[Term]) -> tuple[Array, list[tuple[str, str]]]:
+        """Return the inverse prior deviations of all unknowns and the list of the coefficients among them.
+
+        A parameter error frees its parameter: its own deviation is then held by the prior as before, while the
+        relative error has none. Shapes keep the uncertainty that their declaration states.
+        """
+        columns = [(t.name, name) for t in terms for name in t.coefficients]
+        inverse = [1.0] * self.count
+        for term in terms:
+            for name in term.coefficients:
+                shape = term.effect is not None and name not in term.amplitudes
+                inverse.append(1.0 / self.scale(term, name) if shape else 0.0)
+        return np.array(inverse), columns
+
+    def fit(self, terms: Sequence[Term], start: Fit | None = None, *, iterations: int = 6) -> Fit:
+        """Fit the bench parameters and the coefficients of `terms` (Gauss-Newton).
+
+        Parameters
+        ----------
+        terms : sequence of Term
+            What is fitted beside the bench parameters.
+        start : Fit, optional
+            Where to start from.
+        """
+        terms = tuple(terms)
+        inverse, columns = self.prior(terms)
+        centre = np.concatenate([np.zeros(self.count), [self.null(t)[n] for t in terms for n in t.coefficients]])
+        x = centre.copy()
+        if start is not None:
+            x[: self.count] = start.nuisance
+            for index, (term, name) in enumerate(columns):
+                x[self.count + index] = start.coefficients.get(term, {}).get(name, x[self.count + index])
+        nuisance_jacobian: Array | None = None
+        previous = np.inf
+        for _ in range(iterations):
+            coefficients = self._unpack(x, terms)
+            at = self._predict(x[: self.count], coefficients)
+            residual = self.measured - at
+            white = self.noise.whiten(residual)
+            pull = inverse * (x - centre)
+            chi2_rows, chi2 = float(white @ white), float(white @ white + pull @ pull)
+            if nuisance_jacobian is None or previous - chi2 > 25.0:
+                nuisance_jacobian = self._nuisance_jacobian(x[: self.count], coefficients, at)
+            parts = [nuisance_jacobian]
+            parts += [self.term_jacobian(t, x[: self.count], coefficients, at) for t in terms]
+            jacobian = np.hstack(parts)
+            design = np.vstack([self.noise.whiten(jacobian), np.diag(inverse)])
+            if abs(previous - chi2) < 1.0e-3 * max(1.0, 1e-3 * chi2):
+                break
+            previous = chi2
+            # columns of very different size: scale before solving
+            size = np.linalg.norm(design, axis=0)
+            size[size == 0.0] = 1.0
+            step, *_ = np.linalg.lstsq(design / size, np.concatenate([white, -pull]), rcond=1e-12)
+            x = self._within_bounds(x + step / size, terms)
+        else:
+            coefficients = self._unpack(x, terms)
+            residual = self.measured - self._predict(x[: self.count], coefficients)
+            white, pull = self.noise.whiten(residual), inverse * (x - centre)
+            chi2_rows, chi2 = float(white @ white), float(white @ white + pull @ pull)
+        size = np.linalg.norm(design, axis=0)
+        size[size == 0.0] = 1.0
+        scaled = design / size
+        covariance = np.linalg.pinv(scaled.T @ scaled, rcond=1e-13) / np.outer(size, size)
+        return Fit(
+            terms, x[: self.count].copy(), coefficients, chi2, chi2_rows, covariance, columns, residual, pull, jacobian
+        )
+
+    def _unpack(self, x: Array, terms: Sequence[Term]) -> EffectValues:
+        coefficients: EffectValues = {}
+        at = self.count
+        for term in terms:
+            coefficients[term.name] = {}
+            for name in term.coefficients:
+                coefficients[term.name][name] = float(x[at])
+                at += 1
+        return coefficients
+
+    def _within_bounds(self, x: Array, terms: Sequence[Term]) -> Array:
+        at = self.count
+        for term in terms:
+            for name in term.coefficients:
+                low, high = -0.9, 10.0
+                if term.effect is not None:
+                    low, high = next(c.bounds for c in term.effect.coefficients if c.name == name)
+                x[at] = min(max(x[at], low), high)
+                at += 1
+        return x
+
+    def estimate_noise(self) -> None:
+        """Estimate the size of the slow drifts, leaving out whatever bench parameters or effects can explain."""
+        zero = np.zeros(self.count)
+        columns: list[Any] = [self.base_jacobian]
+        for term in candidate_terms():
+            if term.effect is None or term.name in self.known:
+                continue
+            own = self.term_jacobian(term, zero, {}, self.base)
+            own = own[:, : len(term.amplitudes)]
+            columns.append(own * [self.scale(term, name) for name in term.amplitudes])
+        self.noise.estimate_scales(self.measured - self.base, np.hstack(columns))

@@ -1,0 +1,144 @@
+"""Covariance of the rows of a balance: white noise, slow drift, accuracy of the model; and how large the drift is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.optimize import minimize
+
+from gyrowheel_analysis.balance import CHANNELS, Balance
+
+Array = NDArray[np.float64]
+
+#: Drifts that are scaled together: the coils are alike.
+SOURCES = {"tilt_x": "coil_voltage", "tilt_y": "coil_voltage", "spin": "motor_current", "motor_voltage": "motor_voltage"}
+#: Accuracy of the balance itself, measured against the full simulation on every shipped plan: part of the torque of
+#: the row, and a constant part [N m].
+MODEL_RELATIVE = 5.0e-4
+MODEL_ABSOLUTE = 4.0e-6
+#: A drift below the stated one is not believed: few windows show little of a slow drift by chance.
+_SCALE_BOUNDS = (1.0, 8.0)
+_SCALE_SPREAD = 0.7  # of the logarithm of a drift's scale before the recording is seen
+
+
+@dataclass(frozen=True)
+class ChannelNoise:
+    """Covariance of one channel of one recording: diagonal part and drift part (for a scale of one)."""
+
+    diagonal: Array
+    drift: Array
+
+    def covariance(self, scale: float) -> Array:
+        """Return the covariance with the drift `scale` times as large as stated."""
+        return np.diag(self.diagonal) + scale**2 * self.drift
+
+
+class Noise:
+    """Noise of several recordings: one covariance a channel and recording.
+
+    Parameters
+    ----------
+    balances : sequence of Balance
+        One a recording; their drifts are independent.
+    predicted : sequence of ndarray
+        Predicted rows of each, for the accuracy of the model.
+    """
+
+    def __init__(self, balances: Sequence[Balance], predicted: Sequence[Array]) -> None:
+        self.channels = [
+            {name: _channel(balance, rows, name) for name in CHANNELS}
+            for balance, rows in zip(balances, predicted, strict=True)
+        ]
+        self.scales = dict.fromkeys(SOURCES.values(), 1.0)
+        self._factors: list[list[Array]] = []
+        self._factorise()
+
+    def _factorise(self) -> None:
+        self._factors = [
+            [np.linalg.cholesky(c[name].covariance(self.scales[SOURCES[name]])) for name in CHANNELS]
+            for c in self.channels
+        ]
+
+    def whiten(self, rows: Array) -> Array:
+        """Return rows (N, ...) divided by the square root of their covariance, recording after recording."""
+        parts, at = [], 0
+        for factors in self._factors:
+            for factor in factors:
+                n = len(factor)
+                parts.append(solve_triangular(factor, rows[at : at + n], lower=True, check_finite=False))
+                at += n
+        return np.concatenate(parts) if parts else np.zeros_like(rows)
+
+    def deviation(self) -> Array:
+        """Return the standard deviation of every row [unit of the row]."""
+        return np.sqrt(
+            np.concatenate(
+                [np.diag(c[name].covariance(self.scales[SOURCES[name]])) for c in self.channels for name in CHANNELS]
+            )
+        )
+
+    def estimate_scales(self, residual: Array, regressors: Array) -> None:
+        """Estimate how large the drifts are (restricted likelihood) and keep the scales.
+
+        Parameters
+        ----------
+        residual : ndarray (N,)
+            Rows measured minus predicted by the model as it stands.
+        regressors : ndarray (N, p)
+            Everything that may explain them, each column scaled to one prior standard deviation: what they can
+            explain is not taken for drift.
+        """
+        names = list(dict.fromkeys(SOURCES.values()))
+        blocks: list[tuple[slice, ChannelNoise, str]] = []
+        at = 0
+        for c in self.channels:
+            for name in CHANNELS:
+                n = len(c[name].diagonal)
+                blocks.append((slice(at, at + n), c[name], SOURCES[name]))
+                at += n
+        explained = regressors @ regressors.T
+
+        def cost(log_scale: Array) -> float:
+            scale = dict(zip(names, np.exp(log_scale), strict=True))
+            total = explained.copy()
+            for rows, noise, source in blocks:
+                total[rows, rows] += noise.covariance(float(scale[source]))
+            factor = cho_factor(total, lower=True, check_finite=False)
+            log_det = 2.0 * float(np.log(np.diag(factor[0])).sum())
+            penalty = float((log_scale**2).sum()) / _SCALE_SPREAD**2
+            return log_det + float(residual @ cho_solve(factor, residual, check_finite=False)) + penalty
+
+        bounds = [(float(np.log(_SCALE_BOUNDS[0])), float(np.log(_SCALE_BOUNDS[1])))] * len(names)
+        best = minimize(cost, np.full(len(names), 0.05), bounds=bounds, method="L-BFGS-B", options={"maxiter": 30})
+        self.scales = {name: float(np.exp(value)) for name, value in zip(names, best.x, strict=True)}
+        self._factorise()
+
+
+def _channel(balance: Balance, predicted: Array, name: str) -> ChannelNoise:
+    v, w = balance.bench.value, balance.windows
+    rows = np.abs(predicted[balance.channel(name)])
+    if name in ("tilt_x", "tilt_y"):
+        momentum = (v("rotor_inertia_z") + 0.5 * v("gimbal_inertia_z")) * w.mean_spin
+        slew = momentum * np.abs(w.mean_tilt_rate)
+        white = (v("coil_constant") * v("coil_voltage_noise")) ** 2 / w.samples + momentum**2 * w.tilt_rate_variance
+        size, level = np.maximum(rows, slew), v("coil_constant") * v("coil_voltage_drift")
+        floor = MODEL_ABSOLUTE**2 + (MODEL_RELATIVE * size) ** 2
+    else:
+        inertia = v("rotor_inertia_z") + v("gimbal_inertia_z") + v("shaft_inertia")
+        torque = inertia**2 * w.spin_acceleration_variance
+        floor = MODEL_ABSOLUTE**2 + (4.0 * MODEL_RELATIVE * inertia * np.abs(w.mean_spin_acceleration)) ** 2
+        if name == "spin":
+            white = (v("motor_constant") * v("motor_current_noise")) ** 2 / w.samples + torque
+            level = v("motor_constant") * v("motor_current_drift")
+        else:
+            per_torque = v("motor_resistance") / v("motor_constant")
+            white = v("motor_voltage_noise") ** 2 / w.samples + per_torque**2 * torque
+            white = white + (v("motor_constant") * v("spin_rate_noise")) ** 2 / w.samples
+            level, floor = v("motor_voltage_drift"), floor * per_torque**2
+    lag = np.abs(w.middle[:, None] - w.middle[None, :])
+    drift = level**2 * np.exp(-lag / v("drift_time"))
+    return ChannelNoise(white + floor, drift)

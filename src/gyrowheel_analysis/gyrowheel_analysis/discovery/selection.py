@@ -1,0 +1,272 @@
+"""Which terms a recording asks for: forward selection with swaps and elimination, cross-validation, ties."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel_analysis.discovery.fit import ERRORS, Fit, Problem, Term, candidate_terms
+from gyrowheel_sim.units import DEG
+
+Array = NDArray[np.float64]
+
+#: Evidence asked for: gain in chi-squared for the first amplitude, and for each further one.
+THRESHOLD = 30.0
+THRESHOLD_FURTHER = 12.0
+#: Alternatives within this of the best are ties.
+TIE = 14.0
+#: A bench parameter is a finding of its own beyond this many stated uncertainties.
+ERROR_LIMIT = 5.0
+_MOST_TERMS = 4
+_SHORTLIST = 5
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Tie:
+    """A term that explains the rows nearly as well as the one chosen."""
+
+    term: Term
+    delta_chi2: float
+    fit: Fit = field(repr=False)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A term that the recording asks for.
+
+    Attributes
+    ----------
+    term : Term
+        The term.
+    delta_chi2 : float
+        By how much leaving it out worsens the fit, everything else fitted again.
+    ties : tuple of Tie
+        Terms that could stand in its place.
+    """
+
+    term: Term
+    delta_chi2: float
+    ties: tuple[Tie, ...]
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Outcome of the selection: the fit without and with the findings."""
+
+    null: Fit
+    best: Fit
+    findings: tuple[Finding, ...]
+    inflation: float
+
+
+def threshold(term: Term, inflation: float) -> float:
+    """Return the gain in chi-squared that a term must bring."""
+    return THRESHOLD * max(1.0, inflation) + THRESHOLD_FURTHER * (len(term.amplitudes) - 1)
+
+
+def expected_chi2(problem: Problem) -> float:
+    """Return chi-squared that a complete model would leave on average: rows minus fitted freedom.
+
+    Parameters with a prior take freedom away only as far as the rows determine them.
+    """
+    design = problem.noise.whiten(problem.base_jacobian)
+    singular = np.linalg.svd(design, compute_uv=False)
+    return len(problem.measured) - float((singular**2 / (1.0 + singular**2)).sum())
+
+
+def select(problem: Problem, *, progress: Progress | None = None) -> Selection:
+    """Find the terms that the rows ask for.
+
+    A term is taken if it brings the threshold in chi-squared, if the prediction of a speed or of a tilt direction
+    that was left out does not worsen by it, and, for the error of a bench parameter, if the parameter then lies
+    beyond five of its stated uncertainties. Every term in the model is tried against every other (swaps) and against
+    none (elimination) until nothing changes.
+    """
+    say = progress or (lambda text: None)
+    pool = [t for t in candidate_terms() if t.name not in problem.known]
+    null = problem.fit(())
+    dof = max(expected_chi2(problem), 1.0)
+    current = null
+    refused: set[str] = set()
+    inflation = 1.0
+    while len(current.terms) < _MOST_TERMS:
+        ranking = _ranked(problem, current, [t for t in pool if t not in current.terms and t.name not in refused])
+        tried = [
+            (problem.fit((*current.terms, t), current), t)
+            for gain, t in ranking[:_SHORTLIST]
+            if gain > 0.4 * threshold(t, inflation)
+        ]
+        tried = [(fit, t) for fit, t in tried if _plausible(problem, fit, t)]
+        if not tried:
+            break
+        fit, term = min(tried, key=lambda pair: pair[0].chi2 + threshold(pair[1], 0.0))
+        # the noise is judged with the term in: what the term explains is not noise
+        inflation = fit.chi2_rows / dof
+        if current.chi2 - fit.chi2 < threshold(term, inflation):
+            break
+        if not _survives_cross_validation(problem, current, fit, term):
+            refused.add(term.name)
+            continue
+        say(f"{term.name}: gains {current.chi2 - fit.chi2:.0f} in chi-squared")
+        current = _swapped(problem, fit, pool)
+        current = _eliminated(problem, current, inflation)
+    findings = tuple(_finding(problem, current, t, pool) for t in current.terms)
+    return Selection(null, current, findings, current.chi2_rows / dof)
+
+
+def _plausible(problem: Problem, fit: Fit, term: Term) -> bool:
+    """Whether the error of a bench parameter is far enough from its stated value; true for every effect."""
+    if term.effect is not None:
+        return True
+    return relative_deviation(problem, fit, term) > ERROR_LIMIT
+
+
+def relative_deviation(problem: Problem, fit: Fit, term: Term) -> float:
+    """Return how many stated uncertainties a parameter lies from its stated value, less twice its standard error."""
+    stated = max(
+        p.relative_uncertainty for group, ps in problem.nuisances if group in ERRORS[term.name] for p in ps
+    )
+    value = abs(fit.coefficients[term.name]["relative_error"])
+    return (value - 2.0 * fit.standard_error(term.name, "relative_error")) / stated
+
+
+def _ranked(problem: Problem, current: Fit, pool: Sequence[Term]) -> list[tuple[float, Term]]:
+    """Return the linear gain in chi-squared of every candidate, best first."""
+    inverse, _ = problem.prior(current.terms)
+    design = np.vstack([problem.noise.whiten(current.jacobian), np.diag(inverse)])
+    size = np.linalg.norm(design, axis=0)
+    size[size == 0.0] = 1.0
+    basis, _ = np.linalg.qr(design / size)
+    padding = len(inverse)
+    white = np.concatenate([problem.noise.whiten(current.residual), -current.pull])
+    white = white - basis @ (basis.T @ white)
+    at = problem.measured - current.residual
+    result = []
+    for term in pool:
+        own = problem.term_jacobian(term, current.nuisance, current.coefficients, at)[:, : len(term.amplitudes)]
+        columns = np.vstack([problem.noise.whiten(own), np.zeros((padding, own.shape[1]))])
+        total = np.linalg.norm(columns, axis=0)
+        columns = columns - basis @ (basis.T @ columns)
+        norm = np.linalg.norm(columns, axis=0)
+        # a column that the others reproduce to a part in ten thousand carries nothing of its own
+        if np.any(norm <= 1.0e-4 * np.maximum(total, 1e-300)):
+            continue
+        columns = columns / norm
+        solution, *_ = np.linalg.lstsq(columns, white, rcond=1e-8)
+        result.append((float(white @ (columns @ solution)), term))
+    return sorted(result, key=lambda pair: -pair[0])
+
+
+def _swapped(problem: Problem, fit: Fit, pool: Sequence[Term]) -> Fit:
+    """Replace terms by others as long as that lowers chi-squared."""
+    for _ in range(3):
+        improved = False
+        for term in fit.terms:
+            rest = tuple(t for t in fit.terms if t != term)
+            without = problem.fit(rest, fit)
+            for gain, other in _ranked(problem, without, [t for t in pool if t not in fit.terms])[:3]:
+                if without.chi2 - gain > fit.chi2 + 20.0:
+                    continue
+                trial = problem.fit((*rest, other), without)
+                if _plausible(problem, trial, other) and trial.chi2 < fit.chi2 - 2.0 - (
+                    THRESHOLD_FURTHER * (len(other.amplitudes) - len(term.amplitudes))
+                ):
+                    fit, improved = trial, True
+                    break
+            if improved:
+                break
+        if not improved:
+            break
+    return fit
+
+
+def _eliminated(problem: Problem, fit: Fit, inflation: float) -> Fit:
+    """Drop terms that have become superfluous."""
+    while len(fit.terms) > 1:
+        trials = [(problem.fit(tuple(t for t in fit.terms if t != term), fit), term) for term in fit.terms]
+        without, term = min(trials, key=lambda pair: pair[0].chi2 - threshold(pair[1], inflation))
+        if without.chi2 - fit.chi2 >= threshold(term, inflation):
+            break
+        fit = without
+    return fit
+
+
+def _finding(problem: Problem, fit: Fit, term: Term, pool: Sequence[Term]) -> Finding:
+    rest = tuple(t for t in fit.terms if t != term)
+    without = problem.fit(rest, fit)
+    ties = []
+    for gain, other in _ranked(problem, without, [t for t in pool if t not in fit.terms]):
+        if without.chi2 - gain > fit.chi2 + 4.0 * TIE + 0.1 * (without.chi2 - fit.chi2):
+            continue  # hopeless even before the full fit
+        trial = problem.fit((*rest, other), without)
+        if trial.chi2 - fit.chi2 < TIE and _plausible(problem, trial, other):
+            ties.append(Tie(other, trial.chi2 - fit.chi2, trial))
+    return Finding(term, without.chi2 - fit.chi2, tuple(sorted(ties, key=lambda tie: tie.delta_chi2)))
+
+
+def groups(problem: Problem) -> dict[str, list[NDArray[np.bool_]]]:
+    """Return the rows of every speed and of every tilt direction, as masks over all rows."""
+    speed, direction = [], []
+    for balance in problem.balances:
+        w = balance.windows
+        speed.append(np.tile(w.mean_spin, 4))
+        tilt = w.mean_tilt
+        octant = np.round(np.angle(tilt) / (math.pi / 4.0)) % 8
+        direction.append(np.tile(np.where(np.abs(tilt) < 0.3 * DEG, -1.0, octant), 4))
+    speeds, directions = np.concatenate(speed), np.concatenate(direction)
+    result: dict[str, list[NDArray[np.bool_]]] = {"speed": [], "azimuth": []}
+    left = np.ones(len(speeds), dtype=bool)
+    while left.any():
+        mask = left & (np.abs(speeds / speeds[left].max() - 1.0) < 0.04)
+        result["speed"].append(mask)
+        left &= ~mask
+    result["azimuth"] = [directions == value for value in np.unique(directions)]
+    return result
+
+
+def _survives_cross_validation(problem: Problem, without: Fit, with_: Fit, term: Term) -> bool:
+    """Whether a term does not worsen the prediction of a speed, or a tilt direction, that was left out.
+
+    A part is passed over where the rest cannot tell the term's size: there is then nothing to validate.
+    """
+    white = problem.noise.whiten
+    inverse_without, _ = problem.prior(without.terms)
+    inverse_with, _ = problem.prior(with_.terms)
+    amplitudes = [
+        problem.count + i for i, (name, key) in enumerate(with_.columns) if name == term.name and key in term.amplitudes
+    ]
+    # linear models about the two fits; the rows are whitened once, so that a group's drift is judged with the rest
+    pairs = [
+        (white(without.jacobian), white(without.residual), inverse_without),
+        (white(with_.jacobian), white(with_.residual), inverse_with),
+    ]
+    for masks in groups(problem).values():
+        if len(masks) < 3:
+            continue
+        errors = np.zeros(2)
+        for mask in masks:
+            keep = ~mask
+            found = []
+            for design, residual, inverse in pairs:
+                normal = design[keep].T @ design[keep] + np.diag(inverse**2)
+                scale = np.sqrt(np.diag(normal))
+                scale[scale == 0.0] = 1.0
+                covariance = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale)
+                # the residual belongs to the full fit, whose pulls balance its gradient
+                shift = -covariance @ (design[mask].T @ residual[mask])
+                left_out = residual[mask] - design[mask] @ shift
+                found.append((float(left_out @ left_out), covariance))
+            own = found[1][1][np.ix_(amplitudes, amplitudes)]
+            values = np.array([with_.coefficients[term.name][name] for name in term.amplitudes])
+            if not np.all(np.isfinite(own)) or values @ np.linalg.pinv(own) @ values < 4.0 * len(values):
+                continue
+            errors += [found[0][0], found[1][0]]
+        if errors[1] > errors[0]:
+            return False
+    return True
