@@ -20,6 +20,7 @@ SECOND: Final = 1_000_000_000  #: [ns]
 
 _ENCAPSULATION: Final = b"\x00\x01\x00\x00"  # plain CDR, little endian, no options
 _FORMATS: Final = {"int32": "i", "bool": "?", "uint8": "B", "uint32": "I", "uint64": "Q", "float64": "d"}
+_STAMP: Final = struct.Struct("<iI")
 _TIME: Final = {"sec": "int32", "nanosec": "uint32"}
 _HEADER: Final = {**_TIME, "frame_id": "string"}
 
@@ -182,6 +183,23 @@ class Layout:
     def set_stamps(array: npt.NDArray[Any], stamp_ns: npt.ArrayLike) -> None:
         """Put stamps [ns] into the messages in `array`."""
         array["sec"], array["nanosec"] = np.divmod(np.asarray(stamp_ns, np.int64), SECOND)
+
+
+def stamp(data: bytes) -> int:
+    """Return the stamp [ns] of a serialized message that begins with one, whatever its frame_id.
+
+    Raises
+    ------
+    ValueError
+        If it is no plain CDR in little endian, or the stamp is negative or no time.
+    """
+    if data[:4] != _ENCAPSULATION or len(data) < 12:
+        raise ValueError("not a stamped message in plain CDR, little endian")
+    sec, nanosec = _STAMP.unpack_from(data, len(_ENCAPSULATION))
+    if sec < 0 or nanosec >= SECOND:
+        raise ValueError(f"a stamp of {sec} s and {nanosec} ns")
+    result: int = sec * SECOND + nanosec
+    return result
 
 
 def pack_text(text: str) -> bytes:
