@@ -1,20 +1,18 @@
 """The node ``controller``: answers each sample of the bench with the voltages of the tilt and spin loops.
 
-A sample at time t is answered once a setpoint with a stamp in (t - 5 ms, t] is known: each setpoint holds for one
-setpoint period. Where the conductor is late, at the start and at the end of a plan the loop therefore waits, and what
-it computes never depends on which message came first.
+A sample at time t is answered once a setpoint with a stamp in (t - 5 ms, t] is known: each setpoint holds
+for one setpoint period. Where the conductor is late, at the start and at the end of a plan the loop
+therefore waits, and what it computes never depends on which message came first.
 """
 
 from __future__ import annotations
 
 from collections import deque
 
-from rclpy.duration import Duration
 from rclpy.timer import Timer
 
 from gyrowheel_control.controller import Controller
 from gyrowheel_control.plans import SETPOINT_PERIOD
-from gyrowheel_msgs.msg import Command, Measurement, Setpoint
 from gyrowheel_sim import topics, wire
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.node import BenchNode, Diagnosis, Param, run_node
@@ -28,12 +26,15 @@ class ControllerNode(BenchNode):
     NODE_NAME = "controller"
     PARAMETERS = (
         Param("bench", "gyrowheel", "Name of a shipped bench, or path of a bench file"),
-        Param("wait_for_subscribers", 1, "Subscribers to wait for before a sample is answered", low=0, high=100),
+        Param("wait_for_subscribers", 1, "Subscribers needed for the first command", low=0, high=100),
     )
 
     def configure(self) -> None:
         """Build the controller and its topics."""
         self._controller = Controller(Bench.load(self.parameter("bench")))
+        # Compiled code is loaded at its first call, which takes seconds: now rather than in the loop.
+        self._controller.update((0.0,) * 11, (0.0,) * 6, 0.0)
+        self._controller.reset()
         self._setpoint: tuple[float, ...] = (0.0,) * 6  # in force
         self._since = self._until = -1  # the times between which it is [ns]
         self._coming: deque[tuple[int, tuple[float, ...]]] = deque()
@@ -43,10 +44,10 @@ class ControllerNode(BenchNode):
         self._ready = False
         self._matching: Timer | None = None
 
-        self._commands = self.publisher(Command, topics.COMMAND)
+        self._commands = self.publisher(topics.COMMAND)
         self._inputs = (
-            self.subscription(Measurement, topics.MEASUREMENT, self._on_measurement, raw=True),
-            self.subscription(Setpoint, topics.SETPOINT, self._on_setpoint, raw=True),
+            self.subscription(topics.MEASUREMENT, self._on_measurement, raw=True),
+            self.subscription(topics.SETPOINT, self._on_setpoint, raw=True),
         )
 
     def activate(self) -> None:
@@ -57,7 +58,6 @@ class ControllerNode(BenchNode):
         """Leave samples unanswered."""
         self._ready = False
         self._stop_matching()
-        self._commands.wait_for_all_acked(Duration(seconds=1.0))
 
     def cleanup(self) -> None:
         """Give up the topics."""
@@ -143,7 +143,6 @@ class ControllerNode(BenchNode):
         """Begin anew with a plant that was started again."""
         self.get_logger().info("samples count from the start again: controller reset")
         self._controller.reset()
-        self._coming.clear()
         self._since = self._until = -1
         self._last = -1
 

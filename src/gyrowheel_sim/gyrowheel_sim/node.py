@@ -29,14 +29,14 @@ by `run_node`::
 
 What this gives each node:
 
-* the lifecycle of a managed node; with the parameter ``autostart`` (true unless set otherwise) it configures and
-  activates itself, so that no lifecycle manager is needed. The parameters can be set from outside until the node is
-  configured, and are fixed from then on;
-* parameters with type, range and description. A bad value, an unreadable file or any other `InputError` of a hook
-  ends an automatically started node with one line on stderr and exit code 2; under a lifecycle manager the
-  transition fails, with the same line in the log, and can be tried again;
-* a clean end on Ctrl-C (however often it arrives), SIGTERM and SIGHUP: the hooks `deactivate` and `cleanup` run,
-  the exit code is 0;
+* the lifecycle of a managed node; with the parameter ``autostart`` (true unless set otherwise) it
+  configures and activates itself, so that no lifecycle manager is needed. The parameters can be set from
+  outside until the node is configured, and are fixed from then on;
+* parameters with type, range and description. A bad value, an unreadable file or any other `InputError` of
+  a hook ends an automatically started node with one line on stderr and exit code 2; under a lifecycle
+  manager the transition fails, with the same line in the log, and can be tried again;
+* a clean end on Ctrl-C (however often it arrives), SIGTERM and SIGHUP: the hooks `deactivate` and `cleanup`
+  run, the exit code is 0;
 * `BenchNode.fault`: ends the process with a named fault, logged, published on ``/diagnostics``, exit code 3;
 * ``/diagnostics`` once per second of wall time, from `BenchNode.diagnose`;
 * ``--help`` with the table of the parameters.
@@ -60,7 +60,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
-from rclpy.duration import Duration
+from rclpy.context import Context
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter as RosParameter
@@ -76,6 +76,7 @@ from gyrowheel_sim.errors import InputError
 #: Environment variable with the process id of the process that a node ends with (see `BenchNode`).
 PARENT_VARIABLE = "GYROWHEEL_PARENT"
 
+_LAST_CALLBACKS = 50
 _KINDS: dict[type, str] = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
 
 
@@ -215,12 +216,14 @@ class Diagnosis:
 class BenchNode(LifecycleNode):
     """Base class of the nodes: see the module's description for how to derive from it.
 
-    The hooks `configure`, `activate`, `deactivate` and `cleanup` are called on the transitions of the lifecycle; at
-    the end of the process an active node is deactivated and cleaned up. A hook that cannot do its work raises
-    `InputError` (bad input of the user) or `Fault`. In callbacks use `fault`, which needs no exception.
+    The hooks `configure`, `activate`, `deactivate` and `cleanup` are called on the transitions of the
+    lifecycle; at the end of the process an active node is deactivated and cleaned up. A hook that cannot do
+    its work raises `InputError` (bad input of the user) or `Fault`. In callbacks use `fault`, which needs
+    no exception.
 
-    Where the environment variable of `PARENT_VARIABLE` names a process, the node ends itself within a second of the
-    end of that process, provided that it was started by it: no node outlives a starter that was killed.
+    Where the environment variable of `PARENT_VARIABLE` names a process, the node ends itself within a
+    second of the end of that process, provided that it was started by it: no node outlives a starter that
+    was killed.
     """
 
     NODE_NAME: ClassVar[str]
@@ -229,7 +232,8 @@ class BenchNode(LifecycleNode):
     LINGER: ClassVar[float] = 0.0
 
     def __init__(self) -> None:
-        # Declared from the command line first: this is how a node learns of values whose type or name is wrong.
+        # Declared from the command line first: this is how a node learns of values whose type or name is
+        # wrong.
         super().__init__(self.NODE_NAME, automatically_declare_parameters_from_overrides=True)
         self.stopping = False
         self.failure: BaseException | None = None
@@ -258,7 +262,7 @@ class BenchNode(LifecycleNode):
         """Give back what `configure` took."""
 
     def diagnose(self) -> Diagnosis:
-        """Return the state for ``/diagnostics``; called once per second of wall time while the node is active."""
+        """Return the state for ``/diagnostics``; called once per second while the node is active."""
         return Diagnosis()
 
     def parameter(self, name: str) -> Any:
@@ -368,14 +372,23 @@ class BenchNode(LifecycleNode):
                 raise self.failure
         self._unattended = False
 
-    def finish(self) -> None:
-        """Publish a fault if there is one and bring the lifecycle to its end."""
+    def finish(self, executor: Executor) -> None:
+        """Publish the last diagnosis, or why the node failed, and bring the lifecycle to its end.
+
+        Between the hooks `deactivate` and `cleanup` a few callbacks are served, so that a client of the
+        node gets the answers that `deactivate` has prepared.
+        """
         if self.failure is not None:
             text = str(self.failure) or type(self.failure).__name__
             values = {"fault": self.failure.name} if isinstance(self.failure, Fault) else {}
             self._publish_diagnosis(Diagnosis(text, values, DiagnosticStatus.ERROR))
-            self._diagnostics.wait_for_all_acked(Duration(seconds=0.5))
+        elif self.state == "active":
+            self._publish_diagnosis(self.diagnose())
         self._unattended = True
+        if self.state == "active":
+            self.trigger_deactivate()
+            for _ in range(_LAST_CALLBACKS):
+                executor.spin_once(timeout_sec=0.0)
         if self.state in ("unconfigured", "inactive", "active"):
             self.trigger_shutdown()
 
@@ -422,7 +435,9 @@ class BenchNode(LifecycleNode):
         if self._parent and os.getppid() != self._parent:
             self.stop()
         active = self.state == "active"
-        self._publish_diagnosis(self.diagnose() if active else Diagnosis(self.state, level=DiagnosticStatus.WARN))
+        self._publish_diagnosis(
+            self.diagnose() if active else Diagnosis(self.state, level=DiagnosticStatus.WARN)
+        )
 
     def _publish_diagnosis(self, diagnosis: Diagnosis) -> None:
         status = DiagnosticStatus(
@@ -438,12 +453,12 @@ class BenchNode(LifecycleNode):
 
 
 def prepare_environment() -> None:
-    """Set what rclpy reads from the environment, where the user has not set it: discovery on this computer only."""
+    """Restrict discovery to this computer unless the user has set its range; call before `rclpy.init`."""
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 
 
-def make_executor() -> Executor:
-    """Return the fastest executor that this rclpy has.
+def make_executor(context: Context | None = None) -> Executor:
+    """Return the fastest executor that this rclpy has, in the default context if none is given.
 
     Call its ``spin_once`` with a time-out in a loop: the waits of the events executor without one cannot be
     interrupted by signals.
@@ -451,15 +466,15 @@ def make_executor() -> Executor:
     try:
         from rclpy.experimental import EventsExecutor
     except ImportError:  # rclpy before 7.1.4
-        return SingleThreadedExecutor()
-    return EventsExecutor()
+        return SingleThreadedExecutor(context=context)
+    return EventsExecutor(context=context)
 
 
 class StopSignals:
     """Notes SIGINT, SIGTERM and SIGHUP instead of letting them end the process.
 
-    Repeated signals change nothing: a terminal sends Ctrl-C to a starter and to its nodes, so that a node may get
-    it twice, the second time in the middle of its cleaning up.
+    Repeated signals change nothing: a terminal sends Ctrl-C to a starter and to its nodes, so that a node
+    may get it twice, the second time in the middle of its cleaning up.
     """
 
     def __init__(self) -> None:
@@ -501,11 +516,12 @@ def _ros(arguments: Sequence[str]) -> Iterator[None]:
         unknown = remove_ros_args(["program", *arguments])[1:]
         rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # rclpy gives a class of its own to each way in which arguments can be wrong
-        reason = " ".join(str(error).split()).split(" Error: ")[0]  # what follows are places in the source of rcl
+        # what follows " Error: " are places in the source of rcl
+        reason = " ".join(str(error).split()).split(" Error: ")[0]
         raise InputError(f"ROS arguments: {reason}") from None
     try:
         if unknown:
-            raise InputError(f"unknown argument {unknown[0]!r}; parameters are set by --ros-args -p NAME:=VALUE")
+            raise InputError(f"unknown argument {unknown[0]!r}; set parameters by --ros-args -p NAME:=VALUE")
         yield
     finally:
         rclpy.try_shutdown()
@@ -524,8 +540,9 @@ def run_node(node_class: type[BenchNode], arguments: Sequence[str] | None = None
     Returns
     -------
     int
-        Exit code for the process (`ExitCode`). Whatever is not 0 has been explained on stderr: bad input and faults
-        in a last line ``NODE: MESSAGE`` and ``NODE: FAULT_NAME: MESSAGE``, a crash by its traceback.
+        Exit code for the process (`ExitCode`). Whatever is not 0 has been explained on stderr: bad input
+        and faults in a last line ``NODE: MESSAGE`` and ``NODE: FAULT_NAME: MESSAGE``, a crash by its
+        traceback.
     """
     arguments = sys.argv[1:] if arguments is None else arguments
     if "--help" in arguments or "-h" in arguments:
@@ -564,7 +581,7 @@ def _run(node_class: type[BenchNode], signals: StopSignals) -> BaseException | N
         node.failure = node.failure or error
     if isinstance(node.failure, Fault):
         node.get_logger().fatal(str(node.failure))
-    node.finish()
+    node.finish(executor)
     executor.shutdown()
     node.destroy_node()
     return node.failure
