@@ -1,10 +1,12 @@
-"""For colcon only; pip reads pyproject.toml, which also holds the metadata."""
+"""For colcon only; pip reads pyproject.toml."""
 
 from glob import glob
 
 from setuptools import find_packages, setup
 
 setup(
+    name="gyrowheel-analysis",
+    version="0.1.0",
     packages=find_packages(include=["gyrowheel_analysis", "gyrowheel_analysis.*"]),
     package_data={"": ["py.typed", "**/*.yaml"]},
     data_files=[

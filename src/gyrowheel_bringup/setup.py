@@ -1,12 +1,15 @@
-"""For colcon only; pip reads pyproject.toml, which also holds the metadata."""
+"""For colcon only; pip reads pyproject.toml."""
 
 from setuptools import find_packages, setup
 
 setup(
+    name="gyrowheel-bringup",
+    version="0.1.0",
     packages=find_packages(include=["gyrowheel_bringup", "gyrowheel_bringup.*"]),
     package_data={"": ["py.typed", "**/*.yaml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/gyrowheel_bringup"]),
         ("share/gyrowheel_bringup", ["package.xml"]),
     ],
+    entry_points={"console_scripts": ["gyrowheel = gyrowheel_bringup.cli:main"]},
 )
