@@ -39,8 +39,8 @@ all: $(DONE)/packages ## create .venv and install the five packages into it (als
 
 $(DONE)/venv:
 	$(call say,creating .venv)
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' || \
-	    { echo 'Python 3.11 is needed; name it by: make PYTHON=/path/to/python3.11' >&2; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 12)))' || \
+	    { echo 'Python 3.11 or 3.12 is needed; name it by: make PYTHON=/path/to/python3.11' >&2; exit 1; }
 	@$(PYTHON) -c 'import os, sysconfig as s; sys_h = s.get_path("include") + "/Python.h"; assert os.path.exists(sys_h)' \
 	    2>/dev/null || { echo 'the headers of Python are needed (Debian, Ubuntu: python3-dev)' >&2; exit 1; }
 	@command -v "$${CXX:-c++}" >/dev/null || { echo 'a C and C++ compiler is needed (Debian, Ubuntu: g++)' >&2; exit 1; }
