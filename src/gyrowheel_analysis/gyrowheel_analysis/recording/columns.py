@@ -88,10 +88,10 @@ def texts(topic: TopicData | None, where: str) -> list[str]:
 def _as_laid_out(topic: TopicData, layout: Layout, where: str) -> npt.NDArray[Any] | None:
     """Return the messages as they lie, or None if they do not have the layout."""
     if topic.definition:
-        same = _declaration(_types(topic, where), topic.type_name) == layout.declaration
-    else:
-        same = topic.type_name == layout.type_name
-    if not same:
+        declared = _declaration(_types(topic, where), topic.type_name) or {}
+        if [*declared.items()] != [*layout.declaration.items()]:
+            return None
+    elif topic.type_name != layout.type_name:
         return None
     arrays = []
     for piece in topic.pieces:
