@@ -105,6 +105,7 @@ class ConductorNode(BenchNode):
         self.destroy_timer(self._poll)
         self._finish("aborted: the conductor was stopped")
         self._held = None
+        self.deliver(self._setpoints)
 
     def cleanup(self) -> None:
         """Give up topics and action."""
@@ -178,10 +179,9 @@ class ConductorNode(BenchNode):
             self._publish_held(start)
             self._held = None
         events = [replace(event, time=event.time + start * 1e-9) for event in walk.plan.environment()]
-        # Handed to the plant before the first setpoint leaves, so before the command that this brings
-        # about; the plant counts environments that come late. (An acknowledgement would take up to a
-        # heartbeat of 3 s.)
         self._environment.publish(String(data=to_json(events)))
+        # The plant must have them before the command that the first setpoint brings about.
+        self.deliver(self._environment)
         walk.start_ns = self._next = start
         self.get_logger().info(f"plan {walk.plan.name}: {walk.plan.duration:g} s from {start * 1e-9:g} s on")
         self._go_on(walk)

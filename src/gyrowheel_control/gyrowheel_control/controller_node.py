@@ -58,6 +58,7 @@ class ControllerNode(BenchNode):
         """Leave samples unanswered."""
         self._ready = False
         self._stop_matching()
+        self.deliver(self._commands)
 
     def cleanup(self) -> None:
         """Give up the topics."""

@@ -54,6 +54,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib import resources
 from typing import Any, ClassVar
 
 import rclpy
@@ -61,6 +62,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
+from rclpy.duration import Duration
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter as RosParameter
@@ -279,6 +281,26 @@ class BenchNode(LifecycleNode):
         """Create a subscription; with `raw` the callback is given the bytes of the message."""
         return self.create_subscription(topic.message_class, topic.name, callback, topic.qos, raw=raw)
 
+    def deliver(self, *publishers: Publisher, timeout: float = 5.0) -> bool:
+        """Wait until every reader has what was published; before publishers are destroyed.
+
+        Parameters
+        ----------
+        *publishers : Publisher
+            Publishers of this node.
+        timeout : float
+            How long to wait at most [s].
+
+        Returns
+        -------
+        bool
+            Whether every reader has acknowledged.
+        """
+        end = time.monotonic() + timeout
+        return all(
+            p.wait_for_all_acked(Duration(seconds=max(end - time.monotonic(), 0.0))) for p in publishers
+        )
+
     def wall_timer(self, period: float, callback: Callable[[], None]) -> Timer:
         """Create a timer on the computer's own clock, whatever ``use_sim_time`` says.
 
@@ -384,6 +406,7 @@ class BenchNode(LifecycleNode):
             self._publish_diagnosis(Diagnosis(text, values, DiagnosticStatus.ERROR))
         elif self.state == "active":
             self._publish_diagnosis(self.diagnose())
+        self.deliver(self._diagnostics, timeout=1.0)
         self._unattended = True
         if self.state == "active":
             self.trigger_deactivate()
@@ -453,8 +476,14 @@ class BenchNode(LifecycleNode):
 
 
 def prepare_environment() -> None:
-    """Restrict discovery to this computer unless the user has set its range; call before `rclpy.init`."""
+    """Set what the middleware reads from the environment, unless the user has set it; before `rclpy.init`.
+
+    Discovery stays on this computer, with the settings of ``config/fastdds.xml``.
+    """
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    if os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST":
+        profiles = resources.files("gyrowheel_sim").joinpath("config/fastdds.xml")
+        os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(profiles))
 
 
 def make_executor(context: Context | None = None) -> Executor:

@@ -95,6 +95,7 @@ class PlantNode(BenchNode):
         self._active = False
         self.destroy_timer(self._watch)
         self._stop_waiting()
+        self.deliver(self._measurements)
 
     def cleanup(self) -> None:
         """Give up the plant and its topics."""
