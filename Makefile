@@ -12,7 +12,8 @@ SEED ?= 1
 BIN := .venv/bin
 # One empty file a step that is done; a step is done again when what it was made from is newer.
 DONE := .venv/.done
-PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check --no-input
+# Errors alone: the warnings of pip are about the indexes and caches of the machine.
+PIP := $(BIN)/python -m pip -qq --disable-pip-version-check --no-input
 say = @printf '%s\n' '$(1)'
 
 MSGS := src/gyrowheel_msgs
