@@ -8,7 +8,7 @@ setup(
     name="gyrowheel-analysis",
     version="0.1.0",
     packages=find_packages(include=["gyrowheel_analysis", "gyrowheel_analysis.*"]),
-    package_data={"": ["py.typed", "**/*.yaml"]},
+    package_data={"": ["py.typed", "**/*.yaml", "**/*.xml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/gyrowheel_analysis"]),
         ("share/gyrowheel_analysis", ["package.xml"]),

@@ -6,7 +6,7 @@ setup(
     name="gyrowheel-bringup",
     version="0.1.0",
     packages=find_packages(include=["gyrowheel_bringup", "gyrowheel_bringup.*"]),
-    package_data={"": ["py.typed", "**/*.yaml"]},
+    package_data={"": ["py.typed", "**/*.yaml", "**/*.xml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/gyrowheel_bringup"]),
         ("share/gyrowheel_bringup", ["package.xml"]),

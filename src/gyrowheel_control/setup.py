@@ -8,7 +8,7 @@ setup(
     name="gyrowheel-control",
     version="0.1.0",
     packages=find_packages(include=["gyrowheel_control", "gyrowheel_control.*"]),
-    package_data={"": ["py.typed", "**/*.yaml"]},
+    package_data={"": ["py.typed", "**/*.yaml", "**/*.xml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/gyrowheel_control"]),
         ("share/gyrowheel_control", ["package.xml"]),
