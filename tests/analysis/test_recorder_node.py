@@ -1,0 +1,237 @@
+"""The recorder: what it does with messages, and the node in a graph."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from gyrowheel_msgs.srv import SplitRecording, StartRecording, StopRecording
+from mcap.reader import make_reader
+from rclpy.executors import SingleThreadedExecutor
+
+from gyrowheel_analysis.recorder_node import SERVICES, SampleCount, Session
+from gyrowheel_analysis.recording import Recording
+from gyrowheel_sim import topics, wire
+from gyrowheel_sim.errors import InputError
+from gyrowheel_sim.node import prepare_environment
+
+PERIOD_NS = 500_000
+
+
+def measurement(k):
+    return wire.MEASUREMENT.pack(k * PERIOD_NS, k, *[float(k)] * 11)
+
+
+@pytest.mark.parametrize(
+    ("sequences", "samples", "missing"),
+    [
+        ([], 0, 0),
+        ([0, 1, 2], 3, 0),
+        ([7, 8], 2, 0),
+        ([0, 1, 5], 3, 3),
+        ([3, 5, 4, 6], 4, 0),
+        ([1, 4, 2], 3, 1),
+    ],
+)
+def test_count_of_samples(sequences, samples, missing):
+    count = SampleCount()
+    assert all(count.add(sequence) for sequence in sequences)
+    assert (count.samples, count.missing) == (samples, missing)
+
+
+def test_another_run_is_noticed(tmp_path):
+    session = Session(str(tmp_path / "run"))
+    assert all(session.take(topics.MEASUREMENT, measurement(k)) for k in range(5))
+    assert not session.take(topics.MEASUREMENT, measurement(0))
+    session.close()
+    assert len(Recording.open(tmp_path / "run").measurement) == 5
+
+
+def test_every_message_stands_at_a_time_of_the_bench(tmp_path):
+    """Stamped ones at their own, others at the latest measurement; what came first waits for one."""
+    session = Session(str(tmp_path / "run"))
+    session.take(topics.BENCH, wire.pack_text("the bench"))
+    session.take(topics.SETPOINT, wire.SETPOINT.pack(9_000_000, 0, 0, *[0.0] * 6))
+    session.take(topics.MEASUREMENT, measurement(10))
+    session.take(topics.COMMAND, wire.COMMAND.pack(5_000_000, 10, 0.0, 0.0, 0.0))
+    session.take(topics.MEASUREMENT, measurement(11))
+    session.take(topics.ENVIRONMENT, wire.pack_text("[]"))
+    session.take(topics.DIAGNOSTICS, b"\0\1\0\0")
+    session.take(topics.MEASUREMENT, measurement(14))
+    session.close()
+    assert session.report() == f"{tmp_path / 'run'}: 8 messages, 3 samples, 2 missing"
+
+    with (tmp_path / "run" / "run_0.mcap").open("rb") as stream:
+        times = [(c.topic, m.log_time) for _, c, m in make_reader(stream).iter_messages(log_time_order=False)]
+    assert times == [
+        ("/gyrowheel/setpoint", 9_000_000),
+        ("/gyrowheel/bench", 5_000_000),
+        ("/gyrowheel/measurement", 5_000_000),
+        ("/gyrowheel/command", 5_000_000),
+        ("/gyrowheel/measurement", 5_500_000),
+        ("/gyrowheel/environment", 5_500_000),
+        ("/diagnostics", 5_500_000),
+        ("/gyrowheel/measurement", 7_000_000),
+    ]
+
+
+def test_measurements_of_another_frame_are_recorded(tmp_path):
+    """They cannot be counted on the way; reading them can."""
+    session = Session(str(tmp_path / "run"))
+    for k in range(3):
+        session.take(topics.MEASUREMENT, measurement(k).replace(b"case\0", b"cage\0"))
+    session.close()
+    assert session.count.samples == 0
+    recording = Recording.open(tmp_path / "run")
+    assert recording.measurement["sequence"].tolist() == [0, 1, 2]
+
+
+def test_recording_without_any_measurement(tmp_path):
+    session = Session(str(tmp_path / "run"))
+    session.take(topics.BENCH, wire.pack_text("the bench"))
+    session.close()
+    with pytest.raises(InputError, match="there are: /gyrowheel/bench"):
+        Recording.open(tmp_path / "run")
+
+
+class Graph:
+    """A node of the test beside a recorder in a process of its own, on a domain of their own."""
+
+    def __init__(self, *parameters):
+        prepare_environment()
+        domain = os.getpid() % 100 + 1
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = rclpy.create_node("test", context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.publishers = {
+            topic: self.node.create_publisher(topic.message_class, topic.name, topic.qos)
+            for topic in (topics.MEASUREMENT, topics.COMMAND, topics.BENCH, topics.TRUTH, topics.CLOCK)
+        }
+        self.clock = "record_clock:=true" in parameters
+        self.diagnosis: dict[str, str] = {}  # the values that the recorder publishes of itself
+        self.node.create_subscription(
+            DiagnosticArray, topics.DIAGNOSTICS.name, self.on_diagnostics, topics.DIAGNOSTICS.qos
+        )
+        code = "from gyrowheel_analysis.recorder_node import main; raise SystemExit(main())"
+        arguments = [part for parameter in parameters for part in ("-p", parameter)]
+        self.words = tempfile.TemporaryFile("w+")  # noqa: SIM115
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", code, "--ros-args", *arguments],
+            env={**os.environ, "ROS_DOMAIN_ID": str(domain)},
+            stderr=self.words,
+        )
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.wait()
+        self.words.close()
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.try_shutdown(context=self.context)
+
+    def wait_for(self, condition, seconds=20.0):
+        end = time.monotonic() + seconds
+        while not condition():
+            assert time.monotonic() < end, "it did not happen"
+            assert self.process.poll() is None, self.said()
+            self.executor.spin_once(timeout_sec=0.01)
+
+    def publish(self, first, last):
+        """Publish samples, once the recorder listens."""
+        for topic in (topics.MEASUREMENT, topics.COMMAND, *([topics.CLOCK] if self.clock else [])):
+            self.wait_for(lambda topic=topic: self.publishers[topic].get_subscription_count() == 1)
+        for k in range(first, last):
+            self.publishers[topics.MEASUREMENT].publish(measurement(k))
+            self.publishers[topics.COMMAND].publish(wire.COMMAND.pack(k * PERIOD_NS, k, 1.0, 2.0, 3.0))
+            self.publishers[topics.TRUTH].publish(wire.pack_text("{}"))
+            if k % 20 == 0:
+                self.publishers[topics.CLOCK].publish(wire.CLOCK.pack(k * PERIOD_NS))
+
+    def call(self, kind, name, **fields):
+        client = self.node.create_client(kind, f"{SERVICES}/{name}")
+        self.wait_for(client.service_is_ready)
+        future = client.call_async(kind.Request(**fields))
+        self.wait_for(future.done)
+        self.node.destroy_client(client)
+        return future.result()
+
+    def on_diagnostics(self, message):
+        self.diagnosis = {entry.key: entry.value for status in message.status for entry in status.values}
+
+    def said(self):
+        """Return what the node has written to stderr."""
+        self.words.seek(0)
+        return self.words.read()
+
+    def end(self, number):
+        """Send a signal twice, as a terminal may; return the exit code."""
+        self.process.send_signal(number)
+        self.process.send_signal(number)
+        return self.process.wait(timeout=20)
+
+
+@pytest.mark.graph
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_recorder_from_start_to_signal(tmp_path, number):
+    with Graph(f"directory:={tmp_path / 'run'}") as graph:
+        graph.publishers[topics.BENCH].publish(wire.pack_text("the bench"))
+        graph.publish(0, 1500)
+        graph.publish(1510, 3000)
+        assert graph.end(number) == 0
+        assert re.search(rf"{tmp_path / 'run'}: \d+ messages, 2990 samples, 10 missing", graph.said())
+    recording = Recording.open(tmp_path / "run")
+    assert recording.integrity().gaps == ((1500, 10),)
+    assert len(recording.command) == 2990
+    assert recording.bench_text == "the bench"
+    assert not {topics.TRUTH.name, topics.CLOCK.name} & recording.topics.keys()
+
+
+@pytest.mark.graph
+def test_services(tmp_path):
+    with Graph("record_clock:=true") as graph:
+        assert graph.call(StopRecording, "stop").message == "not recording"
+        assert graph.call(SplitRecording, "split").message == "not recording"
+        assert not graph.call(StartRecording, "start").success
+        reply = graph.call(StartRecording, "start", directory=str(tmp_path))
+        assert (reply.success, reply.message) == (True, f"recording into {tmp_path}")
+        again = graph.call(StartRecording, "start", directory=str(tmp_path / "other"))
+        assert (again.success, again.message) == (False, f"already recording into {tmp_path}")
+        graph.publish(0, 100)
+        assert graph.call(SplitRecording, "split").success
+        graph.publish(100, 300)
+        graph.wait_for(lambda: graph.diagnosis.get("samples") == "300")
+        assert graph.diagnosis["missing_samples"] == "0"
+        stopped = graph.call(StopRecording, "stop")
+        assert stopped.success
+        assert "300 samples, none missing" in stopped.message
+        refused = graph.call(StartRecording, "start", directory=str(tmp_path))
+        assert (refused.success, "exists" in refused.message) == (False, True)
+        assert graph.end(signal.SIGINT) == 0
+    assert len(list(tmp_path.glob("*.mcap"))) == 2
+    recording = Recording.open(tmp_path)
+    assert sum(recording.topics.values()) == stopped.messages
+    assert recording.topics[topics.MEASUREMENT.name] == 300
+    assert recording.topics[topics.CLOCK.name] == 15
+
+
+@pytest.mark.graph
+def test_directory_that_exists(tmp_path):
+    (tmp_path / "file").write_text("")
+    with Graph(f"directory:={tmp_path}") as graph:
+        assert graph.process.wait(timeout=20) == 2
+        last = graph.said().splitlines()[-1]
+    assert last == f"recorder: {tmp_path}: exists; a recording needs a new directory"
