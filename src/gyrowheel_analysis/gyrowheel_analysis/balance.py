@@ -18,7 +18,7 @@ from gyrowheel_analysis.reduction import HARMONICS, Windows
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.dynamics import Joint, Spin, generalised_forces, inverse, spin_axis
 from gyrowheel_sim.effects.code import array_law
-from gyrowheel_sim.effects.declaration import Effect
+from gyrowheel_sim.effects.declaration import TARGETS, Effect
 from gyrowheel_sim.effects.quantities import REFERENCES
 
 Array = NDArray[np.float64]
@@ -248,8 +248,9 @@ class Balance:
                     assert joint is not None
                     x = function({**q, **active.values, "theta": joint.theta_x, "theta_rate": joint.theta_x_rate})
                     y = function({**q, **active.values, "theta": joint.theta_y, "theta_rate": joint.theta_y_rate})
-                    results.append((law.target, (x, y)))
+                    results.append((law.target, (np.real(x), np.real(y))))
                 else:
                     given = q if joint is None else {**q, "theta": 0.0, "theta_rate": 0.0}
-                    results.append((law.target, function({**given, **active.values})))
+                    value = function({**given, **active.values})
+                    results.append((law.target, value if TARGETS[law.target][1] else np.real(value)))
         return results

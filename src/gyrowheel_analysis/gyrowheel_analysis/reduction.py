@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_control.plans import HOLD
+from gyrowheel_control.plans import HOLD, Plan
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import Environment
 from gyrowheel_sim.units import DEG
@@ -32,6 +32,7 @@ _SHORTEST = 0.16  # s
 _MIN_REVOLUTIONS = 3
 _ARC = 35.0 * DEG  # of a cone within one window
 _DEGREE = 5  # of the polynomials in time
+_SHORT = 0.5  # s; in windows shorter than this the spin angle is a cubic, which knows the acceleration far better
 _MODULATION = 3  # terms of the polynomial in time of a harmonic's amplitude
 HARMONICS = (-2, -1, 1, 2)
 
@@ -286,14 +287,19 @@ def _window(data: Samples, i: int, j: int, h: float, bench: Bench) -> dict[str, 
     design = np.hstack([powers, waves])
     degree = _DEGREE + 1
     # the smooth part of the speed comes from the angle, which knows its slope far better
-    readings = np.column_stack([values[:, 0] + 1j * values[:, 1], angle, values[:, 7]])
+    readings = np.column_stack([values[:, 0] + 1j * values[:, 1], values[:, 7]])
     gram = np.linalg.inv(design.conj().T @ design)
     fit = (gram @ (design.conj().T @ readings)).T
+    smooth = degree if duration > _SHORT else 4
+    turning = np.hstack([powers[:, :smooth], waves])
+    turning_gram = np.linalg.inv(turning.conj().T @ turning)
+    turning_fit = np.zeros(degree)
+    turning_fit[:smooth] = (turning_gram @ (turning.conj().T @ angle))[:smooth].real
     modulation = (len(HARMONICS), _MODULATION)
     inverse = gram[:degree, :degree].real
     rise = _RISE / duration
     # mean of the second derivative of the angle: difference of its slope between the ends
-    slope = np.array([0.0 if k < 2 else k * (1.0 - (-1.0) ** (k - 1)) for k in range(degree)]) * 2.0 / duration**2
+    slope = np.array([0.0 if k < 2 else k * (1.0 - (-1.0) ** (k - 1)) for k in range(smooth)]) * 2.0 / duration**2
     warm = np.polynomial.polynomial.polyfit(x, values[:, 8], 1)
     last = [e for e in data.environment if e.time <= begin + 1e-6]
     means = values.mean(axis=0)
@@ -303,8 +309,8 @@ def _window(data: Samples, i: int, j: int, h: float, bench: Bench) -> dict[str, 
         "samples": float(len(time)),
         "tilt": fit[0, :degree],
         "tilt_harmonics": fit[0, degree:].reshape(modulation),
-        "spin": fit[1, 1:degree].real * np.arange(1, degree) * 2.0 / duration,
-        "current_harmonics": fit[2, degree:].reshape(modulation),
+        "spin": turning_fit[1:] * np.arange(1, degree) * 2.0 / duration,
+        "current_harmonics": fit[1, degree:].reshape(modulation),
         "coil_voltage": complex(means[4], means[5]),
         "motor_voltage": means[6],
         "motor_current": means[7],
@@ -315,5 +321,68 @@ def _window(data: Samples, i: int, j: int, h: float, bench: Bench) -> dict[str, 
         "up": last[-1].up if last else 1.0,
         "yaw": last[-1].yaw if last else 0.0,
         "tilt_rate_variance": float(rise @ inverse @ rise) * bench.value("tilt_noise") ** 2,
-        "spin_acceleration_variance": float(slope @ inverse @ slope) * bench.value("spin_angle_noise") ** 2,
+        "spin_acceleration_variance": float(slope @ turning_gram[:smooth, :smooth].real @ slope) * bench.value("spin_angle_noise") ** 2,
     }
+
+
+def planned_windows(plan: Plan, bench: Bench) -> Windows:
+    """Return the windows that a plan would give if the loops followed it exactly: for judging it before it is run.
+
+    Parameters
+    ----------
+    plan : Plan
+        The plan.
+    bench : Bench
+        Gives the noise, the air and the times of the heater.
+    """
+    h, noise = bench.sample_period, bench.value
+    powers = np.arange(_DEGREE + 1)
+    rows: list[dict[str, Any]] = []
+    warm = 0.0
+    for s in plan.segments:
+        # the coils follow the heater within a second and cool with their own time constant
+        cooling = noise("coil_thermal_resistance") * noise("coil_heat_capacity")
+        warm = s.environment.preheat or warm * math.exp(-(s.ramp + s.hold) / cooling)
+        settling = SPIN_SETTLING if abs(s.spin - s.spin_from) > _SPEED_CHANGE else SETTLING
+        length = s.hold - settling
+        longest = _LONGEST if s.cone_rate == 0.0 else max(_ARC / abs(s.cone_rate), _SHORTEST)
+        count = max(math.floor(length / longest) if s.cone_rate else math.ceil(length / longest - 1e-6), 1)
+        duration = length / count
+        if duration < _SHORTEST or duration * s.spin < _MIN_REVOLUTIONS * 2.0 * math.pi:
+            continue
+        slope = (s.spin_end - s.spin) / s.hold
+        for k in range(count):
+            middle = settling + (k + 0.5) * duration
+            turn = 1j * s.cone_rate * 0.5 * duration
+            series = np.array([turn**n / math.factorial(n) for n in powers])
+            spin = np.zeros(_DEGREE)
+            spin[:2] = s.spin + slope * middle, slope * 0.5 * duration
+            samples = duration / h
+            rows.append(
+                {
+                    "start": s.start + s.ramp + middle - 0.5 * duration,
+                    "duration": duration,
+                    "samples": samples,
+                    "segment": -1,
+                    "tilt": s.tilt * np.exp(1j * s.cone_rate * middle) * series,
+                    "tilt_harmonics": np.zeros((len(HARMONICS), _MODULATION), dtype=complex),
+                    "spin": spin,
+                    "current_harmonics": np.zeros((len(HARMONICS), _MODULATION), dtype=complex),
+                    "coil_voltage": 0.0j,
+                    "motor_voltage": 0.0,
+                    "motor_current": 0.0,
+                    "coil_temperature": noise("air_temperature") + warm,
+                    "coil_temperature_rate": 0.0,
+                    "air_temperature": noise("air_temperature"),
+                    "air_pressure": noise("air_pressure") * s.environment.air_density_ratio,
+                    "up": s.environment.up,
+                    "yaw": s.environment.yaw,
+                    # the ends of a polynomial of this degree: see `_window`
+                    "tilt_rate_variance": 2.0 * (_DEGREE + 1) ** 2 / samples * (noise("tilt_noise") / duration) ** 2,
+                    "spin_acceleration_variance": 2.0
+                    * (_DEGREE + 1) ** 5
+                    / samples
+                    * (noise("spin_angle_noise") / duration**2) ** 2,
+                }
+            )
+    return Windows(**{item.name: np.array([row[item.name] for row in rows]) for item in fields(Windows)})

@@ -147,6 +147,8 @@ class Problem:
     ) -> None:
         self.balances = list(balances)
         self.bench = bench
+        #: Effects by name; forms that no declaration contains are added while they are tried.
+        self.library: dict[str, Effect] = dict(registry())
         self.known = {name: dict(values) for name, values in (known or {}).items()}
         self._loose = [
             (name, key, error)
@@ -158,7 +160,7 @@ class Problem:
         self.nuisances: list[tuple[str, list[Parameter]]] = [(g, groups[g]) for g in NUISANCE_GROUPS if g in groups]
         self.measured = np.concatenate([b.measured for b in self.balances])
         self.count = len(self.nuisances) + len(self._loose)
-        self.base = self._predict(np.zeros(self.count), {})
+        self.base = self.predict(np.zeros(self.count), {})
         self.noise = Noise(self.balances, self._split(self.base))
         self.base_jacobian = self._nuisance_jacobian(np.zeros(self.count), {}, self.base)
 
@@ -185,11 +187,12 @@ class Problem:
         known = {name: dict(v) for name, v in self.known.items()}
         for (name, key, error), u in zip(self._loose, nuisance[len(self.nuisances) :], strict=True):
             known[name][key] += u * error
-        every = registry()
+        every = self.library
         active = [ActiveEffect(every[name], v) for name, v in known.items()]
         return active + [ActiveEffect(every[name], v) for name, v in coefficients.items() if name in every]
 
-    def _predict(self, nuisance: Array, coefficients: EffectValues) -> Array:
+    def predict(self, nuisance: Array, coefficients: EffectValues) -> Array:
+        """Return the predicted rows of all recordings."""
         values, effects = self.values(nuisance, coefficients), self.effects(nuisance, coefficients)
         return np.concatenate([b.predicted(values, effects) for b in self.balances])
 
@@ -198,18 +201,20 @@ class Problem:
         for k in range(self.count):
             moved = nuisance.copy()
             moved[k] += 0.1
-            columns.append((self._predict(moved, coefficients) - at) / 0.1)
+            columns.append((self.predict(moved, coefficients) - at) / 0.1)
         return np.column_stack(columns)
 
     def term_jacobian(self, term: Term, nuisance: Array, coefficients: EffectValues, at: Array) -> Array:
         """Return the derivatives of the rows by the coefficients of a term (amplitudes zero where not given)."""
+        if term.effect is not None:
+            self.library[term.name] = term.effect
         columns = []
         for name in term.coefficients:
             values = {t: dict(v) for t, v in coefficients.items()}
             own = values.setdefault(term.name, self.null(term))
             step = self._step(term, name)
             own[name] += step
-            columns.append((self._predict(nuisance, values) - at) / step)
+            columns.append((self.predict(nuisance, values) - at) / step)
         return np.column_stack(columns)
 
     @staticmethod
@@ -253,6 +258,7 @@ class Problem:
             Where to start from.
         """
         terms = tuple(terms)
+        self.library.update({t.name: t.effect for t in terms if t.effect is not None})
         inverse, columns = self.prior(terms)
         centre = np.concatenate([np.zeros(self.count), [self.null(t)[n] for t in terms for n in t.coefficients]])
         x = centre.copy()
@@ -264,7 +270,7 @@ class Problem:
         previous = np.inf
         for _ in range(iterations):
             coefficients = self._unpack(x, terms)
-            at = self._predict(x[: self.count], coefficients)
+            at = self.predict(x[: self.count], coefficients)
             residual = self.measured - at
             white = self.noise.whiten(residual)
             pull = inverse * (x - centre)
@@ -285,7 +291,7 @@ class Problem:
             x = self._within_bounds(x + step / size, terms)
         else:
             coefficients = self._unpack(x, terms)
-            residual = self.measured - self._predict(x[: self.count], coefficients)
+            residual = self.measured - self.predict(x[: self.count], coefficients)
             white, pull = self.noise.whiten(residual), inverse * (x - centre)
             chi2_rows, chi2 = float(white @ white), float(white @ white + pull @ pull)
         size = np.linalg.norm(design, axis=0)
@@ -316,6 +322,19 @@ class Problem:
                 x[at] = min(max(x[at], low), high)
                 at += 1
         return x
+
+    def evidence(self, fit: Fit) -> float:
+        """Return minus twice the log of the marginal likelihood of a fit, the size of the drifts left free.
+
+        What a term explains and what a larger drift would explain are thus weighed against each other. Every
+        amplitude pays for its freedom, being spread over the generous size of `scale` beforehand.
+        """
+        width = [1.0] * self.count + [self.scale(t, name) for t in fit.terms for name in t.coefficients]
+        offset = np.concatenate([fit.nuisance, [fit.coefficients[t][name] for t, name in fit.columns]])
+        # the rows as they would be with everything at its prior centre, to first order
+        centre = np.concatenate([np.zeros(self.count), [self.null(t)[n] for t in fit.terms for n in t.coefficients]])
+        rows = fit.residual + fit.jacobian @ (offset - centre)
+        return self.noise.best_scales(rows, fit.jacobian * np.array(width))[1]
 
     def estimate_noise(self) -> None:
         """Estimate the size of the slow drifts, leaving out whatever bench parameters or effects can explain."""

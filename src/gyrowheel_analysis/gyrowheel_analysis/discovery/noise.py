@@ -82,7 +82,16 @@ class Noise:
         )
 
     def estimate_scales(self, residual: Array, regressors: Array) -> None:
-        """Estimate how large the drifts are (restricted likelihood) and keep the scales.
+        """Estimate how large the drifts are and keep the scales (see `best_scales`)."""
+        self.use_scales(self.best_scales(residual, regressors)[0])
+
+    def use_scales(self, scales: dict[str, float]) -> None:
+        """Take the scales of the drifts from elsewhere."""
+        self.scales = dict(scales)
+        self._factorise()
+
+    def best_scales(self, residual: Array, regressors: Array) -> tuple[dict[str, float], float]:
+        """Return the most likely scales of the drifts and minus twice the log of their marginal likelihood.
 
         Parameters
         ----------
@@ -114,8 +123,7 @@ class Noise:
 
         bounds = [(float(np.log(_SCALE_BOUNDS[0])), float(np.log(_SCALE_BOUNDS[1])))] * len(names)
         best = minimize(cost, np.full(len(names), 0.05), bounds=bounds, method="L-BFGS-B", options={"maxiter": 30})
-        self.scales = {name: float(np.exp(value)) for name, value in zip(names, best.x, strict=True)}
-        self._factorise()
+        return {name: float(np.exp(value)) for name, value in zip(names, best.x, strict=True)}, float(best.fun)
 
 
 def _channel(balance: Balance, predicted: Array, name: str) -> ChannelNoise:

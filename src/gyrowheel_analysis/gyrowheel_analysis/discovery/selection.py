@@ -48,11 +48,17 @@ class Finding:
         By how much leaving it out worsens the fit, everything else fitted again.
     ties : tuple of Tie
         Terms that could stand in its place.
+    rivals : tuple of Tie
+        The nearest terms that could not.
+    without : Fit
+        The fit without it.
     """
 
     term: Term
     delta_chi2: float
     ties: tuple[Tie, ...]
+    rivals: tuple[Tie, ...]
+    without: Fit = field(repr=False)
 
 
 @dataclass(frozen=True)
@@ -96,7 +102,7 @@ def select(problem: Problem, *, progress: Progress | None = None) -> Selection:
     refused: set[str] = set()
     inflation = 1.0
     while len(current.terms) < _MOST_TERMS:
-        ranking = _ranked(problem, current, [t for t in pool if t not in current.terms and t.name not in refused])
+        ranking = rank(problem, current, [t for t in pool if t not in current.terms and t.name not in refused])
         tried = [
             (problem.fit((*current.terms, t), current), t)
             for gain, t in ranking[:_SHORTLIST]
@@ -136,8 +142,11 @@ def relative_deviation(problem: Problem, fit: Fit, term: Term) -> float:
     return (value - 2.0 * fit.standard_error(term.name, "relative_error")) / stated
 
 
-def _ranked(problem: Problem, current: Fit, pool: Sequence[Term]) -> list[tuple[float, Term]]:
-    """Return the linear gain in chi-squared of every candidate, best first."""
+def rank(problem: Problem, current: Fit, pool: Sequence[Term]) -> list[tuple[float, Term]]:
+    """Return the linear gain in chi-squared of every candidate, best first.
+
+    A candidate whose rows the fit reproduces already is left out.
+    """
     inverse, _ = problem.prior(current.terms)
     design = np.vstack([problem.noise.whiten(current.jacobian), np.diag(inverse)])
     size = np.linalg.norm(design, axis=0)
@@ -170,7 +179,7 @@ def _swapped(problem: Problem, fit: Fit, pool: Sequence[Term]) -> Fit:
         for term in fit.terms:
             rest = tuple(t for t in fit.terms if t != term)
             without = problem.fit(rest, fit)
-            for gain, other in _ranked(problem, without, [t for t in pool if t not in fit.terms])[:3]:
+            for gain, other in rank(problem, without, [t for t in pool if t not in fit.terms])[:3]:
                 if without.chi2 - gain > fit.chi2 + 20.0:
                     continue
                 trial = problem.fit((*rest, other), without)
@@ -200,14 +209,18 @@ def _eliminated(problem: Problem, fit: Fit, inflation: float) -> Fit:
 def _finding(problem: Problem, fit: Fit, term: Term, pool: Sequence[Term]) -> Finding:
     rest = tuple(t for t in fit.terms if t != term)
     without = problem.fit(rest, fit)
-    ties = []
-    for gain, other in _ranked(problem, without, [t for t in pool if t not in fit.terms]):
-        if without.chi2 - gain > fit.chi2 + 4.0 * TIE + 0.1 * (without.chi2 - fit.chi2):
-            continue  # hopeless even before the full fit
+    tried: list[Tie] = []
+    for place, (gain, other) in enumerate(rank(problem, without, [t for t in pool if t not in fit.terms])):
+        hopeless = without.chi2 - gain > fit.chi2 + 4.0 * TIE + 0.1 * (without.chi2 - fit.chi2)
+        if place >= 2 and hopeless:
+            continue  # the linear gain rules it out before the full fit
         trial = problem.fit((*rest, other), without)
-        if trial.chi2 - fit.chi2 < TIE and _plausible(problem, trial, other):
-            ties.append(Tie(other, trial.chi2 - fit.chi2, trial))
-    return Finding(term, without.chi2 - fit.chi2, tuple(sorted(ties, key=lambda tie: tie.delta_chi2)))
+        if _plausible(problem, trial, other):
+            tried.append(Tie(other, trial.chi2 - fit.chi2, trial))
+    tried.sort(key=lambda tie: tie.delta_chi2)
+    ties = tuple(tie for tie in tried if tie.delta_chi2 < TIE)
+    rivals = tuple(tie for tie in tried if tie.delta_chi2 >= TIE)[:2]
+    return Finding(term, without.chi2 - fit.chi2, ties, rivals, without)
 
 
 def groups(problem: Problem) -> dict[str, list[NDArray[np.bool_]]]:

@@ -1,0 +1,117 @@
+"""Add effects to a model: refit, prove on recordings that were not used, write the history."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+from gyrowheel_analysis.discovery.fit import ERRORS, Term
+from gyrowheel_analysis.discovery.verdict import Estimate, nuisance_estimates
+from gyrowheel_analysis.errors import ErrorTable, Residuals
+from gyrowheel_analysis.model import Model, Override
+from gyrowheel_analysis.pipeline import FEWEST_WINDOWS, Progress, errors_of, prepare
+from gyrowheel_analysis.recording import Recording
+from gyrowheel_sim.effects import get, registry
+from gyrowheel_sim.errors import InputError
+
+
+@dataclass(frozen=True)
+class Added:
+    """Outcome of adding effects.
+
+    Attributes
+    ----------
+    model : Model
+        The model with the effects, the refitted bench parameters, and an entry in its history.
+    coefficients : dict
+        {effect: {coefficient: Estimate}}.
+    error : ErrorTable
+        How the error falls, on the fitted and on the validation recordings.
+    residuals : list of Residuals
+        Window by window, before and after.
+    notes : list of str
+        What the user should know: effects that are hardly there.
+    """
+
+    model: Model
+    coefficients: dict[str, dict[str, Estimate]]
+    error: ErrorTable
+    residuals: list[Residuals]
+    notes: list[str]
+
+
+def add_effect(
+    model: Model,
+    names: Sequence[str],
+    fit: Sequence[Recording],
+    validate: Sequence[Recording] = (),
+    *,
+    progress: Progress | None = None,
+) -> Added:
+    """Add effects to a model and refit it.
+
+    Parameters
+    ----------
+    model : Model
+        The model as it is.
+    names : sequence of str
+        Effects, or errors of bench parameters (``stiffness_error`` and the like), to add.
+    fit : sequence of Recording
+        Recordings on which coefficients and bench parameters are fitted.
+    validate : sequence of Recording
+        Recordings on which nothing is fitted.
+
+    Raises
+    ------
+    InputError
+        If an effect is unknown or in the model already, or the recordings have too little steady motion.
+    """
+    terms = []
+    for name in names:
+        if name in model.effects:
+            raise InputError(f"{model.origin}: effects.{name}: the model has it already")
+        if any(t.name == name for t in terms):
+            raise InputError(f"effect: '{name}' is given twice")
+        terms.append(Term(name) if name in ERRORS else Term(name, get(name)))
+    if not terms:
+        raise InputError("no effect given")
+    fitted = prepare(fit, model, progress=progress)
+    if fitted.windows < FEWEST_WINDOWS:
+        raise InputError(
+            f"{', '.join(fitted.names)}: {fitted.windows} steady windows; at least {FEWEST_WINDOWS} are needed"
+        )
+    validation = prepare(validate, model, progress=progress) if validate else None
+    problem = fitted.problem
+    if progress:
+        progress("fitting")
+    problem.estimate_noise()
+    before, after = problem.fit(()), problem.fit(terms)
+    errors = errors_of(before, after, fitted, validation)
+    coefficients: dict[str, dict[str, Estimate]] = {}
+    notes = []
+    for term in terms:
+        units = {c.name: c.unit for c in term.effect.coefficients} if term.effect else {"relative_error": "1"}
+        coefficients[term.name] = {
+            key: Estimate(after.coefficients[term.name][key], after.standard_error(term.name, key), units[key])
+            for key in term.coefficients
+        }
+        if after.significance(term.name) < 3.0:
+            notes.append(f"{term.name} is hardly there: {after.significance(term.name):.1f} standard errors from zero")
+    values = problem.effects(after.nuisance, {})
+    effects = {active.effect.name: dict(active.values) for active in values}
+    effect_errors = {name: dict(model.effect_errors.get(name, {})) for name in effects}
+    for name, estimates in coefficients.items():
+        if name in registry():
+            effects[name] = {key: e.value for key, e in estimates.items()}
+            effect_errors[name] = {key: e.standard_error for key, e in estimates.items()}
+    overrides = {name: Override(n.value, n.standard_error) for name, n in nuisance_estimates(problem, after).items()}
+    entry = {
+        "time": datetime.now(UTC).isoformat(timespec="seconds"),
+        "what": f"add {', '.join(names)}",
+        "fit": [str(r.path) for r in fit],
+        "validate": [str(r.path) for r in validate],
+        "error": errors.table.to_json(),
+    }
+    changed = model.changed(entry, overrides=overrides, effects=effects, effect_errors=effect_errors)
+    return Added(changed, coefficients, errors.table, errors.residuals, notes)

@@ -1,0 +1,165 @@
+"""Compare a model with recordings: how large the error is, how it is made up, and where it sits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel_analysis.discovery.fit import Fit, Problem
+from gyrowheel_analysis.errors import TORQUE_CHANNELS, ErrorRow, Residuals, channel_parts, error_row
+from gyrowheel_analysis.model import Model
+from gyrowheel_analysis.pipeline import FEWEST_WINDOWS, Prepared, Progress, errors_of, prepare
+from gyrowheel_analysis.recording import Recording
+from gyrowheel_analysis.reduction import concatenate
+from gyrowheel_analysis.where import Region, TiltSpin, dependence, regions, tilt_and_spin
+from gyrowheel_sim.errors import InputError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ChannelMetrics:
+    """How well one channel is predicted.
+
+    Attributes
+    ----------
+    rms : float
+        Root mean square of the residual [N m].
+    noise_floor_rms : float
+        What a complete model would leave [N m].
+    fit_percent : float
+        100 (1 - |residual| / |measured - mean|); 100 is perfect.
+    theil : float
+        Theil's inequality coefficient, 0 (perfect) .. 1.
+    theil_bias, theil_variance, theil_covariance : float
+        Its parts: wrong mean, wrong swing, everything else; they sum to 1.
+    chi2_per_n : float
+        Mean square of the residual in units of its noise.
+    """
+
+    rms: float
+    noise_floor_rms: float
+    fit_percent: float
+    theil: float
+    theil_bias: float
+    theil_variance: float
+    theil_covariance: float
+    chi2_per_n: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Outcome of a comparison.
+
+    Attributes
+    ----------
+    channels : dict of str to ChannelMetrics
+        By channel, with the bench's parameters fitted along within their stated uncertainties.
+    raw_rms : dict of str to float
+        Root mean square of the residual of the model exactly as the file stands [N m].
+    error_before : ErrorRow
+        The error in the form of the error table.
+    where : list of Region
+        Where most of the misfit sits.
+    dependence : list of str
+        On which variables the residual depends.
+    residuals : list of Residuals
+        Window by window.
+    recordings : list of str
+        Names of the recordings.
+    model : str
+        File of the model.
+    """
+
+    channels: dict[str, ChannelMetrics]
+    raw_rms: dict[str, float]
+    error_before: ErrorRow
+    where: list[Region]
+    dependence: list[str]
+    residuals: list[Residuals]
+    recordings: list[str]
+    model: str
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the comparison as a JSON object."""
+        return {
+            "schema": 1,
+            "error": {"unit": "N·m", "before": self.error_before.to_json(), "raw": {"rms": self.raw_rms}},
+            "channels": {name: asdict(metrics) for name, metrics in self.channels.items()},
+            "where": [region.to_json() for region in self.where],
+            "dependence": self.dependence,
+            "recordings": self.recordings,
+            "model": self.model,
+        }
+
+
+def compare(recordings: Sequence[Recording], model: Model, *, progress: Progress | None = None) -> Comparison:
+    """Compare a model with recordings.
+
+    The bench's uncertain parameters are fitted along within their stated uncertainties, so that what remains is
+    what the model cannot explain; `Comparison.raw_rms` has the error of the model as the file stands.
+
+    Raises
+    ------
+    InputError
+        If a recording has too little steady motion to compare anything.
+    """
+    prepared = prepare(recordings, model, progress=progress)
+    if prepared.windows < FEWEST_WINDOWS:
+        raise InputError(
+            f"{', '.join(prepared.names)}: {prepared.windows} steady windows; at least {FEWEST_WINDOWS} are needed"
+        )
+    problem = prepared.problem
+    problem.estimate_noise()
+    fit = problem.fit(())
+    data = residual_data(prepared, fit)
+    errors = errors_of(fit, fit, prepared, None)
+    raw = problem.measured - np.concatenate(
+        [b.predicted(model.bench.values(), problem.effects(np.zeros(problem.count), {})) for b in problem.balances]
+    )
+    return Comparison(
+        channels={name: _metrics(problem, fit, name) for name in TORQUE_CHANNELS},
+        raw_rms=error_row(problem.balances, raw, problem.noise.whiten(raw)).rms,
+        error_before=errors.table.before,
+        where=regions(data, problem.bench),
+        dependence=dependence(data),
+        residuals=errors.residuals,
+        recordings=[str(r.path) for r in recordings],
+        model=model.origin,
+    )
+
+
+def residual_data(prepared: Prepared, fit: Fit) -> TiltSpin:
+    """Return the residuals of a fit with the windows they belong to."""
+    problem = prepared.problem
+    windows = concatenate([b.windows for b in problem.balances])
+    return tilt_and_spin(problem.balances, windows, fit.residual, problem.noise.deviation())
+
+
+def _metrics(problem: Problem, fit: Fit, name: str) -> ChannelMetrics:
+    def joined(rows: Array) -> Array:
+        return np.concatenate(channel_parts(problem.balances, rows, name))
+
+    measured, residual = joined(problem.measured), joined(fit.residual)
+    predicted, deviation = measured - residual, joined(problem.noise.deviation())
+    white = joined(problem.noise.whiten(fit.residual))
+    mse = float(np.mean(residual**2))
+    swing = float(np.linalg.norm(measured - measured.mean()))
+    size = float(np.sqrt(np.mean(measured**2)) + np.sqrt(np.mean(predicted**2)))
+    sm, sp = float(np.std(measured)), float(np.std(predicted))
+    bias = float(measured.mean() - predicted.mean()) ** 2 / mse if mse else 0.0
+    variance = (sm - sp) ** 2 / mse if mse else 0.0
+    return ChannelMetrics(
+        rms=mse**0.5,
+        noise_floor_rms=float(np.sqrt(np.mean(deviation**2))),
+        fit_percent=100.0 * (1.0 - float(np.linalg.norm(residual)) / swing) if swing else 0.0,
+        theil=mse**0.5 / size if size else 0.0,
+        theil_bias=bias,
+        theil_variance=variance,
+        theil_covariance=max(1.0 - bias - variance, 0.0),
+        chi2_per_n=float(np.mean(white**2)),
+    )

@@ -1,0 +1,120 @@
+"""From recordings and a model to a problem that can be fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gyrowheel_analysis.balance import Balance
+from gyrowheel_analysis.discovery.fit import Fit, Problem
+from gyrowheel_analysis.errors import ErrorRow, ErrorTable, Residuals, error_row, floor_row, residuals
+from gyrowheel_analysis.model import Model
+from gyrowheel_analysis.recording import Recording
+from gyrowheel_analysis.reduction import Samples, Windows, reduce
+from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.errors import InputError
+
+Progress = Callable[[str], None]
+
+#: Fewer windows than this show nothing.
+FEWEST_WINDOWS = 6
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """Recordings made ready: the problem and the names of the recordings in it, in order."""
+
+    problem: Problem
+    names: list[str]
+    windows: int
+
+
+def samples_of(recording: Recording) -> Samples:
+    """Return the columns of a recording that the reduction needs."""
+    return Samples(
+        time=recording.time,
+        values=recording.readings,
+        setpoint_time=recording.seconds(recording.setpoint["stamp_ns"]),
+        setpoint=recording.setpoint,
+        environment=recording.environment,
+    )
+
+
+def prepare(recordings: Sequence[Recording], model: Model, *, progress: Progress | None = None) -> Prepared:
+    """Reduce recordings and put them together with a model.
+
+    Raises
+    ------
+    InputError
+        If there is no recording, or the readings of one cannot be those of this bench.
+    """
+    if not recordings:
+        raise InputError("no recording given")
+    bench = model.stated_bench
+    balances = []
+    for recording in recordings:
+        if progress:
+            progress(f"reducing {recording.name}")
+        windows = reduce(samples_of(recording), bench)
+        _check(windows, bench, str(recording.path))
+        balances.append(Balance(windows, bench))
+    problem = Problem(balances, bench, model.effects, model.effect_errors)
+    return Prepared(problem, [r.name for r in recordings], sum(len(b.windows) for b in balances))
+
+
+def _check(windows: Windows, bench: Bench, where: str) -> None:
+    """Refuse readings that no test on this bench can give: wrong units are the usual cause."""
+    if not len(windows):
+        return
+    tilt = float(np.abs(windows.mean_tilt).max())
+    if tilt > 3.0 * bench.value("tilt_limit"):
+        raise InputError(
+            f"{where}: tilt_x, tilt_y: {tilt:.3g} rad is out of range; allowed: up to {3 * bench.value('tilt_limit'):.3g} rad"
+        )
+    speed = float(windows.mean_spin.max())
+    if speed > 2.0 * bench.value("spin_rate_maximum"):
+        raise InputError(
+            f"{where}: spin_rate: {speed:.4g} rad/s is out of range; "
+            f"allowed: up to {2 * bench.value('spin_rate_maximum'):.4g} rad/s"
+        )
+
+
+@dataclass(frozen=True)
+class Errors:
+    """The error table of two fits, and the residuals behind it."""
+
+    table: ErrorTable
+    residuals: list[Residuals]
+
+
+def errors_of(before: Fit, after: Fit, fitted: Prepared, validation: Prepared | None) -> Errors:
+    """Return how the error falls from one fit to another, on the fitted and on unused recordings.
+
+    On the unused recordings nothing is fitted: parameters and coefficients are those of the fits.
+    """
+    problem = fitted.problem
+    white, deviation = problem.noise.whiten, problem.noise.deviation()
+    rows = residuals(problem.balances, fitted.names, "fit", before.residual, after.residual, deviation)
+    parts: list[ErrorRow | None] = [None, None, None]
+    if validation is not None and validation.windows:
+        other = validation.problem
+        other.noise.use_scales(problem.noise.scales)
+        for term in after.terms:
+            if term.effect is not None:
+                other.library[term.name] = term.effect
+        left = [other.measured - other.predict(fit.nuisance, fit.coefficients) for fit in (before, after)]
+        floor = other.noise.deviation()
+        parts = [error_row(other.balances, r, other.noise.whiten(r)) for r in left]
+        parts.append(floor_row(other.balances, floor))
+        rows += residuals(other.balances, validation.names, "validation", left[0], left[1], floor)
+    table = ErrorTable(
+        before=error_row(problem.balances, before.residual, white(before.residual)),
+        after=error_row(problem.balances, after.residual, white(after.residual)),
+        noise_floor=floor_row(problem.balances, deviation),
+        validation_before=parts[0],
+        validation_after=parts[1],
+        validation_noise_floor=parts[2],
+    )
+    return Errors(table, rows)
