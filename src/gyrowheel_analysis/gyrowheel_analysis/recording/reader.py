@@ -163,8 +163,8 @@ def _in_order(samples: npt.NDArray[Any], where: str) -> tuple[npt.NDArray[Any], 
     sequence = samples["sequence"].astype(np.int64)
     late = int(np.count_nonzero(sequence[1:] < np.maximum.accumulate(sequence)[:-1]))
     total = len(samples)
-    samples = samples[np.lexsort((sequence, samples["stamp_ns"]))]
-    if total > 1:
+    if np.any(np.diff(samples["stamp_ns"]) <= 0):
+        samples = samples[np.lexsort((sequence, samples["stamp_ns"]))]
         # compared as bytes: what is no number equals itself here
         rows = samples.view(np.uint8).reshape(total, -1)
         samples = samples[np.r_[True, np.any(rows[1:] != rows[:-1], axis=1)]]
