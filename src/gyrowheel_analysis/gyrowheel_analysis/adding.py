@@ -67,7 +67,7 @@ def add_effect(
     InputError
         If an effect is unknown or in the model already, or the recordings have too little steady motion.
     """
-    terms = []
+    terms: list[Term] = []
     for name in names:
         if name in model.effects:
             raise InputError(f"{model.origin}: effects.{name}: the model has it already")
@@ -93,11 +93,15 @@ def add_effect(
     for term in terms:
         units = {c.name: c.unit for c in term.effect.coefficients} if term.effect else {"relative_error": "1"}
         coefficients[term.name] = {
-            key: Estimate(after.coefficients[term.name][key], after.standard_error(term.name, key), units[key])
+            key: Estimate(
+                after.coefficients[term.name][key], after.standard_error(term.name, key), units[key]
+            )
             for key in term.coefficients
         }
         if after.significance(term.name) < 3.0:
-            notes.append(f"{term.name} is hardly there: {after.significance(term.name):.1f} standard errors from zero")
+            notes.append(
+                f"{term.name} is hardly there: {after.significance(term.name):.1f} standard errors from zero"
+            )
     values = problem.effects(after.nuisance, {})
     effects = {active.effect.name: dict(active.values) for active in values}
     effect_errors = {name: dict(model.effect_errors.get(name, {})) for name in effects}
@@ -105,7 +109,9 @@ def add_effect(
         if name in registry():
             effects[name] = {key: e.value for key, e in estimates.items()}
             effect_errors[name] = {key: e.standard_error for key, e in estimates.items()}
-    overrides = {name: Override(n.value, n.standard_error) for name, n in nuisance_estimates(problem, after).items()}
+    overrides = {
+        name: Override(n.value, n.standard_error) for name, n in nuisance_estimates(problem, after).items()
+    }
     entry = {
         "time": datetime.now(UTC).isoformat(timespec="seconds"),
         "what": f"add {', '.join(names)}",

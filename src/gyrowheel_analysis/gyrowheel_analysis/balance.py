@@ -152,9 +152,13 @@ class Balance:
         torque = (motor * self._weights).sum(axis=(1, 2))
         current = torque / values["motor_constant"]
         voltage = values["motor_resistance"] * current + values["motor_constant"] * self.windows.mean_spin
-        return np.concatenate([coil_row.real, coil_row.imag, self.bench.value("motor_constant") * current, voltage])
+        return np.concatenate(
+            [coil_row.real, coil_row.imag, self.bench.value("motor_constant") * current, voltage]
+        )
 
-    def _instantaneous(self, values: Mapping[str, float], effects: list[ActiveEffect]) -> tuple[Any, Any, Any]:
+    def _instantaneous(
+        self, values: Mapping[str, float], effects: list[ActiveEffect]
+    ) -> tuple[Any, Any, Any]:
         """Return the torques of coils and motor and the change of the coils' gain, (n, nodes, phases) each.
 
         The universal joint makes the spin rate ripple. The ripple that belongs to the measured current is far better
@@ -166,7 +170,9 @@ class Balance:
         if ripple is None:
             ripple = np.zeros_like(wanted)
             for _ in range(2):
-                ripple = ripple + self._ripple_error(self._torques(values, effects, ripple)[1], wanted, inertia)
+                ripple = ripple + self._ripple_error(
+                    self._torques(values, effects, ripple)[1], wanted, inertia
+                )
             self._ripple = ripple
         first = self._torques(values, effects, ripple)
         error = self._ripple_error(first[1], wanted, inertia)
@@ -176,12 +182,22 @@ class Balance:
         found = np.einsum("nkp,hp->nhk", motor, self._wave.conj()) / _PHASES
         return (wanted - found) / (inertia * self._order[None, :, None] * self._spin[:, None, :, 0])
 
-    def _torques(self, values: Mapping[str, float], effects: list[ActiveEffect], ripple: Any) -> tuple[Any, Any, Any]:
+    def _torques(
+        self, values: Mapping[str, float], effects: list[ActiveEffect], ripple: Any
+    ) -> tuple[Any, Any, Any]:
         """Return the same for a given ripple of the spin rate: amplitudes (n, harmonics, nodes) [rad/s]."""
         rate = self._spin + np.einsum("nhk,hp->nkp", ripple, self._wave).real
-        acceleration = self._spin_rate + np.einsum("nhk,hp->nkp", ripple * self._order[:, None], self._wave).real * self._spin
+        acceleration = (
+            self._spin_rate
+            + np.einsum("nhk,hp->nkp", ripple * self._order[:, None], self._wave).real * self._spin
+        )
         tilt_rate = self._first[0] + self._first[1] * rate
-        tilt_acc = self._second[0] + self._second[1] * rate + self._second[2] * rate**2 + self._first[1] * acceleration
+        tilt_acc = (
+            self._second[0]
+            + self._second[1] * rate
+            + self._second[2] * rate**2
+            + self._first[1] * acceleration
+        )
         q = {**self._quantities, "Omega": rate}
         reading: Any = complex(values["tilt_bias_x"], values["tilt_bias_y"])
         # the error of the reading first: every other law sees the true tilt
@@ -206,8 +222,12 @@ class Balance:
         torque: Any = complex(values["fixed_torque_x"], values["fixed_torque_y"])
         axial: Any = 0.0
         shaft: Any = -values["bearing_coulomb"] * np.sign(rate) - values["bearing_viscous"] * rate
-        flexure_x: Any = -values["flexure_stiffness_x"] * joint.theta_x - values["flexure_damping_x"] * joint.theta_x_rate
-        flexure_y: Any = -values["flexure_stiffness_y"] * joint.theta_y - values["flexure_damping_y"] * joint.theta_y_rate
+        flexure_x: Any = (
+            -values["flexure_stiffness_x"] * joint.theta_x - values["flexure_damping_x"] * joint.theta_x_rate
+        )
+        flexure_y: Any = (
+            -values["flexure_stiffness_y"] * joint.theta_y - values["flexure_damping_y"] * joint.theta_y_rate
+        )
         gain: Any = 0.0
         across: Any = 0.0
         rest = {"rotor_torque", "axial_torque", "shaft_torque", "flexure_torque", "coil_gain"}
@@ -246,8 +266,12 @@ class Balance:
                 function = array_law(active.effect, index)
                 if law.target == "flexure_torque":
                     assert joint is not None
-                    x = function({**q, **active.values, "theta": joint.theta_x, "theta_rate": joint.theta_x_rate})
-                    y = function({**q, **active.values, "theta": joint.theta_y, "theta_rate": joint.theta_y_rate})
+                    x = function(
+                        {**q, **active.values, "theta": joint.theta_x, "theta_rate": joint.theta_x_rate}
+                    )
+                    y = function(
+                        {**q, **active.values, "theta": joint.theta_y, "theta_rate": joint.theta_y_rate}
+                    )
                     results.append((law.target, (np.real(x), np.real(y))))
                 else:
                     given = q if joint is None else {**q, "theta": 0.0, "theta_rate": 0.0}

@@ -119,7 +119,10 @@ def compare(recordings: Sequence[Recording], model: Model, *, progress: Progress
     data = residual_data(prepared, fit)
     errors = errors_of(fit, fit, prepared, None)
     raw = problem.measured - np.concatenate(
-        [b.predicted(model.bench.values(), problem.effects(np.zeros(problem.count), {})) for b in problem.balances]
+        [
+            b.predicted(model.bench.values(), problem.effects(np.zeros(problem.count), {}))
+            for b in problem.balances
+        ]
     )
     return Comparison(
         channels={name: _metrics(problem, fit, name) for name in TORQUE_CHANNELS},

@@ -105,7 +105,7 @@ def floor_row(balances: Sequence[Balance], deviation: Array) -> ErrorRow:
 def _rms(balances: Sequence[Balance], rows: Array) -> dict[str, float]:
     result = {}
     for name in TORQUE_CHANNELS:
-        values = np.concatenate([part for part in channel_parts(balances, rows, name)])
+        values = np.concatenate(list(channel_parts(balances, rows, name)))
         result[name] = float(np.sqrt(np.mean(values**2))) if values.size else 0.0
     return result
 
@@ -121,11 +121,17 @@ def channel_parts(balances: Sequence[Balance], rows: Array, name: str) -> list[A
 
 
 def residuals(
-    balances: Sequence[Balance], names: Sequence[str], role: str, before: Array, after: Array, deviation: Array
+    balances: Sequence[Balance],
+    names: Sequence[str],
+    role: str,
+    before: Array,
+    after: Array,
+    deviation: Array,
 ) -> list[Residuals]:
     """Return the residuals of every recording."""
     channels = {
-        name: [channel_parts(balances, rows, name) for rows in (before, after, deviation)] for name in TORQUE_CHANNELS
+        name: [channel_parts(balances, rows, name) for rows in (before, after, deviation)]
+        for name in TORQUE_CHANNELS
     }
     return [
         Residuals(

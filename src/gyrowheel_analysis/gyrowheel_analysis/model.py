@@ -105,8 +105,12 @@ class Model:
         """Build a model from the content of a model file (see `load`)."""
         if not isinstance(raw, dict):
             raise InputError(f"{origin}: not a model file (a mapping with schema and bench is expected)")
-        if unknown := sorted(str(k) for k in raw if k not in ("schema", "bench", "overrides", "effects", "history")):
-            raise InputError(f"{origin}: {unknown[0]}: no such field; allowed: schema, bench, overrides, effects, history")
+        if unknown := sorted(
+            str(k) for k in raw if k not in ("schema", "bench", "overrides", "effects", "history")
+        ):
+            raise InputError(
+                f"{origin}: {unknown[0]}: no such field; allowed: schema, bench, overrides, effects, history"
+            )
         if raw.get("schema") != SCHEMA:
             raise InputError(f"{origin}: schema: {raw.get('schema')!r} is not known; allowed: {SCHEMA}")
         source = raw.get("bench", "gyrowheel")
@@ -128,8 +132,12 @@ class Model:
             if not isinstance(entry, dict):
                 raise InputError(f"{origin}: effects.{name}: a mapping of coefficients is expected")
             pairs = {k: _value_and_error(v, f"{origin}: effects.{name}.{k}") for k, v in entry.items()}
-            effects[effect.name] = validated(name, {k: v for k, (v, _) in pairs.items()}, where=f"{origin}: effects")
-            errors[effect.name] = {k: _error(e, f"{origin}: effects.{name}.{k}") for k, (_, e) in pairs.items()}
+            effects[effect.name] = validated(
+                name, {k: v for k, (v, _) in pairs.items()}, where=f"{origin}: effects"
+            )
+            errors[effect.name] = {
+                k: _error(e, f"{origin}: effects.{name}.{k}") for k, (_, e) in pairs.items()
+            }
         history = raw.get("history") or []
         if not isinstance(history, list) or not all(isinstance(entry, dict) for entry in history):
             raise InputError(f"{origin}: history: a list of mappings is expected")
@@ -141,11 +149,15 @@ class Model:
             "schema": SCHEMA,
             "bench": self.bench_source,
             "overrides": {
-                name: {"value": float(o.value), "standard_error": float(o.standard_error)} for name, o in self.overrides.items()
+                name: {"value": float(o.value), "standard_error": float(o.standard_error)}
+                for name, o in self.overrides.items()
             },
             "effects": {
                 name: {
-                    key: {"value": float(value), "standard_error": float(self.effect_errors.get(name, {}).get(key, 0.0))}
+                    key: {
+                        "value": float(value),
+                        "standard_error": float(self.effect_errors.get(name, {}).get(key, 0.0)),
+                    }
                     for key, value in values.items()
                 }
                 for name, values in self.effects.items()
@@ -224,7 +236,9 @@ class Model:
             raise InputError(f"{self.origin}: history: nothing to undo")
         before = self.history[-1].get("undo")
         if not isinstance(before, dict):
-            raise InputError(f"{self.origin}: history.{len(self.history) - 1}.undo: missing; cannot be undone")
+            raise InputError(
+                f"{self.origin}: history.{len(self.history) - 1}.undo: missing; cannot be undone"
+            )
         content = {"schema": SCHEMA, "bench": self.bench_source, **before, "history": list(self.history[:-1])}
         return Model.from_mapping(content, self.origin)
 

@@ -71,7 +71,8 @@ def _check(windows: Windows, bench: Bench, where: str) -> None:
     tilt = float(np.abs(windows.mean_tilt).max())
     if tilt > 3.0 * bench.value("tilt_limit"):
         raise InputError(
-            f"{where}: tilt_x, tilt_y: {tilt:.3g} rad is out of range; allowed: up to {3 * bench.value('tilt_limit'):.3g} rad"
+            f"{where}: tilt_x, tilt_y: {tilt:.3g} rad is out of range; "
+            f"allowed: up to {3 * bench.value('tilt_limit'):.3g} rad"
         )
     speed = float(windows.mean_spin.max())
     if speed > 2.0 * bench.value("spin_rate_maximum"):

@@ -8,6 +8,7 @@ means, which leaves their noise simple.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -32,7 +33,9 @@ _SHORTEST = 0.16  # s
 _MIN_REVOLUTIONS = 3
 _ARC = 35.0 * DEG  # of a cone within one window
 _DEGREE = 5  # of the polynomials in time
-_SHORT = 0.5  # s; in windows shorter than this the spin angle is a cubic, which knows the acceleration far better
+_SHORT = (
+    0.5  # s; in windows shorter than this the spin angle is a cubic, which knows the acceleration far better
+)
 _MODULATION = 3  # terms of the polynomial in time of a harmonic's amplitude
 HARMONICS = (-2, -1, 1, 2)
 
@@ -188,7 +191,9 @@ def _spans_from_setpoints(data: Samples) -> list[tuple[float, float, int, float]
     for a, b in zip(np.r_[0, edges], np.r_[edges, len(key)], strict=True):
         if sp["phase"][a] != HOLD:
             continue
-        changed = a > 0 and abs(sp["spin_rate"][a] - sp["spin_rate"][max(a - round(0.5 / step), 0)]) > _SPEED_CHANGE
+        changed = (
+            a > 0 and abs(sp["spin_rate"][a] - sp["spin_rate"][max(a - round(0.5 / step), 0)]) > _SPEED_CHANGE
+        )
         settling = SPIN_SETTLING if changed else SETTLING
         speed = math.hypot(sp["tilt_rate_x"][a], sp["tilt_rate_y"][a])
         radius = math.hypot(sp["tilt_x"][a], sp["tilt_y"][a])
@@ -200,7 +205,7 @@ def _spans_from_setpoints(data: Samples) -> list[tuple[float, float, int, float]
 def _spans_from_motion(data: Samples) -> list[tuple[float, float, int, float]]:
     """Find steady motion by itself: the tilt rate and the spin acceleration change little over 0.25 s."""
     h = float(np.median(np.diff(data.time)))
-    block = max(int(round(0.05 / h)), 1)
+    block = max(round(0.05 / h), 1)
     n = len(data.time) // block
     if n < 10:
         return []
@@ -247,10 +252,16 @@ def reduce(data: Samples, bench: Bench) -> Windows:
             if not speed > 0.0:
                 continue
             # short enough that the cone bends little, long enough for whole revolutions
-            longest = min(_LONGEST, max(_ARC / turn, _SHORTEST, (_MIN_REVOLUTIONS + 1) * 2.0 * math.pi / speed))
-        count = max(math.floor((stop - start) / longest), 1) if turn else max(math.ceil((stop - start) / longest - 1e-6), 1)
+            longest = min(
+                _LONGEST, max(_ARC / turn, _SHORTEST, (_MIN_REVOLUTIONS + 1) * 2.0 * math.pi / speed)
+            )
+        count = (
+            max(math.floor((stop - start) / longest), 1)
+            if turn
+            else max(math.ceil((stop - start) / longest - 1e-6), 1)
+        )
         edges = np.linspace(start, stop, count + 1)
-        for a, b in zip(edges[:-1], edges[1:], strict=True):
+        for a, b in itertools.pairwise(edges):
             i, j = np.searchsorted(data.time, (a - 1e-9, b - 1e-9))
             row = _window(data, int(i), int(j), h, bench)
             if row is not None:
@@ -260,7 +271,12 @@ def reduce(data: Samples, bench: Bench) -> Windows:
     columns = {name: np.array([row[name] for row in rows]) for name in names}
     if not rows:
         harmonics = (0, len(HARMONICS), _MODULATION)
-        shapes: dict[str, Any] = {"tilt": (0, _DEGREE + 1), "tilt_harmonics": harmonics, "spin": (0, _DEGREE), "current_harmonics": harmonics}
+        shapes: dict[str, Any] = {
+            "tilt": (0, _DEGREE + 1),
+            "tilt_harmonics": harmonics,
+            "spin": (0, _DEGREE),
+            "current_harmonics": harmonics,
+        }
         columns = {name: np.zeros(shapes.get(name, 0)) for name in names}
     return Windows(**columns)
 
@@ -279,11 +295,16 @@ def _window(data: Samples, i: int, j: int, h: float, bench: Bench) -> dict[str, 
     time, values = data.time[i:j], data.values[i:j]
     if len(time) < 0.7 * (time[-1] - time[0]) / h or time[-1] - time[0] < 0.5 * _SHORTEST:
         return None  # too many samples lost
-    begin, end = float(time[0]) - h, float(time[-1])  # a reading of a voltage is of the interval that ends with it
+    begin, end = (
+        float(time[0]) - h,
+        float(time[-1]),
+    )  # a reading of a voltage is of the interval that ends with it
     duration = end - begin
     x = (time - 0.5 * (begin + end)) / (0.5 * duration)
     powers = x[:, None] ** np.arange(_DEGREE + 1)
-    waves = (np.exp(1j * np.outer(angle, HARMONICS))[:, :, None] * powers[:, None, :_MODULATION]).reshape(len(x), -1)
+    waves = (np.exp(1j * np.outer(angle, HARMONICS))[:, :, None] * powers[:, None, :_MODULATION]).reshape(
+        len(x), -1
+    )
     design = np.hstack([powers, waves])
     degree = _DEGREE + 1
     # the smooth part of the speed comes from the angle, which knows its slope far better
@@ -299,7 +320,9 @@ def _window(data: Samples, i: int, j: int, h: float, bench: Bench) -> dict[str, 
     inverse = gram[:degree, :degree].real
     rise = _RISE / duration
     # mean of the second derivative of the angle: difference of its slope between the ends
-    slope = np.array([0.0 if k < 2 else k * (1.0 - (-1.0) ** (k - 1)) for k in range(smooth)]) * 2.0 / duration**2
+    slope = (
+        np.array([0.0 if k < 2 else k * (1.0 - (-1.0) ** (k - 1)) for k in range(smooth)]) * 2.0 / duration**2
+    )
     warm = np.polynomial.polynomial.polyfit(x, values[:, 8], 1)
     last = [e for e in data.environment if e.time <= begin + 1e-6]
     means = values.mean(axis=0)
@@ -321,7 +344,8 @@ def _window(data: Samples, i: int, j: int, h: float, bench: Bench) -> dict[str, 
         "up": last[-1].up if last else 1.0,
         "yaw": last[-1].yaw if last else 0.0,
         "tilt_rate_variance": float(rise @ inverse @ rise) * bench.value("tilt_noise") ** 2,
-        "spin_acceleration_variance": float(slope @ turning_gram[:smooth, :smooth].real @ slope) * bench.value("spin_angle_noise") ** 2,
+        "spin_acceleration_variance": float(slope @ turning_gram[:smooth, :smooth].real @ slope)
+        * bench.value("spin_angle_noise") ** 2,
     }
 
 
@@ -378,7 +402,10 @@ def planned_windows(plan: Plan, bench: Bench) -> Windows:
                     "up": s.environment.up,
                     "yaw": s.environment.yaw,
                     # the ends of a polynomial of this degree: see `_window`
-                    "tilt_rate_variance": 2.0 * (_DEGREE + 1) ** 2 / samples * (noise("tilt_noise") / duration) ** 2,
+                    "tilt_rate_variance": 2.0
+                    * (_DEGREE + 1) ** 2
+                    / samples
+                    * (noise("tilt_noise") / duration) ** 2,
                     "spin_acceleration_variance": 2.0
                     * (_DEGREE + 1) ** 5
                     / samples

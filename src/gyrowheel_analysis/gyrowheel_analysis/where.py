@@ -218,7 +218,9 @@ def _explained(values: Array, variable: Array) -> float:
     design = np.vander(x, 3)
     fitted = design @ np.linalg.lstsq(design, values, rcond=None)[0]
     # adjusted for the three terms, so that pure noise is credited with nothing
-    share = 1.0 - float(np.sum((values - fitted) ** 2)) / (len(values) - 3) / (float(np.var(values)) * len(values) / (len(values) - 1))
+    share = 1.0 - float(np.sum((values - fitted) ** 2)) / (len(values) - 3) / (
+        float(np.var(values)) * len(values) / (len(values) - 1)
+    )
     return max(share, 0.0)
 
 
@@ -234,7 +236,11 @@ def growth(data: TiltSpin) -> list[str]:
         sigma = 1.0 / math.sqrt(float(np.sum(g * np.abs(z) ** 2)))
         if abs(slope) > 6.0 * sigma:
             text = f"the tilt residual turns with the tilt, {_phase(slope)}, {abs(slope) * 1e3:.2g} mN·m/rad on average"
-            exponent = _exponent(w.mean_spin[tilted], (r * np.conj(z) * np.conj(slope)).real / np.abs(z) ** 2 / abs(slope), g * np.abs(z) ** 2)
+            exponent = _exponent(
+                w.mean_spin[tilted],
+                (r * np.conj(z) * np.conj(slope)).real / np.abs(z) ** 2 / abs(slope),
+                g * np.abs(z) ** 2,
+            )
             if exponent is not None:
                 text += f", and grows as speed^{exponent[0]:.1f}±{exponent[1]:.1f}"
             sentences.append(text)
@@ -261,7 +267,9 @@ def _exponent(speed: Array, size: Array, weight: Array) -> tuple[float, float] |
         return amplitude * (x / reference) ** n
 
     try:
-        (_, n), covariance = curve_fit(law, speed, size, p0=(float(np.median(size)), 1.0), sigma=1.0 / np.sqrt(weight), maxfev=2000)
+        (_, n), covariance = curve_fit(
+            law, speed, size, p0=(float(np.median(size)), 1.0), sigma=1.0 / np.sqrt(weight), maxfev=2000
+        )
     except RuntimeError:
         return None
     error = float(np.sqrt(covariance[1, 1]))

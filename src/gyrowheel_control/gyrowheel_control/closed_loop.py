@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -94,7 +95,7 @@ def simulate(
     # an environment holds from the first sample that is not before it
     changes = [(-(-round(e.time * 1e9) // period_ns), e) for e in plan.environment()]
     edges = sorted({0, n, *(k for k, _ in changes if k < n), *range(0, n, _CHUNK)})
-    for start, stop in zip(edges[:-1], edges[1:], strict=True):
+    for start, stop in itertools.pairwise(edges):
         for k, event in changes:
             if k == start:
                 machine.set_environment(event)

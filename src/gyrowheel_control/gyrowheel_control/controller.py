@@ -134,7 +134,7 @@ class Controller:
             Time of the sample minus time of the setpoint [s]; the setpoint is continued by its rates.
         """
         x, y, x_rate, y_rate, spin, acceleration = setpoint
-        return self._update(  # type: ignore[no-any-return]
+        return self._update(
             self._parameters, self._state, measurement[0], measurement[1], measurement[3],
             x + x_rate * age_s, y + y_rate * age_s, x_rate, y_rate, spin + acceleration * age_s, acceleration,
         )  # fmt: skip

@@ -133,16 +133,24 @@ def closed_loop(
             plant_measure(p, coef, active, env, state, 0.0, held[0], held[1], held[2], noise[i], out)
         else:
             # the command of the sample before, computed below, waits in command[i - 1] or in s[10:13]
-            plant_advance(
-                p, coef, active, env, state, held, (k - 1) * h, s[10], s[11], s[12], noise[i], out
-            )
+            plant_advance(p, coef, active, env, state, held, (k - 1) * h, s[10], s[11], s[12], noise[i], out)
         now = k * period
         while row + 1 < len(stamps) and stamps[row + 1] <= now:
             row += 1
         age = (now - stamps[row]) * 1e-9
         r = setpoints[row]
         vx, vy, vm = controller_update(
-            c, s, out[0], out[1], out[3], r[0] + r[2] * age, r[1] + r[3] * age, r[2], r[3], r[4] + r[5] * age, r[5]
+            c,
+            s,
+            out[0],
+            out[1],
+            out[3],
+            r[0] + r[2] * age,
+            r[1] + r[3] * age,
+            r[2],
+            r[3],
+            r[4] + r[5] * age,
+            r[5],
         )
         s[10] = vx
         s[11] = vy

@@ -250,7 +250,9 @@ class Plan:
                 abs(s.spin - s.spin_from) / s.ramp,
                 abs(s.spin_end - s.spin) / s.hold,
             )
-            volts = v("motor_constant") * top + v("motor_resistance") * axial * acceleration / v("motor_constant")
+            volts = v("motor_constant") * top + v("motor_resistance") * axial * acceleration / v(
+                "motor_constant"
+            )
             if volts > 0.95 * v("supply_voltage"):
                 raise InputError(
                     f"{where}: {acceleration / RPM:.0f} rpm/s at {top / RPM:.0f} rpm needs {volts:.1f} V of the motor; "
@@ -318,7 +320,7 @@ def _segments(content: PlanFile, origin: str) -> Iterator[Segment]:
             tilts = [(block.cone_radius_deg, 0.0)]
         else:
             tilts = [block.tilt_deg]
-        shuffler = random.Random(block.shuffle_seed)  # noqa: S311  (an order of tests, not a secret)
+        shuffler = random.Random(block.shuffle_seed)
         for _, rpm in itertools.product(range(block.repeat), speeds):
             order = list(tilts)
             if block.shuffle_seed is not None:

@@ -20,16 +20,56 @@ from gyrowheel_sim.errors import InputError
 SCHEMA = 1
 #: Parameters that must be greater than zero for the equations to make sense.
 _POSITIVE = frozenset(
-    """rotor_inertia_x rotor_inertia_y rotor_inertia_z shaft_inertia flexure_stiffness_x flexure_stiffness_y
-    coil_constant coil_voltage_limit coil_resistance coil_heat_capacity coil_thermal_resistance motor_constant
-    motor_resistance supply_voltage tilt_scale sample_period drift_time air_temperature air_density_reference
-    gas_constant spin_rate_reference tilt_reference tilt_limit spin_rate_minimum spin_rate_maximum""".split()
+    [
+        "rotor_inertia_x",
+        "rotor_inertia_y",
+        "rotor_inertia_z",
+        "shaft_inertia",
+        "flexure_stiffness_x",
+        "flexure_stiffness_y",
+        "coil_constant",
+        "coil_voltage_limit",
+        "coil_resistance",
+        "coil_heat_capacity",
+        "coil_thermal_resistance",
+        "motor_constant",
+        "motor_resistance",
+        "supply_voltage",
+        "tilt_scale",
+        "sample_period",
+        "drift_time",
+        "air_temperature",
+        "air_density_reference",
+        "gas_constant",
+        "spin_rate_reference",
+        "tilt_reference",
+        "tilt_limit",
+        "spin_rate_minimum",
+        "spin_rate_maximum",
+    ]
 )
 _NOT_NEGATIVE = frozenset(
-    """gimbal_inertia_x gimbal_inertia_y gimbal_inertia_z flexure_damping_x flexure_damping_y bearing_coulomb
-    bearing_viscous tilt_noise spin_angle_noise spin_rate_noise coil_voltage_noise motor_voltage_noise
-    motor_current_noise temperature_noise pressure_noise coil_voltage_drift motor_voltage_drift
-    motor_current_drift air_pressure""".split()
+    [
+        "gimbal_inertia_x",
+        "gimbal_inertia_y",
+        "gimbal_inertia_z",
+        "flexure_damping_x",
+        "flexure_damping_y",
+        "bearing_coulomb",
+        "bearing_viscous",
+        "tilt_noise",
+        "spin_angle_noise",
+        "spin_rate_noise",
+        "coil_voltage_noise",
+        "motor_voltage_noise",
+        "motor_current_noise",
+        "temperature_noise",
+        "pressure_noise",
+        "coil_voltage_drift",
+        "motor_voltage_drift",
+        "motor_current_drift",
+        "air_pressure",
+    ]
 )
 
 
@@ -200,7 +240,12 @@ class Bench:
                 "name": self.name,
                 "title": self.title,
                 "parameters": {
-                    p.name: {"value": p.value, "unit": p.unit, "uncertainty": p.uncertainty, "source": p.source}
+                    p.name: {
+                        "value": p.value,
+                        "unit": p.unit,
+                        "uncertainty": p.uncertainty,
+                        "source": p.source,
+                    }
                     for p in self.parameters.values()
                 },
             },
@@ -234,7 +279,9 @@ def _default_names() -> tuple[str, ...]:
 def _parameter(name: str, entry: Any, origin: str) -> Parameter:
     where = f"{origin}: parameters"
     if not isinstance(entry, dict):
-        raise InputError(f"{where}.{name}: {entry!r} is not a mapping with value, unit, uncertainty and source")
+        raise InputError(
+            f"{where}.{name}: {entry!r} is not a mapping with value, unit, uncertainty and source"
+        )
     unknown = set(entry) - {"value", "unit", "uncertainty", "source", "description", "group"}
     if unknown:
         raise InputError(f"{where}.{name}.{sorted(map(str, unknown))[0]}: no such field")
@@ -251,7 +298,9 @@ def _parameter(name: str, entry: Any, origin: str) -> Parameter:
     try:
         uncertainty = float(str(raw).strip().removesuffix("%")) * (abs(value) / 100.0 if relative else 1.0)
     except ValueError:
-        raise InputError(f"{where}.{name}.uncertainty: {raw!r} is neither a number nor a percentage") from None
+        raise InputError(
+            f"{where}.{name}.uncertainty: {raw!r} is neither a number nor a percentage"
+        ) from None
     if not math.isfinite(uncertainty) or uncertainty < 0.0:
         raise InputError(f"{where}.{name}.uncertainty: {raw!r} is out of range; allowed: >= 0")
     return Parameter(

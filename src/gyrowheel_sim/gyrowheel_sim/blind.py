@@ -73,9 +73,7 @@ def draw(bench: Bench, seed: int, *, kinds: Sequence[Kind] = tuple(KINDS)) -> Sc
     return Scenario(values=values, effects=effects, noise_seed=seed)
 
 
-def reuse_or_draw(
-    bench: Bench, key: Path, seed: int, *, kinds: Sequence[Kind] = tuple(KINDS)
-) -> Scenario:
+def reuse_or_draw(bench: Bench, key: Path, seed: int, *, kinds: Sequence[Kind] = tuple(KINDS)) -> Scenario:
     """Return the machine of a key file, or draw one and write the key file; the noise takes `seed` in both cases.
 
     Raises

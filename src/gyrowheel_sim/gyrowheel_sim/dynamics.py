@@ -9,7 +9,6 @@ while the components (n_x, n_y) of the spin axis along the case axes stand still
 All functions take scalars inside compiled code and arrays of any equal shape outside it.
 """
 
-# ruff: noqa: N803, N806  (capital letters as in the equations)
 from __future__ import annotations
 
 from typing import Any, NamedTuple
@@ -41,7 +40,18 @@ def case_to_joint(nx: Any, ny: Any, nx_rate: Any, ny_rate: Any, sz: Any, cz: Any
 
 @register_jitable
 def case_accelerations(
-    sx: Any, cx: Any, sy: Any, cy: Any, wx: Any, wy: Any, sz: Any, cz: Any, Omega: Any, ax: Any, ay: Any, az: Any
+    sx: Any,
+    cx: Any,
+    sy: Any,
+    cy: Any,
+    wx: Any,
+    wy: Any,
+    sz: Any,
+    cz: Any,
+    Omega: Any,
+    ax: Any,
+    ay: Any,
+    az: Any,
 ) -> Any:
     """Return (n_x'', n_y'') in the case frame from joint rates (wx, wy, Omega) and accelerations (ax, ay, az)."""
     mx = sy
@@ -90,14 +100,17 @@ def inertia_terms(
     e = Igz - Igy - Iry + Irx * sy * sy + Irz * cy * cy
     f1 = -(d * c2y - Iry) * cx * wz * wy - e * 0.5 * s2x * wz * wz - d * s2y * wx * wy
     f2 = d * 0.5 * s2y * wx * wx + (d * c2y - Iry) * cx * wz * wx - d * cx * cx * 0.5 * s2y * wz * wz
-    f3 = e * s2x * wx * wz - (d * c2y + Iry) * cx * wx * wy + d * sx * sy * cy * wx * wx + d * cx * cx * s2y * wy * wz
+    f3 = (
+        e * s2x * wx * wz
+        - (d * c2y + Iry) * cx * wx * wy
+        + d * sx * sy * cy * wx * wx
+        + d * cx * cx * s2y * wy * wz
+    )
     return m11, m13, m22, m23, m33, f1, f2, f3
 
 
 @register_jitable
-def joint_accelerations(
-    m11: Any, m13: Any, m22: Any, m23: Any, m33: Any, b1: Any, b2: Any, b3: Any
-) -> Any:
+def joint_accelerations(m11: Any, m13: Any, m22: Any, m23: Any, m33: Any, b1: Any, b2: Any, b3: Any) -> Any:
     """Solve M a = b for the mass matrix of eq (6) (its element 12 is zero)."""
     # eliminate the first two unknowns: a1 = (b1 - m13 a3) / m11, a2 = (b2 - m23 a3) / m22
     a3 = (b3 - m13 * b1 / m11 - m23 * b2 / m22) / (m33 - m13 * m13 / m11 - m23 * m23 / m22)
@@ -181,9 +194,9 @@ def inverse(motion: Spin, inertias: tuple[Any, Any, Any, Any, Any, Any, Any]) ->
     m, m_rate = turn * n, turn * (n_rate - 1j * motion.rate * n)
     m_acc = turn * n_acc - 2j * motion.rate * m_rate - 1j * motion.acceleration * m + motion.rate**2 * m
     ay = (m_acc.real + sy * wy * wy) / cy
-    ax = (
-        sx * cy * wx * wx + 2.0 * cx * sy * wx * wy + sx * sy * ay + sx * cy * wy * wy - m_acc.imag
-    ) / (cx * cy)
+    ax = (sx * cy * wx * wx + 2.0 * cx * sy * wx * wy + sx * sy * ay + sx * cy * wy * wy - m_acc.imag) / (
+        cx * cy
+    )
     az = motion.acceleration
     m11, m13, m22, m23, m33, f1, f2, f3 = inertia_terms(sx, cx, sy, cy, wx, wy, motion.rate, *inertias)
     inertial = (m11 * ax + m13 * az - f1, m22 * ay + m23 * az - f2, m13 * ax + m23 * ay + m33 * az - f3)

@@ -49,7 +49,9 @@ class Environment:
         ):
             value = getattr(self, name)
             if not isinstance(value, int | float) or not low <= value <= high or math.isnan(value):
-                raise InputError(f"environment.{name}: {value!r} is out of range; allowed: {low:g} .. {high:g}")
+                raise InputError(
+                    f"environment.{name}: {value!r} is out of range; allowed: {low:g} .. {high:g}"
+                )
 
     @property
     def up(self) -> float:
@@ -76,4 +78,6 @@ def from_json(text: str) -> list[Environment]:
     except (ValueError, TypeError) as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(f"environment: not a list of environments ({' '.join(str(error).split())})") from None
+        raise InputError(
+            f"environment: not a list of environments ({' '.join(str(error).split())})"
+        ) from None

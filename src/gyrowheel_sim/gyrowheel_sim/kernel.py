@@ -22,7 +22,8 @@ from gyrowheel_sim.effects.no_laws import evaluate_laws
 
 # --- kernel ---
 
-N_STATE = 12  # n_x, n_y, n_x', n_y', theta_z, Omega, T_coil, p_air, drift of coil x, coil y, motor voltage, motor current
+# n_x, n_y, n_x', n_y', theta_z, Omega, T_coil, p_air, drifts of coil x, coil y, motor voltage and motor current
+N_STATE = 12
 N_NOISE = 15  # 11 readings, 4 drifts
 N_MEASUREMENT = 11
 
@@ -89,15 +90,63 @@ def plant_step(
     g = 0.5 * h
     ux2, uy2, w2 = ux + g * k1x, uy + g * k1y, w + g * k1w
     k2x, k2y, k2w = plant_rates(
-        p, coef, active, up, t + g, rho, T_coil, T_air, vx, vy, vm, x + g * ux, y + g * uy, ux2, uy2, a + g * w, w2
+        p,
+        coef,
+        active,
+        up,
+        t + g,
+        rho,
+        T_coil,
+        T_air,
+        vx,
+        vy,
+        vm,
+        x + g * ux,
+        y + g * uy,
+        ux2,
+        uy2,
+        a + g * w,
+        w2,
     )
     ux3, uy3, w3 = ux + g * k2x, uy + g * k2y, w + g * k2w
     k3x, k3y, k3w = plant_rates(
-        p, coef, active, up, t + g, rho, T_coil, T_air, vx, vy, vm, x + g * ux2, y + g * uy2, ux3, uy3, a + g * w2, w3
+        p,
+        coef,
+        active,
+        up,
+        t + g,
+        rho,
+        T_coil,
+        T_air,
+        vx,
+        vy,
+        vm,
+        x + g * ux2,
+        y + g * uy2,
+        ux3,
+        uy3,
+        a + g * w2,
+        w3,
     )
     ux4, uy4, w4 = ux + h * k3x, uy + h * k3y, w + h * k3w
     k4x, k4y, k4w = plant_rates(
-        p, coef, active, up, t + h, rho, T_coil, T_air, vx, vy, vm, x + h * ux3, y + h * uy3, ux4, uy4, a + h * w3, w4
+        p,
+        coef,
+        active,
+        up,
+        t + h,
+        rho,
+        T_coil,
+        T_air,
+        vx,
+        vy,
+        vm,
+        x + h * ux3,
+        y + h * uy3,
+        ux4,
+        uy4,
+        a + h * w3,
+        w4,
     )
     s = h / 6.0
     state[0] = x + s * (ux + 2.0 * ux2 + 2.0 * ux3 + ux4)
@@ -121,7 +170,17 @@ PUMP_TIME = 0.3  # s; the case holds 0.3 litre of air
 
 @njit(cache=True, error_model="numpy")
 def plant_measure(
-    p: Any, coef: Any, active: Any, env: Any, state: Any, t: float, vx: float, vy: float, vm: float, noise: Any, out: Any
+    p: Any,
+    coef: Any,
+    active: Any,
+    env: Any,
+    state: Any,
+    t: float,
+    vx: float,
+    vy: float,
+    vm: float,
+    noise: Any,
+    out: Any,
 ) -> None:
     """Write one sample of every sensor into `out` (11 values), advancing the slow drifts in `state`."""
     a = math.exp(-p.sample_period / p.drift_time)
@@ -148,7 +207,9 @@ def plant_measure(
     out[4] = vx + state[8] + p.coil_voltage_noise * noise[4]
     out[5] = vy + state[9] + p.coil_voltage_noise * noise[5]
     out[6] = vm + state[10] + p.motor_voltage_noise * noise[6]
-    out[7] = (vm - p.motor_constant * Omega) / p.motor_resistance + state[11] + p.motor_current_noise * noise[7]
+    out[7] = (
+        (vm - p.motor_constant * Omega) / p.motor_resistance + state[11] + p.motor_current_noise * noise[7]
+    )
     out[8] = T_coil + p.temperature_bias + p.temperature_noise * noise[8]
     out[9] = T_air + p.temperature_noise * noise[9]
     out[10] = state[7] + p.pressure_bias + p.pressure_noise * noise[10]

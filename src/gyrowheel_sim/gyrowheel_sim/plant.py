@@ -126,7 +126,9 @@ class Machine:
         initial_spin_rate: float,
         effects: Sequence[Effect] | None = None,
     ) -> None:
-        if not math.isfinite(initial_spin_rate) or not 0.0 <= initial_spin_rate <= 1.2 * bench.value("spin_rate_maximum"):
+        if not math.isfinite(initial_spin_rate) or not 0.0 <= initial_spin_rate <= 1.2 * bench.value(
+            "spin_rate_maximum"
+        ):
             raise InputError(
                 f"initial_spin_rate: {initial_spin_rate:g} is out of range; "
                 f"allowed: 0 .. {1.2 * bench.value('spin_rate_maximum'):.0f} rad/s"
@@ -134,7 +136,9 @@ class Machine:
         true = bench.with_values(scenario.values, where="scenario.values")
         library = simulated_effects() if effects is None else tuple(effects)
         self.parameters = PlantParameters.of(true)
-        self.coefficients, self.active = coefficient_arrays(library, _checked(scenario.effects, library), bench)
+        self.coefficients, self.active = coefficient_arrays(
+            library, _checked(scenario.effects, library), bench
+        )
         self.state = np.zeros(N_STATE)
         self.state[5] = initial_spin_rate
         self.state[6] = true.value("air_temperature")
@@ -199,7 +203,15 @@ class Plant:
         m = self.machine
         self._apply_events()
         self._code.plant_measure(
-            m.parameters, m.coefficients, m.active, m.environment, m.state, 0.0, *m.held, self._next_noise(), self._out
+            m.parameters,
+            m.coefficients,
+            m.active,
+            m.environment,
+            m.state,
+            0.0,
+            *m.held,
+            self._next_noise(),
+            self._out,
         )
         return self._out
 
@@ -211,7 +223,9 @@ class Plant:
         InputError
             If a voltage is not finite. Voltages beyond the limits of the bench are held at the limits.
         """
-        if not (math.isfinite(coil_voltage_x) and math.isfinite(coil_voltage_y) and math.isfinite(motor_voltage)):
+        if not (
+            math.isfinite(coil_voltage_x) and math.isfinite(coil_voltage_y) and math.isfinite(motor_voltage)
+        ):
             raise InputError(
                 f"command for sample {self.sequence}: coil_voltage_x {coil_voltage_x}, coil_voltage_y "
                 f"{coil_voltage_y}, motor_voltage {motor_voltage}: every voltage must be finite"
@@ -232,7 +246,16 @@ class Plant:
 
     def truth(self) -> dict[str, Any]:
         """Return the true state: spin axis, rates, temperatures, drift (for `/gyrowheel/truth` and tests)."""
-        names = "n_x n_y n_x_rate n_y_rate spin_angle spin_rate coil_temperature air_pressure".split()
+        names = [
+            "n_x",
+            "n_y",
+            "n_x_rate",
+            "n_y_rate",
+            "spin_angle",
+            "spin_rate",
+            "coil_temperature",
+            "air_pressure",
+        ]
         return dict(zip(names, self.machine.state.tolist(), strict=False))
 
     def _apply_events(self) -> None:

@@ -1,4 +1,4 @@
-"""Weighted least squares of a model on the rows of recordings, with the bench's uncertain parameters always fitted along."""
+"""Weighted least squares of a model on the rows of recordings, the bench's uncertain parameters fitted along."""
 
 from __future__ import annotations
 
@@ -157,7 +157,9 @@ class Problem:
             if name in self.known and error > 0.0
         ]
         groups = bench.groups()
-        self.nuisances: list[tuple[str, list[Parameter]]] = [(g, groups[g]) for g in NUISANCE_GROUPS if g in groups]
+        self.nuisances: list[tuple[str, list[Parameter]]] = [
+            (g, groups[g]) for g in NUISANCE_GROUPS if g in groups
+        ]
         self.measured = np.concatenate([b.measured for b in self.balances])
         self.count = len(self.nuisances) + len(self._loose)
         self.base = self.predict(np.zeros(self.count), {})
@@ -260,7 +262,9 @@ class Problem:
         terms = tuple(terms)
         self.library.update({t.name: t.effect for t in terms if t.effect is not None})
         inverse, columns = self.prior(terms)
-        centre = np.concatenate([np.zeros(self.count), [self.null(t)[n] for t in terms for n in t.coefficients]])
+        centre = np.concatenate(
+            [np.zeros(self.count), [self.null(t)[n] for t in terms for n in t.coefficients]]
+        )
         x = centre.copy()
         if start is not None:
             x[: self.count] = start.nuisance
@@ -299,7 +303,16 @@ class Problem:
         scaled = design / size
         covariance = np.linalg.pinv(scaled.T @ scaled, rcond=1e-13) / np.outer(size, size)
         return Fit(
-            terms, x[: self.count].copy(), coefficients, chi2, chi2_rows, covariance, columns, residual, pull, jacobian
+            terms,
+            x[: self.count].copy(),
+            coefficients,
+            chi2,
+            chi2_rows,
+            covariance,
+            columns,
+            residual,
+            pull,
+            jacobian,
         )
 
     def _unpack(self, x: Array, terms: Sequence[Term]) -> EffectValues:
@@ -332,7 +345,9 @@ class Problem:
         width = [1.0] * self.count + [self.scale(t, name) for t in fit.terms for name in t.coefficients]
         offset = np.concatenate([fit.nuisance, [fit.coefficients[t][name] for t, name in fit.columns]])
         # the rows as they would be with everything at its prior centre, to first order
-        centre = np.concatenate([np.zeros(self.count), [self.null(t)[n] for t in fit.terms for n in t.coefficients]])
+        centre = np.concatenate(
+            [np.zeros(self.count), [self.null(t)[n] for t in fit.terms for n in t.coefficients]]
+        )
         rows = fit.residual + fit.jacobian @ (offset - centre)
         return self.noise.best_scales(rows, fit.jacobian * np.array(width))[1]
 

@@ -51,7 +51,9 @@ class Proposal:
 
 def _amplitude(name: str, target: Target) -> Coefficient:
     size = (1.0e-4, 2.0e-3) if target == "rotor_torque" else (5.0e-5, 1.0e-3)
-    return Coefficient(name, "N*m", "size at the reference tilt and speed", size, (-1.0, 1.0), "fitted", signed=True)
+    return Coefficient(
+        name, "N*m", "size at the reference tilt and speed", size, (-1.0, 1.0), "fitted", signed=True
+    )
 
 
 def _form(name: str, sentence: str, target: Target, shape: sp.Expr, *shapes: Coefficient) -> Term:
@@ -72,7 +74,14 @@ def _form(name: str, sentence: str, target: Target, shape: sp.Expr, *shapes: Coe
 
 def _shape(name: str, value: float, spread: float, description: str) -> Coefficient:
     return Coefficient(
-        name, "1", description, (value - spread, value + spread), (0.01, 3.0), "fitted", shape=value, shape_uncertainty=spread
+        name,
+        "1",
+        description,
+        (value - spread, value + spread),
+        (0.01, 3.0),
+        "fitted",
+        shape=value,
+        shape_uncertainty=spread,
     )
 
 
@@ -93,10 +102,23 @@ def forms() -> tuple[Term, ...]:
         result.append(_form(f"power_{k}_{q}", text, "rotor_torque", _u * _size ** (k - 1) * _r**q))
     for centre in (0.3, 0.37, 0.45, 0.53, 0.6, 0.68, 0.76, 0.84, 0.92, 1.0, 1.08):
         bump = sp.exp(-(((_r - _p) / _w) ** 2))
-        shapes = (_shape("p", centre, 0.05, "speed of the bump"), _shape("w", 0.12, 0.03, "width of the bump"))
+        shapes = (
+            _shape("p", centre, 0.05, "speed of the bump"),
+            _shape("w", 0.12, 0.03, "width of the bump"),
+        )
         where = f"{centre:g} of the reference speed"
-        result.append(_form(f"tilt_bump_{centre:g}", f"torque along the tilt near {where}", "rotor_torque", bump * _u, *shapes))
-        result.append(_form(f"spin_bump_{centre:g}", f"torque on the spin near {where}", "shaft_torque", bump, *shapes))
+        result.append(
+            _form(
+                f"tilt_bump_{centre:g}",
+                f"torque along the tilt near {where}",
+                "rotor_torque",
+                bump * _u,
+                *shapes,
+            )
+        )
+        result.append(
+            _form(f"spin_bump_{centre:g}", f"torque on the spin near {where}", "shaft_torque", bump, *shapes)
+        )
     for edge in (0.2, 0.3, 0.4, 0.45, 0.5, 0.55, 0.6, 0.65):
         zone = sp.Max(_size - _p, 0) * _u / (_size + sp.Float(1e-9))
         begins = _shape("p", edge, 0.04, "tilt where it begins")

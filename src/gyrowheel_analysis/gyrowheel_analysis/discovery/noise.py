@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,12 @@ from gyrowheel_analysis.balance import CHANNELS, Balance
 Array = NDArray[np.float64]
 
 #: Drifts that are scaled together: the coils are alike.
-SOURCES = {"tilt_x": "coil_voltage", "tilt_y": "coil_voltage", "spin": "motor_current", "motor_voltage": "motor_voltage"}
+SOURCES = {
+    "tilt_x": "coil_voltage",
+    "tilt_y": "coil_voltage",
+    "spin": "motor_current",
+    "motor_voltage": "motor_voltage",
+}
 #: Accuracy of the balance itself, measured against the full simulation on every shipped plan: part of the torque of
 #: the row, and a constant part [N m].
 MODEL_RELATIVE = 5.0e-4
@@ -54,7 +60,7 @@ class Noise:
             for balance, rows in zip(balances, predicted, strict=True)
         ]
         self.scales = dict.fromkeys(SOURCES.values(), 1.0)
-        self._factors: list[list[Array]] = []
+        self._factors: list[list[Any]] = []
         self._factorise()
 
     def _factorise(self) -> None:
@@ -77,7 +83,11 @@ class Noise:
         """Return the standard deviation of every row [unit of the row]."""
         return np.sqrt(
             np.concatenate(
-                [np.diag(c[name].covariance(self.scales[SOURCES[name]])) for c in self.channels for name in CHANNELS]
+                [
+                    np.diag(c[name].covariance(self.scales[SOURCES[name]]))
+                    for c in self.channels
+                    for name in CHANNELS
+                ]
             )
         )
 
@@ -122,8 +132,12 @@ class Noise:
             return log_det + float(residual @ cho_solve(factor, residual, check_finite=False)) + penalty
 
         bounds = [(float(np.log(_SCALE_BOUNDS[0])), float(np.log(_SCALE_BOUNDS[1])))] * len(names)
-        best = minimize(cost, np.full(len(names), 0.05), bounds=bounds, method="L-BFGS-B", options={"maxiter": 30})
-        return {name: float(np.exp(value)) for name, value in zip(names, best.x, strict=True)}, float(best.fun)
+        best = minimize(
+            cost, np.full(len(names), 0.05), bounds=bounds, method="L-BFGS-B", options={"maxiter": 30}
+        )
+        return {name: float(np.exp(value)) for name, value in zip(names, best.x, strict=True)}, float(
+            best.fun
+        )
 
 
 def _channel(balance: Balance, predicted: Array, name: str) -> ChannelNoise:
@@ -132,7 +146,9 @@ def _channel(balance: Balance, predicted: Array, name: str) -> ChannelNoise:
     if name in ("tilt_x", "tilt_y"):
         momentum = (v("rotor_inertia_z") + 0.5 * v("gimbal_inertia_z")) * w.mean_spin
         slew = momentum * np.abs(w.mean_tilt_rate)
-        white = (v("coil_constant") * v("coil_voltage_noise")) ** 2 / w.samples + momentum**2 * w.tilt_rate_variance
+        white = (
+            v("coil_constant") * v("coil_voltage_noise")
+        ) ** 2 / w.samples + momentum**2 * w.tilt_rate_variance
         size, level = np.maximum(rows, slew), v("coil_constant") * v("coil_voltage_drift")
         floor = MODEL_ABSOLUTE**2 + (MODEL_RELATIVE * size) ** 2
     else:

@@ -1,10 +1,11 @@
-"""What a test plan would show before it is run: planned windows, detection limits, the test that separates two terms."""
+"""What a test plan would show before it is run: detection limits, and the test that separates two terms."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,7 +19,16 @@ from gyrowheel_sim.errors import InputError
 Array = NDArray[np.float64]
 
 #: Plans that are offered as the next test.
-SEPARATING_PLANS = ("air_density", "inverted", "preheat", "cone", "coast_down", "survey", "paper_speed", "paper_tilt")
+SEPARATING_PLANS = (
+    "air_density",
+    "inverted",
+    "preheat",
+    "cone",
+    "coast_down",
+    "survey",
+    "paper_speed",
+    "paper_tilt",
+)
 #: A separation that settles a tie.
 SETTLED = 25.0
 
@@ -68,7 +78,9 @@ class Planner:
             except InputError:
                 return None  # this bench cannot run it
             self._minutes[name] = plan.duration / 60.0
-            self._problems[name] = Problem([Balance(planned_windows(plan, bench), bench)], bench, self._problem.known)
+            self._problems[name] = Problem(
+                [Balance(planned_windows(plan, bench), bench)], bench, self._problem.known
+            )
         return self._problems[name]
 
     def separation(self, truth: Term, fit: Fit, rival: Term | None, plan: str) -> Separation | None:
@@ -92,7 +104,10 @@ class Planner:
             others = []
             if rival is not None:
                 others.append(problem.term_jacobian(rival, nuisance, without, at)[:, : len(rival.amplitudes)])
-            others += [problem.term_jacobian(t, nuisance, fit.coefficients, rows)[:, : len(t.amplitudes)] for t in rest]
+            others += [
+                problem.term_jacobian(t, nuisance, fit.coefficients, rows)[:, : len(t.amplitudes)]
+                for t in rest
+            ]
             designs.append(white(np.hstack([problem.base_jacobian[:, : len(problem.nuisances)], *others])))
         count = len(self._problem.nuisances)
         prior = np.zeros((count, designs[0].shape[1]))
@@ -113,13 +128,17 @@ class Planner:
         terms = (*self._fit.terms, term)
         _, columns = self._problem.prior(terms)
         assumed = replace(self._fit, terms=terms, coefficients=coefficients, columns=columns)
-        found = [s for plan in SEPARATING_PLANS if (s := self.separation(term, assumed, None, plan)) is not None]
+        found = [
+            s for plan in SEPARATING_PLANS if (s := self.separation(term, assumed, None, plan)) is not None
+        ]
         settling = [s for s in found if s.expected >= SETTLED]
         return max(settling or found, key=lambda s: s.expected / s.minutes, default=None)
 
     def best(self, truth: Term, fit: Fit, rival: Term) -> Separation | None:
         """Return the plan that separates two terms best a minute, among those that settle it; else the strongest."""
-        found = [s for plan in SEPARATING_PLANS if (s := self.separation(truth, fit, rival, plan)) is not None]
+        found = [
+            s for plan in SEPARATING_PLANS if (s := self.separation(truth, fit, rival, plan)) is not None
+        ]
         settling = [s for s in found if s.expected >= SETTLED]
         if settling:
             return max(settling, key=lambda s: s.expected / s.minutes)
@@ -165,4 +184,3 @@ def detection_limits(problem: Problem, fit: Fit, terms: Sequence[Term], inflatio
             norm = float(np.linalg.norm(columns[:, index]))
             limits.append(Limit(term, name, needed / norm if norm > 0.0 else math.inf))
     return limits
-

@@ -102,7 +102,9 @@ def select(problem: Problem, *, progress: Progress | None = None) -> Selection:
     refused: set[str] = set()
     inflation = 1.0
     while len(current.terms) < _MOST_TERMS:
-        ranking = rank(problem, current, [t for t in pool if t not in current.terms and t.name not in refused])
+        ranking = rank(
+            problem, current, [t for t in pool if t not in current.terms and t.name not in refused]
+        )
         tried = [
             (problem.fit((*current.terms, t), current), t)
             for gain, t in ranking[:_SHORTLIST]
@@ -158,7 +160,9 @@ def rank(problem: Problem, current: Fit, pool: Sequence[Term]) -> list[tuple[flo
     at = problem.measured - current.residual
     result = []
     for term in pool:
-        own = problem.term_jacobian(term, current.nuisance, current.coefficients, at)[:, : len(term.amplitudes)]
+        own = problem.term_jacobian(term, current.nuisance, current.coefficients, at)[
+            :, : len(term.amplitudes)
+        ]
         columns = np.vstack([problem.noise.whiten(own), np.zeros((padding, own.shape[1]))])
         total = np.linalg.norm(columns, axis=0)
         columns = columns - basis @ (basis.T @ columns)
@@ -252,7 +256,9 @@ def _survives_cross_validation(problem: Problem, without: Fit, with_: Fit, term:
     inverse_without, _ = problem.prior(without.terms)
     inverse_with, _ = problem.prior(with_.terms)
     amplitudes = [
-        problem.count + i for i, (name, key) in enumerate(with_.columns) if name == term.name and key in term.amplitudes
+        problem.count + i
+        for i, (name, key) in enumerate(with_.columns)
+        if name == term.name and key in term.amplitudes
     ]
     # linear models about the two fits; the rows are whitened once, so that a group's drift is judged with the rest
     pairs = [
@@ -270,7 +276,9 @@ def _survives_cross_validation(problem: Problem, without: Fit, with_: Fit, term:
                 normal = design[keep].T @ design[keep] + np.diag(inverse**2)
                 scale = np.sqrt(np.diag(normal))
                 scale[scale == 0.0] = 1.0
-                covariance = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale)
+                covariance = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-12) / np.outer(
+                    scale, scale
+                )
                 # the residual belongs to the full fit, whose pulls balance its gradient
                 shift = -covariance @ (design[mask].T @ residual[mask])
                 left_out = residual[mask] - design[mask] @ shift

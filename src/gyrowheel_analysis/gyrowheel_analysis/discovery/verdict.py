@@ -1,4 +1,4 @@
-"""The diagnosis of recordings: verdict, evidence, ties with the test that separates them, and the error with and without."""
+"""The diagnosis of recordings: verdict, evidence, ties with the test that separates them, the error that falls."""
 
 from __future__ import annotations
 
@@ -180,7 +180,8 @@ class Diagnosis:
 
         def coefficients(values: dict[str, Estimate]) -> dict[str, Any]:
             return {
-                name: {"value": e.value, "standard_error": e.standard_error, "unit": e.unit} for name, e in values.items()
+                name: {"value": e.value, "standard_error": e.standard_error, "unit": e.unit}
+                for name, e in values.items()
             }
 
         return {
@@ -207,7 +208,11 @@ class Diagnosis:
                 for e in self.effects
             ],
             "free_form": [
-                {"formula": f.formula, "delta_chi2": f.delta_chi2, "coefficients": coefficients(f.coefficients)}
+                {
+                    "formula": f.formula,
+                    "delta_chi2": f.delta_chi2,
+                    "coefficients": coefficients(f.coefficients),
+                }
                 for f in self.free_form
             ],
             "error": None if self.error is None else self.error.to_json(),
@@ -286,7 +291,10 @@ def diagnose(
         selection = _with_proposal(problem, selection, proposal)
     best = proposal.fit if proposal else selection.best
     data = tilt_and_spin(
-        problem.balances, concatenate([b.windows for b in problem.balances]), selection.null.residual, problem.noise.deviation()
+        problem.balances,
+        concatenate([b.windows for b in problem.balances]),
+        selection.null.residual,
+        problem.noise.deviation(),
     )
     say("judging ties, limits and the next test")
     planner = Planner(problem, best)
@@ -332,7 +340,8 @@ def _with_proposal(problem: Problem, selection: Selection, proposal: Proposal) -
     jacobian = proposal.fit.jacobian
     width = [1.0] * problem.count + [problem.scale(t, n) for t in proposal.fit.terms for n in t.coefficients]
     scales, _ = problem.noise.best_scales(
-        proposal.fit.residual + jacobian[:, : problem.count] @ proposal.fit.nuisance, jacobian * np.array(width)
+        proposal.fit.residual + jacobian[:, : problem.count] @ proposal.fit.nuisance,
+        jacobian * np.array(width),
     )
     problem.noise.use_scales(scales)
     null = problem.fit(())
@@ -344,14 +353,22 @@ def _verdict(
 ) -> tuple[Verdict, str]:
     if proposal is not None:
         what = proposal.term.effect.sentence if proposal.term.effect else ""
-        return "unknown", f"something is missing that no declared effect describes; a formula that does: {what}"
+        return (
+            "unknown",
+            f"something is missing that no declared effect describes; a formula that does: {what}",
+        )
     if not findings:
         if limits and not any(limit.visible for limit in limits):
-            return "insufficient_data", "nothing was found, but these recordings could not have shown any usual effect"
+            return (
+                "insufficient_data",
+                "nothing was found, but these recordings could not have shown any usual effect",
+            )
         return "nothing_missing", "the model explains the recordings within noise and stated uncertainties"
     names = " and ".join(f.name for f in findings)
     if any(f.ties for f in findings):
-        tied = "; ".join(f"{f.name} cannot be told from {', '.join(t.name for t in f.ties)}" for f in findings if f.ties)
+        tied = "; ".join(
+            f"{f.name} cannot be told from {', '.join(t.name for t in f.ties)}" for f in findings if f.ties
+        )
         return "ambiguous", f"missing: {names}, but {tied}"
     return "effect", f"missing: {names}"
 
@@ -365,7 +382,9 @@ def _report(fitted: Prepared, finding: Finding, best: Fit, planner: Planner) -> 
     data = tilt_and_spin(problem.balances, windows, alone, problem.noise.deviation())
     evidence = [f"all else accounted for, {sentence}" for sentence in growth(data)]
     evidence.append(f"leaving it out worsens chi-squared by {finding.delta_chi2:.0f}, all else fitted again")
-    evidence += [f"{rival.term.name} in its place is {rival.delta_chi2:.0f} worse" for rival in finding.rivals]
+    evidence += [
+        f"{rival.term.name} in its place is {rival.delta_chi2:.0f} worse" for rival in finding.rivals
+    ]
     ties = []
     for tie in finding.ties:
         separation = planner.best(term, best, tie.term)
@@ -385,8 +404,12 @@ def _report(fitted: Prepared, finding: Finding, best: Fit, planner: Planner) -> 
         title=_title(term),
         coefficients=_estimates(term, best),
         delta_chi2=finding.delta_chi2,
-        formula=term.effect.formula if term.effect else f"{', '.join(ERRORS[term.name])} = stated * (1 + relative_error)",
-        sentence=term.effect.sentence if term.effect else "The parameter lies beyond five of its stated uncertainties.",
+        formula=term.effect.formula
+        if term.effect
+        else f"{', '.join(ERRORS[term.name])} = stated * (1 + relative_error)",
+        sentence=term.effect.sentence
+        if term.effect
+        else "The parameter lies beyond five of its stated uncertainties.",
         evidence=evidence,
         ties=ties,
     )
@@ -415,7 +438,9 @@ def _next_test(
 ) -> NextTest | None:
     open_ties = [(f, tie) for f in findings for tie in f.ties if tie.separating_plan is not None]
     if open_ties:
-        finding, tie = max(open_ties, key=lambda pair: (pair[1].expected_separation or 0.0) / (pair[1].minutes or 1.0))
+        finding, tie = max(
+            open_ties, key=lambda pair: (pair[1].expected_separation or 0.0) / (pair[1].minutes or 1.0)
+        )
         return NextTest(
             str(tie.separating_plan),
             float(tie.expected_separation or 0.0),
@@ -428,10 +453,19 @@ def _next_test(
         best: tuple[Separation, str] | None = None
         for limit in hidden:
             shown = planner.revealing(limit.effect)
-            if shown and shown.expected >= SETTLED and (best is None or shown.expected / shown.minutes > best[0].expected / best[0].minutes):
+            if (
+                shown
+                and shown.expected >= SETTLED
+                and (best is None or shown.expected / shown.minutes > best[0].expected / best[0].minutes)
+            ):
                 best = (shown, limit.effect)
         if best is not None:
-            return NextTest(best[0].plan, best[0].expected, best[0].minutes, f"would show a usual {best[1]}, which these recordings cannot")
+            return NextTest(
+                best[0].plan,
+                best[0].expected,
+                best[0].minutes,
+                f"would show a usual {best[1]}, which these recordings cannot",
+            )
     return None
 
 
@@ -442,7 +476,9 @@ def nuisance_estimates(problem: Problem, fit: Fit) -> dict[str, NuisanceEstimate
     for index, (_, parameters) in enumerate(problem.nuisances):
         error = float(np.sqrt(fit.covariance[index, index]))
         for p in parameters:
-            result[p.name] = NuisanceEstimate(values[p.name], error * p.uncertainty, p.value, p.uncertainty, p.unit)
+            result[p.name] = NuisanceEstimate(
+                values[p.name], error * p.uncertainty, p.value, p.uncertainty, p.unit
+            )
     return result
 
 

@@ -32,7 +32,7 @@ _END = "# --- end of kernel ---"
 class _Printer(PythonCodePrinter):
     """Python source for scalar compiled code: small powers as products, functions of `math`."""
 
-    def _print_Pow(self, expr: sp.Pow, rational: bool = False) -> str:  # noqa: N802  (name given by SymPy)
+    def _print_Pow(self, expr: sp.Pow, rational: bool = False) -> str:
         base, exponent = expr.as_base_exp()
         if exponent.is_Integer and 2 <= int(exponent) <= 4:
             factor = self.parenthesize(base, 100)
@@ -77,8 +77,8 @@ def laws_source(effects: Sequence[Effect]) -> str:
     }
     lines = [
         "@register_jitable",
-        "def evaluate_laws(coef, active, zx, zy, zx_rate, zy_rate, Omega, theta_x, theta_y, theta_x_rate, theta_y_rate,",
-        "                  T_coil, T_air, rho, up, t):",
+        "def evaluate_laws(coef, active, zx, zy, zx_rate, zy_rate, Omega, theta_x, theta_y, theta_x_rate,",
+        "                  theta_y_rate, T_coil, T_air, rho, up, t):",
         *(f"    {name} = coef[{len(layout) + i}]" for i, name in enumerate(REFERENCES)),
         "    Tx = Ty = axial = shaft = flex_x = flex_y = gain = read_x = read_y = 0.0",
     ]
@@ -92,7 +92,8 @@ def laws_source(effects: Sequence[Effect]) -> str:
     for index, effect in enumerate(effects):
         lines.append(f"    if active[{index}]:  # {effect.name}")
         places = {
-            c.symbol: sp.Symbol(f"coef[{layout[effect.name, c.name]}]", real=True) for c in effect.coefficients
+            c.symbol: sp.Symbol(f"coef[{layout[effect.name, c.name]}]", real=True)
+            for c in effect.coefficients
         }
         for law in effect.laws:
             expression = law.expression.subs(places).subs(split)
@@ -183,7 +184,10 @@ def cache_folder() -> Path:
 def _cached_laws(effects: tuple[Effect, ...]) -> str:
     """Return `laws_source`, kept on disk by the text of the declarations (SymPy takes seconds, reading none)."""
     own = resources.files("gyrowheel_sim").joinpath("effects/code.py").read_text(encoding="utf-8")
-    declared = [(e.name, [(law.target, sp.srepr(law.expression)) for law in e.laws], [c.name for c in e.coefficients]) for e in effects]
+    declared = [
+        (e.name, [(law.target, sp.srepr(law.expression)) for law in e.laws], [c.name for c in e.coefficients])
+        for e in effects
+    ]
     digest = hashlib.sha256(repr((own, declared, sp.__version__)).encode()).hexdigest()[:20]
     path = cache_folder() / f"gyrowheel_laws_{digest}.txt"
     if path.is_file():

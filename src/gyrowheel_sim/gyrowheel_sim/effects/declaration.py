@@ -15,14 +15,20 @@ from gyrowheel_sim.effects.quantities import QUANTITIES
 Category = Literal[
     "air", "flexure", "gravity", "actuator", "sensor", "bearing", "motor", "inertia", "environment", "other"
 ]
-Target = Literal["rotor_torque", "axial_torque", "shaft_torque", "flexure_torque", "coil_gain", "tilt_reading"]
+Target = Literal[
+    "rotor_torque", "axial_torque", "shaft_torque", "flexure_torque", "coil_gain", "tilt_reading"
+]
 
 #: What a law can act on: unit, whether it is complex (two case axes), and what it means.
 TARGETS: dict[str, tuple[str, bool, str]] = {
     "rotor_torque": ("N*m", True, "torque on the rotor across its spin axis, T_x + i T_y in case axes"),
     "axial_torque": ("N*m", False, "torque on the rotor along its spin axis"),
     "shaft_torque": ("N*m", False, "torque on the motor shaft"),
-    "flexure_torque": ("N*m", False, "torque of each flexure on its joint, by the flexure's own angle and rate"),
+    "flexure_torque": (
+        "N*m",
+        False,
+        "torque of each flexure on its joint, by the flexure's own angle and rate",
+    ),
     "coil_gain": ("1", False, "relative change of the torque per volt of the coils"),
     "tilt_reading": ("rad", True, "added to the tilt readings, x + i y"),
 }

@@ -20,7 +20,9 @@ def _amplitude(unit: str, low: float, high: float, *, signed: bool = True) -> Co
 
 def _shape(name: str, low: float, high: float, description: str) -> Coefficient:
     middle, spread = 0.5 * (low + high), 0.5 * (high - low)
-    return Coefficient(name, "1", description, (low, high), (0.0, 10.0), "assumed", shape=middle, shape_uncertainty=spread)
+    return Coefficient(
+        name, "1", description, (low, high), (0.0, 10.0), "assumed", shape=middle, shape_uncertainty=spread
+    )
 
 
 SPEED_BUMP = Effect(
@@ -29,7 +31,11 @@ SPEED_BUMP = Effect(
     category="other",
     sentence="Near one speed the mount resonates and adds a torque in proportion to the tilt.",
     laws=(Law("rotor_torque", _A * sp.exp(-(((Omega / Omega_ref - _p) / _w) ** 2)) * z),),
-    coefficients=(_amplitude("N*m/rad", 0.02, 0.06), _shape("p", 0.45, 0.95, "speed"), _shape("w", 0.08, 0.15, "width")),
+    coefficients=(
+        _amplitude("N*m/rad", 0.02, 0.06),
+        _shape("p", 0.45, 0.95, "speed"),
+        _shape("w", 0.08, 0.15, "width"),
+    ),
     validity="blind tests",
     source="assumed",
 )
@@ -49,7 +55,10 @@ CONTACT = Effect(
     category="other",
     sentence="Beyond some tilt the rotor touches a lead that pushes it back.",
     laws=(Law("rotor_torque", -_A * sp.Max(_size / z_ref - _p, 0) * z / (_size + sp.Float(1e-9))),),
-    coefficients=(_amplitude("N*m", 0.006, 0.02, signed=False), _shape("p", 0.4, 0.55, "tilt where it begins")),
+    coefficients=(
+        _amplitude("N*m", 0.006, 0.02, signed=False),
+        _shape("p", 0.4, 0.55, "tilt where it begins"),
+    ),
     validity="blind tests",
     source="assumed",
 )

@@ -80,7 +80,8 @@ def validated(name: str, values: Mapping[str, object], *, where: str = "effect")
         low, high = coefficients[key].bounds
         if not math.isfinite(value) or not low <= value <= high:
             raise InputError(
-                f"{where}.{name}.{key}: {value:g} is out of range; allowed: {low:g} .. {high:g} {coefficients[key].unit}"
+                f"{where}.{name}.{key}: {value:g} is out of range; "
+                f"allowed: {low:g} .. {high:g} {coefficients[key].unit}"
             )
         result[key] = value
     return result
