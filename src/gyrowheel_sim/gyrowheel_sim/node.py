@@ -281,7 +281,7 @@ class BenchNode(LifecycleNode):
         """Create a subscription; with `raw` the callback is given the bytes of the message."""
         return self.create_subscription(topic.message_class, topic.name, callback, topic.qos, raw=raw)
 
-    def deliver(self, *publishers: Publisher, timeout: float = 5.0) -> bool:
+    def deliver(self, *publishers: Publisher, timeout: float = 1.0) -> bool:
         """Wait until every reader has what was published; before publishers are destroyed.
 
         Parameters

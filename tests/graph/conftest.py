@@ -1,0 +1,38 @@
+"""A ROS domain for each test, and processes that never outlive it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from .helpers import Bystander, NodeProcess, next_domain
+
+
+@pytest.fixture
+def domain() -> int:
+    return next_domain()
+
+
+@pytest.fixture
+def bystander(domain: int) -> Iterator[Bystander]:
+    result = Bystander(domain)
+    yield result
+    result.close()
+
+
+@pytest.fixture
+def start_node(domain: int, tmp_path: Path) -> Iterator[Callable[..., NodeProcess]]:
+    """Return a function that starts a node by its name, with parameters."""
+    started: list[NodeProcess] = []
+
+    def start(name: str, **parameters: object) -> NodeProcess:
+        started.append(NodeProcess(name, domain, tmp_path / f"{name}{len(started)}.log", **parameters))
+        return started[-1]
+
+    yield start
+    for node in started:
+        if not node.ended():
+            node.process.kill()
+            node.process.wait()

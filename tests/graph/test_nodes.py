@@ -1,0 +1,184 @@
+"""Each node alone, as a process: its parameters, its faults, its part of the protocol."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from gyrowheel_msgs.action import RunPlan
+from rclpy.action import ActionClient
+
+from gyrowheel_control.plans import Plan
+from gyrowheel_sim import topics, wire
+from gyrowheel_sim.environment import from_json, to_json
+
+from .helpers import LONG_PLAN, SHORT_PLAN, Bystander, NodeProcess
+
+pytestmark = [pytest.mark.graph, pytest.mark.timeout(60)]
+
+Start = Callable[..., NodeProcess]
+LEAD_NS = 100_000_000
+
+
+def test_bad_parameters_end_a_node_with_one_line(start_node: Start):
+    nodes = {
+        "parameter lead: 99.0 is not allowed; allowed: a number 0.02 .. 10": start_node(
+            "conductor", lead=99.0
+        ),
+        "parameter lead: 'soon' is not allowed": start_node("conductor", lead="soon"),
+        "bench 'no/such.yaml'": start_node("conductor", bench="no/such.yaml"),
+        "no/such.json": start_node("plant", scenario_file="no/such.json"),
+    }
+    for line, node in nodes.items():
+        assert node.process.wait(30.0) == 2
+        assert line in node.output
+        assert node.output.count("\n") == 1
+        assert "Traceback" not in node.output
+
+
+class Answers:
+    """Takes samples and sends the commands that a test wants."""
+
+    def __init__(self, bystander: Bystander) -> None:
+        self.samples: list[int] = []
+        self.commands = bystander.publisher(topics.COMMAND)
+        bystander.listen(topics.MEASUREMENT, self._on_sample, raw=True)
+        bystander.spin_until(lambda: self.samples and self.commands.get_subscription_count())
+
+    def send(self, x: float, y: float, motor: float, *, sequence: int | None = None) -> None:
+        answered = self.samples[-1] if sequence is None else sequence
+        self.commands.publish(wire.COMMAND.pack(answered * 500_000, answered, x, y, motor))
+
+    def _on_sample(self, raw: bytes) -> None:
+        self.samples.append(wire.MEASUREMENT.unpack(raw)[1])
+
+
+def test_a_command_that_is_not_finite_is_a_named_fault(bystander: Bystander, start_node: Start):
+    plant = start_node("plant", initial_spin_rate=200.0)
+    answers = Answers(bystander)
+    answers.send(0.0, math.nan, 5.0)
+    bystander.spin_until(lambda: bystander.values("plant").get("fault") == "command_not_finite")
+    assert bystander.diagnoses["plant"].level == DiagnosticStatus.ERROR
+    assert plant.process.wait(15.0) == 3
+    last = plant.output.strip().rpartition("\n")[2]
+    assert last.startswith("plant: command_not_finite: command for sample 0:")
+    assert "Traceback" not in plant.output
+    assert answers.samples == [0]
+
+
+def test_plant_counts_odd_commands_and_names_a_silent_controller(bystander: Bystander, start_node: Start):
+    plant = start_node("plant", initial_spin_rate=200.0, command_timeout=1.5)
+    answers = Answers(bystander)
+    answers.send(0.0, 0.0, 5.0)
+    bystander.spin_until(lambda: answers.samples == [0, 1])
+    answers.send(0.0, 0.0, 5.0, sequence=0)  # once more
+    answers.send(0.0, 0.0, 5.0, sequence=7)  # of a sample to come
+    answers.send(1e6, 0.0, 5.0)  # beyond the limit of the coils
+    bystander.spin_until(lambda: answers.samples == [0, 1, 2])
+    bystander.spin_until(lambda: bystander.values("plant").get("commands") == "2")
+    assert bystander.values("plant")["ignored_commands"] == "2"
+    assert bystander.values("plant")["saturated_commands"] == "1"
+    bystander.spin_until(lambda: bystander.values("plant").get("fault") == "controller_silent")
+    assert plant.process.wait(15.0) == 3
+    assert "plant: controller_silent: no command for 1.5 s after sample 2" in plant.output
+    assert answers.samples == [0, 1, 2]
+
+
+class Client:
+    """Asks the conductor for plans, and moves the clock by hand."""
+
+    def __init__(self, bystander: Bystander) -> None:
+        self.bystander = bystander
+        self.setpoints: list[tuple[Any, ...]] = []
+        self.environments: list[str] = []
+        self.feedback: list[Any] = []
+        self.clock = bystander.publisher(topics.CLOCK)
+        bystander.listen(
+            topics.SETPOINT, lambda raw: self.setpoints.append(wire.SETPOINT.unpack(raw)), raw=True
+        )
+        bystander.listen(topics.ENVIRONMENT, lambda message: self.environments.append(message.data))
+        self.action = ActionClient(bystander.node, RunPlan, "/gyrowheel/run_plan")
+        bystander.spin_until(lambda: self.action.server_is_ready() and self.clock.get_subscription_count())
+
+    def ask(self, plan: str) -> Any:
+        """Return the goal handle."""
+        request = RunPlan.Goal(plan=plan)
+        future = self.action.send_goal_async(
+            request, feedback_callback=lambda m: self.feedback.append(m.feedback)
+        )
+        self.bystander.spin_until(future.done)
+        return future.result()
+
+    def result(self, goal: Any) -> Any:
+        future = goal.get_result_async()
+        self.bystander.spin_until(future.done)
+        return future.result().result
+
+    def move_clock(self, start: int, stop: int, *, last: int | None = None) -> None:
+        """Publish the clock every 10 ms [ns]; the setpoints follow, up to `last` in a plan."""
+        for now in range(start, stop + 1, 10_000_000):
+            self.clock.publish(wire.CLOCK.pack(now))
+            ahead = now + LEAD_NS - 5_000_000
+            awaited = ahead if last is None else min(ahead, last)
+            while self.setpoints[-1][0] < awaited:
+                count = len(self.setpoints)
+                self.bystander.spin_until(lambda count=count: len(self.setpoints) > count)  # type: ignore[misc]
+
+
+def test_conductor_walks_holds_and_refuses(bystander: Bystander, start_node: Start):
+    conductor = start_node("conductor", lead=LEAD_NS * 1e-9)
+    client = Client(bystander)
+
+    goal = client.ask("no_such_plan")
+    assert "plan 'no_such_plan': no such shipped plan or file" in client.result(goal).message
+    result = client.result(client.ask(SHORT_PLAN.replace("[1.0, 0.5]", "[80.0, 0.5]")))
+    assert not result.success
+    assert "tilt 80.00 deg is beyond the bench; allowed: up to" in result.message
+    assert not client.setpoints
+
+    plan = Plan.load(SHORT_PLAN)
+    rows = plan.setpoints()
+    goal = client.ask(SHORT_PLAN)
+    assert goal.accepted
+    bystander.spin_until(lambda: len(client.setpoints) == LEAD_NS // 5_000_000)
+    assert client.environments == [to_json(plan.environment())]
+    assert not client.ask("quick").accepted  # one at a time
+    end = len(rows) * 5_000_000
+    client.move_clock(0, end, last=end - 5_000_000)
+    result = client.result(goal)
+    assert result.success
+    assert (result.segments, result.duration) == (len(plan.segments), pytest.approx(plan.duration))
+    assert [tuple(s) for s in client.setpoints[: len(rows)]] == [tuple(row) for row in rows.tolist()]
+    assert {f.label for f in client.feedback} == {"level", "tilted", "faster", "cone"}
+
+    # it holds the last state, and the next plan follows without a gap
+    bystander.spin_until(lambda: client.setpoints[-1][0] == end + LEAD_NS - 5_000_000)
+    held = client.setpoints[-1]
+    assert held[5:7] == (0.0, 0.0)
+    count = len(client.setpoints)
+    goal = client.ask(LONG_PLAN)
+    bystander.spin_until(lambda: len(client.setpoints) > count)
+    assert client.setpoints[count][0] == held[0] + 5_000_000
+    start = client.setpoints[count][0] * 1e-9
+    assert from_json(client.environments[-1])[0].time == pytest.approx(start)
+
+    # cancelled: it goes on holding, also while the clock stands still
+    cancelling = goal.cancel_goal_async()
+    bystander.spin_until(cancelling.done)
+    result = client.result(goal)
+    assert (result.success, result.message) == (False, "cancelled")
+    client.move_clock(end, end + 200_000_000)
+    stamps = [s[0] for s in client.setpoints]
+    assert stamps == list(range(0, stamps[-1] + 1, 5_000_000))
+
+    # a plan on its way is answered when the node is told to end
+    goal = client.ask(LONG_PLAN)
+    future = goal.get_result_async()
+    bystander.spin_until(lambda: len(client.setpoints) > len(stamps))
+    conductor.process.send_signal(2)
+    bystander.spin_until(future.done)
+    assert "the conductor was stopped" in future.result().result.message
+    assert conductor.process.wait(15.0) == 0
