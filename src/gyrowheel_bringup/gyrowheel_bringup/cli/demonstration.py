@@ -1,0 +1,82 @@
+"""The verb `demo`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from gyrowheel_bringup.cli.options import Json, example
+from gyrowheel_bringup.cli.shell import advancing, finding, notes, out, put_json, working
+
+if TYPE_CHECKING:
+    from rich.console import Console, RenderableType
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+    app.command(epilog=example("gyrowheel demo --seed 3"))(demo)
+
+
+def demo(
+    seed: Annotated[
+        int,
+        typer.Option(
+            "--seed", metavar="N", min=0, help="Seed of the hidden machine, its effect and the noise."
+        ),
+    ] = 1,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="DIR", help="New directory for all results.", show_default="out/demo-N"
+        ),
+    ] = None,
+    json: Json = None,
+) -> None:
+    """Hide an effect in a simulated machine, run the bench, find the effect, add it, prove it; then open the key.
+
+    Exits with 1 if the verdict was wrong.
+    """
+    from gyrowheel_bringup.demo import demonstrate, new_folder
+    from gyrowheel_bringup.files import require_new
+    from gyrowheel_bringup.render.layout import words_table
+    from gyrowheel_bringup.render.quantities import seconds
+
+    folder = new_folder(seed, Path("out")) if output is None else output
+    require_new(folder)
+    # with JSON on stdout the tour goes to stderr
+    stage = _Terminal(notes() if json == "-" else out())
+    outcome = demonstrate(seed, folder, stage)
+    table = words_table("", "")
+    for name, path in outcome.place.all().items():
+        table.add_row(name, str(path))
+    stage.show(["", table, f"\n{seconds(outcome.seconds)} in all"])
+    if json is not None:
+        put_json(json, outcome.to_json() | {"seed": seed})
+    finding(not outcome.judgement.right)
+
+
+class _Terminal:
+    """Shows the demonstration on a console."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._number = 0
+
+    def step(self, text: str) -> None:
+        self._number += 1
+        self._console.print(f"\n[bold reverse] {self._number} [/] [bold]{text}[/]\n")
+
+    def show(self, parts: Iterable[RenderableType]) -> None:
+        from gyrowheel_bringup.render.layout import show
+
+        show(self._console, parts)
+
+    def advancing(self, title: str) -> AbstractContextManager[Callable[[float], None]]:
+        return advancing(title)
+
+    def working(self, title: str) -> AbstractContextManager[Callable[[str], None]]:
+        return working(title)

@@ -1,0 +1,157 @@
+"""The verb `model`: everything that changes a model file."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from gyrowheel_bringup.cli.finding import open_all
+from gyrowheel_bringup.cli.options import BenchName, Json, ModelFile, Validation, example
+from gyrowheel_bringup.cli.shell import out, put_json, put_text, working
+from gyrowheel_sim.errors import InputError
+
+if TYPE_CHECKING:
+    from gyrowheel_analysis.adding import Added
+
+model_app = typer.Typer(
+    help="Edit a model file: new, add, remove, show, undo, diff.",
+    no_args_is_help=True,
+    rich_markup_mode="rich",
+)
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+    app.add_typer(model_app, name="model", epilog=example("gyrowheel model show --model wheel.yaml"))
+
+
+@model_app.command(epilog=example("gyrowheel model new --model wheel.yaml"))
+def new(model: ModelFile, bench: BenchName = "gyrowheel") -> None:
+    """Make a model file: a bench with nothing added."""
+    from gyrowheel_analysis.model import Model
+
+    if model.exists():
+        raise InputError(f"{model}: exists; name a new file")
+    Model.new(bench).save(model)
+    out().print(f"model: {model}", markup=False, soft_wrap=True)
+
+
+@model_app.command(epilog=example("gyrowheel model add windage --model wheel.yaml --fit runs/monday"))
+def add(
+    effects: Annotated[
+        list[str], typer.Argument(metavar="EFFECT...", help="Effects to add.", show_default=False)
+    ],
+    model: ModelFile,
+    fit: Annotated[
+        list[Path],
+        typer.Option("--fit", metavar="DIR", help="Recording to fit. Repeatable.", show_default=False),
+    ],
+    validate: Validation = None,
+    json: Json = None,
+) -> None:
+    """Add effects: fit their coefficients, show the error falling, save the model."""
+    from gyrowheel_analysis.model import Model
+
+    loaded = Model.load(model)
+    for name in effects:
+        _require_known(name)
+    if shared := {path.resolve() for path in fit} & {path.resolve() for path in validate or ()}:
+        raise InputError(f"{min(shared)}: a recording that was fitted cannot validate the fit")
+    recordings, unused = open_all(fit), open_all(validate or ())
+    with working("fitting") as say:
+        from gyrowheel_analysis.adding import add_effect
+        from gyrowheel_bringup.render.errors import error_table
+        from gyrowheel_bringup.render.layout import heading, sentences
+        from gyrowheel_bringup.render.models import content
+
+        added = add_effect(loaded, effects, recordings, unused, progress=say)
+        added.model.save(model)
+    if json is not None:
+        put_json(json, _added_json(added, model))
+    if json != "-":
+        put_text([*content(added.model), heading("Error"), error_table(added.error), *sentences(added.notes)])
+        out().print(f"\nmodel: {model}", markup=False, soft_wrap=True)
+
+
+@model_app.command(epilog=example("gyrowheel model remove windage --model wheel.yaml"))
+def remove(
+    effects: Annotated[
+        list[str], typer.Argument(metavar="EFFECT...", help="Effects to remove.", show_default=False)
+    ],
+    model: ModelFile,
+) -> None:
+    """Remove effects; the other coefficients stay as they are."""
+    from gyrowheel_analysis.model import Model
+    from gyrowheel_bringup.render.models import difference
+
+    before = after = Model.load(model)
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    for name in effects:
+        after = after.removed(name, now)
+    after.save(model)
+    put_text(difference(before.diff(after)))
+
+
+@model_app.command(epilog=example("gyrowheel model show --model wheel.yaml"))
+def show(model: ModelFile, json: Json = None) -> None:
+    """Show effects, learned parameters and history of a model."""
+    from gyrowheel_analysis.model import Model
+    from gyrowheel_bringup.render.models import model_page
+
+    loaded = Model.load(model)
+    if json is not None:
+        put_json(json, loaded.to_mapping())
+    if json != "-":
+        put_text(model_page(loaded, str(model)))
+
+
+@model_app.command(epilog=example("gyrowheel model undo --model wheel.yaml"))
+def undo(model: ModelFile) -> None:
+    """Take back the last change of a model."""
+    from gyrowheel_analysis.model import Model
+    from gyrowheel_bringup.render.models import difference
+
+    before = Model.load(model)
+    after = before.undone()
+    after.save(model)
+    put_text(difference(before.diff(after)))
+
+
+@model_app.command(epilog=example("gyrowheel model diff old.yaml new.yaml"))
+def diff(
+    old: Annotated[Path, typer.Argument(help="Model file.", show_default=False)],
+    new: Annotated[Path, typer.Argument(help="Model file to compare with it.", show_default=False)],
+    json: Json = None,
+) -> None:
+    """Show what differs between two models."""
+    from gyrowheel_analysis.model import Model
+    from gyrowheel_bringup.render.models import difference
+
+    lines = Model.load(old).diff(Model.load(new))
+    if json is not None:
+        put_json(json, {"schema": 1, "differences": lines})
+    if json != "-":
+        put_text(difference(lines))
+
+
+def _require_known(name: str) -> None:
+    """Refuse what is neither an effect nor the error of a bench parameter."""
+    from gyrowheel_analysis.discovery.fit import ERRORS
+    from gyrowheel_sim.effects import get
+
+    if name not in ERRORS:
+        get(name)
+
+
+def _added_json(added: Added, model: Path) -> dict[str, Any]:
+    content = added.model.to_mapping()
+    return {
+        "schema": 1,
+        "model": str(model),
+        "effects": content["effects"],
+        "overrides": content["overrides"],
+        "error": added.error.to_json(),
+    }

@@ -1,0 +1,114 @@
+"""Verbs that confront recordings with a model: compare, diagnose."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from gyrowheel_bringup.cli.options import Json, ModelFile, Recordings, Validation, example
+from gyrowheel_bringup.cli.shell import finding, put_json, put_text, working
+
+if TYPE_CHECKING:
+    from gyrowheel_analysis.discovery.verdict import Diagnosis
+    from gyrowheel_analysis.recording import Recording
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verbs."""
+    app.command(epilog=example("gyrowheel compare runs/monday --model wheel.yaml"))(compare)
+    app.command(epilog=example("gyrowheel diagnose runs/monday --model wheel.yaml"))(diagnose)
+
+
+def compare(
+    directories: Recordings,
+    model: ModelFile,
+    fail_above: Annotated[
+        float | None,
+        typer.Option(
+            "--fail-above",
+            metavar="X",
+            min=0.0,
+            help="Exit with 1 if χ²/N of a channel is above X (1: nothing but noise).",
+            show_default=False,
+        ),
+    ] = None,
+    json: Json = None,
+) -> None:
+    """Show how far a model is from recordings: where, and on what the error depends."""
+    from gyrowheel_analysis.model import Model
+
+    loaded = Model.load(model)
+    recordings = open_all(directories)
+    with working("comparing") as say:
+        from gyrowheel_analysis.compare import compare as run
+        from gyrowheel_bringup.render.comparison import comparison
+
+        result = run(recordings, loaded, progress=say)
+    if json is not None:
+        put_json(json, result.to_json())
+    if json != "-":
+        put_text(comparison(result))
+    worst = max(metrics.chi2_per_n for metrics in result.channels.values())
+    finding(fail_above is not None and worst > fail_above)
+
+
+def diagnose(
+    directories: Recordings,
+    model: ModelFile,
+    validate: Validation = None,
+    fail_on_finding: Annotated[
+        bool, typer.Option("--fail-on-finding", help="Exit with 1 unless nothing is missing.")
+    ] = False,
+    json: Json = None,
+) -> None:
+    """Find what a model lacks: with evidence, with what could be mistaken for it, with what could not be seen."""
+    from gyrowheel_analysis.model import Model
+
+    loaded = Model.load(model)
+    recordings, unused = open_all(directories), open_all(validate or ())
+    with working("diagnosing") as say:
+        from gyrowheel_analysis.discovery.verdict import diagnose as run
+        from gyrowheel_bringup.render.diagnosis import diagnosis
+
+        result = run(recordings, loaded, validate=unused, progress=say)
+    if json is not None:
+        put_json(json, result.to_json())
+    if json != "-":
+        put_text(diagnosis(result, following=following(result, directories, validate or (), model)))
+    finding(fail_on_finding and result.verdict != "nothing_missing")
+
+
+def open_all(directories: Sequence[Path]) -> list[Recording]:
+    """Open recordings; InputError if one is missing, damaged or named twice."""
+    from gyrowheel_analysis.recording import Recording
+    from gyrowheel_sim.errors import InputError
+
+    places = [directory.resolve() for directory in directories]
+    for index, place in enumerate(places):
+        if place in places[:index]:
+            raise InputError(f"{directories[index]}: is given twice")
+    return [Recording.open(directory) for directory in directories]
+
+
+def following(
+    result: Diagnosis, directories: Sequence[Path], validate: Sequence[Path], model: Path
+) -> str | None:
+    """Return the command to type after a diagnosis; None where there is nothing to do."""
+    named = " ".join(shlex.quote(str(directory)) for directory in directories)
+    if result.verdict == "effect":
+        fit = " ".join(f"--fit {shlex.quote(str(directory))}" for directory in directories)
+        unused = "".join(f" --validate {shlex.quote(str(directory))}" for directory in validate)
+        names = " ".join(finding.name for finding in result.effects)
+        return f"gyrowheel model add {names} --model {shlex.quote(str(model))} {fit}{unused}"
+    plan = result.next_test.plan if result.next_test is not None else None
+    if plan is None or result.verdict == "nothing_missing":
+        return None
+    new = shlex.quote(str(directories[0].with_name(plan)))
+    return (
+        f"gyrowheel up --plan {shlex.quote(plan)} --record {new} && "
+        f"gyrowheel diagnose {named} {new} --model {shlex.quote(str(model))}"
+    )

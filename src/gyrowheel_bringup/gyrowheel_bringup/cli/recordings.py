@@ -1,0 +1,32 @@
+"""Verbs about recordings as such."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from gyrowheel_bringup.cli.options import Json, example
+from gyrowheel_bringup.cli.shell import out, put_json
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verbs."""
+    app.command(epilog=example("gyrowheel info runs/monday"))(info)
+
+
+def info(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Recording.", show_default=False)],
+    json: Json = None,
+) -> None:
+    """Show what a recording holds, and whether anything is missing in it."""
+    from dataclasses import asdict
+
+    from gyrowheel_analysis.recording import info as read
+
+    found = read(directory)
+    if json is not None:
+        put_json(json, {"schema": 1, **asdict(found)})
+    if json != "-":
+        out().print(found.render(), markup=False)

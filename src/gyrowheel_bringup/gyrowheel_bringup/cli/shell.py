@@ -1,0 +1,180 @@
+"""What all verbs share: exit codes, one-line errors, consoles, progress and JSON results."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import json
+import math
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from gyrowheel_sim.errors import InputError
+
+if TYPE_CHECKING:
+    from rich.console import Console, RenderableType
+
+OK, FINDING, BAD_INPUT, NODE_FAILED, INTERRUPTED = 0, 1, 2, 3, 130
+
+#: A line about what is being done.
+Say = Callable[[str], None]
+#: The part that is done, 0 .. 1.
+Fraction = Callable[[float], None]
+
+
+def run(app: typer.Typer, arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return the exit code; errors of the user become one line on stderr."""
+    signal.signal(signal.SIGTERM, _terminate)
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    try:
+        result = app(args=given or ["--help"], prog_name="gyrowheel", standalone_mode=False)
+        sys.stdout.flush()
+        return result if isinstance(result, int) else OK
+    except InputError as error:
+        return _bad_input(str(error))
+    except typer.TyperException as error:
+        return _usage(error)
+    except (KeyboardInterrupt, typer.Abort):
+        sys.stderr.write("interrupted\n")
+        return INTERRUPTED
+    except BrokenPipeError:
+        # whoever read the output has had enough; what is left in the buffer has nowhere to go
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return OK
+    except RuntimeError as error:
+        # the module is heavy: where it was not imported, nothing of it can have been raised
+        graph = sys.modules.get("gyrowheel_bringup.graph")
+        if graph is None or not isinstance(error, graph.GraphError):
+            raise
+        sys.stderr.write(f"error: {' '.join(str(error).split())}\n")
+        if error.report:
+            sys.stderr.write(f"{error.report}\n")
+        return NODE_FAILED
+
+
+def finding(asked: bool) -> None:
+    """End with the exit code of a finding if the user asked for it."""
+    if asked:
+        raise typer.Exit(FINDING)
+
+
+@functools.cache
+def out() -> Console:
+    """Return the console of the results."""
+    return _console(stderr=False)
+
+
+@functools.cache
+def notes() -> Console:
+    """Return the console of everything else."""
+    return _console(stderr=True)
+
+
+def put_text(parts: Iterable[RenderableType]) -> None:
+    """Write a result for people to stdout."""
+    from gyrowheel_bringup.render.layout import show
+
+    show(out(), parts)
+
+
+def put_json(target: str, content: Any) -> None:
+    """Write a result as JSON: to a file that is whole or as it was, or to stdout for ``-``.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    from gyrowheel_bringup.files import write_text
+
+    text = json.dumps(_plain(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    if target == "-":
+        sys.stdout.write(text)
+    else:
+        write_text(Path(target), text)
+
+
+@contextlib.contextmanager
+def working(first: str) -> Iterator[Say]:
+    """Show on stderr what is being done: one changing line on a terminal, a line each elsewhere."""
+    console = notes()
+    if not console.is_terminal:
+        console.print(first, markup=False, highlight=False)
+        yield lambda text: console.print(f"  {text}", markup=False, highlight=False)
+        return
+    with console.status(first) as status:
+        yield lambda text: status.update(f"{first}: {text}")
+
+
+@contextlib.contextmanager
+def advancing(title: str) -> Iterator[Fraction]:
+    """Show on stderr how far something is: a bar on a terminal, a line every quarter elsewhere."""
+    console = notes()
+    if not console.is_terminal:
+        shown = 0
+
+        def tell(part: float) -> None:
+            nonlocal shown
+            quarter = int(4.0 * part + 1e-9)
+            if quarter > shown:
+                shown = quarter
+                console.print(f"{title}: {25 * quarter} %", markup=False, highlight=False)
+
+        yield tell
+        return
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task(title, total=1.0)
+        yield lambda part: progress.update(task, completed=part)
+
+
+def _bad_input(text: str) -> int:
+    sys.stderr.write(f"error: {' '.join(text.split())}\n")
+    return BAD_INPUT
+
+
+def _usage(error: typer.TyperException) -> int:
+    message = getattr(error, "format_message", lambda: str(error))()
+    if type(error).__name__ == "NoArgsIsHelpError":
+        sys.stderr.write(f"{message}\n")
+        return BAD_INPUT
+    context = getattr(error, "ctx", None)
+    hint = f" (see: {context.command_path} --help)" if context is not None else ""
+    return _bad_input(message.rstrip(".") + hint)
+
+
+def _terminate(number: int, frame: FrameType | None) -> None:
+    # unwinds, so that nothing half-written and no child process stays behind
+    raise SystemExit(128 + number)
+
+
+def _console(*, stderr: bool) -> Console:
+    from rich.console import Console
+
+    console = Console(stderr=stderr, highlight=False)
+    if console.width > 110:  # long lines are hard to read
+        console.width = 110
+    return console
+
+
+def _plain(content: Any) -> Any:
+    """Return content that JSON can hold: what is not finite becomes null."""
+    if isinstance(content, Mapping):
+        return {str(key): _plain(value) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [_plain(value) for value in content]
+    if isinstance(content, str | bool | int | None):
+        return content
+    if hasattr(content, "tolist"):  # arrays and scalars of numpy
+        return _plain(content.tolist())
+    number = float(content)
+    return number if math.isfinite(number) else None

@@ -1,0 +1,81 @@
+"""Files and folders that appear whole or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from gyrowheel_sim.errors import InputError
+
+
+def require_new(directory: Path) -> None:
+    """Refuse a directory that already holds something.
+
+    Raises
+    ------
+    InputError
+        If the path exists and is no empty directory.
+    """
+    if directory.exists() and not (directory.is_dir() and not any(directory.iterdir())):
+        raise InputError(f"{directory}: exists; a recording needs a new directory")
+
+
+@contextlib.contextmanager
+def new_directory(directory: Path) -> Iterator[Path]:
+    """Give a place for a directory of the same name; it moves to where it belongs when the block has ended well.
+
+    Raises
+    ------
+    InputError
+        If the directory exists and is not empty, or its parent cannot be written to.
+    """
+    require_new(directory)
+    target = directory.absolute()
+    with disk_errors(target):
+        target.parent.mkdir(parents=True, exist_ok=True)
+        workplace = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
+    try:
+        yield workplace / target.name
+        with disk_errors(target):
+            if target.exists():
+                target.rmdir()
+            os.replace(workplace / target.name, target)
+    finally:
+        shutil.rmtree(workplace, ignore_errors=True)
+
+
+def write_text(file: Path, text: str) -> None:
+    """Write a text file that is whole or as it was before.
+
+    Raises
+    ------
+    InputError
+        If it cannot be written.
+    """
+    with disk_errors(file):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
+        try:
+            with os.fdopen(handle, "w", encoding="utf-8") as stream:
+                stream.write(text)
+            # a temporary file is private to its owner, a result is a file like any other
+            umask = os.umask(0)
+            os.umask(umask)
+            os.chmod(temporary, 0o666 & ~umask)
+            os.replace(temporary, file)
+        except BaseException:
+            os.unlink(temporary)
+            raise
+
+
+@contextlib.contextmanager
+def disk_errors(path: Path) -> Iterator[None]:
+    """Turn what the disk refuses into an `InputError` that names the file."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"{error.filename or path}: cannot be written: {error.strerror or error}") from None

@@ -1,0 +1,86 @@
+"""What the simulated machine of a run really is, from what the user asks for; the same for graph and simulation."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.blind import KINDS, Kind, draw_machine, reuse_or_draw
+from gyrowheel_sim.effects import parse_option
+from gyrowheel_sim.errors import InputError
+from gyrowheel_sim.scenario import Scenario
+
+
+def noise_seed(seed: int, plan: str) -> int:
+    """Return the seed of the noise of a run: another for every seed and every plan.
+
+    Parameters
+    ----------
+    seed : int
+        What the user gave; not negative.
+    plan : str
+        Name of the plan, so that two plans run with one seed do not share their noise.
+    """
+    if seed < 0:
+        raise InputError(f"seed: {seed} is out of range; allowed: >= 0")
+    sequence = np.random.SeedSequence([seed, zlib.crc32(plan.encode())])
+    return int(sequence.generate_state(1)[0])
+
+
+def scenario(
+    bench: Bench,
+    plan: str,
+    *,
+    effects: Sequence[str] = (),
+    blind: Path | None = None,
+    kinds: Sequence[Kind] = tuple(KINDS),
+    seed: int = 0,
+    machine: int | None = None,
+) -> Scenario:
+    """Return the machine for a run.
+
+    Parameters
+    ----------
+    bench : Bench
+        The bench as its file describes it.
+    plan : str
+        Name of the plan.
+    effects : sequence of str
+        Effects, each as ``NAME`` or ``NAME:COEF=VALUE,...``.
+    blind : Path, optional
+        Key file of a hidden machine: used if it exists, else drawn and written.
+    kinds : sequence of str
+        What may be drawn into a new key file.
+    seed : int
+        Seed of the noise, and of what is drawn into a new key file.
+    machine : int, optional
+        Draw the true bench parameters within their uncertainties with this seed; without it they are as stated.
+
+    Raises
+    ------
+    InputError
+        If an effect is unknown or out of range, an effect is given twice, the key file is none, or `blind` is
+        combined with what it hides.
+    """
+    noise = noise_seed(seed, plan)
+    if blind is not None:
+        if effects or machine is not None:
+            raise InputError(
+                "--blind: cannot be combined with --effect or --machine: the key file holds both"
+            )
+        return replace(reuse_or_draw(bench, blind, seed, kinds=kinds), noise_seed=noise)
+    if machine is not None and machine < 0:
+        raise InputError(f"machine: {machine} is out of range; allowed: >= 0")
+    chosen: dict[str, dict[str, float]] = {}
+    for text in effects:
+        name, values = parse_option(text)
+        if name in chosen:
+            raise InputError(f"--effect: {name} is given twice")
+        chosen[name] = values
+    values = {} if machine is None else draw_machine(bench, np.random.default_rng(machine))
+    return Scenario(values=values, effects=chosen, noise_seed=noise)

@@ -1,0 +1,54 @@
+"""The table that shows the error of a model falling, beside the noise floor that it cannot pass."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from gyrowheel_bringup.render.layout import figures_table
+from gyrowheel_bringup.render.quantities import fixed
+
+if TYPE_CHECKING:
+    from gyrowheel_analysis.errors import ErrorRow, ErrorTable
+
+CHANNELS = {"tilt_x": "tilt x", "tilt_y": "tilt y", "spin": "spin"}
+_MILLI = 1e-3
+
+
+def error_table(table: ErrorTable) -> RenderableType:
+    """Return the errors before and after, on fitted and unused recordings, with the noise floor."""
+    result = figures_table(
+        "\nRMS of the residual", *(f"{title}\nmN·m" for title in CHANNELS.values()), "χ²/N\n"
+    )
+    _part(result, "fitted", table.before, table.after, table.noise_floor)
+    rows = (table.validation_before, table.validation_after, table.validation_noise_floor)
+    if rows[0] is not None and rows[1] is not None:
+        result.add_section()
+        _part(result, "not used to fit", rows[0], rows[1], rows[2])
+        return Group(result, Text(fall(rows[0], rows[1], rows[2], "a recording that was not used to fit")))
+    return Group(result, Text(fall(table.before, table.after, table.noise_floor, "the fitted recordings")))
+
+
+def _part(result: Table, title: str, before: ErrorRow, after: ErrorRow, floor: ErrorRow | None) -> None:
+    for label, row, style in (("before", before, ""), ("after", after, "bold"), ("noise", floor, "dim")):
+        if row is not None:
+            result.add_row(
+                f"{title}, {label}",
+                *(fixed(row.rms[name] / _MILLI) for name in CHANNELS),
+                fixed(row.chi2_per_n) if label != "noise" else "",
+                style=style,
+            )
+
+
+def fall(before: ErrorRow, after: ErrorRow, floor: ErrorRow | None, where: str) -> str:
+    """Return in a sentence how the error falls, and where it falls most."""
+    text = f"On {where} χ²/N goes from {fixed(before.chi2_per_n)} to {fixed(after.chi2_per_n)}"
+    most = max(CHANNELS, key=lambda name: before.rms[name] ** 2 - after.rms[name] ** 2)
+    was, now = (fixed(row.rms[most] / _MILLI) for row in (before, after))
+    text += f"; {CHANNELS[most]}, where the error falls most, from {was} to {now} mN·m"
+    if floor is not None:
+        text += f" (noise {fixed(floor.rms[most] / _MILLI)})"
+    return f"{text}."

@@ -1,0 +1,96 @@
+"""A recording made at once, as the graph of nodes would have recorded it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from gyrowheel_analysis.drag_estimator import DragEstimator, Estimate
+from gyrowheel_analysis.model import Model
+from gyrowheel_analysis.recording import write_run
+from gyrowheel_bringup.files import new_directory
+from gyrowheel_control.closed_loop import Run, simulate
+from gyrowheel_control.plans import Plan
+from gyrowheel_sim import wire
+from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.environment import to_json
+from gyrowheel_sim.scenario import Scenario
+
+_BLOCK = 100  # samples that the drag estimator takes at a time, as its node does
+_SETPOINT = ("tilt_x", "tilt_y", "tilt_rate_x", "tilt_rate_y", "spin_rate", "spin_acceleration")
+
+
+def record_simulation(
+    directory: Path,
+    bench: Bench,
+    scenario: Scenario,
+    plan: Plan,
+    *,
+    progress: Callable[[float], None] | None = None,
+) -> None:
+    """Run a plan on a simulated machine and write the recording; it appears whole or not at all.
+
+    Parameters
+    ----------
+    directory : Path
+        To create; must not exist, or be empty.
+    bench : Bench
+        The bench as its file describes it.
+    scenario : Scenario
+        What the machine really is; nothing of it goes into the recording but its behaviour.
+    plan : Plan
+        The test plan.
+    progress : callable, optional
+        Called now and then with the fraction done.
+
+    Raises
+    ------
+    InputError
+        If the plan is beyond the limits of the bench, or the directory cannot be written.
+    """
+    with new_directory(directory) as place:
+        run = simulate(bench, scenario, plan, progress=progress)
+        write_run(
+            place,
+            run.measurement,
+            run.command,
+            run.setpoints,
+            to_json(run.environment),
+            bench.describe(),
+            sample_period=bench.sample_period,
+            drag_estimates=[(estimate.stamp_ns, _message(estimate)) for estimate in _estimates(run, bench)],
+        )
+
+
+def _estimates(run: Run, bench: Bench) -> Iterator[Estimate]:
+    """Yield what the drag estimator says during a run."""
+    estimator = DragEstimator(Model(bench))
+    for row in run.setpoints:
+        values = [float(row[name]) for name in _SETPOINT]
+        estimator.setpoint(int(row["stamp_ns"]), int(row["segment"]), int(row["phase"]), values)
+    stamps = np.arange(len(run.measurement), dtype=np.int64) * round(bench.sample_period * wire.SECOND)
+    for start in range(0, len(stamps), _BLOCK):
+        block = slice(start, start + _BLOCK)
+        yield from estimator.add_block(stamps[block], run.measurement[block])
+    yield from estimator.finish()
+
+
+def _message(estimate: Estimate) -> bytes:
+    return wire.DRAG_ESTIMATE.pack(
+        estimate.stamp_ns,
+        estimate.segment,
+        estimate.settled,
+        estimate.duration,
+        estimate.tilt_x,
+        estimate.tilt_y,
+        estimate.spin_rate,
+        *estimate.dc_voltage,
+        *estimate.dc_voltage_std,
+        *estimate.voltage_increment,
+        *estimate.measured_torque,
+        *estimate.measured_torque_std,
+        *estimate.simulated_torque,
+        *estimate.residual,
+    )
