@@ -10,7 +10,7 @@ from gyrowheel_analysis.discovery.fit import ERRORS, Term
 from gyrowheel_analysis.discovery.verdict import Estimate, nuisance_estimates
 from gyrowheel_analysis.errors import ErrorTable, Residuals
 from gyrowheel_analysis.model import Model, Override
-from gyrowheel_analysis.pipeline import FEWEST_WINDOWS, Progress, errors_of, prepare
+from gyrowheel_analysis.pipeline import FEWEST_WINDOWS, Progress, errors_of, one_thread, prepare
 from gyrowheel_analysis.recording import Recording
 from gyrowheel_sim.effects import get, registry
 from gyrowheel_sim.errors import InputError
@@ -41,6 +41,7 @@ class Added:
     notes: list[str]
 
 
+@one_thread()
 def add_effect(
     model: Model,
     names: Sequence[str],

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gyrowheel_analysis.discovery.fit import Fit, Problem
 from gyrowheel_analysis.errors import TORQUE_CHANNELS, ErrorRow, Residuals, channel_parts, error_row
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.pipeline import FEWEST_WINDOWS, Prepared, Progress, errors_of, prepare
+from gyrowheel_analysis.pipeline import FEWEST_WINDOWS, Prepared, Progress, errors_of, one_thread, prepare
 from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.reduction import concatenate
 from gyrowheel_analysis.where import Region, TiltSpin, dependence, regions, tilt_and_spin
@@ -97,6 +97,7 @@ class Comparison:
         }
 
 
+@one_thread()
 def compare(recordings: Sequence[Recording], model: Model, *, progress: Progress | None = None) -> Comparison:
     """Compare a model with recordings.
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from gyrowheel_analysis.balance import Balance
 from gyrowheel_analysis.discovery.fit import Fit, Problem
@@ -29,6 +31,13 @@ class Prepared:
     problem: Problem
     names: list[str]
     windows: int
+
+
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """Keep linear algebra on one thread: its matrices are small, and threads would only wait for one another."""
+    with threadpool_limits(limits=1, user_api="blas"):
+        yield
 
 
 def samples_of(recording: Recording) -> Samples:

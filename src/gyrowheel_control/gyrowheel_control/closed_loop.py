@@ -92,8 +92,9 @@ def simulate(
     constants = code.ControllerParameters(*controller_parameters(bench, gains or Gains()))
     controller = np.zeros(N_CONTROLLER)
     measurement, command = np.empty((n, N_MEASUREMENT)), np.empty((n, 3))
-    # an environment holds from the first sample that is not before it
-    changes = [(-(-round(e.time * 1e9) // period_ns), e) for e in plan.environment()]
+    # an environment acts from the first sample on that is not before it, and shows in the sample after
+    due = [(round(e.time / bench.sample_period), e) for e in plan.environment()]
+    changes = [(k + 1 if k else 0, e) for k, e in due]
     edges = sorted({0, n, *(k for k, _ in changes if k < n), *range(0, n, _CHUNK)})
     for start, stop in itertools.pairwise(edges):
         for k, event in changes:

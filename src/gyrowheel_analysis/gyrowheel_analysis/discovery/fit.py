@@ -270,7 +270,9 @@ class Problem:
             x[: self.count] = start.nuisance
             for index, (term, name) in enumerate(columns):
                 x[self.count + index] = start.coefficients.get(term, {}).get(name, x[self.count + index])
-        nuisance_jacobian: Array | None = None
+        # The derivatives by the bench parameters change little; they are taken anew where a parameter has moved far.
+        nuisance_jacobian = start.jacobian[:, : self.count] if start is not None else self.base_jacobian
+        taken_at = start.nuisance if start is not None else np.zeros(self.count)
         previous = np.inf
         for _ in range(iterations):
             coefficients = self._unpack(x, terms)
@@ -279,8 +281,9 @@ class Problem:
             white = self.noise.whiten(residual)
             pull = inverse * (x - centre)
             chi2_rows, chi2 = float(white @ white), float(white @ white + pull @ pull)
-            if nuisance_jacobian is None or previous - chi2 > 25.0:
+            if np.abs(x[: self.count] - taken_at).max() > 1.0:
                 nuisance_jacobian = self._nuisance_jacobian(x[: self.count], coefficients, at)
+                taken_at = x[: self.count].copy()
             parts = [nuisance_jacobian]
             parts += [self.term_jacobian(t, x[: self.count], coefficients, at) for t in terms]
             jacobian = np.hstack(parts)

@@ -17,7 +17,7 @@ from gyrowheel_analysis.discovery.planning import SETTLED, Planner, Separation, 
 from gyrowheel_analysis.discovery.selection import Finding, Selection, select
 from gyrowheel_analysis.errors import ErrorTable, Residuals
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.pipeline import FEWEST_WINDOWS, Prepared, errors_of, prepare
+from gyrowheel_analysis.pipeline import FEWEST_WINDOWS, Prepared, errors_of, one_thread, prepare
 from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.reduction import concatenate
 from gyrowheel_analysis.where import Region, growth, regions, tilt_and_spin
@@ -249,6 +249,7 @@ class Diagnosis:
         }
 
 
+@one_thread()
 def diagnose(
     recordings: Sequence[Recording],
     model: Model,

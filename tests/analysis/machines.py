@@ -1,0 +1,48 @@
+"""Recordings of simulated machines for the tests of the analysis: made by the simulation, handed over as files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from gyrowheel_analysis.recording import Recording, write_run
+from gyrowheel_control.closed_loop import simulate
+from gyrowheel_control.controller import Gains
+from gyrowheel_control.plans import Plan
+from gyrowheel_sim import blind
+from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.effects import EffectValues
+from gyrowheel_sim.environment import to_json
+from gyrowheel_sim.scenario import Scenario
+
+BENCH = Bench.load()
+
+
+def hidden_machine(seed: int, effects: EffectValues) -> Scenario:
+    """Return a machine whose parameters are drawn within the stated uncertainties, with the given effects."""
+    drawn = blind.draw(BENCH, seed, kinds=("none",))
+    return Scenario(values=drawn.values, effects=effects, noise_seed=seed)
+
+
+def record(
+    folder: Path,
+    name: str,
+    scenario: Scenario,
+    plan: str | Plan,
+    *,
+    noise_seed: int | None = None,
+    gains: Gains | None = None,
+) -> Recording:
+    """Run a plan on a machine and return the recording as read from disk."""
+    plan = Plan.load(plan) if isinstance(plan, str) else plan
+    seed = scenario.noise_seed if noise_seed is None else noise_seed
+    run = simulate(BENCH, Scenario(scenario.values, scenario.effects, seed), plan, gains=gains)
+    write_run(
+        folder / name,
+        run.measurement,
+        run.command,
+        run.setpoints,
+        to_json(run.environment),
+        BENCH.describe(),
+        sample_period=BENCH.sample_period,
+    )
+    return Recording.open(folder / name)

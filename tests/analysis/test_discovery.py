@@ -1,0 +1,230 @@
+"""The loop on data with a hidden effect: compare, see where, learn what, add, watch the error fall."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+from gyrowheel_analysis.adding import add_effect
+from gyrowheel_analysis.compare import compare
+from gyrowheel_analysis.discovery.verdict import Diagnosis, diagnose
+from gyrowheel_analysis.model import Model
+from gyrowheel_control.controller import Gains
+from gyrowheel_control.plans import Plan
+from gyrowheel_sim import blind
+from gyrowheel_sim.effects import EffectValues, registry
+from gyrowheel_sim.errors import InputError
+
+from .machines import hidden_machine, record
+
+#: Sizes in the middle of what is usual; the two that a minute on the open bench cannot show have tests of their own.
+HIDDEN: dict[str, EffectValues] = {
+    name: {name: effect.defaults()} for name, effect in registry().items() if name not in ("gravity_offset",)
+}
+
+
+def named(diagnosis: Diagnosis) -> set[str]:
+    return {e.name for e in diagnosis.effects}
+
+
+@pytest.mark.parametrize("name", HIDDEN)
+def test_a_hidden_effect_is_found_added_and_validated(name: str, tmp_path: Path) -> None:
+    truth = HIDDEN[name]
+    machine = hidden_machine(seed=40 + list(HIDDEN).index(name), effects=truth)
+    fit = record(tmp_path, "fit", machine, "quick")
+    unused = record(tmp_path, "unused", machine, "check", noise_seed=9000)
+    model = Model.new()
+
+    found = diagnose([fit], model, validate=[unused])
+    tied = {tie.name for e in found.effects for tie in e.ties}
+    assert named(found) == {name} or (len(found.effects) == 1 and name in tied), found.summary
+    if named(found) == {name}:
+        effect = found.effects[0]
+        for key, estimate in effect.coefficients.items():
+            assert abs(estimate.value - truth[name][key]) < 4.0 * estimate.standard_error
+
+    added = add_effect(model, [name], [fit], [unused])
+    assert added.error.validation_before is not None
+    assert added.error.validation_after is not None
+    # in units of the noise floor
+    assert math.sqrt(added.error.validation_after.chi2_per_n) <= 1.3
+    assert added.error.validation_after.chi2_per_n < added.error.validation_before.chi2_per_n
+    assert added.error.after.chi2_per_n < 0.9 * added.error.before.chi2_per_n
+    # with the effect in the model, nothing is missing any more
+    again = diagnose([fit], added.model)
+    assert again.verdict == "nothing_missing", again.summary
+
+
+def test_nothing_hidden_is_nothing_missing(tmp_path: Path) -> None:
+    for seed in range(10):
+        machine = hidden_machine(seed=700 + seed, effects={})
+        found = diagnose([record(tmp_path, f"seed{seed}", machine, "quick")], Model.new())
+        assert found.verdict == "nothing_missing", (seed, found.summary)
+        assert not found.effects
+        assert not found.free_form
+
+
+def test_two_hidden_effects_are_both_found(tmp_path: Path) -> None:
+    truth = {"aero_cross": {"c": 0.006, "n": 1.98}, "coil_heating": {"a": -0.003}}
+    found = diagnose([record(tmp_path, "fit", hidden_machine(3, truth), "quick")], Model.new())
+    assert named(found) == set(truth)
+
+
+def test_an_effect_below_the_detection_limit_is_called_so(tmp_path: Path) -> None:
+    truth = {"gravity_offset": {"G": 0.003}}
+    found = diagnose([record(tmp_path, "fit", hidden_machine(4, truth), "quick")], Model.new())
+    assert found.verdict == "nothing_missing"
+    limit = next(limit for limit in found.detection_limits if limit.effect == "gravity_offset")
+    assert limit.value > 0.003
+    assert not limit.visible
+    # and the test that would show it is named; run, it does
+    assert found.next_test is not None
+    assert found.next_test.plan == "inverted"
+
+
+def test_the_next_test_settles_what_the_first_could_not_show(tmp_path: Path) -> None:
+    machine = hidden_machine(4, {"gravity_offset": {"G": 0.003}})
+    recordings = [
+        record(tmp_path, "fit", machine, "quick"),
+        record(tmp_path, "inverted", machine, "inverted", noise_seed=8),
+    ]
+    found = diagnose(recordings, Model.new())
+    assert named(found) == {"gravity_offset"}
+    assert found.verdict == "effect"
+
+
+def test_look_alikes_are_a_tie_with_the_test_that_separates_them(tmp_path: Path) -> None:
+    # speeds and tilts alone cannot tell a strong restoring torque of the air from a wrong gimbal inertia
+    machine = hidden_machine(5, {"aero_restoring": {"k": 0.09, "n": 2.0}})
+    recordings = [
+        record(tmp_path, "s", machine, "paper_speed"),
+        record(tmp_path, "t", machine, "paper_tilt", noise_seed=6),
+    ]
+    found = diagnose(recordings, Model.new())
+    assert found.verdict == "ambiguous", found.summary
+    (effect,) = found.effects
+    ties = {tie.name: tie for tie in effect.ties}
+    assert {effect.name, *ties} >= {"aero_restoring", "gimbal_inertia_error"}
+    assert found.next_test is not None
+    assert found.next_test.plan == "air_density"
+    settled = diagnose(
+        [*recordings, record(tmp_path, "d", machine, "air_density", noise_seed=7)], Model.new()
+    )
+    assert settled.verdict == "effect"
+    assert named(settled) == {"aero_restoring"}
+
+
+def test_a_wrong_bench_parameter_is_a_finding_of_its_own_name(tmp_path: Path) -> None:
+    machine = hidden_machine(6, {})
+    values = {**machine.values, "coil_constant": 0.02 * 1.2}
+    wrong = type(machine)(values, {}, 6)
+    found = diagnose([record(tmp_path, "fit", wrong, "quick")], Model.new())
+    assert named(found) == {"coil_gain_error"}
+    estimate = found.effects[0].coefficients["relative_error"]
+    assert abs(estimate.value - 0.2) < 4.0 * max(estimate.standard_error, 0.005)
+
+
+@pytest.mark.parametrize(
+    "truth",
+    [
+        {"three_lobed": {"A": 0.003}},
+        {"contact": {"A": 0.01, "p": 0.5}},
+        {"speed_bump": {"A": 0.04, "p": 0.71, "w": 0.1}},
+    ],
+    ids=lambda truth: next(iter(truth)),
+)
+def test_an_effect_outside_the_library_is_unknown_with_a_formula(truth: EffectValues, tmp_path: Path) -> None:
+    found = diagnose([record(tmp_path, "fit", hidden_machine(8, truth), "quick")], Model.new())
+    assert found.verdict == "unknown", found.summary
+    assert not found.effects
+    assert found.free_form[0].formula
+    assert found.error is not None
+    assert found.error.after.chi2_per_n < 0.5 * found.error.before.chi2_per_n
+
+
+def test_the_controller_does_not_enter(tmp_path: Path) -> None:
+    truth = {"aero_cross": {"c": 0.0053, "n": 1.98}}
+    gains = Gains(spin_proportional=0.024, spin_integral=0.04, tilt_bandwidth=9.0)
+    found = diagnose([record(tmp_path, "fit", hidden_machine(9, truth), "quick", gains=gains)], Model.new())
+    assert named(found) == {"aero_cross"}
+
+
+def test_without_setpoints_the_steady_motion_is_found(tmp_path: Path) -> None:
+    from dataclasses import replace
+
+    machine = hidden_machine(10, {"aero_cross": {"c": 0.0053, "n": 1.98}})
+    recording = record(tmp_path, "fit", machine, "quick")
+    alone = replace(recording, setpoint=recording.setpoint[:0])
+    found = diagnose([alone], Model.new())
+    assert named(found) == {"aero_cross"}
+
+
+def test_too_little_data_is_said(tmp_path: Path) -> None:
+    text = (
+        "schema: 1\nname: short\nsegments:\n  - {spin_rpm: 3000, tilt_deg: [[0, 0], [2, 0]], hold_s: 1.2}\n"
+    )
+    found = diagnose([record(tmp_path, "short", hidden_machine(11, {}), Plan.load(text))], Model.new())
+    assert found.verdict == "insufficient_data"
+    json.dumps(found.to_json())
+
+
+def test_compare_says_where_and_on_what(tmp_path: Path) -> None:
+    machine = hidden_machine(12, {"aero_cross": {"c": 0.008, "n": 1.98}})
+    result = compare([record(tmp_path, "fit", machine, "quick")], Model.new())
+    assert result.where[0].region.startswith("tilt, 3500 rpm")
+    assert sum(region.share_of_chi2 for region in result.where) > 0.6
+    assert result.channels["tilt_x"].chi2_per_n > 3.0
+    assert result.channels["spin"].chi2_per_n < 2.0
+    for metrics in result.channels.values():
+        parts = metrics.theil_bias + metrics.theil_variance + metrics.theil_covariance
+        assert parts == pytest.approx(1.0, abs=1e-6)
+    content = json.loads(json.dumps(result.to_json()))
+    assert set(content["error"]["before"]["rms"]) == {"tilt_x", "tilt_y", "spin"}
+
+
+def test_the_json_keeps_its_contract(tmp_path: Path) -> None:
+    machine = hidden_machine(13, {"windage": {"w": 0.001, "n": 1.48}})
+    fit, unused = (
+        record(tmp_path, "a", machine, "quick"),
+        record(tmp_path, "b", machine, "check", noise_seed=14),
+    )
+    content = json.loads(json.dumps(diagnose([fit], Model.new(), validate=[unused]).to_json()))
+    assert content["schema"] == 1
+    assert content["verdict"] == "effect"
+    assert set(content) >= {
+        "effects", "free_form", "error", "where", "next_test", "nuisance", "recordings", "model", "versions",
+    }  # fmt: skip
+    assert set(content["error"]) >= {
+        "unit", "before", "after", "validation_before", "validation_after", "noise_floor",
+    }  # fmt: skip
+    (effect,) = content["effects"]
+    assert set(effect) >= {"name", "coefficients", "delta_chi2", "formula", "ties"}
+    assert set(effect["coefficients"]["w"]) == {"value", "standard_error", "unit"}
+    assert set(next(iter(content["nuisance"].values()))) == {
+        "value", "standard_error", "prior_value", "prior_uncertainty",
+    }  # fmt: skip
+
+
+def test_a_recording_carries_no_truth(tmp_path: Path) -> None:
+    machine = blind.draw(blind.Bench.load(), 21, kinds=("single",))
+    record(tmp_path, "fit", machine, "check")
+    effect = next(iter(machine.effects))
+    for path in (tmp_path / "fit").iterdir():
+        content = path.read_bytes()
+        assert effect.encode() not in content
+        assert b"noise_seed" not in content
+
+
+def test_adding_twice_or_an_unknown_effect_is_refused(tmp_path: Path) -> None:
+    machine = hidden_machine(15, {"windage": {"w": 0.001, "n": 1.48}})
+    fit = record(tmp_path, "fit", machine, "quick")
+    added = add_effect(Model.new(), ["windage"], [fit])
+    with pytest.raises(InputError, match="has it already"):
+        add_effect(added.model, ["windage"], [fit])
+    with pytest.raises(InputError, match="did you mean windage"):
+        add_effect(Model.new(), ["windadge"], [fit])
+    with pytest.raises(InputError, match="no recording"):
+        add_effect(Model.new(), ["windage"], [])
