@@ -1,5 +1,7 @@
 """For colcon only; pip reads pyproject.toml."""
 
+from glob import glob
+
 from setuptools import find_packages, setup
 
 setup(
@@ -10,6 +12,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/gyrowheel_bringup"]),
         ("share/gyrowheel_bringup", ["package.xml"]),
+        ("share/gyrowheel_bringup/launch", sorted(glob("launch/*.launch.py"))),
     ],
     entry_points={"console_scripts": ["gyrowheel = gyrowheel_bringup.cli:main"]},
 )

@@ -98,10 +98,8 @@ def test_a_killed_controller_is_named_and_the_recording_kept(tmp_path: Path):
         if progress.elapsed >= 1.0:
             os.kill(graph.pids["controller"], signal.SIGKILL)
 
-    with (
-        pytest.raises(GraphError) as caught,
-        Graph(LONG_PLAN, record=directory, domain_id=next_domain()) as graph,
-    ):
+    options: dict[str, Any] = {"domain_id": next_domain(), "without": ["drag_estimator"]}
+    with pytest.raises(GraphError) as caught, Graph(LONG_PLAN, record=directory, **options) as graph:
         graph.run(progress=kill)
     assert (caught.value.fault, caught.value.node) == ("node_died", "controller")
     assert str(caught.value) == "controller: killed by SIGKILL"
@@ -140,13 +138,15 @@ def test_ctrl_c_twice_leaves_nothing_behind(tmp_path: Path):
     assert (tmp_path / "log").read_text().strip().endswith("KeyboardInterrupt")
 
 
-def test_nodes_end_after_a_starter_that_was_killed(tmp_path: Path):
+def test_a_used_domain_is_refused_and_nodes_end_after_a_killed_starter(tmp_path: Path, domain: int):
     code = f"""if True:
-        with Graph(domain_id={next_domain()}, without=["drag_estimator", "plant", "controller"]) as graph:
+        with Graph(domain_id={domain}, without=["drag_estimator", "plant", "controller"]) as graph:
             print(*graph.pids.values(), flush=True)
             graph.wait()
     """
     starter, pids = start_graph(code, tmp_path / "log")
+    with pytest.raises(GraphError, match="the ROS domain has a node 'conductor' already"):
+        Graph(domain_id=domain).__enter__()
     starter.kill()
     starter.wait()
     wait_for(lambda: not any(alive(pid) for pid in pids), 10.0)

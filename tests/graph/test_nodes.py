@@ -9,7 +9,11 @@ from typing import Any
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from gyrowheel_msgs.action import RunPlan
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from rcl_interfaces.srv import SetParameters
 from rclpy.action import ActionClient
+from rclpy.parameter import Parameter
 
 from gyrowheel_control.plans import Plan
 from gyrowheel_sim import topics, wire
@@ -37,6 +41,51 @@ def test_bad_parameters_end_a_node_with_one_line(start_node: Start):
         assert line in node.output
         assert node.output.count("\n") == 1
         assert "Traceback" not in node.output
+
+
+def test_a_lifecycle_manager_can_run_a_node(bystander: Bystander, start_node: Start):
+    conductor = start_node("conductor", autostart="false")
+    calls = {
+        name: bystander.node.create_client(kind, f"/conductor/{name}")
+        for name, kind in (
+            ("get_state", GetState),
+            ("change_state", ChangeState),
+            ("set_parameters", SetParameters),
+        )
+    }
+
+    def call(name: str, request: Any) -> Any:
+        bystander.spin_until(calls[name].service_is_ready)
+        future = calls[name].call_async(request)
+        bystander.spin_until(future.done)
+        return future.result()
+
+    def change(label: str) -> bool:
+        return bool(call("change_state", ChangeState.Request(transition=Transition(label=label))).success)
+
+    def set_parameter(name: str, value: Any) -> Any:
+        parameter = Parameter(name, value=value).to_parameter_msg()
+        return call("set_parameters", SetParameters.Request(parameters=[parameter])).results[0]
+
+    def state() -> str:
+        return str(call("get_state", GetState.Request()).current_state.label)
+
+    assert state() == "unconfigured"
+    assert not set_parameter("lead", 99.0).successful
+    assert set_parameter("bench", "no/such.yaml").successful
+    assert not change("configure")  # said in the log; the node goes on
+    assert state() == "unconfigured"
+    assert set_parameter("bench", "gyrowheel").successful
+    assert change("configure")
+    assert change("activate")
+    assert state() == "active"
+    assert "fixed" in set_parameter("lead", 1.0).reason
+    for label in ("deactivate", "cleanup", "configure", "activate", "deactivate"):
+        assert change(label)
+    assert state() == "inactive"
+    assert conductor.interrupt() == 0
+    assert "bench 'no/such.yaml'" in conductor.output
+    assert "Traceback" not in conductor.output
 
 
 class Answers:

@@ -54,6 +54,7 @@ EXECUTABLES: Mapping[str, tuple[str, str]] = {
 _STOP_ORDER = (("conductor", "drag_estimator"), ("controller", "plant"), ("recorder",))
 _STOP_TIMEOUT = 20.0  # for a node to end by itself [s]
 _FINISH_TIMEOUT = 120.0  # for the recorder to complete its files [s]
+_DISCOVERY = 0.8  # in which nodes that are there are found [s]
 _CLOCK_PERIOD_NS = 10_000_000  # plans end at whole multiples of it
 
 
@@ -361,6 +362,7 @@ class Graph:
         work = Path(tempfile.mkdtemp(prefix="gyrowheel-"))
         self._cleanup.callback(shutil.rmtree, work, ignore_errors=True)
         self._connect()
+        self._refuse_company()
         parameters = self._node_parameters(work)
         environment = os.environ | {PARENT_VARIABLE: str(os.getpid()), "ROS_LOG_DIR": str(work / "log")}
         if self._domain_id is not None:
@@ -393,7 +395,9 @@ class Graph:
             signal_handler_options=SignalHandlerOptions.NO,
         )
         self._cleanup.callback(context.try_shutdown)
-        self._node = Node(f"graph_{os.getpid()}", context=context, use_global_arguments=False)
+        self._node = Node(
+            f"graph_{os.getpid()}", context=context, use_global_arguments=False, enable_rosout=False
+        )
         self._cleanup.callback(self._node.destroy_node)
         self._executor = make_executor(context)
         self._cleanup.callback(self._executor.shutdown)
@@ -408,35 +412,20 @@ class Graph:
         self._cleanup.callback(self._plans.destroy)
 
     def _node_parameters(self, work: Path) -> dict[str, dict[str, object]]:
-        spin_rate = self._initial_spin_rate
-        if spin_rate is None:
-            spin_rate = 0.0 if self._plan is None else self._plan.initial_spin_rate
-        scenario = ""
+        scenario = "" if self._scenario is None else str(self._scenario)
         if isinstance(self._scenario, Scenario):
             scenario = str(work / "scenario.json")
             self._scenario.save(scenario)
-        elif self._scenario is not None:
-            scenario = str(Path(self._scenario).absolute())
-        events = [] if self._plan is None else [e for e in self._plan.environment() if e.time == 0.0]
-        recorders = int("recorder" in self._names and self._record is not None)
-        estimators = int("drag_estimator" in self._names)
-        result: dict[str, dict[str, object]] = {
-            "plant": {
-                "bench": self._bench_source,
-                "scenario_file": scenario,
-                "environment": to_json(events) if events else "",
-                "initial_spin_rate": float(spin_rate),
-                "wait_for_subscribers": 1 + recorders + estimators,
-            },
-            "controller": {"bench": self._bench_source, "wait_for_subscribers": 1 + recorders},
-            "conductor": {
-                "bench": self._bench_source,
-                "hold_after_plan": self._hold,
-                "wait_for_subscribers": 1 + recorders + estimators,
-            },
-            "recorder": {"directory": str(self._record or "")},
-            "drag_estimator": {"bench": self._bench_source},
-        }
+        result = node_parameters(
+            self._plan,
+            bench=self._bench_source,
+            scenario=scenario,
+            record="" if self._record is None else str(self._record),
+            hold_after_plan=self._hold,
+            nodes=self._names,
+        )
+        if self._initial_spin_rate is not None:
+            result["plant"]["initial_spin_rate"] = float(self._initial_spin_rate)
         for name, values in self._parameters.items():
             result[name] |= values
         return result
@@ -455,12 +444,15 @@ class Graph:
                 raise GraphError(
                     "start_timeout", f"not active after {self._start_timeout:g} s: {', '.join(waiting)}"
                 )
-        names = self._node.get_node_names()
-        twice = [name for name in self._names if names.count(name) > 1]
-        if twice:
+
+    def _refuse_company(self) -> None:
+        """Raise if the domain has such nodes already: two plants or controllers would disturb each other."""
+        self._spin(_DISCOVERY)
+        there = sorted(set(self._names) & set(self._node.get_node_names()))
+        if there:
             raise GraphError(
                 "domain_in_use",
-                f"the ROS domain has another node {twice[0]}: end the other graph, or choose another domain",
+                f"the ROS domain has a node '{there[0]}' already: end that graph, or choose another domain",
             )
 
     # ---- talking
@@ -584,6 +576,54 @@ def _uninterrupted() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def node_parameters(
+    plan: Plan | None,
+    *,
+    bench: str = "gyrowheel",
+    scenario: str = "",
+    record: str = "",
+    hold_after_plan: bool = True,
+    nodes: Collection[str] = tuple(EXECUTABLES),
+) -> dict[str, dict[str, object]]:
+    """Return the parameters with which nodes run a plan together: {node: {parameter: value}}.
+
+    Every node waits until those that it has to reach listen, so that no sample is lost.
+
+    Parameters
+    ----------
+    plan : Plan or None
+        The bench starts at its spin rate and in its first environment; at rest and upright without a plan.
+    bench : str
+        Name of a shipped bench, or path of a bench file.
+    scenario, record : str
+        Scenario file, and directory to record into; empty: none.
+    hold_after_plan : bool
+        Whether the bench goes on running after the plan.
+    nodes : collection of str
+        The nodes that take part.
+    """
+    events = [] if plan is None else [event for event in plan.environment() if event.time == 0.0]
+    recorders = int("recorder" in nodes and bool(record))
+    estimators = int("drag_estimator" in nodes)
+    return {
+        "plant": {
+            "bench": bench,
+            "scenario_file": scenario and str(Path(scenario).absolute()),
+            "environment": to_json(events) if events else "",
+            "initial_spin_rate": 0.0 if plan is None else float(plan.initial_spin_rate),
+            "wait_for_subscribers": 1 + recorders + estimators,
+        },
+        "controller": {"bench": bench, "wait_for_subscribers": 1 + recorders},
+        "conductor": {
+            "bench": bench,
+            "hold_after_plan": hold_after_plan,
+            "wait_for_subscribers": 1 + recorders + estimators,
+        },
+        "recorder": {"directory": record},
+        "drag_estimator": {"bench": bench},
+    }
 
 
 def find_executable(package: str, executable: str) -> Path:

@@ -31,7 +31,7 @@ SETPOINT_PERIOD_NS = round(SETPOINT_PERIOD * 1e9)
 #: Plans start and end at whole multiples of this, at which the plant publishes the clock [ns].
 CLOCK_PERIOD_NS = 10_000_000
 #: How long a goal waits for somebody who listens to the setpoints [s].
-MATCHING_TIMEOUT = 10.0
+MATCHING_TIMEOUT = 120.0
 _MOTION = ("tilt_rate_x", "tilt_rate_y", "spin_acceleration")
 
 
