@@ -20,7 +20,7 @@ from gyrowheel_bringup.graph import EXECUTABLES, find_executable
 from gyrowheel_sim import topics
 from gyrowheel_sim.node import PARENT_VARIABLE, make_executor, prepare_environment
 
-#: A plan of about 3 s with ramps, holds and a cone, in an environment that is not the ambient one.
+#: A plan of about 3 s with ramps, holds and a cone, in environments that are not the ambient one.
 SHORT_PLAN = """\
 schema: 1
 name: short
@@ -28,7 +28,7 @@ hold_s: 0.4
 segments:
   - {label: level, spin_rpm: 2000, tilt_deg: [0, 0], rig: inverted, air_density_ratio: 0.7, preheat_k: 5}
   - {label: tilted, tilt_deg: [1.0, 0.5], hold_s: 0.8}
-  - {label: faster, spin_rpm: 2100, tilt_deg: [1.0, -0.5]}
+  - {label: faster, spin_rpm: 2100, tilt_deg: [1.0, -0.5], rig: upright, yaw_deg: 90, preheat_k: 20}
   - {label: cone, cone_radius_deg: 1.0, cone_period_s: 0.6}
 """
 #: A plan that outlasts every test.
