@@ -98,7 +98,7 @@ def test_the_next_test_settles_what_the_first_could_not_show(tmp_path: Path) -> 
 
 def test_look_alikes_are_a_tie_with_the_test_that_separates_them(tmp_path: Path) -> None:
     # speeds and tilts alone cannot tell a strong restoring torque of the air from a wrong gimbal inertia
-    machine = hidden_machine(5, {"aero_restoring": {"k": 0.09, "n": 2.0}})
+    machine = hidden_machine(5, {"aero_restoring": {"k": 0.12, "n": 2.0}})
     recordings = [
         record(tmp_path, "s", machine, "paper_speed"),
         record(tmp_path, "t", machine, "paper_tilt", noise_seed=6),

@@ -37,6 +37,7 @@ NUISANCE_GROUPS = (
     "tilt_bias_y",
     "tilt_scale",
 )
+_HELD = 1.0e4  # inverse prior deviation of an unknown that is not to move
 #: Bench parameters whose error is a finding of its own name: {finding: groups that move by one common factor}.
 ERRORS: dict[str, tuple[str, ...]] = {
     "stiffness_error": ("flexure_stiffness_x", "flexure_stiffness_y"),
@@ -150,9 +151,10 @@ class Problem:
         #: Effects by name; forms that no declaration contains are added while they are tried.
         self.library: dict[str, Effect] = dict(registry())
         self.known = {name: dict(values) for name, values in (known or {}).items()}
+        self.known_errors = {name: dict(errors) for name, errors in (known_errors or {}).items()}
         self._loose = [
             (name, key, error)
-            for name, errors in (known_errors or {}).items()
+            for name, errors in self.known_errors.items()
             for key, error in errors.items()
             if name in self.known and error > 0.0
         ]
@@ -238,12 +240,15 @@ class Problem:
     def prior(self, terms: Sequence[Term]) -> tuple[Array, list[tuple[str, str]]]:
         """Return the inverse prior deviations of all unknowns and the list of the coefficients among them.
 
-        A parameter error frees its parameter: its own deviation is then held by the prior as before, while the
-        relative error has none. Shapes keep the uncertainty that their declaration states.
+        A parameter error frees its parameter: the relative error has no prior, and the parameter's own deviation is
+        held at zero, where the two are the same thing. Shapes keep the uncertainty that their declaration states.
         """
         columns = [(t.name, name) for t in terms for name in t.coefficients]
         inverse = [1.0] * self.count
         for term in terms:
+            groups = ERRORS[term.name] if term.effect is None else ()
+            if len(groups) == 1:
+                inverse[[name for name, _ in self.nuisances].index(groups[0])] = _HELD
             for name in term.coefficients:
                 shape = term.effect is not None and name not in term.amplitudes
                 inverse.append(1.0 / self.scale(term, name) if shape else 0.0)

@@ -78,47 +78,47 @@ class Planner:
             except InputError:
                 return None  # this bench cannot run it
             self._minutes[name] = plan.duration / 60.0
-            self._problems[name] = Problem(
-                [Balance(planned_windows(plan, bench), bench)], bench, self._problem.known
-            )
+            planned = Balance(planned_windows(plan, bench), bench)
+            problem = Problem([planned], bench, self._problem.known, self._problem.known_errors)
+            problem.library.update(self._problem.library)
+            problem.noise.use_scales(self._problem.noise.scales)
+            self._problems[name] = problem
         return self._problems[name]
 
-    def separation(self, truth: Term, fit: Fit, rival: Term | None, plan: str) -> Separation | None:
-        """Return how well a plan would tell `rival` (None: nothing at all) from `truth`, of the size that `fit` has."""
+    def separation(self, truth: Fit, rival: Fit, plan: str) -> Separation | None:
+        """Return by how much a plan, added to the recordings at hand, would make `rival` worse than `truth`.
+
+        Parameters
+        ----------
+        truth, rival : Fit
+            Two fits to the recordings at hand. If the first is right, the second is fitted again to everything.
+        plan : str
+            Name of a plan.
+        """
         other = self._planned(plan)
         if other is None:
             return None
-        rest = [t for t in fit.terms if t != truth and t != rival]
+        inverse, _ = self._problem.prior(rival.terms)
+        count = self._problem.count
         signals, designs = [], []
         for problem in (self._problem, other):
-            rows = problem.predict(fit.nuisance[: problem.count], fit.coefficients)
-            white = problem.noise.whiten
-            amplitudes = np.array([fit.coefficients[truth.name][name] for name in truth.coefficients])
-            null = np.array([problem.null(truth)[name] for name in truth.coefficients])
-            nuisance = fit.nuisance[: problem.count]
-            own = problem.term_jacobian(truth, nuisance, fit.coefficients, rows)
-            count = len(truth.amplitudes)
-            signals.append(white(own[:, :count] @ (amplitudes - null)[:count]))
-            without = {name: values for name, values in fit.coefficients.items() if name != truth.name}
-            at = problem.predict(nuisance, without)
-            others = []
-            if rival is not None:
-                others.append(problem.term_jacobian(rival, nuisance, without, at)[:, : len(rival.amplitudes)])
-            others += [
-                problem.term_jacobian(t, nuisance, fit.coefficients, rows)[:, : len(t.amplitudes)]
-                for t in rest
-            ]
-            designs.append(white(np.hstack([problem.base_jacobian[:, : len(problem.nuisances)], *others])))
-        count = len(self._problem.nuisances)
-        prior = np.zeros((count, designs[0].shape[1]))
-        prior[:, :count] = np.eye(count)
-        design = np.vstack([*designs, prior])
-        signal = np.concatenate([*signals, np.zeros(count)])
+            at = problem.predict(rival.nuisance, rival.coefficients)
+            signal = problem.predict(truth.nuisance, truth.coefficients) - at
+            columns = [problem.base_jacobian]
+            columns += [problem.term_jacobian(t, rival.nuisance, rival.coefficients, at) for t in rival.terms]
+            signals.append(problem.noise.whiten(signal))
+            designs.append(problem.noise.whiten(np.hstack(columns)))
+        centre = [self._problem.null(t)[n] for t in rival.terms for n in t.coefficients]
+        found = [rival.coefficients[t][n] for t, n in rival.columns]
+        pull = inverse * np.concatenate([rival.nuisance, np.array(found) - np.array(centre)])
+        design = np.vstack([*designs, np.diag(inverse)])
+        signal = np.concatenate([*signals, -pull])
         size = np.linalg.norm(design, axis=0)
         size[size == 0.0] = 1.0
         solution, *_ = np.linalg.lstsq(design / size, signal, rcond=1e-10)
         left = signal - (design / size) @ solution
-        return Separation(plan, float(left @ left), self._minutes[plan])
+        expected = float(left @ left) - float(truth.nuisance[:count] @ truth.nuisance[:count])
+        return Separation(plan, max(expected, 0.0), self._minutes[plan])
 
     def revealing(self, name: str) -> Separation | None:
         """Return the plan that would show a registered effect of the middle usual size most clearly a minute."""
@@ -129,16 +129,14 @@ class Planner:
         _, columns = self._problem.prior(terms)
         assumed = replace(self._fit, terms=terms, coefficients=coefficients, columns=columns)
         found = [
-            s for plan in SEPARATING_PLANS if (s := self.separation(term, assumed, None, plan)) is not None
+            s for plan in SEPARATING_PLANS if (s := self.separation(assumed, self._fit, plan)) is not None
         ]
         settling = [s for s in found if s.expected >= SETTLED]
         return max(settling or found, key=lambda s: s.expected / s.minutes, default=None)
 
-    def best(self, truth: Term, fit: Fit, rival: Term) -> Separation | None:
-        """Return the plan that separates two terms best a minute, among those that settle it; else the strongest."""
-        found = [
-            s for plan in SEPARATING_PLANS if (s := self.separation(truth, fit, rival, plan)) is not None
-        ]
+    def best(self, truth: Fit, rival: Fit) -> Separation | None:
+        """Return the plan that separates two fits best a minute, among those that settle it; else the strongest."""
+        found = [s for plan in SEPARATING_PLANS if (s := self.separation(truth, rival, plan)) is not None]
         settling = [s for s in found if s.expected >= SETTLED]
         if settling:
             return max(settling, key=lambda s: s.expected / s.minutes)

@@ -22,6 +22,8 @@ TIE = 14.0
 #: A bench parameter is a finding of its own beyond this many stated uncertainties.
 ERROR_LIMIT = 5.0
 _MOST_TERMS = 4
+#: Worsening of a cross-validation (in chi-squared) that chance alone explains.
+_WORSENING = 4.0
 _SHORTLIST = 5
 
 Progress = Callable[[str], None]
@@ -118,7 +120,7 @@ def select(problem: Problem, *, progress: Progress | None = None) -> Selection:
         inflation = fit.chi2_rows / dof
         if current.chi2 - fit.chi2 < threshold(term, inflation):
             break
-        if not _survives_cross_validation(problem, current, fit, term):
+        if term.effect is not None and not _survives_cross_validation(problem, current, fit, term):
             refused.add(term.name)
             continue
         say(f"{term.name}: gains {current.chi2 - fit.chi2:.0f} in chi-squared")
@@ -288,6 +290,6 @@ def _survives_cross_validation(problem: Problem, without: Fit, with_: Fit, term:
             if not np.all(np.isfinite(own)) or values @ np.linalg.pinv(own) @ values < 4.0 * len(values):
                 continue
             errors += [found[0][0], found[1][0]]
-        if errors[1] > errors[0]:
+        if errors[1] > errors[0] + _WORSENING:
             return False
     return True

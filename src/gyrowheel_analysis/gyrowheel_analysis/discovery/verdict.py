@@ -388,7 +388,7 @@ def _report(fitted: Prepared, finding: Finding, best: Fit, planner: Planner) -> 
     ]
     ties = []
     for tie in finding.ties:
-        separation = planner.best(term, best, tie.term)
+        separation = planner.best(best, tie.fit)
         useful = separation if separation and separation.expected >= 9.0 else None
         ties.append(
             TieReport(

@@ -1,0 +1,67 @@
+"""The picture of an error that falls."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gyrowheel_analysis.errors import ErrorRow, ErrorTable, Residuals
+from gyrowheel_analysis.report.picture import save_picture
+from gyrowheel_sim.errors import InputError
+
+TITLE = "An effect is missing: drag of the air on the spin"
+
+
+def residuals(role: str, count: int = 12) -> Residuals:
+    rng = np.random.default_rng(count)
+    noise = np.full(count, 2e-5)
+    channels = {
+        name: (20.0 * noise * rng.normal(size=count), noise * rng.normal(size=count), noise)
+        for name in ("tilt_x", "tilt_y", "spin")
+    }
+    time = np.linspace(1.0, 30.0, count)
+    return Residuals(role, role, time, np.linspace(366.0, 150.0, count), np.zeros(count, complex), channels)
+
+
+def row(size: float) -> ErrorRow:
+    return ErrorRow({"tilt_x": size, "tilt_y": size, "spin": size}, size)
+
+
+FIT, VALIDATION = residuals("fit"), residuals("validation", 5)
+TABLE = ErrorTable(row(4e-4), row(2e-5), row(2e-5), row(3e-4), row(2e-5), row(2e-5))
+FIT_ONLY = ErrorTable(row(4e-5), row(2e-5), row(2e-5))
+ZERO = ErrorTable(row(0.0), row(0.0), row(0.0))
+
+
+@pytest.mark.parametrize(
+    ("parts", "table"),
+    [
+        ([FIT, VALIDATION], TABLE),
+        ([FIT, replace(FIT, name="second"), VALIDATION], TABLE),
+        ([FIT], FIT_ONLY),
+        ([residuals("fit", 1)], ZERO),
+    ],
+    ids=["both", "two fitted", "fit only", "one window, no error"],
+)
+def test_a_picture_of_1600_by_1000(tmp_path: Path, parts: list[Residuals], table: ErrorTable):
+    file = tmp_path / "new" / "picture.png"
+    save_picture(file, parts, table, title=TITLE, subtitle="w = 1.02 ± 0.05 mN·m")
+    content = file.read_bytes()
+    assert content[:8] == b"\x89PNG\r\n\x1a\n"
+    assert struct.unpack(">II", content[16:24]) == (1600, 1000)
+    assert len(content) < 300_000
+    assert list(file.parent.iterdir()) == [file]
+
+
+def test_nothing_is_left_of_a_picture_that_cannot_be_written(tmp_path: Path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot be written"):
+        save_picture(tmp_path / "file" / "picture.png", [FIT], FIT_ONLY, title=TITLE)
+    (tmp_path / "folder").mkdir()
+    with pytest.raises((InputError, OSError)):
+        save_picture(tmp_path / "folder", [FIT], FIT_ONLY, title=TITLE)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "folder"]
