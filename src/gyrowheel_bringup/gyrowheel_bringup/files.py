@@ -74,8 +74,8 @@ def write_text(file: Path, text: str) -> None:
 
 @contextlib.contextmanager
 def disk_errors(path: Path) -> Iterator[None]:
-    """Turn what the disk refuses into an `InputError` that names the file."""
+    """Turn what the disk refuses into an `InputError` that names `path`."""
     try:
         yield
     except OSError as error:
-        raise InputError(f"{error.filename or path}: cannot be written: {error.strerror or error}") from None
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import signal
 import sys
+from types import FrameType
 
 from gyrowheel_bringup.cli.app import app
 from gyrowheel_bringup.cli.shell import run
@@ -12,4 +14,10 @@ __all__ = ["app", "main"]
 
 def main() -> None:
     """Run the command line and end the process with its exit code."""
+    signal.signal(signal.SIGTERM, _terminate)
     sys.exit(run(app))
+
+
+def _terminate(number: int, frame: FrameType | None) -> None:
+    # unwinds, so that nothing half-written and no child process stays behind
+    raise SystemExit(128 + number)

@@ -7,11 +7,9 @@ import functools
 import json
 import math
 import os
-import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -31,11 +29,12 @@ Fraction = Callable[[float], None]
 
 def run(app: typer.Typer, arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code; errors of the user become one line on stderr."""
-    signal.signal(signal.SIGTERM, _terminate)
     given = list(sys.argv[1:] if arguments is None else arguments)
     try:
         result = app(args=given or ["--help"], prog_name="gyrowheel", standalone_mode=False)
         sys.stdout.flush()
+        if result == INTERRUPTED:
+            raise KeyboardInterrupt
         return result if isinstance(result, int) else OK
     except InputError as error:
         return _bad_input(str(error))
@@ -144,17 +143,11 @@ def _bad_input(text: str) -> int:
 
 def _usage(error: typer.TyperException) -> int:
     message = getattr(error, "format_message", lambda: str(error))()
-    if type(error).__name__ == "NoArgsIsHelpError":
-        sys.stderr.write(f"{message}\n")
+    if type(error).__name__ == "NoArgsIsHelpError":  # has shown the help
         return BAD_INPUT
     context = getattr(error, "ctx", None)
     hint = f" (see: {context.command_path} --help)" if context is not None else ""
     return _bad_input(message.rstrip(".") + hint)
-
-
-def _terminate(number: int, frame: FrameType | None) -> None:
-    # unwinds, so that nothing half-written and no child process stays behind
-    raise SystemExit(128 + number)
 
 
 def _console(*, stderr: bool) -> Console:

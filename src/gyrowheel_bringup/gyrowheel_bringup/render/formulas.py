@@ -50,7 +50,8 @@ def _one(formula: str) -> str:
     law = re.sub(r"\^(\d+|n\b)", lambda match: match.group(1).translate(_RAISED), law)
     law = law.replace("*", "·").replace("\0", "z*")
     law = re.sub(r"(?<![\w)])-", "−", law)
-    law = law.replace("z·z*", "|z|²")
+    law = law.replace("z·z*", "|z|²").replace("sqrt(|z|²)", "|z|").replace("(|z|²)^(3/2)", "|z|³")
+    law = law.replace("Max(", "max(")
     law = re.sub(r"^(−?)z·(.*)·z\*", r"\1\2·|z|²", law)
     law = re.sub(r"^(−?(?:i·)?)z·([^ ]*|.*\(.*\))$", r"\1\2·z", law)
     return f"{_TARGETS.get(target, target)} = {law}" if target else law

@@ -1,0 +1,401 @@
+"""The command line: what every verb promises, and what it says to bad input."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gyrowheel_bringup.simulated
+from gyrowheel_analysis.recording import Recording
+from gyrowheel_bringup.machine import noise_seed
+from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.errors import InputError
+
+from .conftest import Wheel
+from .helpers import SHORT_PLAN, TOO_FAST_PLAN, Result, Shell, write
+
+VERBS = ["demo", "up", "simulate", "info", "compare", "diagnose", "effects", "plans", "bench", "run"]
+EDITS = [f"model {verb}" for verb in ["new", "add", "remove", "show", "undo", "diff"]]
+
+
+# ---- help
+
+
+@pytest.mark.parametrize("verb", [verb for verb in VERBS if verb != "run"] + EDITS)
+def test_every_verb_has_help_with_an_example(gyrowheel: Shell, verb: str):
+    shown = gyrowheel.good(*verb.split(), "--help").out
+    assert f"Example: gyrowheel {verb}" in shown
+
+
+def test_help_lists_every_verb(gyrowheel: Shell):
+    shown = gyrowheel.good().out
+    assert all(f" {verb} " in shown for verb in [*VERBS, "model"])
+
+
+def test_help_needs_none_of_the_heavy_modules():
+    code = (
+        "import sys; from gyrowheel_bringup.cli import app, shell; shell.run(app, ['--help']);"
+        "print('heavy:', sorted({'numba', 'scipy', 'sympy', 'matplotlib', 'rclpy', 'numpy'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.endswith("heavy: []\n")
+
+
+# ---- bad input
+
+
+def assert_refused(result: Result, *words: str, begun: bool = False) -> None:
+    """Check for exit 2 and one line; where work has begun, lines of progress may stand before it."""
+    assert result.code == 2
+    assert result.out == ""
+    *before, line = result.err.splitlines()
+    assert begun or not before, result.err
+    assert line.startswith("error: ")
+    assert not any("error" in text for text in before)
+    for word in words:
+        assert word in line
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nosuch"], ["nosuch"]),
+        (["--nosuch"], ["--nosuch"]),
+        (["simulate", "-o", "x"], ["--plan", "gyrowheel simulate --help"]),
+        (["simulate", "--plan", "quick"], ["--output"]),
+        (["simulate", "--plan", "quik", "-o", "x"], ["quik", "quick"]),
+        (["simulate", "--plan", "quick", "-o", "x", "--seed", "-1"], ["seed", "-1"]),
+        (["simulate", "--plan", "quick", "-o", "x", "--seed", "one"], ["--seed"]),
+        (["simulate", "--plan", "quick", "-o", "x", "--machine", "-1"], ["machine", "-1"]),
+        (["simulate", "--plan", "quick", "-o", "x", "--bench", "nosuch"], ["nosuch"]),
+        (["simulate", "--plan", "quick", "-o", "x", "--effect", "windge"], ["windge", "windage"]),
+        (
+            ["simulate", "--plan", "quick", "-o", "x", "--effect", "windage:w=7"],
+            ["windage.w", "7", "allowed"],
+        ),
+        (["simulate", "--plan", "quick", "-o", "x", "--effect", "windage:q=1"], ["windage.q", "w, n"]),
+        (["simulate", "--plan", "quick", "-o", "x", "--effect", "windage", "--effect", "windage"], ["twice"]),
+        (["simulate", "--plan", "quick", "-o", "x", "--effect", "windage", "--blind", "key"], ["--blind"]),
+        (["up", "--plan", "quik", "--record", "x"], ["quik"]),
+        (["info", "x"], ["x", "no such recording"]),
+        (["compare", "x", "--model", "none.yaml"], ["none.yaml"]),
+        (["diagnose", "x"], ["--model"]),
+        (["model", "show", "--model", "none.yaml"], ["none.yaml"]),
+        (["model", "add", "windge", "--model", "new.yaml", "--fit", "x"], ["windge", "windage"]),
+        (["effects", "windge"], ["windge", "windage"]),
+        (["effects", "windage", "--json", "new.yaml/file"], ["cannot be written"]),
+        (["plans", "quik"], ["quik", "quick"]),
+        (["run", "gyrowheel_sim", "nosuch_node"], ["nosuch_node"]),
+        (["demo", "--seed", "-1"], ["--seed"]),
+    ],
+    ids=lambda value: " ".join(value) if value and value[0].islower() and len(value) > 1 else "-",
+)
+def test_bad_input_is_one_line_and_exit_2(
+    gyrowheel: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], words: list[str]
+):
+    monkeypatch.chdir(tmp_path)
+    gyrowheel.good("model", "new", "--model", "new.yaml")
+    assert_refused(gyrowheel(*arguments), *words)
+    assert [path.name for path in tmp_path.iterdir()] == ["new.yaml"]
+
+
+@pytest.mark.parametrize("verb", ["simulate", "up"])
+def test_a_plan_beyond_the_bench_is_refused_before_anything_is_written(
+    gyrowheel: Shell, tmp_path: Path, verb: str
+):
+    plan = write(tmp_path / "plan.yaml", TOO_FAST_PLAN)
+    output = "--output" if verb == "simulate" else "--record"
+    result = gyrowheel(verb, "--plan", plan, output, tmp_path / "run", "--blind", tmp_path / "key.json")
+    assert_refused(result, "plan.yaml", "9000 rpm", "1000 .. 4000 rpm")
+    assert list(tmp_path.iterdir()) == [plan]
+
+
+@pytest.mark.parametrize("verb", ["compare", "diagnose"])
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("effects: {windge: {w: 0.001}}", ["effects", "windge", "windage"]),
+        ("effects: {windage: {w: 5.0}}", ["effects.windage.w", "5", "-0.1 .. 0.1"]),
+        ("effects: {windage: {w: .nan}}", ["effects.windage.w", "nan"]),
+        ("overrides: {coil_constant: -1.0}", ["overrides.coil_constant", "-1"]),
+        ("nosuch: 1", ["nosuch"]),
+        ("effects: [", ["YAML"]),
+    ],
+)
+def test_a_bad_model_is_refused(
+    gyrowheel: Shell, wheel: Wheel, tmp_path: Path, verb: str, text: str, words: list[str]
+):
+    model = write(tmp_path / "model.yaml", f"schema: 1\nbench: gyrowheel\n{text}\n")
+    assert_refused(gyrowheel(verb, wheel.recording, "--model", model), "model.yaml", *words)
+
+
+@pytest.mark.parametrize("verb", ["info", "compare", "diagnose", "add"])
+def test_a_truncated_recording_is_refused(gyrowheel: Shell, wheel: Wheel, tmp_path: Path, verb: str):
+    damaged = tmp_path / "damaged"
+    shutil.copytree(wheel.recording, damaged)
+    (file,) = damaged.glob("*.mcap")
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    model = tmp_path / "model.yaml"
+    shutil.copy(wheel.model, model)
+    arguments = {
+        "info": ["info", damaged],
+        "add": ["model", "add", "windage", "--model", model, "--fit", damaged],
+    }.get(verb, [verb, damaged, "--model", model])
+    result = gyrowheel(*arguments)
+    assert_refused(result, str(file))
+    assert model.read_bytes() == wheel.model.read_bytes()
+
+
+def test_a_recording_is_not_overwritten(gyrowheel: Shell, wheel: Wheel):
+    before = sorted(path.stat().st_mtime_ns for path in wheel.recording.iterdir())
+    assert_refused(gyrowheel("simulate", "--plan", "quick", "-o", wheel.recording), "exists")
+    assert_refused(gyrowheel("up", "--plan", "quick", "--record", wheel.recording), "exists")
+    assert sorted(path.stat().st_mtime_ns for path in wheel.recording.iterdir()) == before
+
+
+def test_the_same_recording_is_not_taken_twice(gyrowheel: Shell, wheel: Wheel):
+    again = wheel.recording.parent / "." / wheel.recording.name
+    assert_refused(gyrowheel("compare", wheel.recording, again, "--model", wheel.model), "twice")
+    arguments = ["--model", wheel.model, "--fit", wheel.recording, "--validate", wheel.recording]
+    assert_refused(gyrowheel("model", "add", "windage", *arguments), "cannot validate")
+
+
+def test_interruption_is_exit_130_and_leaves_nothing(
+    gyrowheel: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def interrupted(directory: Path, *rest: object, **options: object) -> None:
+        directory.mkdir()
+        (directory / "half.mcap").write_bytes(b"half")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(gyrowheel_bringup.simulated, "write_run", interrupted)
+    plan = write(tmp_path / "plan.yaml", SHORT_PLAN)
+    assert gyrowheel("simulate", "--plan", plan, "-o", tmp_path / "run").code == 130
+    assert list(tmp_path.iterdir()) == [plan]
+
+
+# ---- running
+
+
+def test_simulate_records_the_run_and_nothing_of_the_truth(gyrowheel: Shell, tmp_path: Path):
+    plan = write(tmp_path / "plan.yaml", SHORT_PLAN)
+    run = tmp_path / "run"
+    arguments = ["--plan", plan, "-o", run, "--effect", "windage:w=0.00123", "--seed", 987654, "--json", "-"]
+    result = gyrowheel.good("simulate", *arguments).json
+    assert result["plan"] == "short"
+    assert result["recording"] == str(run)
+    assert result["ratio"] == pytest.approx(result["simulated_seconds"] / result["wall_seconds"])
+    content = b"".join(path.read_bytes() for path in run.iterdir())
+    assert b"windage" not in content
+    assert b"987654" not in content
+    assert sorted(path.name for path in run.iterdir()) == ["metadata.yaml", "run_0.mcap"]
+    found = gyrowheel.good("info", run, "--json", "-").json
+    assert found["integrity"]["missing"] == 0
+    assert found["topics"]["/gyrowheel/measurement"] == round(result["simulated_seconds"] / 0.0005)
+
+
+def test_one_seed_one_recording(gyrowheel: Shell, tmp_path: Path):
+    plan = write(tmp_path / "plan.yaml", SHORT_PLAN)
+    for folder, seed in (("a", 1), ("b", 1), ("c", 2)):
+        gyrowheel.good("simulate", "--plan", plan, "-o", tmp_path / folder / "run", "--seed", seed)
+    a, b, c = (Recording.open(tmp_path / folder / "run") for folder in "abc")
+    for topic in ("measurement", "command", "setpoint", "drag_estimate"):
+        # compared field by field: what is no number equals itself here
+        assert repr(getattr(a, topic).tolist()) == repr(getattr(b, topic).tolist())
+    assert not np.array_equal(a.readings, c.readings)
+
+
+def test_noise_differs_between_seeds_and_between_plans():
+    seeds = {noise_seed(seed, plan) for seed in range(50) for plan in ("quick", "check", "survey")}
+    assert len(seeds) == 150
+    with pytest.raises(InputError, match="seed"):
+        noise_seed(-1, "quick")
+
+
+def test_a_key_is_drawn_once_and_used_again(gyrowheel: Shell, tmp_path: Path):
+    plan, key = write(tmp_path / "plan.yaml", SHORT_PLAN), tmp_path / "key.json"
+    gyrowheel.good("simulate", "--plan", plan, "-o", tmp_path / "a", "--blind", key, "--seed", 3)
+    drawn = key.read_text()
+    assert set(json.loads(drawn)) == {"values", "effects"}
+    gyrowheel.good("simulate", "--plan", plan, "-o", tmp_path / "b", "--blind", key, "--seed", 4)
+    assert key.read_text() == drawn
+
+
+# ---- comparing and diagnosing
+
+RMS = {"tilt_x": float, "tilt_y": float, "spin": float}
+ROW = {"rms": RMS, "chi2_per_n": float}
+
+
+def assert_shape(value: object, shape: object, place: str = "") -> None:
+    """Check that a JSON value has the fields and types of a shape; further fields are allowed."""
+    if isinstance(shape, dict):
+        assert isinstance(value, dict), place
+        for key, inner in shape.items():
+            if key is str:  # any key
+                for name, entry in value.items():
+                    assert_shape(entry, inner, f"{place}.{name}")
+            else:
+                assert key in value, f"{place}.{key}"
+                assert_shape(value[key], inner, f"{place}.{key}")
+    elif isinstance(shape, list):
+        assert isinstance(value, list), place
+        for index, entry in enumerate(value):
+            assert_shape(entry, shape[0], f"{place}.{index}")
+    elif shape is float:
+        assert isinstance(value, float | int), place
+        assert not isinstance(value, bool), place
+    else:
+        assert isinstance(value, shape), place  # type: ignore[arg-type]
+
+
+def test_compare(gyrowheel: Shell, wheel: Wheel):
+    shown = gyrowheel.good("compare", wheel.recording, "--model", wheel.model)
+    assert "Where it fails" in shown.out
+    assert all(len(line) <= 80 for line in shown.out.splitlines())
+    result = gyrowheel.good("compare", wheel.recording, "--model", wheel.model, "--json", "-").json
+    metrics = dict.fromkeys(
+        ["rms", "fit_percent", "theil", "theil_bias", "theil_variance", "theil_covariance"], float
+    )
+    assert_shape(
+        result,
+        {
+            "schema": int,
+            "error": {"unit": str, "before": ROW},
+            "where": [{"region": str, "share_of_chi2": float, "description": str}],
+            "channels": {name: {**metrics, "chi2_per_n": float} for name in RMS},
+        },
+    )
+
+
+def test_compare_fails_a_script_above_its_limit(gyrowheel: Shell, wheel: Wheel):
+    arguments = ["compare", wheel.recording, "--model", wheel.model]
+    assert gyrowheel(*arguments, "--fail-above", 1.5).code == 1
+    assert gyrowheel(*arguments, "--fail-above", 1e6).code == 0
+
+
+def test_diagnose_keeps_the_json_contract(gyrowheel: Shell, wheel: Wheel, tmp_path: Path):
+    file = tmp_path / "diagnosis.json"
+    arguments = [
+        "diagnose",
+        wheel.recording,
+        "--model",
+        wheel.model,
+        "--validate",
+        wheel.other,
+        "--json",
+        file,
+    ]
+    shown = gyrowheel(*arguments, "--fail-on-finding")
+    assert shown.code == 1
+    assert "drag of the air on the spin" in shown.out
+    assert "What could not have been seen here" in shown.out
+    assert f"gyrowheel model add windage --model {wheel.model} --fit {wheel.recording}" in shown.out
+    result = json.loads(file.read_text())
+    coefficient = {"value": float, "standard_error": float, "unit": str}
+    assert_shape(
+        result,
+        {
+            "schema": int,
+            "verdict": str,
+            "effects": [
+                {
+                    "name": str,
+                    "coefficients": {str: coefficient},
+                    "delta_chi2": float,
+                    "formula": str,
+                    "ties": [{"name": str, "delta_chi2": float}],
+                }
+            ],
+            "free_form": [{"formula": str, "delta_chi2": float, "coefficients": dict}],
+            "error": {
+                "unit": str,
+                "before": ROW,
+                "after": ROW,
+                "validation_before": ROW,
+                "validation_after": ROW,
+                "noise_floor": {"rms": RMS},
+            },
+            "where": [{"region": str, "share_of_chi2": float, "description": str}],
+            "nuisance": {
+                str: {
+                    "value": float,
+                    "standard_error": float,
+                    "prior_value": float,
+                    "prior_uncertainty": float,
+                }
+            },
+            "recordings": [str],
+            "model": str,
+            "versions": {str: str},
+        },
+    )
+    assert "next_test" in result
+    assert result["schema"] == 1
+    assert [effect["name"] for effect in result["effects"]] == ["windage"]
+
+
+# ---- the model file
+
+
+def test_the_life_of_a_model(gyrowheel: Shell, wheel: Wheel, tmp_path: Path):
+    model, first = tmp_path / "model.yaml", tmp_path / "first.yaml"
+    gyrowheel.good("model", "new", "--model", model)
+    assert_refused(gyrowheel("model", "new", "--model", model), "exists")
+    shutil.copy(model, first)
+    arguments = ["--model", model, "--fit", wheel.recording, "--validate", wheel.other]
+    added = gyrowheel.good("model", "add", "windage", *arguments)
+    assert "not used to fit" in added.out
+    content = gyrowheel.good("model", "show", "--model", model, "--json", "-").json
+    assert content["effects"]["windage"]["w"]["value"] == pytest.approx(1.3e-3, rel=0.2)
+    assert "add windage" in gyrowheel.good("model", "show", "--model", model).out
+    different = gyrowheel.good("model", "diff", first, model, "--json", "-").json["differences"]
+    assert any(line.startswith("+ effects.windage.w") for line in different)
+    assert_refused(gyrowheel("model", "add", "windage", *arguments), "already", begun=True)
+    gyrowheel.good("model", "remove", "windage", "--model", model)
+    assert "windage" not in gyrowheel.good("model", "show", "--model", model, "--json", "-").json["effects"]
+    gyrowheel.good("model", "undo", "--model", model)
+    gyrowheel.good("model", "undo", "--model", model)
+    assert gyrowheel.good("model", "diff", first, model).out == "no difference\n"
+    assert_refused(gyrowheel("model", "undo", "--model", model), "nothing to undo")
+
+
+def test_add_takes_several_effects_and_tells_what_it_did(gyrowheel: Shell, wheel: Wheel, tmp_path: Path):
+    model = tmp_path / "model.yaml"
+    shutil.copy(wheel.model, model)
+    arguments = ["windage", "aero_cross", "--model", model, "--fit", wheel.recording, "--json", "-"]
+    result = gyrowheel.good("model", "add", *arguments).json
+    assert set(result["effects"]) == {"windage", "aero_cross"}
+    assert_shape(result["error"], {"unit": str, "before": ROW, "after": ROW, "noise_floor": ROW})
+
+
+# ---- the catalogue
+
+
+def test_catalogue_as_json(gyrowheel: Shell):
+    effects = gyrowheel.good("effects", "--json", "-").json["effects"]
+    assert "windage" in [effect["name"] for effect in effects]
+    effect = gyrowheel.good("effects", "windage", "--json", "-").json
+    assert set(effect["coefficients"]) == {"w", "n"}
+    assert set(effect["look_alikes"]) == {"bearing_viscous", "bearing_coulomb"}
+    plans = gyrowheel.good("plans", "--json", "-").json["plans"]
+    assert {"quick", "check"} <= {plan["name"] for plan in plans}
+    plan = gyrowheel.good("plans", "quick", "--json", "-").json
+    assert plan["segments"][-1]["start"] < plan["duration"] <= 60.0
+    bench = gyrowheel.good("bench", "--json", "-").json
+    assert set(bench["parameters"]) == set(Bench.load().parameters)
+
+
+def test_catalogue_for_people(gyrowheel: Shell):
+    for arguments in (["effects"], ["effects", "windage"], ["plans"], ["plans", "quick"], ["bench"]):
+        shown = gyrowheel.good(*arguments).out
+        assert all(len(line) <= 80 for line in shown.splitlines()), arguments
+    shown = gyrowheel.good("effects", "windage").out
+    assert "0.8 .. 1.3 mN·m" in shown
+    assert "Easily taken for" in shown

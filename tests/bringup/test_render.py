@@ -1,0 +1,122 @@
+"""How results look on the terminal."""
+
+from __future__ import annotations
+
+import io
+import math
+
+import pytest
+from rich.console import Console
+
+from gyrowheel_bringup.cli.finding import following
+from gyrowheel_bringup.render.diagnosis import diagnosis as rendered
+from gyrowheel_bringup.render.diagnosis import verdict_sentence
+from gyrowheel_bringup.render.formulas import pretty
+from gyrowheel_bringup.render.layout import show
+from gyrowheel_bringup.render.quantities import edge, fixed, quantity, seconds, short, span, with_error
+from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.effects import registry
+
+from .findings import AMBIGUOUS, UNKNOWN, diagnosis, finding, tie
+
+VERDICTS = {
+    "nothing": diagnosis("nothing_missing"),
+    "effect": diagnosis("effect", finding("windage")),
+    "two": diagnosis("effect", finding("windage"), finding("coil_tilt", size=-1.0)),
+    "ambiguous": AMBIGUOUS,
+    "no test": diagnosis("ambiguous", finding("aero_cross", tie("windage", None))),
+    "unknown": UNKNOWN,
+    "insufficient": diagnosis("insufficient_data", error=None, nuisance={}, detection_limits=[], where=[]),
+}
+
+
+def text_of(parts, width: int = 80) -> str:
+    stream = io.StringIO()
+    show(Console(file=stream, width=width), parts)
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("shown", "expected"),
+    [
+        (with_error(0.02231, 0.00027, "N*m/rad"), "22.31 ± 0.27 mN·m/rad"),
+        (with_error(-3.2e-6, 4.5e-7, "N*m*s/rad"), "−3.20 ± 0.45 µN·m·s/rad"),
+        (with_error(2.05, 0.03, "1", pure=True), "2.050 ± 0.030"),
+        (with_error(0.0562, 0.000996, "1"), "5.62 ± 0.10 %"),
+        (with_error(0.1, 0.0, "N*m"), "100 mN·m"),
+        (with_error(math.radians(0.2), math.radians(0.01), "rad"), "0.200 ± 0.010 deg"),
+        (with_error(0.0012, 0.0345, "N*m"), "1 ± 34 mN·m"),
+        (quantity(2.2e-4, "N*m", digits=2), "0.22 mN·m"),
+        (quantity(366.519, "rad/s"), "3500 rpm"),
+        (span(0.0008, 0.0013, "N*m"), "0.8 .. 1.3 mN·m"),
+        (span(0.001, 0.004, "1/K"), "0.1 .. 0.4 %/K"),
+        (fixed(0.0), "0.00"),
+        (fixed(0.99996), "1.00"),
+        (fixed(0.031789), "0.0318"),
+        (fixed(math.nan), "–"),
+        (short(0.0573), "0.0573"),
+        (short(1e7), "1.00e+07"),
+        (seconds(0.25), "0.2 s"),
+        (seconds(131.2), "2 min 11 s"),
+        (seconds(180.0), "3 min"),
+    ],
+)
+def test_numbers_as_people_read_them(shown: str, expected: str):
+    assert shown == expected
+
+
+def test_every_unit_in_use_has_a_sign():
+    units = {c.unit for effect in registry().values() for c in effect.coefficients}
+    units |= {p.unit for p in Bench.load().parameters.values()}
+    assert not [unit for unit in units if set("*^") & set(edge(unit).label)]
+
+
+def test_formulas_are_written_with_signs():
+    for effect in registry().values():
+        shown = pretty(effect.formula)
+        assert not [
+            word
+            for word in ("Omega", "rho", "theta", "*", "^", "torque =")
+            if word in shown.replace("z*", "")
+        ]
+    assert pretty(registry()["windage"].formula) == "torque along the spin axis = −w·(Ω/Ω₀)ⁿ·(ρ/ρ₀)ⁿ⁻¹"
+    assert pretty(registry()["cubic_stiffness"].formula) == "torque of each flexure = −q·θ³"
+
+
+@pytest.mark.parametrize("width", [80, 110])
+@pytest.mark.parametrize("name", VERDICTS)
+def test_every_verdict_can_be_shown(name: str, width: int):
+    found = VERDICTS[name]
+    shown = text_of(rendered(found), width)
+    assert all(len(line) <= width for line in shown.splitlines())
+    words = " ".join(shown.replace("│", " ").split())
+    assert verdict_sentence(found).split(":")[0] in words
+    if found.detection_limits:
+        assert "gravity_offset G 11 mN·m/rad 0.8 .. 6 mN·m/rad not visible" in words
+        assert "coil_constant 20.600 ± 0.050 mN·m/V 20.00 ± 0.40 mN·m/V" in words
+        assert "motor_constant" not in words
+
+
+def test_verdicts_are_plain_sentences():
+    assert verdict_sentence(VERDICTS["effect"]) == "An effect is missing: drag of the air on the spin."
+    assert verdict_sentence(VERDICTS["two"]).startswith("Two effects are missing: ")
+    assert "either cross torque of the air on the tilted rotor or additional" in verdict_sentence(AMBIGUOUS)
+
+
+def test_ties_name_the_test_or_say_that_there_is_none():
+    assert "Plan air_density separates them, expected Δχ² 88" in " ".join(
+        text_of(rendered(AMBIGUOUS)).split()
+    )
+    assert "No test on this bench separates them" in " ".join(text_of(rendered(VERDICTS["no test"])).split())
+
+
+def test_the_next_command_is_never_broken(tmp_path):
+    folder = tmp_path / "a folder with a very long name that does not fit into eighty columns"
+    command = following(VERDICTS["effect"], [folder / "drag"], [folder / "other"], folder / "model.yaml")
+    assert command is not None
+    assert f"--fit '{folder}/drag' --validate '{folder}/other'" in command
+    assert f"  {command}\n" in text_of(rendered(VERDICTS["effect"], following=command))
+    assert following(VERDICTS["nothing"], [folder], [], folder) is None
+    test = following(AMBIGUOUS, [folder / "drag"], [], folder / "model.yaml")
+    assert test is not None
+    assert "gyrowheel up --plan air_density --record" in test

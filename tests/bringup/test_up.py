@@ -1,0 +1,54 @@
+"""The verb `up`: the graph as a user starts it."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gyrowheel_analysis.recording import Recording
+from gyrowheel_bringup.graph import EXECUTABLES
+
+from .helpers import SHORT_PLAN, Shell, write
+
+COMMAND = [sys.executable, "-c", "from gyrowheel_bringup.cli import main; main()"]
+
+pytestmark = [pytest.mark.graph, pytest.mark.timeout(120)]
+
+
+def test_up_and_simulate_give_the_same_samples(gyrowheel: Shell, tmp_path: Path):
+    plan = write(tmp_path / "plan.yaml", SHORT_PLAN)
+    machine = ["--plan", plan, "--effect", "aero_restoring", "--machine", 3, "--seed", 8]
+    shown = subprocess.run(
+        [
+            *COMMAND,
+            "up",
+            *map(str, machine),
+            "--record",
+            str(tmp_path / "up"),
+            "--json",
+            str(tmp_path / "up.json"),
+        ],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"ROS_DOMAIN_ID": str(20 + (11 * os.getpid() + 5) % 80)},
+    )
+    assert shown.returncode == 0, shown.stderr
+    assert "times real time" in shown.stdout
+    assert f"recording: {tmp_path / 'up'}" in shown.stdout
+    assert all(f"{name} " in shown.stderr for name in EXECUTABLES)
+    result = json.loads((tmp_path / "up.json").read_text())
+    assert set(result["processes"]) == set(EXECUTABLES)
+    assert result["samples"] > result["simulated_seconds"] / 0.0005
+    gyrowheel.good("simulate", *machine, "-o", tmp_path / "simulated")
+    graph, simulated = Recording.open(tmp_path / "up"), Recording.open(tmp_path / "simulated")
+    assert graph.integrity().complete
+    count = len(simulated.measurement)
+    assert np.array_equal(graph.measurement[:count], simulated.measurement)
+    assert graph.bench_text == simulated.bench_text
+    assert graph.environment == simulated.environment
