@@ -19,16 +19,20 @@ from gyrowheel_sim.units import DEG, RPM
 BENCH = Bench.load()
 #: Readings without noise and drift.
 QUIET = {name: 0.0 for name in BENCH.values() if name.endswith(("_noise", "_drift"))}
+#: Moments of inertia in the order that the functions of `dynamics` take.
 INERTIAS = (
-    "rotor_inertia_x",
-    "rotor_inertia_y",
-    "rotor_inertia_z",
-    "gimbal_inertia_x",
-    "gimbal_inertia_y",
-    "gimbal_inertia_z",
-    "shaft_inertia",
+    BENCH.value("rotor_inertia_x"),
+    BENCH.value("rotor_inertia_y"),
+    BENCH.value("rotor_inertia_z"),
+    BENCH.value("gimbal_inertia_x"),
+    BENCH.value("gimbal_inertia_y"),
+    BENCH.value("gimbal_inertia_z"),
+    BENCH.value("shaft_inertia"),
 )
-AXIAL_INERTIA = sum(BENCH.value(name) for name in ("rotor_inertia_z", "gimbal_inertia_z", "shaft_inertia"))
+#: Everything that turns with the shaft.
+AXIAL_INERTIA = (
+    BENCH.value("rotor_inertia_z") + BENCH.value("gimbal_inertia_z") + BENCH.value("shaft_inertia")
+)
 #: Igx + Igy - Igz: what tunes the flexures.
 TUNING_INERTIA = 2.0 * BENCH.value("gimbal_inertia_x") - BENCH.value("gimbal_inertia_z")
 
@@ -110,7 +114,7 @@ def perfect_hold(tilt_deg: float, rpm: float) -> Needed:
     for _ in range(40):
         acceleration = rate * np.fft.ifft(1j * order * np.fft.fft(rate)).real
         motion = Spin(np.tan(tilt_deg * DEG) + still, still, still, angle, rate, acceleration)
-        joint = inverse(motion, tuple(BENCH.value(name) for name in INERTIAS))  # type: ignore[arg-type]
+        joint = inverse(motion, INERTIAS)
         flex_x, flex_y = flexure_forces(joint)
         coil = np.exp(1j * angle) * (
             joint.inertial[0] - flex_x + 1j * (joint.inertial[1] - flex_y) / joint.cx
