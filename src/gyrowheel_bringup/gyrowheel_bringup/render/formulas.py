@@ -13,10 +13,9 @@ _NAMES = {
     "theta": "θ",
     "z_rate": "z'",
     "z_ref": "z₀",
-    "T_coil": "T_coil",
     "T_ref": "T₀",
-    "conjugate(z)": "z*",
 }
+_CONJUGATE = "z\u0304"
 _RAISED = str.maketrans("0123456789-n", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻ⁿ")
 _TARGETS = {
     "rotor_torque": "torque on the rotor",
@@ -29,7 +28,7 @@ _TARGETS = {
 
 
 def pretty(formula: str) -> str:
-    """Return a formula as people write it: ``-k·(Ω/Ω₀)ⁿ·z``.
+    """Return a formula as people write it, ``−k·(Ω/Ω₀)ⁿ·z``, and as it can be typed in.
 
     Parameters
     ----------
@@ -43,15 +42,12 @@ def _one(formula: str) -> str:
     target, equals, law = formula.partition(" = ")
     if not equals:
         target, law = "", formula
-    law = law.replace("conjugate(z)", "\0")
+    law = law.replace("conj(z)", _CONJUGATE)
     law = re.sub(r"[A-Za-z_]+", lambda match: _NAMES.get(match.group(), match.group()), law)
-    law = law.replace("(-1 + n)", "(n-1)")
-    law = re.sub(r"\^\((n-1)\)", "ⁿ⁻¹", law)
-    law = re.sub(r"\^(\d+|n\b)", lambda match: match.group(1).translate(_RAISED), law)
-    law = law.replace("*", "·").replace("\0", "z*")
+    law = law.replace("^(n - 1)", "ⁿ⁻¹")
+    law = re.sub(r"\^(\d+|n)(?![\w.])", lambda match: match.group(1).translate(_RAISED), law)
+    law = law.replace("*", "·")
     law = re.sub(r"(?<![\w)])-", "−", law)
-    law = law.replace("z·z*", "|z|²").replace("sqrt(|z|²)", "|z|").replace("(|z|²)^(3/2)", "|z|³")
-    law = law.replace("Max(", "max(")
-    law = re.sub(r"^(−?)z·(.*)·z\*", r"\1\2·|z|²", law)
-    law = re.sub(r"^(−?(?:i·)?)z·([^ ]*|.*\(.*\))$", r"\1\2·z", law)
+    law = re.sub(rf"\bz·{_CONJUGATE}(?![⁰-⁹²³])", "|z|²", law)
+    law = law.replace("sqrt(|z|²)", "|z|").replace("(|z|²)^(3/2)", "|z|³")
     return f"{_TARGETS.get(target, target)} = {law}" if target else law

@@ -12,7 +12,7 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
-from types import ModuleType
+from types import MappingProxyType, ModuleType
 from typing import Any
 
 import numba
@@ -22,6 +22,7 @@ from sympy.printing.pycode import PythonCodePrinter
 
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.declaration import TARGETS, Effect
+from gyrowheel_sim.effects.parts import split
 from gyrowheel_sim.effects.quantities import QUANTITIES, REFERENCES
 from gyrowheel_sim.effects.registry import EffectValues
 
@@ -30,13 +31,20 @@ _END = "# --- end of kernel ---"
 
 
 class _Printer(PythonCodePrinter):
-    """Python source for scalar compiled code: small powers as products, functions of `math`."""
+    """Python source for scalar compiled code: small powers as products, functions of `math`.
+
+    `names` has what stands for a symbol.
+    """
+
+    names: Mapping[str, str] = MappingProxyType({})
+
+    def _print_Symbol(self, expr: sp.Symbol) -> str:
+        return self.names.get(expr.name, expr.name)
 
     def _print_Pow(self, expr: sp.Pow, rational: bool = False) -> str:
         base, exponent = expr.as_base_exp()
-        if exponent.is_Integer and 2 <= int(exponent) <= 4:
-            factor = self.parenthesize(base, 100)
-            return "(" + "*".join([factor] * int(exponent)) + ")"
+        if base.is_Symbol and exponent.is_Integer and 2 <= int(exponent) <= 4:
+            return "(" + "*".join([self._print(base)] * int(exponent)) + ")"
         return str(super()._print_Pow(expr, rational=rational))
 
     def _print_sign(self, expr: sp.sign) -> str:
@@ -70,11 +78,6 @@ def laws_source(effects: Sequence[Effect]) -> str:
     """Return the source of `evaluate_laws` for these effects (see `gyrowheel_sim.effects.no_laws`)."""
     printer = _Printer({"fully_qualified_modules": True})
     layout = coefficient_layout(effects)
-    real = {name: sp.Symbol(name, real=True) for name in ("zx", "zy", "zx_rate", "zy_rate")}
-    split = {
-        QUANTITIES["z"].symbol: real["zx"] + sp.I * real["zy"],
-        QUANTITIES["z_rate"].symbol: real["zx_rate"] + sp.I * real["zy_rate"],
-    }
     lines = [
         "@register_jitable",
         "def evaluate_laws(coef, active, zx, zy, zx_rate, zy_rate, Omega, theta_x, theta_y, theta_x_rate,",
@@ -91,25 +94,32 @@ def laws_source(effects: Sequence[Effect]) -> str:
     }
     for index, effect in enumerate(effects):
         lines.append(f"    if active[{index}]:  # {effect.name}")
-        places = {
-            c.symbol: sp.Symbol(f"coef[{layout[effect.name, c.name]}]", real=True)
-            for c in effect.coefficients
-        }
-        for law in effect.laws:
-            expression = law.expression.subs(places).subs(split)
-            if law.target == "flexure_torque":
-                for axis in "xy":
-                    own = {
-                        QUANTITIES["theta"].symbol: sp.Symbol(f"theta_{axis}", real=True),
-                        QUANTITIES["theta_rate"].symbol: sp.Symbol(f"theta_{axis}_rate", real=True),
-                    }
-                    lines.append(f"        flex_{axis} += {printer.doprint(expression.subs(own))}")
-                continue
-            parts = expression.expand(complex=True).as_real_imag()
-            for name, part in zip(outputs[law.target], parts, strict=False):
-                lines.append(f"        {name} += {printer.doprint(sp.simplify(part))}")
+        places = {c.name: f"coef[{layout[effect.name, c.name]}]" for c in effect.coefficients}
+        for number, law in enumerate(effect.laws):
+            parts = split(law.expression)
+            # a flexure's law is written once for both, by its own angle and rate
+            for axis in "xy" if law.target == "flexure_torque" else "":
+                printer.names = places | {"theta": f"theta_{axis}", "theta_rate": f"theta_{axis}_rate"}
+                lines += _assignments((f"flex_{axis}",), parts[:1], printer, f"_v{index}_{number}{axis}")
+            if law.target != "flexure_torque":
+                printer.names = places
+                lines += _assignments(outputs[law.target], parts, printer, f"_v{index}_{number}_")
     lines.append("    return Tx, Ty, axial, shaft, flex_x, flex_y, gain, read_x, read_y")
     return "\n".join(lines) + "\n"
+
+
+def _assignments(
+    outputs: Sequence[str], parts: Sequence[sp.Expr], printer: _Printer, prefix: str
+) -> list[str]:
+    """Return the lines that add `parts` to `outputs`; what occurs twice is computed once."""
+    wanted = list(zip(outputs, parts, strict=False))
+    shared, results = sp.cse([part for _, part in wanted], symbols=sp.numbered_symbols(prefix, real=True))
+    lines = [f"        {symbol.name} = {printer.doprint(value)}" for symbol, value in shared]
+    return lines + [
+        f"        {output} += {printer.doprint(result)}"
+        for (output, _), result in zip(wanted, results, strict=True)
+        if result != 0
+    ]
 
 
 def compose(effects: Sequence[Effect], extra: Sequence[tuple[str, str]] = ()) -> ModuleType:
@@ -219,7 +229,8 @@ def array_law(effect: Effect, index: int) -> Callable[..., Any]:
     law = effect.laws[index]
     symbols = [q.symbol for q in QUANTITIES.values()] + [c.symbol for c in effect.coefficients]
     names = [s.name for s in symbols]
-    function = sp.lambdify(symbols, law.expression, modules="numpy", cse=True)
+    # dummies: a coefficient may have the name of a function
+    function = sp.lambdify(symbols, law.expression, modules="numpy", cse=True, dummify=True)
 
     def evaluate(values: Mapping[str, Any]) -> Any:
         return function(*(values[name] for name in names))

@@ -10,6 +10,7 @@ from typing import Literal
 import sympy as sp
 
 from gyrowheel_sim.bench import unit_registry
+from gyrowheel_sim.effects.formula import RESERVED, to_text
 from gyrowheel_sim.effects.quantities import QUANTITIES
 
 Category = Literal[
@@ -132,8 +133,8 @@ class Effect:
         names = [c.name for c in self.coefficients]
         if len(set(names)) != len(names) or not names:
             raise ValueError(f"effect {self.name}: coefficients need distinct names")
-        if set(names) & set(QUANTITIES):
-            raise ValueError(f"effect {self.name}: a coefficient has the name of a quantity")
+        if taken := set(names) & RESERVED:
+            raise ValueError(f"effect {self.name}: a coefficient has the name {min(taken)}, which is taken")
         known = {q.symbol for q in QUANTITIES.values()} | {c.symbol for c in self.coefficients}
         for law in self.laws:
             if law.target not in TARGETS:
@@ -163,9 +164,5 @@ class Effect:
 
     @property
     def formula(self) -> str:
-        """The laws as one line of text."""
-        return "; ".join(f"{law.target} = {_pretty(law.expression)}" for law in self.laws)
-
-
-def _pretty(expression: sp.Expr) -> str:
-    return sp.sstr(expression, order="none").replace("**", "^").replace("I*", "i*").replace("*I", "*i")
+        """The laws as one line of text; each can be typed in as it stands."""
+        return "; ".join(f"{law.target} = {to_text(law.expression)}" for law in self.laws)

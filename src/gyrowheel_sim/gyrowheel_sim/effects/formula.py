@@ -17,7 +17,7 @@ from typing import Any, Literal
 import sympy as sp
 from sympy.core.sorting import default_sort_key
 
-from gyrowheel_sim.effects.parts import ComplexArgumentError, Parts, is_real
+from gyrowheel_sim.effects.parts import COMPONENTS, ComplexArgumentError, Parts, is_real
 from gyrowheel_sim.effects.quantities import QUANTITIES, Omega, Omega_ref, z
 from gyrowheel_sim.errors import InputError
 
@@ -27,13 +27,23 @@ MAX_POWER = 20
 _LARGEST = 1e100
 _SHOWN = 40  # characters of a formula that a message repeats
 
+
+def _re(argument: sp.Expr) -> sp.Expr:
+    # SymPy would expand a power to find its real part, which takes minutes for a high one
+    return sp.re(argument, evaluate=False)
+
+
+def _im(argument: sp.Expr) -> sp.Expr:
+    return sp.im(argument, evaluate=False)
+
+
 #: Names that are always there, beside the quantities.
 HANDY: dict[str, sp.Expr] = {"r": Omega / Omega_ref, "i": sp.I, "pi": sp.pi}
 FUNCTIONS: dict[str, Callable[..., Any]] = {
     "conj": sp.conjugate,
     "abs": sp.Abs,
-    "re": sp.re,
-    "im": sp.im,
+    "re": _re,
+    "im": _im,
     "sign": sp.sign,
     "sqrt": sp.sqrt,
     "exp": sp.exp,
@@ -47,7 +57,17 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
 _SEVERAL = ("max", "min")
 _COMPLEX = ("conj", "abs", "re", "im", "exp")
 #: Names that no coefficient may have.
-RESERVED = frozenset([*QUANTITIES, *HANDY, *FUNCTIONS, "declaration", "value", "standard_error"])
+RESERVED = frozenset(
+    (
+        *QUANTITIES,
+        *HANDY,
+        *FUNCTIONS,
+        *(part.name for pair in COMPONENTS.values() for part in pair),  # names in the compiled code
+        "declaration",  # fields of the model file
+        "value",
+        "standard_error",
+    )
+)
 #: What the name of a coefficient or of an effect looks like.
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")
 
@@ -128,6 +148,10 @@ class Formula:
         """Return the text of a part, for messages."""
         return _short(self.text[node.start : node.end])
 
+    def value(self, node: Node) -> float:
+        """Return the value of a part that is made of numbers alone."""
+        return float(_Builder(self.text, self.where).build(node))
+
 
 def parse(text: str, names: Collection[str] = (), where: str = "formula") -> sp.Expr:
     """Return the expression of a formula.
@@ -191,6 +215,8 @@ class _Parser:
         self.at = self.depth = 0
 
     def fail(self, token: _Token, message: str) -> InputError:
+        if token.kind == "stray":
+            message = f"{token.text!r} does not belong in a formula"
         return _error(self.where, token.start, message)
 
     def _tokens(self) -> list[_Token]:
@@ -201,8 +227,9 @@ class _Parser:
                 continue
             match = _TOKEN.match(self.text, at)
             if match is None or match.lastgroup is None:
-                sign = _short(self.text[at]) if self.text[at].isprintable() else "this character"
-                raise _error(self.where, at, f"'{sign}' does not belong in a formula")
+                tokens.append(_Token("stray", self.text[at], at, at + 1))
+                at += 1
+                continue
             content = match.group()
             if match.lastgroup == "operator":
                 content = _OPERATORS.get(content, content)
@@ -457,7 +484,7 @@ class _Builder:
                 )
             if exponent.is_Float and float(exponent).is_integer():
                 exponent = sp.Integer(int(exponent))
-            if base == 0 and exponent <= 0:
+            if base == 0 and exponent < 0:
                 raise self.fail(node, f"'{self.shown(node)}' is not finite")
         if not exponent.is_Integer:
             self._must_be_real(node.items[0], base, "the base of a power that is no whole number")
@@ -469,21 +496,27 @@ class _Builder:
         if node.name not in _COMPLEX:
             for item, argument in zip(node.items, arguments, strict=True):
                 self._must_be_real(item, argument, f"the argument of {node.name}")
+        if node.name in ("re", "im") and self._is_real(arguments[0]):
+            return arguments[0] if node.name == "re" else sp.S.Zero
         return FUNCTIONS[node.name](*arguments)
 
     def _must_be_real(self, node: Node, expression: sp.Expr, what: str) -> None:
+        if not self._is_real(expression):
+            raise self.fail(
+                node, f"'{self.shown(node)}' is complex, but {what} must be real: use abs, re or im"
+            )
+
+    def _is_real(self, expression: sp.Expr) -> bool:
         try:
-            if is_real(expression, self.memo):
-                return
-        except ComplexArgumentError:  # pragma: no cover - its parts were checked when they were built
-            pass
-        raise self.fail(node, f"'{self.shown(node)}' is complex, but {what} must be real: use abs, re or im")
+            return is_real(expression, self.memo)
+        except ComplexArgumentError:  # SymPy made a power of a complex number of it
+            return False
 
 
 # --- printing ---
 
 _SUM, _PRODUCT, _POWER, _ATOM = range(4)
-_FUNCTION_NAMES = {function: name for name, function in FUNCTIONS.items() if name != "sqrt"}
+_FUNCTION_NAMES = {function: name for name, function in FUNCTIONS.items()} | {sp.re: "re", sp.im: "im"}
 
 
 def to_text(expression: sp.Expr) -> str:
