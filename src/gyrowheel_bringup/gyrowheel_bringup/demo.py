@@ -196,9 +196,13 @@ def _compare(place: Place, stage: Stage) -> None:
     Model.new().save(place.model)
     with stage.working("comparing") as say:
         found = compare([Recording.open(place.recording)], Model.load(place.model), progress=say)
-    stage.show([channel_table(found), *failures(found.where, found.dependence)])
+    stage.show([channel_table(found)])
     if max(metrics.chi2_per_n for metrics in found.channels.values()) < _UNSUSPICIOUS:
-        stage.show([Text("χ²/N is near 1 in every channel: the eye sees nothing but noise.")])
+        stage.show(
+            [Text("\nNowhere that the eye could see: χ²/N is near 1 in every channel, which is noise.")]
+        )
+    else:
+        stage.show(failures(found.where, found.dependence))
 
 
 def _diagnose(place: Place, stage: Stage) -> Diagnosis:
@@ -225,6 +229,7 @@ def _add(diagnosis: Diagnosis, place: Place, stage: Stage) -> Added | None:
     names = [finding.name for finding in diagnosis.effects]
     stage.step(f"Add {' and '.join(names)} to the model" if names else "Nothing to add to the model")
     if not names:
+        stage.show([Text("The model stays what it is: the bench as its file describes it.")])
         return None
     with stage.working("fitting") as say:
         added = add_effect(Model.load(place.model), names, [Recording.open(place.recording)], progress=say)

@@ -97,7 +97,7 @@ def draw(residuals: Sequence[Residuals], error: ErrorTable, *, title: str, subti
     left = figure.add_gridspec(
         3,
         len(roles),
-        left=0.065,
+        left=0.07,
         right=0.665,
         top=0.815,
         bottom=0.075,
@@ -105,12 +105,17 @@ def draw(residuals: Sequence[Residuals], error: ErrorTable, *, title: str, subti
         wspace=0.05,
         width_ratios=widths,
     )
+    changed = any(
+        not np.array_equal(before, after) for r in residuals for before, after, _ in r.channels.values()
+    )
     labelled = []
     for row, channel in enumerate(TORQUE_CHANNELS):
         first: Axes | None = None
         for column, role in enumerate(roles):
             axes = figure.add_subplot(left[row, column], sharey=first)
-            _residual_panel(axes, [r for r in residuals if r.role == role], channel, named=row == 0)
+            _residual_panel(
+                axes, [r for r in residuals if r.role == role], channel, named=row == 0, changed=changed
+            )
             if first is None:
                 first = axes
                 labelled.append(axes)
@@ -124,12 +129,14 @@ def draw(residuals: Sequence[Residuals], error: ErrorTable, *, title: str, subti
             if row == 2:
                 axes.set_xlabel("time in the recording, s")
     figure.align_ylabels(labelled)
-    _size_panels(figure, error)
-    _legend(figure)
+    _size_panels(figure, error, changed=changed)
+    _legend(figure, changed=changed)
     return figure
 
 
-def _residual_panel(axes: Axes, residuals: Sequence[Residuals], channel: str, *, named: bool) -> None:
+def _residual_panel(
+    axes: Axes, residuals: Sequence[Residuals], channel: str, *, named: bool, changed: bool
+) -> None:
     """Draw residuals over time, the noise about zero, and where which speed was."""
     offset = 0.0
     axes.axhline(0.0, color="#BBBBBB", linewidth=0.8, zorder=1)
@@ -139,8 +146,9 @@ def _residual_panel(axes: Axes, residuals: Sequence[Residuals], channel: str, *,
         before, after, sigma = (np.asarray(part)[order] / _MILLI for part in residual.channels[channel])
         _speeds(axes, time, residual.spin_rate[order], named=named)
         axes.fill_between(time, -sigma, sigma, color=_NOISE, alpha=0.45, linewidth=0.0, zorder=2, step="mid")
-        axes.vlines(time, before, after, color=_BEFORE, linewidth=1.2, alpha=0.3, zorder=3)
-        axes.plot(time, before, "o", markersize=7.0, color=_BEFORE, markeredgewidth=0.0, zorder=4)
+        if changed:
+            axes.vlines(time, before, after, color=_BEFORE, linewidth=1.2, alpha=0.3, zorder=3)
+            axes.plot(time, before, "o", markersize=7.0, color=_BEFORE, markeredgewidth=0.0, zorder=4)
         axes.plot(time, after, "D", markersize=4.6, color=_AFTER, markeredgewidth=0.0, zorder=5)
         offset = float(time[-1]) + _GAP
     axes.margins(x=0.02, y=0.12)
@@ -171,7 +179,7 @@ def _speeds(axes: Axes, time: Array, spin_rate: Array, *, named: bool) -> None:
             )
 
 
-def _size_panels(figure: Figure, error: ErrorTable) -> None:
+def _size_panels(figure: Figure, error: ErrorTable, *, changed: bool) -> None:
     """Draw the sizes of the residuals before and after as bars, with the noise floor."""
     parts = [("fitted", error.before, error.after, error.noise_floor)]
     if error.validation_before is not None and error.validation_after is not None:
@@ -185,24 +193,25 @@ def _size_panels(figure: Figure, error: ErrorTable) -> None:
     low, high = (smallest / 2.5, largest * 2.2) if logarithmic else (0.0, 1.18 * largest)
     for index, (name, before, after, floor) in enumerate(parts):
         axes = figure.add_subplot(grid[index])
-        change = f"χ²/N {_short(before.chi2_per_n)} → {_short(after.chi2_per_n)}"
+        change = f"χ²/N {_short(before.chi2_per_n)} → " if changed else "χ²/N "
+        change += _short(after.chi2_per_n)
         axes.set_title(f"RMS, {name}", pad=10)
         axes.set_title(change, pad=10, loc="right", fontsize=11.5, fontweight="normal", color="#555555")
         if logarithmic:
             axes.set_yscale("log")
             axes.minorticks_off()
         axes.set_ylim(low, high)
-        _bars(axes, before, after, floor, low)
+        _bars(axes, [(before, _BEFORE), (after, _AFTER)] if changed else [(after, _AFTER)], floor, low)
         axes.set_ylabel("mN·m")
 
 
-def _bars(axes: Axes, before: ErrorRow, after: ErrorRow, floor: ErrorRow, low: float) -> None:
+def _bars(axes: Axes, rows: Sequence[tuple[ErrorRow, str]], floor: ErrorRow, low: float) -> None:
     width = 0.4
     for place, name in enumerate(TORQUE_CHANNELS):
         level = floor.rms[name] / _MILLI
-        for side, row, colour in ((-0.5, before, _BEFORE), (0.5, after, _AFTER)):
+        for side, (row, colour) in enumerate(rows):
             size = row.rms[name] / _MILLI
-            at = place + side * (width + 0.02)
+            at = place + (side - 0.5 * (len(rows) - 1)) * (width + 0.02)
             axes.bar(at, max(size - low, 0.0), width, bottom=low, color=colour, zorder=2)
             # a label that would lie on the noise floor goes above it
             hidden = 0.0 <= _height(axes, level) - _height(axes, size) < 0.08
@@ -229,16 +238,20 @@ def _height(axes: Axes, value: float) -> float:
     return float((axes.transScale + axes.transLimits).transform((0.0, value))[1])
 
 
-def _legend(figure: Figure) -> None:
+def _legend(figure: Figure, *, changed: bool) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     handles = [
-        Line2D([], [], marker="o", linestyle="", color=_BEFORE, markersize=8, label="model before"),
         Line2D([], [], marker="D", linestyle="", color=_AFTER, markersize=6.5, label="model after"),
         Patch(color=_NOISE, alpha=0.45, linewidth=0.0, label="noise, ±1σ"),
         Line2D([], [], color=_INK, linewidth=1.8, label="noise floor"),
     ]
+    if changed:
+        before = Line2D([], [], marker="o", linestyle="", color=_BEFORE, markersize=8, label="model before")
+        handles.insert(0, before)
+    else:
+        handles[0].set_label("model")
     figure.legend(
         handles=handles,
         loc="center right",

@@ -65,14 +65,14 @@ def add(
         from gyrowheel_analysis.adding import add_effect
         from gyrowheel_bringup.render.errors import error_table
         from gyrowheel_bringup.render.layout import heading, sentences
-        from gyrowheel_bringup.render.models import content
+        from gyrowheel_bringup.render.models import changes
 
         added = add_effect(loaded, effects, recordings, unused, progress=say)
         added.model.save(model)
     if json is not None:
         put_json(json, _added_json(added, model))
     if json != "-":
-        put_text([*content(added.model), heading("Error"), error_table(added.error), *sentences(added.notes)])
+        put_text([*changes(added.model), heading("Error"), error_table(added.error), *sentences(added.notes)])
         out().print(f"\nmodel: {model}", markup=False, soft_wrap=True)
 
 

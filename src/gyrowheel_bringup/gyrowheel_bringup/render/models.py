@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from rich.console import RenderableType
@@ -35,7 +35,24 @@ def content(model: Model) -> Iterator[RenderableType]:
     yield heading("Effects")
     yield Padding(_effects(model) if model.effects else Text("none", style="dim"), _INDENT)
     yield heading("Bench parameters learned from recordings")
-    yield Padding(_overrides(model) if model.overrides else Text("none", style="dim"), _INDENT)
+    yield Padding(
+        _overrides(model, model.overrides) if model.overrides else Text("none", style="dim"), _INDENT
+    )
+
+
+def changes(model: Model) -> Iterator[RenderableType]:
+    """Yield what is worth a look after a fit: the effects, and the parameters far from what the bench file says."""
+    yield heading("Effects")
+    yield Padding(_effects(model) if model.effects else Text("none", style="dim"), _INDENT)
+    stated = model.stated_bench.parameters
+    far = [
+        name
+        for name, override in model.overrides.items()
+        if abs(override.value - stated[name].value) > stated[name].uncertainty
+    ]
+    if far:
+        yield heading("Parameters of the bench that moved more than their stated uncertainty")
+        yield Padding(_overrides(model, far), _INDENT)
 
 
 def difference(lines: list[str]) -> Iterator[RenderableType]:
@@ -64,9 +81,10 @@ def _effects(model: Model) -> RenderableType:
     return table
 
 
-def _overrides(model: Model) -> RenderableType:
+def _overrides(model: Model, names: Iterable[str]) -> RenderableType:
     table = words_table("parameter", "learned", "stated")
-    for name, override in model.overrides.items():
+    for name in names:
+        override = model.overrides[name]
         p = model.stated_bench.parameters[name]
         table.add_row(
             Text(name, style="cyan"),
@@ -77,5 +95,9 @@ def _overrides(model: Model) -> RenderableType:
 
 
 def _recordings(entry: Mapping[str, Any]) -> str:
-    named = entry.get("recordings", entry.get("recording", ""))
-    return ", ".join(map(str, named)) if isinstance(named, list | tuple) else str(named)
+    parts = []
+    for key, words in (("fit", "fitted"), ("validate", "proven on")):
+        paths = entry.get(key)
+        if isinstance(paths, list) and paths:
+            parts.append(f"{words} {', '.join(map(str, paths))}")
+    return "; ".join(parts)

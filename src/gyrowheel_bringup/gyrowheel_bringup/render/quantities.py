@@ -23,7 +23,7 @@ _EDGE: dict[str, Edge] = {
     "N*m/rad^3": Edge("N·m/rad³", 1.0),
     "N*m/V": Edge("mN·m/V", 1e-3),
     "N*m/A": Edge("mN·m/A", 1e-3),
-    "kg*m^2": Edge("g·m²", 1e-3),
+    "kg*m^2": Edge("mg·m²", 1e-6),
     "rad": Edge("deg", DEG),
     "rad/s": Edge("rpm", RPM),
     "1/K": Edge("%/K", 1e-2),

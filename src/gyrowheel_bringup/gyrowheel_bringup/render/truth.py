@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
@@ -9,12 +10,13 @@ from gyrowheel_bringup.render.quantities import is_pure, quantity, with_error
 from gyrowheel_sim.effects import EffectValues, registry
 
 if TYPE_CHECKING:
-    from gyrowheel_analysis.discovery.verdict import Diagnosis, Estimate
+    from gyrowheel_analysis.discovery.verdict import DetectionLimit, Diagnosis, Estimate
 
 
 def truth_rows(truth: EffectValues, diagnosis: Diagnosis) -> Iterator[tuple[str, str, str, str, str]]:
     """Yield rows of effect, coefficient, hidden value, found value, and their distance in standard errors."""
     found = {finding.name: finding.coefficients for finding in diagnosis.effects}
+    limits = {(limit.effect, limit.coefficient): limit for limit in diagnosis.detection_limits}
     for name in dict.fromkeys([*truth, *found]):
         units = _units(name)
         estimates = found.get(name, {})
@@ -27,9 +29,7 @@ def truth_rows(truth: EffectValues, diagnosis: Diagnosis) -> Iterator[tuple[str,
                 first,
                 key,
                 "–" if hidden is None else quantity(hidden, units.get(key, "1"), pure=pure, digits=4),
-                "–"
-                if estimate is None
-                else with_error(estimate.value, estimate.standard_error, estimate.unit, pure=pure),
+                _found(estimate, limits.get((name, key)), pure=pure),
                 _apart(hidden, estimate),
             )
             first = ""
@@ -38,6 +38,14 @@ def truth_rows(truth: EffectValues, diagnosis: Diagnosis) -> Iterator[tuple[str,
 def _units(name: str) -> Mapping[str, str]:
     effect = registry().get(name)
     return {} if effect is None else {c.name: c.unit for c in effect.coefficients}
+
+
+def _found(estimate: Estimate | None, limit: DetectionLimit | None, *, pure: bool) -> str:
+    if estimate is not None:
+        return with_error(estimate.value, estimate.standard_error, estimate.unit, pure=pure)
+    if limit is not None and math.isfinite(limit.value):
+        return f"nothing (seen from {quantity(limit.value, limit.unit, digits=2)})"
+    return "nothing"
 
 
 def _apart(hidden: float | None, estimate: Estimate | None) -> str:
