@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import curve_fit
 
 from gyrowheel_analysis.balance import Balance
 from gyrowheel_analysis.errors import channel_parts
@@ -103,20 +104,15 @@ def regions(data: TiltSpin, bench: Bench) -> list[Region]:
 
 
 def _labels(w: Windows, bench: Bench) -> list[str]:
-    # speeds within a few percent of one another are one speed
-    order = np.argsort(w.mean_spin)
-    name = np.empty(len(w), dtype=object)
-    group: list[int] = []
-    for index in order:
-        if group and w.mean_spin[index] > 1.04 * w.mean_spin[group[0]]:
-            _name(name, group, w)
-            group = []
-        group.append(int(index))
-    _name(name, group, w)
+    name = [""] * len(w)
+    for group in speed_groups(w.mean_spin):
+        speed = float(np.median(w.mean_spin[group])) / RPM
+        for index in group:
+            name[index] = f"{round(speed / 10) * 10:.0f} rpm"
     ambient = bench.value("air_pressure")
     labels = []
     for index in range(len(w)):
-        parts = [str(name[index])]
+        parts = [name[index]]
         if abs(w.mean_tilt_rate[index]) > 0.5 * DEG:
             parts.append("cone")
         if w.air_pressure[index] < 0.8 * ambient:
@@ -127,13 +123,6 @@ def _labels(w: Windows, bench: Bench) -> list[str]:
             parts.append("inverted")
         labels.append(", ".join(parts))
     return labels
-
-
-def _name(name: Any, group: list[int], w: Windows) -> None:
-    if group:
-        speed = float(np.median(w.mean_spin[group])) / RPM
-        for index in group:
-            name[index] = f"{round(speed / 10) * 10:.0f} rpm"
 
 
 def _describe_tilt(data: TiltSpin, mask: NDArray[np.bool_]) -> str:
@@ -225,40 +214,85 @@ def _explained(values: Array, variable: Array) -> float:
 
 
 def growth(data: TiltSpin) -> list[str]:
-    """Return how the residual stands to the tilt and how it grows with the speed, as sentences."""
+    """Return how the residual stands to the tilt and how it grows with the speed, as sentences.
+
+    Only what describes most of the residual is said.
+    """
     w = data.windows
-    tilted = np.abs(w.mean_tilt) > 0.5 * DEG
     sentences = []
     weight = 1.0 / data.tilt_sigma**2
-    if tilted.sum() >= 4:
-        z, r, g = w.mean_tilt[tilted], data.tilt[tilted], weight[tilted]
-        slope = complex(np.sum(g * r * np.conj(z)) / np.sum(g * np.abs(z) ** 2))
-        sigma = 1.0 / math.sqrt(float(np.sum(g * np.abs(z) ** 2)))
-        if abs(slope) > 6.0 * sigma:
-            text = f"the tilt residual turns with the tilt, {_phase(slope)}, {abs(slope) * 1e3:.2g} mN·m/rad on average"
-            exponent = _exponent(
-                w.mean_spin[tilted],
-                (r * np.conj(z) * np.conj(slope)).real / np.abs(z) ** 2 / abs(slope),
-                g * np.abs(z) ** 2,
-            )
-            if exponent is not None:
-                text += f", and grows as speed^{exponent[0]:.1f}±{exponent[1]:.1f}"
-            sentences.append(text)
+    z, r = w.mean_tilt, data.tilt
+    # two descriptions of the tilt residual, each with its own size at every speed
+    speeds = speed_groups(w.mean_spin)
+    total = float(np.sum(weight * np.abs(r) ** 2))
+    slopes, constants, left = [], [], {"turns": total, "constant": total}
+    for index in speeds:
+        g = weight[index]
+        turning, still = float(np.sum(g * np.abs(z[index]) ** 2)), float(np.sum(g))
+        slope = complex(np.sum(g * r[index] * np.conj(z[index])) / turning) if turning > 0.0 else 0.0j
+        constant = complex(np.sum(g * r[index]) / still)
+        left["turns"] -= abs(slope) ** 2 * turning
+        left["constant"] -= abs(constant) ** 2 * still
+        slopes.append((float(np.mean(w.mean_spin[index])), slope, turning))
+        constants.append((float(np.mean(w.mean_spin[index])), constant, still))
+    best = min(left, key=lambda name: left[name])
+    if left[best] < 0.5 * total and total > 4.0 * len(r):
+        if best == "turns":
+            mean = sum(slope * g for _, slope, g in slopes) / sum(g for _, _, g in slopes)
+            text = f"the tilt residual turns with the tilt, {_phase(mean)}, {abs(mean) * 1e3:.2g} mN·m/rad on average"
+            known = [
+                (speed, (slope * np.conj(mean)).real / abs(mean), g) for speed, slope, g in slopes if g > 0.0
+            ]
+            text += _growing(known)
+        else:
+            low, high = constants[0], constants[-1]
+            text = f"the tilt residual is the same at every tilt: {_components(low[1])} at {low[0] / RPM:.0f} rpm"
+            if len(constants) > 1:
+                text += f", {_components(high[1])} at {high[0] / RPM:.0f} rpm"
+        sentences.append(text)
     g = 1.0 / data.spin_sigma**2
-    mean, sigma = float(np.sum(g * data.spin) / np.sum(g)), 1.0 / math.sqrt(float(np.sum(g)))
-    if abs(mean) > 8.0 * sigma:
-        text = f"the motor gives {abs(mean) * 1e3:.2g} mN·m {'more' if mean > 0 else 'less'} than the model asks for"
-        exponent = _exponent(w.mean_spin, data.spin * np.sign(mean), g)
-        if exponent is not None:
-            text += f", growing as speed^{exponent[0]:.1f}±{exponent[1]:.1f}"
+    total = float(np.sum(g * data.spin**2))
+    sizes = [
+        (
+            float(np.mean(w.mean_spin[i])),
+            float(np.sum(g[i] * data.spin[i]) / np.sum(g[i])),
+            float(np.sum(g[i])),
+        )
+        for i in speeds
+    ]
+    explained = sum(size**2 * weight for _, size, weight in sizes)
+    if explained > 0.5 * total and total > 4.0 * len(data.spin):
+        mean = float(np.sum(g * data.spin) / np.sum(g))
+        side = "more" if mean > 0 else "less"
+        text = f"the motor gives {abs(mean) * 1e3:.2g} mN·m {side} than the model asks for"
+        text += _growing([(speed, size * math.copysign(1.0, mean), weight) for speed, size, weight in sizes])
         sentences.append(text)
     return sentences
 
 
+def speed_groups(spin: Array) -> list[NDArray[np.int64]]:
+    """Return the windows of every speed, slowest first; speeds within 4 % are one."""
+    groups: list[list[int]] = []
+    for index in np.argsort(spin):
+        if groups and spin[index] <= 1.04 * spin[groups[-1][0]]:
+            groups[-1].append(int(index))
+        else:
+            groups.append([int(index)])
+    return [np.array(group) for group in groups]
+
+
+def _components(torque: complex) -> str:
+    return f"{torque.real * 1e3:+.2g} mN·m about x and {torque.imag * 1e3:+.2g} about y"
+
+
+def _growing(sizes: Sequence[tuple[float, float, float]]) -> str:
+    speed, size, weight = (np.array(column) for column in zip(*sizes, strict=True))
+    exponent = _exponent(speed, size, weight) if len(speed) > 2 else None
+    return f", and grows as speed^{exponent[0]:.1f}±{exponent[1]:.1f}" if exponent is not None else ""
+
+
 def _exponent(speed: Array, size: Array, weight: Array) -> tuple[float, float] | None:
     """Return exponent and its error of a power law of the speed; None where it cannot be told."""
-    from scipy.optimize import curve_fit
-
     if float(speed.max() / speed.min()) < 1.3:
         return None
     reference = float(np.median(speed))
