@@ -1,0 +1,274 @@
+"""Frames, tilt and angular momentum: eqs (1) to (5) and (7) of Huo et al. 2016, exact and as approximated there.
+
+Passive rotations lead from the case to the rotor: case -> motor by Rz(theta_z), the angle of the shaft; motor ->
+gimbal by Rx(theta_x), the angle of the inner flexure; gimbal -> rotor by Ry(theta_y), the angle of the outer one. The
+tilt sensors stand in the case and read phi_x, phi_y. A tilt that stands still in the case has an amount phi and an
+azimuth alpha: tan(phi_x) + i tan(phi_y) = tan(phi) exp(i alpha).
+
+All angles in rad and rates in rad/s. Every argument may be an array; the arguments broadcast, and vectors and matrices
+lie along the last axes of the result.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+_STILL = (0.0, 0.0, 0.0)
+
+
+class JointAngles(NamedTuple):
+    """Angles of the two flexures [rad]."""
+
+    theta_x: Array
+    theta_y: Array
+
+
+def _matrix(rows: list[list[ArrayLike]]) -> Array:
+    flat = np.broadcast_arrays(*(np.asarray(e, dtype=float) for row in rows for e in row))
+    return np.stack(flat, axis=-1).reshape(*flat[0].shape, len(rows), len(rows[0]))
+
+
+def _vector(*components: ArrayLike) -> Array:
+    return np.stack(np.broadcast_arrays(*(np.asarray(c, dtype=float) for c in components)), axis=-1)
+
+
+# --- frames ---
+
+
+def case_to_motor(theta_z: ArrayLike) -> Array:
+    """Return the matrix that turns components in the case frame into the motor frame, shape (..., 3, 3)."""
+    s, c = np.sin(theta_z), np.cos(theta_z)
+    return _matrix([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def motor_to_gimbal(theta_x: ArrayLike) -> Array:
+    """Return the matrix that turns components in the motor frame into the gimbal frame, shape (..., 3, 3)."""
+    s, c = np.sin(theta_x), np.cos(theta_x)
+    return _matrix([[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]])
+
+
+def gimbal_to_rotor(theta_y: ArrayLike) -> Array:
+    """Return the matrix that turns components in the gimbal frame into the rotor frame, shape (..., 3, 3)."""
+    s, c = np.sin(theta_y), np.cos(theta_y)
+    return _matrix([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
+
+
+# --- tilt ---
+
+
+def axis_of_joint(theta_x: ArrayLike, theta_y: ArrayLike, theta_z: ArrayLike) -> Array:
+    """Return the spin axis of the rotor as a unit vector in the case frame, shape (..., 3)."""
+    sx, cx, sy, cy = np.sin(theta_x), np.cos(theta_x), np.sin(theta_y), np.cos(theta_y)
+    sz, cz = np.sin(theta_z), np.cos(theta_z)
+    return _vector(sx * cy * sz + sy * cz, -sx * cy * cz + sy * sz, cx * cy)
+
+
+def axis_of_tilt(phi_x: ArrayLike, phi_y: ArrayLike) -> Array:
+    """Return the spin axis that belongs to two tilt readings as a unit vector in the case frame, shape (..., 3)."""
+    tx, ty = np.tan(phi_x), np.tan(phi_y)
+    nz = 1.0 / np.sqrt(1.0 + tx**2 + ty**2)
+    return _vector(ty * nz, -tx * nz, nz)
+
+
+def tilt_of_joint(theta_x: ArrayLike, theta_y: ArrayLike, theta_z: ArrayLike) -> tuple[Array, Array]:
+    """Return the tilt readings (phi_x, phi_y) [rad] that belong to joint angles: eq (7), which is exact."""
+    n = axis_of_joint(theta_x, theta_y, theta_z)
+    return np.arctan2(-n[..., 1], n[..., 2]), np.arctan2(n[..., 0], n[..., 2])
+
+
+def joint_of_tilt(phi_x: ArrayLike, phi_y: ArrayLike, theta_z: ArrayLike) -> JointAngles:
+    """Return the angles of the flexures that belong to tilt readings at a shaft angle: the inverse of eq (7)."""
+    z = complex_tilt(phi_x, phi_y)
+    return joint_of_azimuth(np.arctan(np.abs(z)), np.angle(z) - np.asarray(theta_z, dtype=float))
+
+
+def joint_of_azimuth(phi: ArrayLike, beta: ArrayLike) -> JointAngles:
+    """Return the angles of the flexures at a tilt phi in the direction beta of the motor frame: eq (2), exact.
+
+    A tilt that stands still in the case at azimuth alpha has beta = alpha - theta_z: seen from the shaft it turns
+    backwards once a revolution, and both flexures bend to and fro at the spin rate.
+    """
+    theta_x = np.arctan(np.tan(phi) * np.cos(beta))
+    return JointAngles(theta_x, np.arctan(np.tan(phi) * np.sin(beta) * np.cos(theta_x)))
+
+
+def complex_tilt(phi_x: ArrayLike, phi_y: ArrayLike) -> ComplexArray:
+    """Return tan(phi_x) + i tan(phi_y), in which a tilt of any direction is one number."""
+    return np.tan(phi_x) + 1j * np.tan(phi_y)
+
+
+def tilt_amount(phi_x: ArrayLike, phi_y: ArrayLike) -> Array:
+    """Return the angle phi between the spin axis and the case's z axis [rad]: tan^2 phi = tan^2 phi_x + tan^2 phi_y."""
+    return np.arctan(np.hypot(np.tan(phi_x), np.tan(phi_y)))
+
+
+# --- angular velocity ---
+
+
+def shaft_rate(
+    theta_z: ArrayLike, theta_z_rate: ArrayLike, body_rate: tuple[ArrayLike, ArrayLike, ArrayLike] = _STILL
+) -> Array:
+    """Return the angular velocity of the motor shaft in the motor frame: eq (3), exact; shape (..., 3).
+
+    `body_rate` is the rate of the case in inertial space along the case's axes.
+    """
+    s, c = np.sin(theta_z), np.cos(theta_z)
+    bx, by, bz = (np.asarray(component, dtype=float) for component in body_rate)
+    return _vector(bx * c + by * s, -bx * s + by * c, np.asarray(theta_z_rate, dtype=float) + bz)
+
+
+def gimbal_rate(
+    theta_x: ArrayLike,
+    theta_z: ArrayLike,
+    theta_x_rate: ArrayLike,
+    theta_z_rate: ArrayLike,
+    body_rate: tuple[ArrayLike, ArrayLike, ArrayLike] = _STILL,
+) -> Array:
+    """Return the angular velocity of the gimbal in the gimbal frame: eq (4), exact; shape (..., 3)."""
+    shaft = shaft_rate(theta_z, theta_z_rate, body_rate)
+    return _turn(motor_to_gimbal(theta_x), shaft) + _vector(theta_x_rate, 0.0, 0.0)
+
+
+def rotor_rate(
+    theta_x: ArrayLike,
+    theta_y: ArrayLike,
+    theta_z: ArrayLike,
+    theta_x_rate: ArrayLike,
+    theta_y_rate: ArrayLike,
+    theta_z_rate: ArrayLike,
+    body_rate: tuple[ArrayLike, ArrayLike, ArrayLike] = _STILL,
+) -> Array:
+    """Return the angular velocity of the rotor in the rotor frame: eq (5), exact; shape (..., 3)."""
+    gimbal = gimbal_rate(theta_x, theta_z, theta_x_rate, theta_z_rate, body_rate)
+    return _turn(gimbal_to_rotor(theta_y), gimbal) + _vector(0.0, theta_y_rate, 0.0)
+
+
+def joint_rates_of_hold(phi: ArrayLike, beta: ArrayLike, spin_rate: ArrayLike) -> tuple[Array, Array]:
+    """Return the rates of the two flexures [rad/s] while the tilt stands still in the case: eq (2) differentiated.
+
+    Parameters
+    ----------
+    phi, beta : array_like
+        Tilt, and its direction in the motor frame [rad].
+    spin_rate : array_like
+        Rate of the shaft [rad/s].
+    """
+    angles = joint_of_azimuth(phi, beta)
+    rate = np.asarray(spin_rate, dtype=float)
+    sx, cx = np.sin(angles.theta_x), np.cos(angles.theta_x)
+    sy, cy = np.sin(angles.theta_y), np.cos(angles.theta_y)
+    # the spin axis (sy, -sx cy, cx cy) in the motor frame turns backwards
+    theta_y_rate = -rate * sx
+    theta_x_rate = (sx * sy * theta_y_rate + rate * sy) / (cx * cy)
+    return theta_x_rate, theta_y_rate
+
+
+# --- angular momentum ---
+
+
+def rotor_momentum(
+    angles: tuple[ArrayLike, ArrayLike, ArrayLike],
+    rates: tuple[ArrayLike, ArrayLike, ArrayLike],
+    inertia: tuple[float, float, float],
+) -> Array:
+    """Return the angular momentum of the rotor in the motor frame [kg m^2/s], exact; shape (..., 3).
+
+    This is what eq (1) stands for: I_r times the rotor's angular velocity, eq (5).
+
+    Parameters
+    ----------
+    angles, rates : tuple of array_like
+        (theta_x, theta_y, theta_z) and their rates.
+    inertia : tuple of float
+        (I_rx, I_ry, I_rz) [kg m^2].
+    """
+    momentum = np.asarray(inertia) * rotor_rate(*angles, *rates)
+    return _turn(_motor_of_rotor(angles[0], angles[1]), momentum)
+
+
+def rotor_momentum_by_joint_rates(
+    angles: tuple[ArrayLike, ArrayLike, ArrayLike],
+    rates: tuple[ArrayLike, ArrayLike, ArrayLike],
+    inertia: tuple[float, float, float],
+) -> Array:
+    """Return the middle expression of eq (1) [kg m^2/s], which is NOT the momentum of the rotor; shape (..., 3).
+
+    It multiplies the inertias by the rates of the joint angles as if these were the angular velocity of the rotor.
+    Takes what `rotor_momentum` takes; it is here so that the two can be compared.
+    """
+    return _turn(_motor_of_rotor(angles[0], angles[1]), np.asarray(inertia) * _vector(*rates))
+
+
+def spin_momentum(
+    theta_x: ArrayLike, theta_y: ArrayLike, theta_z_rate: ArrayLike, spin_inertia: float
+) -> Array:
+    """Return the last form of eq (1), I_rz theta_z' along the spin axis, in the motor frame [kg m^2/s]; (..., 3).
+
+    While a tilt is held this is right to 1/cos(phi) - 1 at every instant and exact on average over a revolution.
+    """
+    sx, cx, sy, cy = np.sin(theta_x), np.cos(theta_x), np.sin(theta_y), np.cos(theta_y)
+    axis = _vector(sy, -sx * cy, cx * cy)
+    return spin_inertia * np.asarray(theta_z_rate, dtype=float)[..., None] * axis
+
+
+def held_momentum(
+    spin_rate: ArrayLike, phi: ArrayLike, alpha: ArrayLike, theta_z: ArrayLike, inertia: tuple[float, float, float]
+) -> Array:  # fmt: skip
+    """Return the angular momentum of the rotor in the CASE frame while a tilt is held [kg m^2/s], exact; (..., 3).
+
+    Eqs (1) and (2) without approximation. It keeps the direction of the spin axis; its size ripples twice a revolution,
+    because a universal joint passes on a constant speed unevenly.
+
+    Parameters
+    ----------
+    spin_rate : array_like
+        Rate of the shaft, constant [rad/s].
+    phi, alpha : array_like
+        Tilt and its azimuth in the case [rad].
+    theta_z : array_like
+        Angle of the shaft [rad].
+    inertia : tuple of float
+        (I_rx, I_ry, I_rz) [kg m^2].
+    """
+    beta = np.asarray(alpha, dtype=float) - theta_z
+    theta_x, theta_y = joint_of_azimuth(phi, beta)
+    rates = (*joint_rates_of_hold(phi, beta, spin_rate), spin_rate)
+    return _turn(
+        np.swapaxes(case_to_motor(theta_z), -1, -2),
+        rotor_momentum((theta_x, theta_y, theta_z), rates, inertia),
+    )
+
+
+def momentum_envelope(spin_rate: ArrayLike, phi: ArrayLike, alpha: ArrayLike, spin_inertia: float) -> Array:
+    """Return the angular momentum that the wheel can take in the case frame [kg m^2/s]; shape (..., 3).
+
+    The last form of eq (1) with eq (2), and the mean of `held_momentum` over a revolution: I_rz Omega along the spin
+    axis. At one speed and all tilts up to the limit it is a cap of a sphere; over a range of speeds, the body between
+    two caps.
+
+    Parameters
+    ----------
+    spin_rate : array_like
+        Rate of the shaft [rad/s].
+    phi, alpha : array_like
+        Tilt and its azimuth in the case [rad].
+    spin_inertia : float
+        I_rz [kg m^2].
+    """
+    z = np.tan(phi) * np.exp(1j * np.asarray(alpha, dtype=float))
+    axis = axis_of_tilt(np.arctan(z.real), np.arctan(z.imag))
+    return spin_inertia * np.asarray(spin_rate, dtype=float)[..., None] * axis
+
+
+def _motor_of_rotor(theta_x: ArrayLike, theta_y: ArrayLike) -> Array:
+    return np.swapaxes(gimbal_to_rotor(theta_y) @ motor_to_gimbal(theta_x), -1, -2)
+
+
+def _turn(matrix: Array, vector: Array) -> Array:
+    return (matrix @ vector[..., None])[..., 0]
