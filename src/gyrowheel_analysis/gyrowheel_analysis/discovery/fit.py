@@ -49,6 +49,11 @@ ERRORS: dict[str, tuple[str, ...]] = {
 }
 
 
+#: A fit that lacks what matters bends the bench's parameters beyond this many stated uncertainties to make up for it;
+#: where they then stand is a worse start than their stated values.
+_BENT = 20.0
+
+
 @dataclass(frozen=True)
 class Term:
     """Something beyond the uncertain bench parameters that a fit may use: an effect, or the error of a parameter."""
@@ -271,6 +276,8 @@ class Problem:
             [np.zeros(self.count), [self.null(t)[n] for t in terms for n in t.coefficients]]
         )
         x = centre.copy()
+        if start is not None and np.abs(start.nuisance).max(initial=0.0) > _BENT:
+            start = None
         if start is not None:
             x[: self.count] = start.nuisance
             for index, (term, name) in enumerate(columns):
