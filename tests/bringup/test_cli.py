@@ -398,4 +398,5 @@ def test_catalogue_for_people(gyrowheel: Shell):
         assert all(len(line) <= 80 for line in shown.splitlines()), arguments
     shown = gyrowheel.good("effects", "windage").out
     assert "0.8 .. 1.3 mN·m" in shown
+    assert "assumed: usual size" in shown
     assert "Easily taken for" in shown

@@ -32,7 +32,7 @@ VERDICTS = {
 
 def text_of(parts, width: int = 80) -> str:
     stream = io.StringIO()
-    show(Console(file=stream, width=width), parts)
+    show(Console(file=stream, width=width, markup=False), parts)
     return stream.getvalue()
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from gyrowheel_analysis.recording import Recording
-from gyrowheel_bringup.graph import EXECUTABLES
+from gyrowheel_bringup.graph import EXECUTABLES, Graph, GraphError
 
 from .helpers import SHORT_PLAN, Shell, write
 
@@ -52,3 +52,15 @@ def test_up_and_simulate_give_the_same_samples(gyrowheel: Shell, tmp_path: Path)
     assert np.array_equal(graph.measurement[:count], simulated.measurement)
     assert graph.bench_text == simulated.bench_text
     assert graph.environment == simulated.environment
+
+
+def test_a_node_that_fails_is_exit_3_with_its_last_words(gyrowheel: Shell, monkeypatch: pytest.MonkeyPatch):
+    def fail(graph: Graph) -> None:
+        raise GraphError(
+            "node_died", "plant: killed by SIGKILL", node="plant", report="plant: killed\nlast words"
+        )
+
+    monkeypatch.setattr(Graph, "__enter__", fail)
+    result = gyrowheel("up", "--plan", "check")
+    assert result.code == 3
+    assert result.err.endswith("error: plant: killed by SIGKILL\nplant: killed\nlast words\n")

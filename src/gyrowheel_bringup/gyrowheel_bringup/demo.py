@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from gyrowheel_analysis.discovery.verdict import Diagnosis
 
 PLAN, VALIDATION_PLAN = "quick", "check"
-_UNSUSPICIOUS = 1.3  # mean square of the residuals in units of their noise
 
 
 class Stage(Protocol):
@@ -185,24 +184,17 @@ def _run_graph(plan: str, scenario: Any, recording: Path, stage: Stage) -> None:
 
 
 def _compare(place: Place, stage: Stage) -> None:
-    from rich.text import Text
-
     from gyrowheel_analysis.compare import compare
     from gyrowheel_analysis.model import Model
     from gyrowheel_analysis.recording import Recording
-    from gyrowheel_bringup.render.comparison import channel_table, failures
+    from gyrowheel_bringup.render.comparison import channel_table, fails, failures
 
     stage.step("Model against recording: where does it fail?")
     Model.new().save(place.model)
     with stage.working("comparing") as say:
         found = compare([Recording.open(place.recording)], Model.load(place.model), progress=say)
     stage.show([channel_table(found)])
-    if max(metrics.chi2_per_n for metrics in found.channels.values()) < _UNSUSPICIOUS:
-        stage.show(
-            [Text("\nNowhere that the eye could see: χ²/N is near 1 in every channel, which is noise.")]
-        )
-    else:
-        stage.show(failures(found.where, found.dependence))
+    stage.show(failures(found.where, found.dependence, failing=fails(found)))
 
 
 def _diagnose(place: Place, stage: Stage) -> Diagnosis:

@@ -67,8 +67,12 @@ class _Terminal:
         self._number = 0
 
     def step(self, text: str) -> None:
+        from rich.text import Text
+
         self._number += 1
-        self._console.print(f"\n[bold reverse] {self._number} [/] [bold]{text}[/]\n")
+        self._console.print(
+            Text.assemble("\n", (f" {self._number} ", "bold reverse"), (f" {text}\n", "bold"))
+        )
 
     def show(self, parts: Iterable[RenderableType]) -> None:
         from gyrowheel_bringup.render.layout import show

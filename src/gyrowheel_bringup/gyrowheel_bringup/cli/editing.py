@@ -36,7 +36,7 @@ def new(model: ModelFile, bench: BenchName = "gyrowheel") -> None:
     if model.exists():
         raise InputError(f"{model}: exists; name a new file")
     Model.new(bench).save(model)
-    out().print(f"model: {model}", markup=False, soft_wrap=True)
+    out().print(f"model: {model}", soft_wrap=True)
 
 
 @model_app.command(epilog=example("gyrowheel model add windage --model wheel.yaml --fit runs/monday"))
@@ -73,7 +73,7 @@ def add(
         put_json(json, _added_json(added, model))
     if json != "-":
         put_text([*changes(added.model), heading("Error"), error_table(added.error), *sentences(added.notes)])
-        out().print(f"\nmodel: {model}", markup=False, soft_wrap=True)
+        out().print(f"\nmodel: {model}", soft_wrap=True)
 
 
 @model_app.command(epilog=example("gyrowheel model remove windage --model wheel.yaml"))

@@ -29,4 +29,4 @@ def info(
     if json is not None:
         put_json(json, {"schema": 1, **asdict(found)})
     if json != "-":
-        out().print(found.render(), markup=False)
+        out().print(found.render(), soft_wrap=True)

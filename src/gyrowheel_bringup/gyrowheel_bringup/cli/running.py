@@ -77,9 +77,7 @@ def up(
     with contextlib.ExitStack() as stack:
         with working("starting the nodes"):
             stack.enter_context(graph)
-        notes().print(
-            "  ".join(f"{name} {pid}" for name, pid in graph.pids.items()), markup=False, soft_wrap=True
-        )
+        notes().print("  ".join(f"{name} {pid}" for name, pid in graph.pids.items()), soft_wrap=True)
         if chosen is None:
             notes().print("the bench runs; Ctrl-C ends it")
             graph.wait()
@@ -131,7 +129,7 @@ def simulate(
         out().print(
             f"{chosen.duration:.1f} s simulated in {wall:.1f} s, {chosen.duration / wall:.0f} times real time"
         )
-        out().print(f"recording: {output}", markup=False, soft_wrap=True)
+        out().print(f"recording: {output}", soft_wrap=True)
 
 
 def _checked(name: str, bench: Bench) -> Plan:
@@ -158,7 +156,7 @@ def _report(result: GraphResult, json: str | None) -> None:
         )
         if result.recording is not None:
             out().print(f"{result.samples} samples recorded, none missing")
-            out().print(f"recording: {result.recording}", markup=False, soft_wrap=True)
+            out().print(f"recording: {result.recording}", soft_wrap=True)
 
 
 def _run_json(plan: str, recording: str | None, simulated: float, wall: float) -> dict[str, object]:

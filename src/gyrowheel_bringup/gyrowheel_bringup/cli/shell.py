@@ -105,8 +105,8 @@ def working(first: str) -> Iterator[Say]:
     """Show on stderr what is being done: one changing line on a terminal, a line each elsewhere."""
     console = notes()
     if not console.is_terminal:
-        console.print(first, markup=False, highlight=False)
-        yield lambda text: console.print(f"  {text}", markup=False, highlight=False)
+        console.print(first, soft_wrap=True)
+        yield lambda text: console.print(f"  {text}", soft_wrap=True)
         return
     with console.status(first) as status:
         yield lambda text: status.update(f"{first}: {text}")
@@ -124,7 +124,7 @@ def advancing(title: str) -> Iterator[Fraction]:
             quarter = int(4.0 * part + 1e-9)
             if quarter > shown:
                 shown = quarter
-                console.print(f"{title}: {25 * quarter} %", markup=False, highlight=False)
+                console.print(f"{title}: {25 * quarter} %", soft_wrap=True)
 
         yield tell
         return
@@ -153,7 +153,8 @@ def _usage(error: typer.TyperException) -> int:
 def _console(*, stderr: bool) -> Console:
     from rich.console import Console
 
-    console = Console(stderr=stderr, highlight=False)
+    # paths and texts of users may hold what rich takes for markup
+    console = Console(stderr=stderr, highlight=False, markup=False, emoji=False)
     if console.width > 110:  # long lines are hard to read
         console.width = 110
     return console
