@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -107,29 +108,42 @@ def test_a_killed_controller_is_named_and_the_recording_kept(tmp_path: Path):
     assert info(directory).integrity.missing == 0
 
 
-def start_graph(code: str, log: Path) -> tuple[subprocess.Popen[str], list[int]]:
-    """Start a Python process that starts a graph and prints the process ids of the nodes; return both."""
-    with log.open("wb") as errors:
-        starter = subprocess.Popen(
-            [sys.executable, "-c", f"from gyrowheel_bringup.graph import Graph\n{code}"],
-            stdout=subprocess.PIPE,
-            stderr=errors,
-            text=True,
-            start_new_session=True,
-        )
-    assert starter.stdout is not None
-    pids = [int(text) for text in starter.stdout.readline().split()]
-    assert pids
-    assert all(alive(pid) for pid in pids)
-    return starter, pids
+StartGraph = Callable[[str], tuple[subprocess.Popen[str], list[int]]]
 
 
-def test_ctrl_c_twice_leaves_nothing_behind(tmp_path: Path):
+@pytest.fixture
+def start_graph(tmp_path: Path) -> Iterator[StartGraph]:
+    """Return a function that runs code which starts a graph and prints the process ids of its nodes."""
+    started: list[subprocess.Popen[str]] = []
+
+    def start(code: str) -> tuple[subprocess.Popen[str], list[int]]:
+        with (tmp_path / "log").open("wb") as errors:
+            starter = subprocess.Popen(
+                [sys.executable, "-c", f"from gyrowheel_bringup.graph import Graph\n{code}"],
+                stdout=subprocess.PIPE,
+                stderr=errors,
+                text=True,
+                start_new_session=True,
+            )
+        started.append(starter)
+        assert starter.stdout is not None
+        pids = [int(text) for text in starter.stdout.readline().split()]
+        assert pids
+        assert all(alive(pid) for pid in pids)
+        return starter, pids
+
+    yield start
+    for starter in started:
+        starter.kill()
+        starter.wait()
+
+
+def test_ctrl_c_twice_leaves_nothing_behind(tmp_path: Path, start_graph: StartGraph):
     code = f"""if True:
         with Graph({LONG_PLAN!r}, domain_id={next_domain()}, without=["drag_estimator", "recorder"]) as graph:
             graph.run(progress=lambda p: print(*graph.pids.values(), flush=True))
     """
-    starter, pids = start_graph(code, tmp_path / "log")
+    starter, pids = start_graph(code)
     starter.send_signal(signal.SIGINT)
     wait_for(lambda: not all(alive(pid) for pid in pids), 10.0)
     starter.send_signal(signal.SIGINT)
@@ -138,15 +152,17 @@ def test_ctrl_c_twice_leaves_nothing_behind(tmp_path: Path):
     assert (tmp_path / "log").read_text().strip().endswith("KeyboardInterrupt")
 
 
-def test_a_used_domain_is_refused_and_nodes_end_after_a_killed_starter(tmp_path: Path, domain: int):
+def test_a_used_domain_is_refused_and_nodes_end_after_a_killed_starter(domain: int, start_graph: StartGraph):
+    without = ["drag_estimator", "plant", "controller"]
     code = f"""if True:
-        with Graph(domain_id={domain}, without=["drag_estimator", "plant", "controller"]) as graph:
+        with Graph(domain_id={domain}, without={without}) as graph:
             print(*graph.pids.values(), flush=True)
             graph.wait()
     """
-    starter, pids = start_graph(code, tmp_path / "log")
-    with pytest.raises(GraphError, match="the ROS domain has a node 'conductor' already"):
-        Graph(domain_id=domain).__enter__()
+    starter, pids = start_graph(code)
+    with pytest.raises(GraphError, match="the ROS domain has another node"):
+        Graph(domain_id=domain, without=without).__enter__()
+    assert all(alive(pid) for pid in pids)
     starter.kill()
     starter.wait()
     wait_for(lambda: not any(alive(pid) for pid in pids), 10.0)

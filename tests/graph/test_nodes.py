@@ -82,6 +82,8 @@ def test_a_lifecycle_manager_can_run_a_node(bystander: Bystander, start_node: St
     assert "fixed" in set_parameter("lead", 1.0).reason
     for label in ("deactivate", "cleanup", "configure", "activate", "deactivate"):
         assert change(label)
+    assert not change("deactivate")  # not from here
+    assert not change("no_such_transition")
     assert state() == "inactive"
     assert conductor.interrupt() == 0
     assert "bench 'no/such.yaml'" in conductor.output

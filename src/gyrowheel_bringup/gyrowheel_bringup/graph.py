@@ -27,7 +27,8 @@ import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from gyrowheel_msgs.action import RunPlan
 from gyrowheel_msgs.srv import StopRecording
-from lifecycle_msgs.srv import GetState
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from rclpy.action import ActionClient
 from rclpy.context import Context
 from rclpy.node import Node
@@ -50,11 +51,9 @@ EXECUTABLES: Mapping[str, tuple[str, str]] = {
     "recorder": ("gyrowheel_analysis", "recorder_node"),
     "drag_estimator": ("gyrowheel_analysis", "drag_estimator_node"),
 }
-#: Who is told to end together: the last estimate still goes to the recorder, which ends after everybody else.
-_STOP_ORDER = (("conductor", "drag_estimator"), ("controller", "plant"), ("recorder",))
 _STOP_TIMEOUT = 20.0  # for a node to end by itself [s]
+_SETTLE_TIMEOUT = 30.0  # for a node to take what was sent to it [s]
 _FINISH_TIMEOUT = 120.0  # for the recorder to complete its files [s]
-_DISCOVERY = 0.8  # in which nodes that are there are found [s]
 _CLOCK_PERIOD_NS = 10_000_000  # plans end at whole multiples of it
 
 
@@ -245,6 +244,8 @@ class Graph:
         self._children: dict[str, _Child] = {}
         self._pids: dict[str, int] = {}
         self._diagnoses: dict[str, str] = {}
+        self._active: set[str] = set()
+        self._strangers: dict[str, str] = {}  # nodes of the same name that are not of this graph
         self._cleanup = contextlib.ExitStack()
 
     # ---- life
@@ -275,7 +276,7 @@ class Graph:
         return dict(self._pids)
 
     def close(self) -> None:
-        """End the nodes in order, the recorder after everything has reached it; does nothing a second time.
+        """End the nodes, the recording after everything has reached it; does nothing a second time.
 
         Raises
         ------
@@ -284,10 +285,10 @@ class Graph:
         """
         with _uninterrupted():
             try:
-                for names in _STOP_ORDER:
-                    if "recorder" in names:
-                        self._finish_recording()
-                    self._stop(names)
+                if self._children:
+                    if not self._strangers:  # who would answer, too
+                        self._settle()
+                    self._stop()
                 failed = [child for child in self._children.values() if not child.ended_well]
                 error = self._failure(failed) if failed else None
             finally:
@@ -362,7 +363,6 @@ class Graph:
         work = Path(tempfile.mkdtemp(prefix="gyrowheel-"))
         self._cleanup.callback(shutil.rmtree, work, ignore_errors=True)
         self._connect()
-        self._refuse_company()
         parameters = self._node_parameters(work)
         environment = os.environ | {PARENT_VARIABLE: str(os.getpid()), "ROS_LOG_DIR": str(work / "log")}
         if self._domain_id is not None:
@@ -404,8 +404,9 @@ class Graph:
         self._executor.add_node(self._node)
         topic = topics.DIAGNOSTICS
         self._node.create_subscription(DiagnosticArray, topic.name, self._on_diagnostics, topic.qos)
-        self._states = {
-            name: self._node.create_client(GetState, f"/{name}/get_state") for name in self._names
+        self._changes = {
+            name: self._node.create_client(ChangeState, f"/{name}/change_state")
+            for name in ("plant", "drag_estimator")
         }
         self._stop_recording = self._node.create_client(StopRecording, "/gyrowheel/recorder/stop")
         self._plans = ActionClient(self._node, RunPlan, "/gyrowheel/run_plan")
@@ -432,28 +433,18 @@ class Graph:
 
     def _wait_until_active(self) -> None:
         deadline = time.monotonic() + self._start_timeout
-        waiting = list(self._names)
-        while waiting:
-            for name in list(waiting):
-                if self._states[name].service_is_ready():
-                    answer = self._call(self._states[name], GetState.Request(), timeout=5.0)
-                    if answer is not None and answer.current_state.label == "active":
-                        waiting.remove(name)
+        while waiting := [name for name in self._names if name not in self._active]:
             self._spin()
-            if waiting and time.monotonic() > deadline:
+            if self._strangers:
+                name = min(self._strangers)
                 raise GraphError(
-                    "start_timeout", f"not active after {self._start_timeout:g} s: {', '.join(waiting)}"
+                    "domain_in_use",
+                    f"the ROS domain has another node '{name}' (process {self._strangers[name]}): "
+                    "end that graph, or choose another domain",
                 )
-
-    def _refuse_company(self) -> None:
-        """Raise if the domain has such nodes already: two plants or controllers would disturb each other."""
-        self._spin(_DISCOVERY)
-        there = sorted(set(self._names) & set(self._node.get_node_names()))
-        if there:
-            raise GraphError(
-                "domain_in_use",
-                f"the ROS domain has a node '{there[0]}' already: end that graph, or choose another domain",
-            )
+            if time.monotonic() > deadline:
+                states = "; ".join(f"{name}: {self._diagnoses.get(name, 'silent')}" for name in waiting)
+                raise GraphError("start_timeout", f"not active after {self._start_timeout:g} s ({states})")
 
     # ---- talking
 
@@ -495,42 +486,58 @@ class Graph:
         if ended:
             raise self._failure(ended)
 
-    def _call(self, client: Any, request: Any, *, timeout: float) -> Any:
-        """Call a service; return None if no answer comes in time."""
+    def _call(self, name: str, client: Any, request: Any, *, timeout: float) -> Any:
+        """Call a service of a node; return None if the node has ended or no answer comes in time."""
+        if name not in self._children or not client.service_is_ready():
+            return None
         future = client.call_async(request)
         end = time.monotonic() + timeout
-        while not future.done() and time.monotonic() < end:
+        while not future.done():
             self._executor.spin_once(timeout_sec=0.05)
-        return future.result() if future.done() else None
+            if self._children[name].process.poll() is not None or time.monotonic() > end:
+                return None
+        return future.result()
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
+            if status.name not in self._names:
+                continue
+            values = {pair.key: pair.value for pair in status.values}
+            if values.get("pid") != str(self._pids.get(status.name)):
+                if len(self._active) < len(self._names):  # later ones are refused by their own graph
+                    self._strangers[status.name] = values.get("pid", "unknown")
+                continue
             self._diagnoses[status.name] = status.message
+            if values["state"] == "active":
+                self._active.add(status.name)
 
     # ---- ending
 
-    def _stop(self, names: Collection[str]) -> None:
-        """Tell some nodes to end, and wait until they have; kill those that do not."""
-        chosen = [self._children[name] for name in names if name in self._children]
-        for child in chosen:
-            child.expected = True
+    def _settle(self) -> None:
+        """Bring the flow of messages to its end, so that every node has what was sent to it.
+
+        A node answers a service after it has taken what came before: the plant stops, the estimator gives its last
+        estimate, then the recorder completes its files.
+        """
+        deactivate = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_DEACTIVATE))
+        for name in ("plant", "drag_estimator"):
+            self._call(name, self._changes[name], deactivate, timeout=_SETTLE_TIMEOUT)
+        if self._record is not None:
+            self._call("recorder", self._stop_recording, StopRecording.Request(), timeout=_FINISH_TIMEOUT)
+
+    def _stop(self) -> None:
+        """Tell the nodes to end, and wait until they have; kill those that do not."""
+        for child in self._children.values():
             if child.process.poll() is None:
+                child.expected = True
                 child.process.send_signal(signal.SIGINT)
         end = time.monotonic() + _STOP_TIMEOUT
-        for child in chosen:
+        for child in self._children.values():
             try:
                 child.process.wait(max(end - time.monotonic(), 0.1))
             except subprocess.TimeoutExpired:
                 child.process.kill()
                 child.process.wait()
-
-    def _finish_recording(self) -> None:
-        """Have the recorder complete its files: its answer comes after every message sent before."""
-        child = self._children.get("recorder")
-        if self._record is None or child is None or child.process.poll() is not None:
-            return
-        if self._stop_recording.service_is_ready():
-            self._call(self._stop_recording, StopRecording.Request(), timeout=_FINISH_TIMEOUT)
 
     def _failure(self, children: Collection[_Child]) -> Exception:
         """Return the error that tells why nodes ended; a fault that a node names comes first."""

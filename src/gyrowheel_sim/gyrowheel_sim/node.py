@@ -38,7 +38,8 @@ What this gives each node:
 * a clean end on Ctrl-C (however often it arrives), SIGTERM and SIGHUP: the hooks `deactivate` and `cleanup`
   run, the exit code is 0;
 * `BenchNode.fault`: ends the process with a named fault, logged, published on ``/diagnostics``, exit code 3;
-* ``/diagnostics`` once per second of wall time, from `BenchNode.diagnose`;
+* ``/diagnostics`` once per second of wall time, from `BenchNode.diagnose`, with the state of the lifecycle and the
+  process id;
 * ``--help`` with the table of the parameters.
 """
 
@@ -64,6 +65,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.publisher import Publisher
@@ -237,6 +239,7 @@ class BenchNode(LifecycleNode):
         # Declared from the command line first: this is how a node learns of values whose type or name is
         # wrong.
         super().__init__(self.NODE_NAME, automatically_declare_parameters_from_overrides=True)
+        self._service_change_state.callback = self._change_state(self._service_change_state.callback)
         self.stopping = False
         self.failure: BaseException | None = None
         #: In transitions that no lifecycle manager asked for, so that none can act on their failure.
@@ -364,6 +367,19 @@ class BenchNode(LifecycleNode):
             TransitionCallbackReturn.SUCCESS,
         )
 
+    def _change_state(self, handle: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+        """Return `handle` such that a transition which the current state has not is refused, not a crash."""
+
+        def handle_safely(request: Any, response: Any) -> Any:
+            try:
+                return handle(request, response)
+            except rclpy_implementation.RCLError as error:
+                self.get_logger().warning(f"state {self.state}: {str(error).split(', at ')[0]}")
+                response.success = False
+                return response
+
+        return handle_safely
+
     def _transition(self, hook: Callable[[], None]) -> TransitionCallbackReturn:
         try:
             hook()
@@ -393,6 +409,7 @@ class BenchNode(LifecycleNode):
             if self.failure is not None:
                 raise self.failure
         self._unattended = False
+        self._publish_diagnosis(self.diagnose())
 
     def finish(self, executor: Executor) -> None:
         """Publish the last diagnosis, or why the node failed, and bring the lifecycle to its end.
@@ -463,12 +480,13 @@ class BenchNode(LifecycleNode):
         )
 
     def _publish_diagnosis(self, diagnosis: Diagnosis) -> None:
+        values = {**diagnosis.values, "state": self.state, "pid": os.getpid()}
         status = DiagnosticStatus(
             level=diagnosis.level,
             name=self.get_name(),
             message=diagnosis.message,
             hardware_id="gyrowheel",
-            values=[KeyValue(key=key, value=str(value)) for key, value in diagnosis.values.items()],
+            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
         )
         message = DiagnosticArray(status=[status])
         message.header.stamp = self._wall_clock.now().to_msg()
