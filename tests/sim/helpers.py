@@ -76,16 +76,16 @@ def held(run: Run, seconds: float = 2.0) -> Held:
 
 
 class Needed(NamedTuple):
-    """What a perfectly held tilt needs over one revolution, at equal steps of theta_z."""
+    """What a perfectly held tilt needs over one revolution, at equal steps of the angle from the tilt to the shaft."""
 
     angle: NDArray[np.float64]  # rad
-    spin_rate: NDArray[np.float64]  # rad/s
-    coil_torque: NDArray[np.complex128]  # N m
+    rate: NDArray[np.float64]  # of that angle: spin rate less the rate of the cone [rad/s]
+    coil_torque: NDArray[np.complex128]  # about the tilt and across it [N m]
     motor_torque: float  # N m
 
     def coil_harmonic(self, order: int) -> complex:
-        """Return the time average of the coil torque times exp(-i order theta_z)."""
-        time = 1.0 / self.spin_rate
+        """Return the time average of the coil torque times exp(-i order angle)."""
+        time = 1.0 / self.rate
         return complex((time * self.coil_torque * np.exp(-1j * order * self.angle)).sum() / time.sum())
 
 
@@ -98,8 +98,8 @@ def flexure_forces(joint: Joint) -> tuple[Any, Any]:
     )
 
 
-def perfect_hold(tilt_deg: float, rpm: float) -> Needed:
-    """Return the torques that hold a tilt about x exactly while the motor's torque is constant.
+def perfect_hold(tilt_deg: float, rpm: float, cone_rate: float = 0.0) -> Needed:
+    """Return the torques that hold a tilt about x exactly, or turn it on a cone, while the motor's torque is constant.
 
     A universal joint cannot pass on a constant speed: its shaft has to ripple twice a revolution, and the torque of the
     coils depends on that. The ripple for which the motor's torque is constant is found by iteration.
@@ -108,22 +108,22 @@ def perfect_hold(tilt_deg: float, rpm: float) -> Needed:
     angle = np.arange(n, dtype=np.float64) * (2.0 * np.pi / n)
     order = np.fft.fftfreq(n, 1.0 / n)
     passing = order != 0
-    mean = rpm * RPM
+    mean = rpm * RPM - cone_rate
     rate = np.full(n, mean)
-    still = np.zeros(n, complex)
+    z = np.full(n, np.tan(tilt_deg * DEG) + 0j)
     for _ in range(40):
         acceleration = rate * np.fft.ifft(1j * order * np.fft.fft(rate)).real
-        motion = Spin(np.tan(tilt_deg * DEG) + still, still, still, angle, rate, acceleration)
+        spin = rate + cone_rate
+        motion = Spin(z, 1j * cone_rate * z, -(cone_rate**2) * z, angle, spin, acceleration)
         joint = inverse(motion, INERTIAS)
         flex_x, flex_y = flexure_forces(joint)
         coil = np.exp(1j * angle) * (
             joint.inertial[0] - flex_x + 1j * (joint.inertial[1] - flex_y) / joint.cx
         )
-        friction = BENCH.value("bearing_coulomb") + BENCH.value("bearing_viscous") * rate
+        friction = BENCH.value("bearing_coulomb") + BENCH.value("bearing_viscous") * spin
         motor = joint.inertial[2] + friction
-        error = np.fft.fft(motor)[passing]
         ripple = np.zeros(n, complex)
-        ripple[passing] = -error / (1j * order[passing] * AXIAL_INERTIA * mean)
+        ripple[passing] = -np.fft.fft(motor)[passing] / (1j * order[passing] * AXIAL_INERTIA * mean)
         rate = rate + np.fft.ifft(ripple).real
         rate = rate * mean * np.mean(1.0 / rate)  # the mean over time stays
     return Needed(angle, rate, coil, float(np.sum(motor / rate) / np.sum(1.0 / rate)))

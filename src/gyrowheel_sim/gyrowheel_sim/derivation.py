@@ -32,8 +32,11 @@ BODY_ACCELERATION = _real("alpha_bx alpha_by alpha_bz")
 ROTOR_INERTIA = _real("I_rx I_ry I_rz")
 GIMBAL_INERTIA = _real("I_gx I_gy I_gz")
 SHAFT_INERTIA: sp.Symbol = sp.Symbol("I_mz", real=True)
-#: Stiffness of the flexures [N m/rad].
+#: Stiffness [N m/rad] and viscous damping [N m s/rad] of the flexures.
 STIFFNESS: tuple[sp.Symbol, sp.Symbol] = tuple(sp.symbols("K_x K_y", real=True))
+DAMPING: tuple[sp.Symbol, sp.Symbol] = tuple(sp.symbols("C_x C_y", real=True))
+#: Spin rate of the slow equation [rad/s].
+SPIN_RATE: sp.Symbol = sp.Symbol("Omega", positive=True)
 
 
 @dataclass(frozen=True)
@@ -133,4 +136,64 @@ def derive(body_rate: bool = True) -> Equations:
         rotor_rate=rotor,
         kinetic=kinetic,
         potential=potential,
+    )
+
+
+@dataclass(frozen=True)
+class SlowEquation:
+    """The equation of a small tilt z = tan(phi_x) + i tan(phi_y) in the case, averaged over a revolution.
+
+    The coils must give ``T_x + i T_y = inertia z'' - i momentum z' + stiffness z + damping (z' - i Omega z)``.
+
+    Attributes
+    ----------
+    inertia : Expr
+        [kg m^2].
+    momentum : Expr
+        Angular momentum against which a tilt is slewed [kg m^2/s].
+    stiffness : Expr
+        Holding torque per tilt; zero at the tuned speed [N m/rad].
+    damping : Expr
+        [N m s/rad].
+    """
+
+    inertia: sp.Expr
+    momentum: sp.Expr
+    stiffness: sp.Expr
+    damping: sp.Expr
+
+
+@functools.cache
+def average() -> SlowEquation:
+    """Derive the slow equation: `derive` to the first order in the tilt, averaged over theta_z at a constant spin rate.
+
+    Returns
+    -------
+    SlowEquation
+        Expressions in `ROTOR_INERTIA` (with I_ry = I_rx), `GIMBAL_INERTIA`, `STIFFNESS`, `DAMPING` and `SPIN_RATE`.
+    """
+    equations = derive(body_rate=False)
+    t, small = sp.symbols("t epsilon", real=True)
+    # the tilt with its first two derivatives; to the first order theta_x + i theta_y = z exp(-i theta_z)
+    x, y = (sp.symbols(f"{name}0:3", real=True) for name in ("x", "y"))
+    path_x, path_y = (sum(c * t**k / sp.factorial(k) for k, c in enumerate(axis)) for axis in (x, y))
+    turn = ANGLES[2] + SPIN_RATE * t
+    theta_x = path_x * sp.cos(turn) + path_y * sp.sin(turn)
+    theta_y = path_y * sp.cos(turn) - path_x * sp.sin(turn)
+    first, second, third = ([small * e.diff(t, k).subs(t, 0) for e in (theta_x, theta_y)] for k in range(3))
+    at = dict(zip((*ANGLES[:2], *RATES), (*first, *second, SPIN_RATE), strict=True))
+    loss = sp.Matrix([DAMPING[0] * RATES[0], DAMPING[1] * RATES[1], 0])
+    force = equations.mass * sp.Matrix([*third, 0]) - equations.velocity - equations.elastic + loss
+    linear = force.subs(at).diff(small).subs(small, 0)
+    torque = sp.exp(sp.I * ANGLES[2]) * (linear[0] + sp.I * linear[1])
+    # a linear torque has the harmonics 0 and 2 of the spin alone: four angles give its mean exactly
+    mean = sp.expand(sum(torque.subs(ANGLES[2], k * sp.pi / 2) for k in range(4)) / 4)
+    mean = mean.subs(ROTOR_INERTIA[1], ROTOR_INERTIA[0])
+    # what multiplies z, z' and z'', read off the real axis
+    by_tilt, by_rate, inertia = (sp.expand(mean.coeff(c)) for c in x)
+    return SlowEquation(
+        inertia=inertia,
+        momentum=sp.factor(-sp.im(by_rate)),
+        stiffness=sp.collect(sp.re(by_tilt), SPIN_RATE),
+        damping=sp.re(by_rate),
     )
