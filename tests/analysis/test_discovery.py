@@ -18,7 +18,7 @@ from gyrowheel_sim import blind
 from gyrowheel_sim.effects import EffectValues, registry
 from gyrowheel_sim.errors import InputError
 
-from .machines import hidden_machine, record
+from .machines import BENCH, hidden_machine, record
 
 #: Sizes in the middle of what is usual; the two that a minute on the open bench cannot show have tests of their own.
 HIDDEN: dict[str, EffectValues] = {
@@ -209,7 +209,7 @@ def test_the_json_keeps_its_contract(tmp_path: Path) -> None:
 
 
 def test_a_recording_carries_no_truth(tmp_path: Path) -> None:
-    machine = blind.draw(blind.Bench.load(), 21, kinds=("single",))
+    machine = blind.draw(BENCH, 21, kinds=("single",))
     record(tmp_path, "fit", machine, "check")
     effect = next(iter(machine.effects))
     for path in (tmp_path / "fit").iterdir():
@@ -228,3 +228,12 @@ def test_adding_twice_or_an_unknown_effect_is_refused(tmp_path: Path) -> None:
         add_effect(Model.new(), ["windadge"], [fit])
     with pytest.raises(InputError, match="no recording"):
         add_effect(Model.new(), ["windage"], [])
+
+
+def test_two_recordings_of_one_run_are_the_same_bytes(tmp_path: Path) -> None:
+    # what is between the fields of a message must not be whatever memory held: it might be the truth
+    machine = hidden_machine(16, {"windage": {"w": 0.001, "n": 1.48}})
+    for name in ("one", "two"):
+        record(tmp_path, name, machine, "check")
+    first, second = (next((tmp_path / name).glob("*.mcap")).read_bytes() for name in ("one", "two"))
+    assert first == second

@@ -10,7 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.discovery.fit import Fit, Problem
-from gyrowheel_analysis.errors import TORQUE_CHANNELS, ErrorRow, Residuals, channel_parts, error_row
+from gyrowheel_analysis.errors import (
+    TORQUE_CHANNELS,
+    ErrorRow,
+    Residuals,
+    channel_parts,
+    channel_rms,
+    error_row,
+)
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.pipeline import FEWEST_WINDOWS, Prepared, Progress, errors_of, one_thread, prepare
 from gyrowheel_analysis.recording import Recording
@@ -149,7 +156,7 @@ def _metrics(problem: Problem, fit: Fit, name: str) -> ChannelMetrics:
         return np.concatenate(channel_parts(problem.balances, rows, name))
 
     measured, residual = joined(problem.measured), joined(fit.residual)
-    predicted, deviation = measured - residual, joined(problem.noise.deviation())
+    predicted = measured - residual
     white = joined(problem.noise.whiten(fit.residual))
     mse = float(np.mean(residual**2))
     swing = float(np.linalg.norm(measured - measured.mean()))
@@ -158,8 +165,8 @@ def _metrics(problem: Problem, fit: Fit, name: str) -> ChannelMetrics:
     bias = float(measured.mean() - predicted.mean()) ** 2 / mse if mse else 0.0
     variance = (sm - sp) ** 2 / mse if mse else 0.0
     return ChannelMetrics(
-        rms=mse**0.5,
-        noise_floor_rms=float(np.sqrt(np.mean(deviation**2))),
+        rms=channel_rms(problem.balances, fit.residual, name),
+        noise_floor_rms=channel_rms(problem.balances, problem.noise.deviation(), name),
         fit_percent=100.0 * (1.0 - float(np.linalg.norm(residual)) / swing) if swing else 0.0,
         theil=mse**0.5 / size if size else 0.0,
         theil_bias=bias,

@@ -24,7 +24,7 @@ class ErrorRow:
     Attributes
     ----------
     rms : dict of str to float
-        Root mean square of the residual by channel [N m].
+        Root mean square of the residual by channel [N m]; every window counts by its duration.
     chi2_per_n : float
         Mean square of all residuals in units of their noise; about 1 for a complete model.
     """
@@ -103,11 +103,14 @@ def floor_row(balances: Sequence[Balance], deviation: Array) -> ErrorRow:
 
 
 def _rms(balances: Sequence[Balance], rows: Array) -> dict[str, float]:
-    result = {}
-    for name in TORQUE_CHANNELS:
-        values = np.concatenate(list(channel_parts(balances, rows, name)))
-        result[name] = float(np.sqrt(np.mean(values**2))) if values.size else 0.0
-    return result
+    return {name: channel_rms(balances, rows, name) for name in TORQUE_CHANNELS}
+
+
+def channel_rms(balances: Sequence[Balance], rows: Array, name: str) -> float:
+    """Return the root mean square of one channel over time: every window counts by its duration."""
+    values = np.concatenate(channel_parts(balances, rows, name))
+    duration = np.concatenate([balance.windows.duration for balance in balances])
+    return float(np.sqrt(np.average(values**2, weights=duration))) if values.size else 0.0
 
 
 def channel_parts(balances: Sequence[Balance], rows: Array, name: str) -> list[Array]:

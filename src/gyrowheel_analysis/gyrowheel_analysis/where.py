@@ -129,7 +129,7 @@ def _describe_tilt(data: TiltSpin, mask: NDArray[np.bool_]) -> str:
     r, z = data.tilt[mask], data.windows.mean_tilt[mask]
     rms = float(np.sqrt(np.mean(np.abs(r) ** 2))) * 1e3
     noise = float(np.sqrt(np.mean(data.tilt_sigma[mask] ** 2))) * 1e3
-    text = f"{rms:.2g} mN·m rms, noise {noise:.2g}"
+    text = f"coil torque beyond the model {rms:.2g} mN·m rms, noise {noise:.2g}"
     if len(r) >= 2 and float(np.abs(z).max()) > 0.5 * DEG:
         # a constant and a part that turns with the tilt
         design = np.column_stack([np.ones(len(z)), z])
@@ -239,14 +239,16 @@ def growth(data: TiltSpin) -> list[str]:
     if left[best] < 0.5 * total and total > 4.0 * len(r):
         if best == "turns":
             mean = sum(slope * g for _, slope, g in slopes) / sum(g for _, _, g in slopes)
-            text = f"the tilt residual turns with the tilt, {_phase(mean)}, {abs(mean) * 1e3:.2g} mN·m/rad on average"
+            text = "the coils give a torque beyond the model's that turns with the tilt, "
+            text += f"{_phase(mean)}, {abs(mean) * 1e3:.2g} mN·m/rad on average"
             known = [
                 (speed, (slope * np.conj(mean)).real / abs(mean), g) for speed, slope, g in slopes if g > 0.0
             ]
             text += _growing(known)
         else:
             low, high = constants[0], constants[-1]
-            text = f"the tilt residual is the same at every tilt: {_components(low[1])} at {low[0] / RPM:.0f} rpm"
+            text = "the coils give a torque beyond the model's that is the same at every tilt: "
+            text += f"{_components(low[1])} at {low[0] / RPM:.0f} rpm"
             if len(constants) > 1:
                 text += f", {_components(high[1])} at {high[0] / RPM:.0f} rpm"
         sentences.append(text)
@@ -288,7 +290,10 @@ def _components(torque: complex) -> str:
 def _growing(sizes: Sequence[tuple[float, float, float]]) -> str:
     speed, size, weight = (np.array(column) for column in zip(*sizes, strict=True))
     exponent = _exponent(speed, size, weight) if len(speed) > 2 else None
-    return f", and grows as speed^{exponent[0]:.1f}±{exponent[1]:.1f}" if exponent is not None else ""
+    if exponent is None:
+        return ""
+    digits = 1 if exponent[1] >= 0.1 else 2
+    return f", and grows as speed^{exponent[0]:.{digits}f}±{max(exponent[1], 0.01):.{digits}f}"
 
 
 def _exponent(speed: Array, size: Array, weight: Array) -> tuple[float, float] | None:

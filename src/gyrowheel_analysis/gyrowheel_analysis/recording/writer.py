@@ -114,7 +114,9 @@ class RecordingWriter:
             self.counts[topic.name] += len(times)
             order = np.argsort(times, kind="stable")
             if isinstance(messages, np.ndarray):
-                blocks.append(Block(channel, times[order], messages[order]))
+                # as plain bytes: indexing a structured array would fill its padding with whatever memory holds
+                whole = messages.view(f"V{messages.dtype.itemsize}")
+                blocks.append(Block(channel, times[order], whole[order].view(messages.dtype)))
                 continue
             sizes = np.array([len(message) for message in messages], dtype=np.int64)[order]
             for size in np.unique(sizes):
