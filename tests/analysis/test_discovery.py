@@ -234,6 +234,7 @@ def test_two_recordings_of_one_run_are_the_same_bytes(tmp_path: Path) -> None:
     # what is between the fields of a message must not be whatever memory held: it might be the truth
     machine = hidden_machine(16, {"windage": {"w": 0.001, "n": 1.48}})
     for name in ("one", "two"):
-        record(tmp_path, name, machine, "check")
-    first, second = (next((tmp_path / name).glob("*.mcap")).read_bytes() for name in ("one", "two"))
+        (tmp_path / name).mkdir()
+        record(tmp_path / name, "run", machine, "check")
+    first, second = (next((tmp_path / name / "run").glob("*.mcap")).read_bytes() for name in ("one", "two"))
     assert first == second
