@@ -209,7 +209,7 @@ def joint_step(constants, state, h, volts_x, volts_y, volts_motor):
 def test_joint_angles_would_need_finer_steps():
     """Why the case frame is integrated: in joint angles the same step makes a false torque of 0.117 mN m at 3 deg.
 
-    At a constant tilt the joint angles swing at the spin rate, and a Runge-Kutta step of a tenth of a radian of spin is
+    At a constant tilt the joint angles swing at the spin rate, and a Runge-Kutta step of a fifth of a radian of spin is
     coarse for that. It is as large as what the bench is to measure; two steps a sample leave 0.007 mN m.
     """
     names = (

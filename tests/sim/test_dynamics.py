@@ -26,11 +26,12 @@ from gyrowheel_sim.dynamics import (
     joint_accelerations,
     spin_axis,
 )
+from gyrowheel_sim.kinematics import case_to_motor, gimbal_to_rotor, joint_of_azimuth, motor_to_gimbal
 from gyrowheel_sim.plant import Machine, PlantParameters
 from gyrowheel_sim.scenario import Scenario
 from gyrowheel_sim.units import DEG, RPM
 
-from .helpers import BENCH, INERTIAS, QUIET, flexure_forces
+from .helpers import BENCH, INERTIAS, QUIET, TUNING_INERTIA, flexure_forces, perfect_hold
 
 X, Y, Z = d.ANGLES
 SINES = dict(zip(("sx", "cx", "sy", "cy", "sz", "cz"), sp.symbols("sx cx sy cy sz cz"), strict=True))
@@ -193,6 +194,33 @@ def test_printed_map_turns_with_the_rotor():
     assert abs((spinning * np.exp(-1j * angle)).mean()) == pytest.approx(torque, rel=2e-3)
     fixed = in_case_axes(generalised_forces(joint.sx, joint.cx, joint.sz, joint.cz, torque, 0.0, 0.0)[:2])
     np.testing.assert_allclose(fixed, torque, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("torque", "lost", "ripple"), [(1.153e-3, 0.0, 0.060e-3), (0.278e-3j, 0.0146e-3, 0.0146e-3)]
+)
+def test_size_of_the_wrong_sign(torque, lost, ripple):
+    """On the shaft at 3 deg, for an air torque of the usual size in phase with the tilt and one across it."""
+    angle, z = np.arange(360) * DEG, np.tan(3.0 * DEG)
+    theta_x, theta_y = joint_of_azimuth(3.0 * DEG, -angle)
+    to_rotor = gimbal_to_rotor(theta_y) @ motor_to_gimbal(theta_x) @ case_to_motor(angle)
+    in_rotor = to_rotor @ [torque.real, torque.imag, z * torque.imag]  # across the spin axis
+    error = -2.0 * np.sin(theta_x) * in_rotor[:, 1]
+    assert abs(error.mean()) == pytest.approx(lost, abs=0.0001e-3)
+    assert 2.0 * abs((error * np.exp(-2j * angle)).mean()) == pytest.approx(ripple, abs=0.0005e-3)
+    # without the error the share on the shaft is the z component, as eq (8) with its z part has it
+    sx, cx, sy, cy = np.sin(theta_x), np.cos(theta_x), np.sin(theta_y), np.cos(theta_y)
+    right = -cx * sy * in_rotor[:, 0] + sx * in_rotor[:, 1] + cx * cy * in_rotor[:, 2]
+    np.testing.assert_allclose(right, z * torque.imag, atol=1e-18)
+
+
+def test_size_of_the_missing_half():
+    """With twice the stiffness the bench is tuned at 4949 rpm, and needs 13.45 instead of 6.42 mN m at 1000 rpm."""
+    stiffness, z = BENCH.value("flexure_stiffness_x"), np.tan(3.0 * DEG)
+    assert np.sqrt(2.0 * stiffness / TUNING_INERTIA) / RPM == pytest.approx(3500.0, abs=1.0)
+    assert np.sqrt(4.0 * stiffness / TUNING_INERTIA) / RPM == pytest.approx(4949.0, abs=1.0)
+    once = perfect_hold(3.0, 1000.0).coil_harmonic(0).real
+    assert once + stiffness * (1.0 - z**2 / 4.0) * z == pytest.approx(13.45e-3, abs=0.005e-3)
 
 
 # --- what is compiled -------------------------------------------------------------------------------------
