@@ -134,5 +134,7 @@ class NodeProcess:
         return self.process.poll() is not None
 
     def interrupt(self) -> int:
+        """Send Ctrl-C, which may well come twice; return the exit code."""
+        self.process.send_signal(signal.SIGINT)
         self.process.send_signal(signal.SIGINT)
         return self.process.wait(15.0)

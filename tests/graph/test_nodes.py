@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable
 from typing import Any
@@ -17,6 +18,7 @@ from rclpy.parameter import Parameter
 
 from gyrowheel_control.plans import Plan
 from gyrowheel_sim import topics, wire
+from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import from_json, to_json
 
 from .helpers import LONG_PLAN, SHORT_PLAN, Bystander, NodeProcess
@@ -136,6 +138,29 @@ def test_plant_counts_odd_commands_and_names_a_silent_controller(bystander: Byst
     assert plant.process.wait(15.0) == 3
     assert "plant: controller_silent: no command for 1.5 s after sample 2" in plant.output
     assert answers.samples == [0, 1, 2]
+
+
+def test_plant_publishes_clock_joints_bench_and_the_truth_where_asked(
+    bystander: Bystander, start_node: Start
+):
+    heard: dict[str, list[Any]] = {}
+    watched = (topics.CLOCK, topics.JOINT_STATES, topics.BENCH, topics.TRUTH)
+    for topic in watched:
+        bystander.listen(topic, heard.setdefault(topic.name, []).append)
+    plant = start_node("plant", initial_spin_rate=200.0, publish_truth="true")
+    answers = Answers(bystander)
+    for sequence in range(1, 101):
+        answers.send(0.0, 0.0, 5.0)
+        bystander.spin_until(lambda sequence=sequence: answers.samples[-1] == sequence)  # type: ignore[misc]
+    bystander.spin_until(lambda: len(heard["/clock"]) == 6 and len(heard["/gyrowheel/truth"]) == 6)
+    assert [m.clock.nanosec for m in heard["/clock"]] == [10_000_000 * k for k in range(6)]
+    truth = [json.loads(m.data) for m in heard["/gyrowheel/truth"]]
+    assert [t["time"] for t in truth] == pytest.approx([0.01 * k for k in range(6)])
+    assert truth[0]["spin_rate"] == 200.0
+    assert json.loads(heard["/gyrowheel/bench"][0].data)["name"] == Bench.load().name
+    bystander.spin_until(lambda: len(heard["/joint_states"]) == 4)  # 60 Hz
+    assert list(heard["/joint_states"][0].name) == ["tilt_x", "tilt_y", "spin"]
+    assert plant.interrupt() == 0
 
 
 class Client:

@@ -144,6 +144,15 @@ class _Child:
     process: subprocess.Popen[bytes]
     log: Path
     expected: bool = False  # whether it was told to end
+    shown: int = 0  # bytes of its log that were shown
+
+    def show_log(self) -> None:
+        """Copy to stderr what it has written since the last time."""
+        with contextlib.suppress(OSError), self.log.open("rb") as log:
+            log.seek(self.shown)
+            new = log.read()
+            self.shown += len(new)
+            sys.stderr.write(new.decode("utf-8", errors="replace"))
 
     @property
     def last_words(self) -> str:
@@ -296,6 +305,7 @@ class Graph:
                     if child.process.poll() is None:
                         child.process.kill()
                         child.process.wait()
+                self._show()
                 self._children.clear()
                 self._cleanup.close()
         if error is not None:
@@ -376,8 +386,8 @@ class Graph:
                 process = subprocess.Popen(
                     [str(find_executable(*EXECUTABLES[name])), "--ros-args", "--params-file", str(file)],
                     stdin=subprocess.DEVNULL,
-                    stdout=None if self._show_logs else output,
-                    stderr=None if self._show_logs else output,
+                    stdout=output,
+                    stderr=output,
                     env=environment,
                     start_new_session=True,  # a Ctrl-C of the terminal is for this process alone
                 )
@@ -389,7 +399,7 @@ class Graph:
         """Create the node through which this process takes part."""
         context = Context()
         rclpy.init(
-            args=[],
+            args=["--ros-args", "--disable-external-lib-logs"],
             context=context,
             domain_id=self._domain_id,
             signal_handler_options=SignalHandlerOptions.NO,
@@ -482,9 +492,15 @@ class Graph:
         end = time.monotonic() + seconds
         while (rest := end - time.monotonic()) > 0.0:
             self._executor.spin_once(timeout_sec=rest)
+        self._show()
         ended = [c for c in self._children.values() if c.process.poll() is not None and not c.expected]
         if ended:
             raise self._failure(ended)
+
+    def _show(self) -> None:
+        if self._show_logs:
+            for child in self._children.values():
+                child.show_log()
 
     def _call(self, name: str, client: Any, request: Any, *, timeout: float) -> Any:
         """Call a service of a node; return None if the node has ended or no answer comes in time."""
