@@ -153,7 +153,7 @@ def test_ctrl_c_twice_leaves_nothing_behind(tmp_path: Path, start_graph: StartGr
 
 
 def test_a_used_domain_is_refused_and_nodes_end_after_a_killed_starter(domain: int, start_graph: StartGraph):
-    without = ["drag_estimator", "plant", "controller"]
+    without = sorted(set(EXECUTABLES) - {"conductor"})
     code = f"""if True:
         with Graph(domain_id={domain}, without={without}) as graph:
             print(*graph.pids.values(), flush=True)
