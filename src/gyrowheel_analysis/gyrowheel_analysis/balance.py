@@ -127,8 +127,8 @@ class Balance:
 
         The relative changes of the coils' gain are left out here, see `predicted`.
         """
-        coil, motor, _ = self._instantaneous(values, effects)
-        return (coil * self._weights).sum(axis=(1, 2)), (motor * self._weights).sum(axis=(1, 2))
+        coil, motor, _, weights = self._instantaneous(values, effects)
+        return (coil * weights).sum(axis=(1, 2)), (motor * weights).sum(axis=(1, 2))
 
     def predicted(self, values: Mapping[str, float], effects: list[ActiveEffect]) -> Array:
         """Return the predicted rows.
@@ -146,10 +146,10 @@ class Balance:
             What the readings should be: voltages of the coils and current of the motor converted with the
             constants of the model's bench [N m], and the motor's voltage [V].
         """
-        coil, motor, gain = self._instantaneous(values, effects)
-        coil_row = (coil / (1.0 + gain) * self._weights).sum(axis=(1, 2))
+        coil, motor, gain, weights = self._instantaneous(values, effects)
+        coil_row = (coil / (1.0 + gain) * weights).sum(axis=(1, 2))
         coil_row = coil_row * (self.bench.value("coil_constant") / values["coil_constant"])
-        torque = (motor * self._weights).sum(axis=(1, 2))
+        torque = (motor * weights).sum(axis=(1, 2))
         current = torque / values["motor_constant"]
         voltage = values["motor_resistance"] * current + values["motor_constant"] * self.windows.mean_spin
         return np.concatenate(
@@ -158,13 +158,15 @@ class Balance:
 
     def _instantaneous(
         self, values: Mapping[str, float], effects: list[ActiveEffect]
-    ) -> tuple[Any, Any, Any]:
-        """Return the torques of coils and motor and the change of the coils' gain, (n, nodes, phases) each.
+    ) -> tuple[Any, Any, Any, Any]:
+        """Return the torques of coils and motor, the change of the coils' gain, and the weights of a mean over time.
+
+        All are (n, nodes, phases).
 
         The universal joint makes the spin rate ripple. The ripple that belongs to the measured current is far better
         known than a reading of the speed: over a revolution the motor's torque must be that of its current.
         """
-        inertia = values["rotor_inertia_z"] + values["gimbal_inertia_z"] + values["shaft_inertia"]
+        inertia = self.bench.axial_inertia
         wanted = values["motor_constant"] * self._current
         ripple = self._ripple
         if ripple is None:
@@ -184,21 +186,21 @@ class Balance:
 
     def _torques(
         self, values: Mapping[str, float], effects: list[ActiveEffect], ripple: Any
-    ) -> tuple[Any, Any, Any]:
+    ) -> tuple[Any, Any, Any, Any]:
         """Return the same for a given ripple of the spin rate: amplitudes (n, harmonics, nodes) [rad/s]."""
-        rate = self._spin + np.einsum("nhk,hp->nkp", ripple, self._wave).real
+        Omega = self._spin + np.einsum("nhk,hp->nkp", ripple, self._wave).real
         acceleration = (
             self._spin_rate
             + np.einsum("nhk,hp->nkp", ripple * self._order[:, None], self._wave).real * self._spin
         )
-        tilt_rate = self._first[0] + self._first[1] * rate
+        tilt_rate = self._first[0] + self._first[1] * Omega
         tilt_acc = (
             self._second[0]
-            + self._second[1] * rate
-            + self._second[2] * rate**2
+            + self._second[1] * Omega
+            + self._second[2] * Omega**2
             + self._first[1] * acceleration
         )
-        q = {**self._quantities, "Omega": rate}
+        q = {**self._quantities, "Omega": Omega}
         reading: Any = complex(values["tilt_bias_x"], values["tilt_bias_y"])
         # the error of the reading first: every other law sees the true tilt
         q["z"], q["z_rate"] = self._tilt, tilt_rate
@@ -216,12 +218,12 @@ class Balance:
         z_acc = sx2 * (phi_acc.real + 2.0 * tx * phi_rate.real**2)
         z_acc = z_acc + 1j * sy2 * (phi_acc.imag + 2.0 * ty * phi_rate.imag**2)
         q["z"], q["z_rate"] = z, z_rate
-        motion = Spin(z, z_rate, z_acc, self._angle, rate, acceleration)
+        motion = Spin(z, z_rate, z_acc, self._angle, Omega, acceleration)
         joint = inverse(motion, tuple(values[name] for name in _INERTIAS))  # type: ignore[arg-type]
         n, _, _, nz = spin_axis(z, z_rate, z_acc)
         torque: Any = complex(values["fixed_torque_x"], values["fixed_torque_y"])
         axial: Any = 0.0
-        shaft: Any = -values["bearing_coulomb"] * np.sign(rate) - values["bearing_viscous"] * rate
+        shaft: Any = -values["bearing_coulomb"] * np.sign(Omega) - values["bearing_viscous"] * Omega
         flexure_x: Any = (
             -values["flexure_stiffness_x"] * joint.theta_x - values["flexure_damping_x"] * joint.theta_x_rate
         )
@@ -243,8 +245,9 @@ class Balance:
             else:
                 flexure_x, flexure_y = flexure_x + value[0], flexure_y + value[1]
         # a torque across the spin axis has no component along it: fixes its z component
+        across = torque + across
         along = (np.conj(z) * across).imag
-        total = torque + across + axial * n
+        total = across + axial * n
         Q1, Q2, Q3 = generalised_forces(
             joint.sx, joint.cx, joint.sz, joint.cz, np.real(total), np.imag(total), along + axial * nz
         )
@@ -252,7 +255,9 @@ class Balance:
         need_y = joint.inertial[1] - flexure_y - Q2
         coil = np.exp(1j * self._angle) * (need_x + 1j * need_y / joint.cx)
         motor = joint.inertial[2] - shaft - Q3
-        return coil, motor, gain
+        # a spin angle that is passed quickly takes little time
+        weights = self._weights * self._spin / Omega
+        return coil, motor, gain, weights / weights.sum(axis=(1, 2), keepdims=True)
 
     @staticmethod
     def _laws(

@@ -65,21 +65,20 @@ def controller_parameters(bench: Bench, gains: Gains) -> ControllerParameters:
     # one sample of delay and the hold of the voltage, and the lag of the derivative filter, at the nutation frequency
     lag = 2.0 * v("sample_period") + 1.0 / (2.0 * math.pi * gains.derivative_lowpass)
     transverse = v("rotor_inertia_x") + 0.5 * v("gimbal_inertia_x")
-    spin_inertia = v("rotor_inertia_z") + 0.5 * v("gimbal_inertia_z")
     return ControllerParameters(
         tilt_bandwidth=gains.tilt_bandwidth,
         tilt_integral=gains.tilt_integral,
         tilt_lowpass=gains.tilt_lowpass,
         nutation_damping=gains.nutation_damping,
         derivative_lowpass=gains.derivative_lowpass,
-        phase_lead=spin_inertia / transverse * lag,
+        phase_lead=bench.precession_inertia / transverse * lag,
         spin_proportional=gains.spin_proportional,
         spin_integral=gains.spin_integral,
         spin_lowpass=gains.spin_lowpass,
         stiffness=0.5 * (v("flexure_stiffness_x") + v("flexure_stiffness_y")),
-        tuning_inertia=v("gimbal_inertia_x") + v("gimbal_inertia_y") - v("gimbal_inertia_z"),
-        spin_inertia=spin_inertia,
-        axial_inertia=v("rotor_inertia_z") + v("gimbal_inertia_z") + v("shaft_inertia"),
+        tuning_inertia=bench.tuning_inertia,
+        spin_inertia=bench.precession_inertia,
+        axial_inertia=bench.axial_inertia,
         spin_rate_reference=v("spin_rate_reference"),
         coil_constant=v("coil_constant"),
         coil_voltage_limit=v("coil_voltage_limit"),

@@ -32,7 +32,7 @@ class ControllerParameters(NamedTuple):
     spin_lowpass: float  # Hz
     stiffness: float  # N m/rad
     tuning_inertia: float  # kg m^2: Igx + Igy - Igz
-    spin_inertia: float  # kg m^2: Irz + Igz / 2
+    spin_inertia: float  # kg m^2: Irz + (Igx + Igy) / 2
     axial_inertia: float  # kg m^2: everything that turns with the shaft
     spin_rate_reference: float  # rad/s
     coil_constant: float  # N m/V

@@ -218,9 +218,7 @@ class Plan:
         """
         v = bench.value
         low, high, tilt_limit = v("spin_rate_minimum"), v("spin_rate_maximum"), v("tilt_limit")
-        spin_inertia = v("rotor_inertia_z") + 0.5 * v("gimbal_inertia_z")
-        axial = v("rotor_inertia_z") + v("gimbal_inertia_z") + v("shaft_inertia")
-        tuning = v("gimbal_inertia_x") + v("gimbal_inertia_y") - v("gimbal_inertia_z")
+        spin_inertia, axial, tuning = bench.precession_inertia, bench.axial_inertia, bench.tuning_inertia
         for index, s in enumerate(self.segments):
             where = f"{self.origin}: segment {index}" + (f" ({s.label})" if s.label else "")
             for spin in (s.spin, s.spin_end):

@@ -224,6 +224,25 @@ class Bench:
         """Sampling interval [s]."""
         return self.value("sample_period")
 
+    @property
+    def precession_inertia(self) -> float:
+        """Angular momentum that a slow precession turns, over the spin rate: Irz + (Igx + Igy)/2 [kg m^2]."""
+        return self.value("rotor_inertia_z") + 0.5 * (
+            self.value("gimbal_inertia_x") + self.value("gimbal_inertia_y")
+        )
+
+    @property
+    def axial_inertia(self) -> float:
+        """Moment of inertia of everything that turns with the shaft [kg m^2]."""
+        return self.value("rotor_inertia_z") + self.value("gimbal_inertia_z") + self.value("shaft_inertia")
+
+    @property
+    def tuning_inertia(self) -> float:
+        """Inertia A = Igx + Igy - Igz whose spin lowers the stiffness to K - A Omega^2 / 2 [kg m^2]."""
+        return (
+            self.value("gimbal_inertia_x") + self.value("gimbal_inertia_y") - self.value("gimbal_inertia_z")
+        )
+
     def groups(self) -> dict[str, list[Parameter]]:
         """Return the uncertain parameters, those that vary together under one name."""
         groups: dict[str, list[Parameter]] = {}

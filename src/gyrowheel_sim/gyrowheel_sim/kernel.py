@@ -48,12 +48,14 @@ def plant_rates(
     Tx, Ty, axial, shaft, flex_x, flex_y, gain, _, _ = evaluate_laws(
         coef, active, zx, zy, zx_rate, zy_rate, Omega, theta_x, theta_y, wx, wy, T_coil, T_air, rho, up, t
     )
+    Tx += p.fixed_torque_x
+    Ty += p.fixed_torque_y
     # across the spin axis: T . n = 0 fixes the z component
     Tz = zx * Ty - zy * Tx
     k = p.coil_constant * (1.0 + gain)
     Q1, Q2, Q3 = generalised_forces(
         sx, cx, sz, cz,
-        Tx + axial * nx + p.fixed_torque_x, Ty + axial * ny + p.fixed_torque_y, Tz + axial * nz,
+        Tx + axial * nx, Ty + axial * ny, Tz + axial * nz,
     )  # fmt: skip
     C1, C2, _ = generalised_forces(sx, cx, sz, cz, k * vx, k * vy, 0.0)
     current = (vm - p.motor_constant * Omega) / p.motor_resistance

@@ -144,7 +144,7 @@ def _channel(balance: Balance, predicted: Array, name: str) -> ChannelNoise:
     v, w = balance.bench.value, balance.windows
     rows = np.abs(predicted[balance.channel(name)])
     if name in ("tilt_x", "tilt_y"):
-        momentum = (v("rotor_inertia_z") + 0.5 * v("gimbal_inertia_z")) * w.mean_spin
+        momentum = balance.bench.precession_inertia * w.mean_spin
         slew = momentum * np.abs(w.mean_tilt_rate)
         white = (
             v("coil_constant") * v("coil_voltage_noise")
@@ -152,7 +152,7 @@ def _channel(balance: Balance, predicted: Array, name: str) -> ChannelNoise:
         size, level = np.maximum(rows, slew), v("coil_constant") * v("coil_voltage_drift")
         floor = MODEL_ABSOLUTE**2 + (MODEL_RELATIVE * size) ** 2
     else:
-        inertia = v("rotor_inertia_z") + v("gimbal_inertia_z") + v("shaft_inertia")
+        inertia = balance.bench.axial_inertia
         torque = inertia**2 * w.spin_acceleration_variance
         floor = MODEL_ABSOLUTE**2 + (4.0 * MODEL_RELATIVE * inertia * np.abs(w.mean_spin_acceleration)) ** 2
         if name == "spin":

@@ -119,7 +119,7 @@ BEARING_COULOMB = Effect(
     title="additional Coulomb friction of the spin bearing",
     category="bearing",
     sentence="Dry friction brakes the spin with a torque that does not depend on the speed.",
-    laws=(Law("shaft_torque", -_T * sp.sign(Omega)),),
+    laws=(Law("shaft_torque", -_T),),
     coefficients=(
         Coefficient(
             "T",
@@ -130,7 +130,7 @@ BEARING_COULOMB = Effect(
             "assumed",
         ),
     ),
-    validity="turning shaft",
+    validity="shaft turning forward",
     source=_BALANCE,
     look_alikes={"windage": "coast-down over many speeds"},
 )
