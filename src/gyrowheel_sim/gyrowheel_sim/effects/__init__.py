@@ -2,5 +2,18 @@
 
 from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law
 from gyrowheel_sim.effects.registry import EffectValues, get, parse_option, registry, validated
+from gyrowheel_sim.effects.user import effect_from_mapping, effect_from_text, effect_to_mapping
 
-__all__ = ["Coefficient", "Effect", "EffectValues", "Law", "get", "parse_option", "registry", "validated"]
+__all__ = [
+    "Coefficient",
+    "Effect",
+    "EffectValues",
+    "Law",
+    "effect_from_mapping",
+    "effect_from_text",
+    "effect_to_mapping",
+    "get",
+    "parse_option",
+    "registry",
+    "validated",
+]

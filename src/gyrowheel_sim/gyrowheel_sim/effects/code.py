@@ -229,8 +229,12 @@ def array_law(effect: Effect, index: int) -> Callable[..., Any]:
     law = effect.laws[index]
     symbols = [q.symbol for q in QUANTITIES.values()] + [c.symbol for c in effect.coefficients]
     names = [s.name for s in symbols]
-    # dummies: a coefficient may have the name of a function
-    function = sp.lambdify(symbols, law.expression, modules="numpy", cse=True, dummify=True)
+
+    def shared(expression: sp.Expr) -> Any:
+        # names that no coefficient has
+        return sp.cse(expression, symbols=sp.numbered_symbols("_s"), list=False)
+
+    function = sp.lambdify(symbols, law.expression, modules="numpy", cse=shared)
 
     def evaluate(values: Mapping[str, Any]) -> Any:
         return function(*(values[name] for name in names))

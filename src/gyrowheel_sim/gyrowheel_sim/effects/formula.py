@@ -7,7 +7,9 @@ the spin rate over its reference. The signs that the project shows (``Ω``, ``θ
 
 from __future__ import annotations
 
+import contextlib
 import difflib
+import functools
 import math
 import re
 from collections.abc import Callable, Collection
@@ -24,17 +26,18 @@ from gyrowheel_sim.errors import InputError
 MAX_LENGTH = 1000
 MAX_DEPTH = 30
 MAX_POWER = 20
+#: Largest number of operations that a formula may need once real and imaginary part are written out.
+MAX_SIZE = 1000
 _LARGEST = 1e100
 _SHOWN = 40  # characters of a formula that a message repeats
 
 
-def _re(argument: sp.Expr) -> sp.Expr:
-    # SymPy would expand a power to find its real part, which takes minutes for a high one
-    return sp.re(argument, evaluate=False)
+def _unevaluated(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a function that leaves its arguments alone.
 
-
-def _im(argument: sp.Expr) -> sp.Expr:
-    return sp.im(argument, evaluate=False)
+    SymPy expands powers to find real parts, and compares the arguments of a maximum in pairs: minutes for long ones.
+    """
+    return functools.partial(function, evaluate=False)
 
 
 #: Names that are always there, beside the quantities.
@@ -42,8 +45,8 @@ HANDY: dict[str, sp.Expr] = {"r": Omega / Omega_ref, "i": sp.I, "pi": sp.pi}
 FUNCTIONS: dict[str, Callable[..., Any]] = {
     "conj": sp.conjugate,
     "abs": sp.Abs,
-    "re": _re,
-    "im": _im,
+    "re": _unevaluated(sp.re),
+    "im": _unevaluated(sp.im),
     "sign": sp.sign,
     "sqrt": sp.sqrt,
     "exp": sp.exp,
@@ -51,8 +54,8 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     "sin": sp.sin,
     "cos": sp.cos,
     "tanh": sp.tanh,
-    "max": sp.Max,
-    "min": sp.Min,
+    "max": _unevaluated(sp.Max),
+    "min": _unevaluated(sp.Min),
 }
 _SEVERAL = ("max", "min")
 _COMPLEX = ("conj", "abs", "re", "im", "exp")
@@ -63,6 +66,7 @@ RESERVED = frozenset(
         *HANDY,
         *FUNCTIONS,
         *(part.name for pair in COMPONENTS.values() for part in pair),  # names in the compiled code
+        *("conjugate", "real", "imag", "maximum", "minimum"),
         "declaration",  # fields of the model file
         "value",
         "standard_error",
@@ -181,12 +185,70 @@ def read(text: str, names: Collection[str] = (), where: str = "formula") -> Form
     if len(text) > MAX_LENGTH:
         raise InputError(f"{where}: the formula has {len(text)} characters; allowed: up to {MAX_LENGTH}")
     node = _Parser(text, frozenset(names), where).whole()
-    builder = _Builder(text, where)
-    try:
-        expression = builder.build(node)
-    except RecursionError:  # sums and products of many parts can nest within SymPy
-        raise InputError(f"{where}: the formula is too complicated") from None
-    return Formula(text, where, node, expression)
+    size, _ = _size(node)
+    if size > MAX_SIZE:
+        raise InputError(
+            f"{where}: the formula is too complicated: it needs {size} operations, allowed: {MAX_SIZE}; "
+            "lower a power of a complex number, or multiply fewer of them"
+        )
+    return Formula(text, where, node, _settled(_Builder(text, where).build(node), frozenset(names)))
+
+
+def _settled(expression: sp.Expr, names: frozenset[str]) -> sp.Expr:
+    """Return the expression as it reads after printing: SymPy simplifies some forms only when they are built again."""
+    with contextlib.suppress(InputError):
+        for _ in range(4):
+            text = to_text(expression)
+            again = _Builder(text, "").build(_Parser(text, names, "").whole())
+            if again == expression:
+                break
+            expression = again
+    return expression
+
+
+def _size(node: Node) -> tuple[int, bool]:
+    """Return how large real and imaginary part will be, and whether there is an imaginary one.
+
+    A product of complex numbers holds each of them twice, so products within products grow fast.
+    """
+    if not node.items:
+        return 1, node.name in ("z", "z_rate", "i")
+    parts = [_size(item) for item in node.items]
+    total, mixed = sum(size for size, _ in parts), any(part[1] for part in parts)
+    if node.kind == "product" and mixed:
+        real = sum(size for size, complex_ in parts if not complex_)
+        several = [size for size, complex_ in parts if complex_]
+        return _multiplied(several) + 2 * real + 2 * sum(several) * any(node.inverse), True
+    if node.kind == "power" and parts[0][1] and node.items[1].constant:
+        base = parts[0][0]
+        times, negative = _whole(node.items[1])
+        if times is None:  # allowed for real numbers alone
+            return total, False
+        size = base
+        for digit in bin(min(times, MAX_POWER))[3:]:
+            size = _multiplied([size, size] + [base] * (digit == "1"))
+        return size + 2 * base * negative, True
+    if node.kind == "call":
+        if node.name == "exp" and mixed:
+            return 2 * total + 2, True
+        return total + 1, mixed and node.name == "conj"
+    return total, mixed
+
+
+def _whole(node: Node) -> tuple[int | None, bool]:
+    """Return the size of a written whole number, and whether it is negative; None for anything else."""
+    negative = node.kind == "product" and len(node.items) == 1
+    number = node.items[0].number if negative else node.number
+    if number is None or not (number.is_Integer or float(number).is_integer()):
+        return None, negative
+    return int(number), negative
+
+
+def _multiplied(sizes: list[int]) -> int:
+    result = sizes[0]
+    for size in sizes[1:]:
+        result = 2 * (result + size)
+    return result
 
 
 def _error(where: str, place: int, message: str) -> InputError:
@@ -373,8 +435,8 @@ class _Parser:
 
     def _number(self, token: _Token) -> sp.Expr:
         if token.text.isdigit():
-            if len(token.text) > 30:
-                raise self.fail(token, "a number of more than 30 digits")
+            if len(token.text) > 100:
+                raise self.fail(token, "a number of more than 100 digits")
             return sp.Integer(token.text)
         value = float(token.text)
         digits = re.split("[eE]", token.text)[0]
@@ -482,7 +544,7 @@ class _Builder:
                     node.items[1],
                     f"the power '{self.shown(node.items[1])}' is out of range; allowed: -{MAX_POWER} .. {MAX_POWER}",
                 )
-            if exponent.is_Float and float(exponent).is_integer():
+            if exponent.is_Float and float(exponent).is_integer() and not self._is_real(base):
                 exponent = sp.Integer(int(exponent))
             if base == 0 and exponent < 0:
                 raise self.fail(node, f"'{self.shown(node)}' is not finite")
@@ -516,7 +578,10 @@ class _Builder:
 # --- printing ---
 
 _SUM, _PRODUCT, _POWER, _ATOM = range(4)
-_FUNCTION_NAMES = {function: name for name, function in FUNCTIONS.items()} | {sp.re: "re", sp.im: "im"}
+_FUNCTION_NAMES = {
+    function.func if isinstance(function, functools.partial) else function: name
+    for name, function in FUNCTIONS.items()
+}
 
 
 def to_text(expression: sp.Expr) -> str:

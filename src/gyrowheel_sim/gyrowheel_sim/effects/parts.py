@@ -85,7 +85,9 @@ def _split(e: sp.Expr, memo: dict[sp.Expr, Parts]) -> Parts:
     for argument, part in zip(e.args, parts, strict=True):
         if part[1] != 0:
             raise ComplexArgumentError(argument)
-    return e.func(*(p[0] for p in parts)), zero
+    # comparing long arguments would take SymPy minutes
+    unevaluated = {"evaluate": False} if isinstance(e, sp.Max | sp.Min) else {}
+    return e.func(*(p[0] for p in parts), **unevaluated), zero
 
 
 def _product(parts: list[Parts]) -> Parts:
