@@ -82,7 +82,7 @@ def simulate(
         If the plan is beyond the limits of the bench.
     """
     plan.check(bench)
-    code = loop_code()
+    code = loop_code(tuple(scenario.declared.values()))
     setpoints = plan.setpoints()
     stamps = np.ascontiguousarray(setpoints["stamp_ns"])
     values = np.column_stack([setpoints[name] for name in _SETPOINT_FIELDS])

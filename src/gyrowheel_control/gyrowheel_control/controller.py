@@ -13,6 +13,7 @@ import numpy as np
 
 from gyrowheel_control.kernel import N_CONTROLLER, ControllerParameters
 from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.effects import Effect
 from gyrowheel_sim.effects.code import compose
 from gyrowheel_sim.errors import InputError
 from gyrowheel_sim.plant import simulated_effects
@@ -92,9 +93,15 @@ def controller_parameters(bench: Bench, gains: Gains) -> ControllerParameters:
 
 
 @functools.cache
-def loop_code() -> ModuleType:
-    """Return the compiled module of plant, controller and closed loop with every effect that the plant can have."""
-    return compose(simulated_effects(), (("gyrowheel_control", "kernel.py"),))
+def loop_code(declared: tuple[Effect, ...] = ()) -> ModuleType:
+    """Return the compiled module of plant, controller and closed loop with every effect that the plant can have.
+
+    Parameters
+    ----------
+    declared : tuple of Effect
+        Effects beside the registered ones.
+    """
+    return compose(simulated_effects(declared), (("gyrowheel_control", "kernel.py"),))
 
 
 class Controller:

@@ -92,15 +92,16 @@ class PlantParameters(NamedTuple):
 
 
 @functools.cache
-def simulated_effects() -> tuple[Effect, ...]:
-    """Return every effect that the plant can have: the registered ones and those for blind tests."""
-    return (*registry().values(), *OUTSIDE)
+def simulated_effects(declared: tuple[Effect, ...] = ()) -> tuple[Effect, ...]:
+    """Return every effect that the plant can have: the registered ones, those for blind tests, and those declared."""
+    names = {effect.name for effect in declared}
+    return (*registry().values(), *(effect for effect in OUTSIDE if effect.name not in names), *declared)
 
 
 @functools.cache
-def plant_code() -> ModuleType:
+def plant_code(declared: tuple[Effect, ...] = ()) -> ModuleType:
     """Return the compiled plant with the laws of every effect that it can have."""
-    return compose(simulated_effects())
+    return compose(simulated_effects(declared))
 
 
 class Machine:
@@ -115,7 +116,7 @@ class Machine:
     initial_spin_rate : float
         Spin rate at the start [rad/s].
     effects : sequence of Effect, optional
-        Effects compiled in; all registered ones if not given.
+        Effects compiled in; all registered ones and those that the scenario declares if not given.
     """
 
     def __init__(
@@ -134,7 +135,7 @@ class Machine:
                 f"allowed: 0 .. {1.2 * bench.value('spin_rate_maximum'):.0f} rad/s"
             )
         true = bench.with_values(scenario.values, where="scenario.values")
-        library = simulated_effects() if effects is None else tuple(effects)
+        library = simulated_effects(tuple(scenario.declared.values())) if effects is None else tuple(effects)
         self.parameters = PlantParameters.of(true)
         self.coefficients, self.active = coefficient_arrays(
             library, _checked(scenario.effects, library), bench
@@ -183,7 +184,7 @@ class Plant:
     """
 
     def __init__(self, bench: Bench, scenario: Scenario, *, initial_spin_rate: float) -> None:
-        self._code = plant_code()
+        self._code = plant_code(tuple(scenario.declared.values()))
         self.machine = Machine(bench, scenario, initial_spin_rate=initial_spin_rate)
         self._period_ns = round(bench.sample_period * 1e9)
         self._period = bench.sample_period

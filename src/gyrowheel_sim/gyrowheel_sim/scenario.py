@@ -10,7 +10,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.effects import EffectValues, registry, validated
+from gyrowheel_sim.effects import (
+    Effect,
+    EffectValues,
+    effect_from_mapping,
+    effect_to_mapping,
+    registry,
+    validated,
+)
+from gyrowheel_sim.effects.user import check_name
 from gyrowheel_sim.errors import InputError
 
 
@@ -26,11 +34,14 @@ class Scenario:
         Active effects: {name: {coefficient: value}}.
     noise_seed : int
         Seed of sensor noise and drift.
+    declared : dict of str to Effect
+        Declarations of the effects that are not registered.
     """
 
     values: Mapping[str, float] = field(default_factory=dict)
     effects: EffectValues = field(default_factory=dict)
     noise_seed: int = 0
+    declared: Mapping[str, Effect] = field(default_factory=dict)
 
     @classmethod
     def nominal(cls, effects: EffectValues | None = None, *, noise_seed: int = 0) -> Scenario:
@@ -50,9 +61,16 @@ class Scenario:
         try:
             raw = json.loads(file.read_text(encoding="utf-8"))
             values, effects, seed = raw["values"], raw["effects"], int(raw["noise_seed"])
+            declared = {}
+            for name, mapping in raw.get("declared", {}).items():
+                check_name(name, f"{file}: declared", registry())
+                declared[name] = effect_from_mapping(name, mapping, f"{file}: declared.{name}")
+            known = {**registry(), **declared}
             checked = {
                 # an effect for blind tests is not in the registry; the plant itself checks that it knows the name
-                name: validated(name, given, where=f"{file}: effects") if name in registry() else dict(given)
+                name: validated(name, given, where=f"{file}: effects", declared=declared)
+                if name in known
+                else dict(given)
                 for name, given in effects.items()
             }
             bench.with_values(values, where=f"{file}: values")
@@ -62,13 +80,14 @@ class Scenario:
             raise InputError(f"{file}: cannot be read: {error.strerror}") from None
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise InputError(f"{file}: not a scenario file ({error})") from None
-        return cls(values={k: float(v) for k, v in values.items()}, effects=checked, noise_seed=seed)
+        return cls({k: float(v) for k, v in values.items()}, checked, seed, declared)
 
     def save(self, path: str | Path) -> None:
         """Write a scenario file, atomically and readable by its owner alone."""
-        write_private_json(
-            Path(path), {"values": dict(self.values), "effects": self.effects, "noise_seed": self.noise_seed}
-        )
+        content = {"values": dict(self.values), "effects": self.effects, "noise_seed": self.noise_seed}
+        if self.declared:
+            content["declared"] = {name: effect_to_mapping(effect) for name, effect in self.declared.items()}
+        write_private_json(Path(path), content)
 
 
 def write_private_json(path: Path, content: object) -> None:

@@ -43,15 +43,15 @@ def registry() -> Mapping[str, Effect]:
     return MappingProxyType(effects)
 
 
-def get(name: str, *, where: str = "effect") -> Effect:
-    """Return a registered effect.
+def get(name: str, *, where: str = "effect", declared: Mapping[str, Effect] | None = None) -> Effect:
+    """Return an effect that is registered or, beside those, declared.
 
     Raises
     ------
     InputError
         If there is none of that name; the message has the nearest names.
     """
-    effects = registry()
+    effects = {**(declared or {}), **registry()}
     if name in effects:
         return effects[name]
     near = difflib.get_close_matches(name, effects, n=3, cutoff=0.4)
@@ -59,21 +59,29 @@ def get(name: str, *, where: str = "effect") -> Effect:
     raise InputError(f"{where}: '{name}' is not a known effect; {hint}")
 
 
-def validated(name: str, values: Mapping[str, object], *, where: str = "effect") -> dict[str, float]:
-    """Return the coefficients of an effect, checked and completed with the usual values.
+def validated(
+    name: str,
+    values: Mapping[str, object],
+    *,
+    where: str = "effect",
+    declared: Mapping[str, Effect] | None = None,
+) -> dict[str, float]:
+    """Return the coefficients of an effect, checked and completed with the usual values; see `get`.
 
     Raises
     ------
     InputError
         If effect or coefficient is unknown, or a value is no finite number within the bounds.
     """
-    effect = get(name, where=where)
+    effect = get(name, where=where, declared=declared)
     coefficients = {c.name: c for c in effect.coefficients}
     result = effect.defaults()
     for key, raw in values.items():
         if key not in coefficients:
             raise InputError(f"{where}.{name}.{key}: no such coefficient; it has {', '.join(coefficients)}")
         try:
+            if isinstance(raw, bool):
+                raise TypeError
             value = float(raw)  # type: ignore[arg-type]
         except (TypeError, ValueError):
             raise InputError(f"{where}.{name}.{key}: {raw!r} is not a number") from None
@@ -87,8 +95,8 @@ def validated(name: str, values: Mapping[str, object], *, where: str = "effect")
     return result
 
 
-def parse_option(text: str) -> tuple[str, dict[str, float]]:
-    """Read ``NAME`` or ``NAME:COEF=VALUE,...`` (coefficients not given take their usual size).
+def parse_option(text: str, declared: Mapping[str, Effect] | None = None) -> tuple[str, dict[str, float]]:
+    """Read ``NAME`` or ``NAME:COEF=VALUE,...`` (coefficients not given take their usual size); see `get`.
 
     Raises
     ------
@@ -102,4 +110,4 @@ def parse_option(text: str) -> tuple[str, dict[str, float]]:
         if not equals:
             raise InputError(f"--effect: {text!r}: expected NAME:COEF=VALUE,..., not {item!r}")
         values[key.strip()] = value.strip()
-    return name.strip(), validated(name.strip(), values, where="--effect")
+    return name.strip(), validated(name.strip(), values, where="--effect", declared=declared)
