@@ -12,7 +12,8 @@ from gyrowheel_analysis.errors import ErrorTable, Residuals
 from gyrowheel_analysis.model import Model, Override
 from gyrowheel_analysis.pipeline import FEWEST_WINDOWS, Progress, errors_of, one_thread, prepare
 from gyrowheel_analysis.recording import Recording
-from gyrowheel_sim.effects import get, registry
+from gyrowheel_sim.effects import Effect, effect_from_mapping, effect_to_mapping, get, registry
+from gyrowheel_sim.effects.user import check_name
 from gyrowheel_sim.errors import InputError
 
 
@@ -44,7 +45,7 @@ class Added:
 @one_thread()
 def add_effect(
     model: Model,
-    names: Sequence[str],
+    names: Sequence[str | Effect],
     fit: Sequence[Recording],
     validate: Sequence[Recording] = (),
     *,
@@ -56,8 +57,9 @@ def add_effect(
     ----------
     model : Model
         The model as it is.
-    names : sequence of str
-        Effects, or errors of bench parameters (``stiffness_error`` and the like), to add.
+    names : sequence of str or Effect
+        Effects, or errors of bench parameters (``stiffness_error`` and the like), to add. An `Effect` that is not
+        registered goes into the model with its declaration.
     fit : sequence of Recording
         Recordings on which coefficients and bench parameters are fitted.
     validate : sequence of Recording
@@ -69,12 +71,18 @@ def add_effect(
         If an effect is unknown or in the model already, or the recordings have too little steady motion.
     """
     terms: list[Term] = []
-    for name in names:
+    declared: dict[str, Effect] = {}
+    for item in names:
+        name = item.name if isinstance(item, Effect) else item
         if name in model.effects:
             raise InputError(f"{model.origin}: effects.{name}: the model has it already")
         if any(t.name == name for t in terms):
             raise InputError(f"effect: '{name}' is given twice")
-        terms.append(Term(name) if name in ERRORS else Term(name, get(name)))
+        if isinstance(item, Effect) and item != registry().get(name):
+            check_name(name, "effect", registry())
+            # as the model file will have it
+            declared[name] = effect_from_mapping(name, effect_to_mapping(item), f"effect {name}")
+        terms.append(Term(name) if name in ERRORS else Term(name, get(name, declared=declared)))
     if not terms:
         raise InputError("no effect given")
     fitted = prepare(fit, model, progress=progress)
@@ -107,7 +115,7 @@ def add_effect(
     effects = {active.effect.name: dict(active.values) for active in values}
     effect_errors = {name: dict(model.effect_errors.get(name, {})) for name in effects}
     for name, estimates in coefficients.items():
-        if name in registry():
+        if name not in ERRORS:
             effects[name] = {key: e.value for key, e in estimates.items()}
             effect_errors[name] = {key: e.standard_error for key, e in estimates.items()}
     overrides = {
@@ -115,10 +123,12 @@ def add_effect(
     }
     entry = {
         "time": datetime.now(UTC).isoformat(timespec="seconds"),
-        "what": f"add {', '.join(names)}",
+        "what": f"add {', '.join(term.name for term in terms)}",
         "fit": [str(r.path) for r in fit],
         "validate": [str(r.path) for r in validate],
         "error": errors.table.to_json(),
     }
-    changed = model.changed(entry, overrides=overrides, effects=effects, effect_errors=effect_errors)
+    changed = model.changed(
+        entry, overrides=overrides, effects=effects, effect_errors=effect_errors, declared=declared
+    )
     return Added(changed, coefficients, errors.table, errors.residuals, notes)

@@ -15,7 +15,6 @@ from gyrowheel_analysis.balance import ActiveEffect, Balance
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction import SETTLING, SPIN_SETTLING, Samples, reduce
 from gyrowheel_control.plans import HOLD, SETPOINT_DTYPE
-from gyrowheel_sim.effects import registry
 from gyrowheel_sim.units import DEG
 
 Array = NDArray[np.float64]
@@ -104,7 +103,7 @@ class DragEstimator:
     def __init__(self, model: Model) -> None:
         self._model = model
         self._bench = model.bench
-        self._effects = [ActiveEffect(registry()[name], values) for name, values in model.effects.items()]
+        self._effects = [ActiveEffect(model.library[name], values) for name, values in model.effects.items()]
         self._state = np.full(4 * len(_COLUMNS) + 1, math.nan)
         self._raw: list[Array] = []
         self._filtered: list[Array] = []

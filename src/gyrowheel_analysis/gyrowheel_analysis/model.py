@@ -12,7 +12,16 @@ from typing import Any
 import yaml
 
 from gyrowheel_sim.bench import Bench, check_value
-from gyrowheel_sim.effects import EffectValues, get, validated
+from gyrowheel_sim.effects import (
+    Effect,
+    EffectValues,
+    effect_from_mapping,
+    effect_to_mapping,
+    get,
+    registry,
+    validated,
+)
+from gyrowheel_sim.effects.user import check_name
 from gyrowheel_sim.errors import InputError
 
 SCHEMA = 1
@@ -52,6 +61,8 @@ class Model:
         Every change: time, what, recordings, errors before and after; and what is needed to undo it.
     origin : str
         File it was read from.
+    declared : dict of str to Effect
+        Declarations of those effects that are not registered.
     """
 
     stated_bench: Bench
@@ -61,6 +72,7 @@ class Model:
     effect_errors: EffectValues = field(default_factory=dict)
     history: tuple[dict[str, Any], ...] = ()
     origin: str = "model"
+    declared: Mapping[str, Effect] = field(default_factory=dict)
 
     @classmethod
     def new(cls, bench: str = "gyrowheel") -> Model:
@@ -77,6 +89,11 @@ class Model:
     def bench(self) -> Bench:
         """The bench with the values learned from recordings."""
         return self.stated_bench.with_values({name: o.value for name, o in self.overrides.items()})
+
+    @property
+    def library(self) -> dict[str, Effect]:
+        """Every effect that the model can have: the registered ones and those that it declares."""
+        return {**self.declared, **registry()}
 
     @classmethod
     def load(cls, path: str | Path) -> Model:
@@ -127,21 +144,25 @@ class Model:
             overrides[name] = Override(number, _error(error, f"{origin}: overrides.{name}"))
         effects: EffectValues = {}
         errors: EffectValues = {}
+        declared: dict[str, Effect] = {}
         for name, entry in _mapping(raw, "effects", origin):
-            effect = get(name, where=f"{origin}: effects")
+            where = f"{origin}: effects.{name}"
             if not isinstance(entry, dict):
-                raise InputError(f"{origin}: effects.{name}: a mapping of coefficients is expected")
-            pairs = {k: _value_and_error(v, f"{origin}: effects.{name}.{k}") for k, v in entry.items()}
-            effects[effect.name] = validated(
-                name, {k: v for k, (v, _) in pairs.items()}, where=f"{origin}: effects"
-            )
-            errors[effect.name] = {
-                k: _error(e, f"{origin}: effects.{name}.{k}") for k, (_, e) in pairs.items()
+                raise InputError(f"{where}: a mapping of coefficients is expected")
+            if "declaration" in entry:
+                check_name(name, where, registry())
+                declared[name] = effect_from_mapping(name, entry["declaration"], f"{where}.declaration")
+            get(name, where=f"{origin}: effects", declared=declared)
+            pairs = {
+                str(k): _value_and_error(v, f"{where}.{k}") for k, v in entry.items() if k != "declaration"
             }
+            values = {k: v for k, (v, _) in pairs.items()}
+            effects[name] = validated(name, values, where=f"{origin}: effects", declared=declared)
+            errors[name] = {k: _error(e, f"{where}.{k}") for k, (_, e) in pairs.items()}
         history = raw.get("history") or []
         if not isinstance(history, list) or not all(isinstance(entry, dict) for entry in history):
             raise InputError(f"{origin}: history: a list of mappings is expected")
-        return cls(bench, source, overrides, effects, errors, tuple(history), origin)
+        return cls(bench, source, overrides, effects, errors, tuple(history), origin, declared)
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the content of the model file."""
@@ -153,7 +174,8 @@ class Model:
                 for name, o in self.overrides.items()
             },
             "effects": {
-                name: {
+                name: self._declaration(name)
+                | {
                     key: {
                         "value": float(value),
                         "standard_error": float(self.effect_errors.get(name, {}).get(key, 0.0)),
@@ -164,6 +186,9 @@ class Model:
             },
             "history": list(self.history),
         }
+
+    def _declaration(self, name: str) -> dict[str, Any]:
+        return {"declaration": effect_to_mapping(self.declared[name])} if name in self.declared else {}
 
     def save(self, path: str | Path) -> None:
         """Write the model file; it is whole or as it was before.
@@ -184,8 +209,10 @@ class Model:
                 yaml.safe_dump(self.to_mapping(), stream, sort_keys=False, width=110)
             os.chmod(temporary, 0o644)
             os.replace(temporary, file)
-        except BaseException:
+        except BaseException as error:
             os.unlink(temporary)
+            if isinstance(error, OSError):
+                raise InputError(f"model '{path}': cannot be written: {error.strerror}") from None
             raise
 
     def changed(
@@ -195,14 +222,19 @@ class Model:
         overrides: Mapping[str, Override],
         effects: EffectValues,
         effect_errors: EffectValues,
+        declared: Mapping[str, Effect] | None = None,
     ) -> Model:
-        """Return the model with other content and an entry in its history, which keeps what it needs to be undone."""
+        """Return the model with other content and an entry in its history, which keeps what it needs to be undone.
+
+        `declared` has declarations of effects that are new to it.
+        """
         before = {key: value for key, value in self.to_mapping().items() if key in ("overrides", "effects")}
         return replace(
             self,
             overrides=dict(overrides),
             effects=effects,
             effect_errors=effect_errors,
+            declared={k: v for k, v in {**self.declared, **(declared or {})}.items() if k in effects},
             history=(*self.history, {**entry, "undo": before}),
         )
 
@@ -260,9 +292,22 @@ def _flat(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     yield "bench", str(content["bench"])
     for part in ("overrides", "effects"):
         for name, entry in content[part].items():
+            if "declaration" in entry:
+                for key, value in _flat_declaration(entry["declaration"]):
+                    yield f"{part}.{name}.{key}", value
+                entry = {key: value for key, value in entry.items() if key != "declaration"}
             items = {"": entry} if "value" in entry else {f".{key}": value for key, value in entry.items()}
             for key, value in items.items():
                 yield f"{part}.{name}{key}", f"{value['value']:.6g} ± {value['standard_error']:.2g}"
+
+
+def _flat_declaration(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    for key, value in content.items():
+        if isinstance(value, dict):
+            for inner, text in _flat_declaration(value):
+                yield f"{key}.{inner}", text
+        else:
+            yield key, str(value)
 
 
 def _mapping(raw: Mapping[str, Any], key: str, origin: str) -> list[tuple[str, Any]]:

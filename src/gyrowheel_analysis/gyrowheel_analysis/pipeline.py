@@ -69,7 +69,7 @@ def prepare(recordings: Sequence[Recording], model: Model, *, progress: Progress
         windows = reduce(samples_of(recording), bench)
         _check(windows, bench, str(recording.path))
         balances.append(Balance(windows, bench))
-    problem = Problem(balances, bench, model.effects, model.effect_errors)
+    problem = Problem(balances, bench, model.effects, model.effect_errors, model.declared)
     return Prepared(problem, [r.name for r in recordings], sum(len(b.windows) for b in balances))
 
 

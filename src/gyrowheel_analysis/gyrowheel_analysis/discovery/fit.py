@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -142,6 +142,8 @@ class Problem:
         Effects that the model has already.
     known_errors : dict
         Standard errors of their coefficients; a coefficient that has none is held.
+    declared : dict of str to Effect
+        Declarations of those effects that are not registered.
     """
 
     def __init__(
@@ -150,11 +152,12 @@ class Problem:
         bench: Bench,
         known: EffectValues | None = None,
         known_errors: EffectValues | None = None,
+        declared: Mapping[str, Effect] | None = None,
     ) -> None:
         self.balances = list(balances)
         self.bench = bench
         #: Effects by name; forms that no declaration contains are added while they are tried.
-        self.library: dict[str, Effect] = dict(registry())
+        self.library: dict[str, Effect] = {**registry(), **(declared or {})}
         self.known = {name: dict(values) for name, values in (known or {}).items()}
         self.known_errors = {name: dict(errors) for name, errors in (known_errors or {}).items()}
         self._loose = [

@@ -59,6 +59,7 @@ def _amplitude(name: str, target: Target) -> Coefficient:
 def _form(name: str, sentence: str, target: Target, shape: sp.Expr, *shapes: Coefficient) -> Term:
     law = (_a + sp.I * _b) * shape if target == "rotor_torque" else _a * shape
     amplitudes = [_amplitude("a", target)] + ([_amplitude("b", target)] if target == "rotor_torque" else [])
+    name = name.replace(".", "_")
     effect = Effect(
         name=name,
         title="free form",
@@ -138,11 +139,12 @@ def search(problem: Problem, selection: Selection, *, progress: Progress | None 
     """
     if progress:
         progress("comparing with forms that no declared effect has")
+    family = [t for t in forms() if t.name not in problem.known]
     base = problem.evidence(selection.best)
     best: Proposal | None = None
     starts = [(selection.best, True)] + ([(selection.null, False)] if selection.findings else [])
     for start, keeps in starts:
-        for _, term in rank(problem, start, forms())[:_TRIED]:
+        for _, term in rank(problem, start, family)[:_TRIED]:
             fit = problem.fit((*start.terms, term), start)
             gain = base - problem.evidence(fit)
             if best is None or gain > best.gain:

@@ -79,8 +79,8 @@ class Planner:
                 return None  # this bench cannot run it
             self._minutes[name] = plan.duration / 60.0
             planned = Balance(planned_windows(plan, bench), bench)
-            problem = Problem([planned], bench, self._problem.known, self._problem.known_errors)
-            problem.library.update(self._problem.library)
+            old = self._problem
+            problem = Problem([planned], bench, old.known, old.known_errors, old.library)
             problem.noise.use_scales(self._problem.noise.scales)
             self._problems[name] = problem
         return self._problems[name]

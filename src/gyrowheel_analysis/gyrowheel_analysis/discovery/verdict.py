@@ -21,6 +21,7 @@ from gyrowheel_analysis.pipeline import FEWEST_WINDOWS, Prepared, errors_of, one
 from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.reduction import concatenate
 from gyrowheel_analysis.where import Region, growth, regions, tilt_and_spin
+from gyrowheel_sim.effects import effect_to_mapping
 
 Verdict = Literal["nothing_missing", "effect", "ambiguous", "unknown", "insufficient_data"]
 
@@ -74,12 +75,17 @@ class EffectFinding:
 
 @dataclass(frozen=True)
 class FreeForm:
-    """A formula that describes what no declared effect does."""
+    """A formula that describes what no declared effect does.
+
+    `declaration` goes into a model file as it is, under `name`.
+    """
 
     formula: str
     delta_chi2: float
     coefficients: dict[str, Estimate]
     description: str
+    name: str = ""
+    declaration: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -209,9 +215,11 @@ class Diagnosis:
             ],
             "free_form": [
                 {
+                    "name": f.name,
                     "formula": f.formula,
                     "delta_chi2": f.delta_chi2,
                     "coefficients": coefficients(f.coefficients),
+                    "declaration": f.declaration,
                 }
                 for f in self.free_form
             ],
@@ -431,7 +439,14 @@ def _estimates(term: Term, fit: Fit) -> dict[str, Estimate]:
 def _free_form(proposal: Proposal) -> FreeForm:
     effect = proposal.term.effect
     assert effect is not None  # every free form is an effect
-    return FreeForm(effect.formula, proposal.gain, _estimates(proposal.term, proposal.fit), effect.sentence)
+    return FreeForm(
+        effect.formula,
+        proposal.gain,
+        _estimates(proposal.term, proposal.fit),
+        effect.sentence,
+        effect.name,
+        effect_to_mapping(effect),
+    )
 
 
 def _next_test(
