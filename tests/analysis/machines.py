@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from gyrowheel_analysis.recording import Recording, write_run
@@ -35,7 +36,7 @@ def record(
     """Run a plan on a machine and return the recording as read from disk."""
     plan = Plan.load(plan) if isinstance(plan, str) else plan
     seed = scenario.noise_seed if noise_seed is None else noise_seed
-    run = simulate(BENCH, Scenario(scenario.values, scenario.effects, seed), plan, gains=gains)
+    run = simulate(BENCH, replace(scenario, noise_seed=seed), plan, gains=gains)
     write_run(
         folder / name,
         run.measurement,

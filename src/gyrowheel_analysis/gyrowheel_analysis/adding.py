@@ -95,7 +95,7 @@ def add_effect(
     if progress:
         progress("fitting")
     problem.estimate_noise()
-    before, after = problem.fit(()), problem.fit(terms)
+    before, after = problem.fit_within(), problem.fit(terms)
     errors = errors_of(before, after, fitted, validation)
     coefficients: dict[str, dict[str, Estimate]] = {}
     notes = []

@@ -123,7 +123,7 @@ def compare(recordings: Sequence[Recording], model: Model, *, progress: Progress
         )
     problem = prepared.problem
     problem.estimate_noise()
-    fit = problem.fit(())
+    fit = problem.fit_within()
     data = residual_data(prepared, fit)
     errors = errors_of(fit, fit, prepared, None)
     raw = problem.measured - np.concatenate(

@@ -255,6 +255,7 @@ class Graph:
         self._pids: dict[str, int] = {}
         self._diagnoses: dict[str, str] = {}
         self._active: set[str] = set()
+        self._starting = True
         self._strangers: dict[str, str] = {}  # nodes of the same name that are not of this graph
         self._cleanup = contextlib.ExitStack()
 
@@ -449,6 +450,7 @@ class Graph:
             waiting = [name for name in self._names if name not in self._active]
             # nodes of another graph tell their state once a second: listen that long before the domain counts as free
             if not waiting and time.monotonic() - began > _LISTEN:
+                self._starting = False
                 return
             self._spin()
             if self._strangers:
@@ -526,7 +528,7 @@ class Graph:
                 continue
             values = {pair.key: pair.value for pair in status.values}
             if values.get("pid") != str(self._pids.get(status.name)):
-                if len(self._active) < len(self._names):  # later ones are refused by their own graph
+                if self._starting:  # later ones are refused by their own graph
                     self._strangers[status.name] = values.get("pid", "unknown")
                 continue
             self._diagnoses[status.name] = status.message

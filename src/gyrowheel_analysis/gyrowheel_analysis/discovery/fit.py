@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
 
 from gyrowheel_analysis.balance import ActiveEffect, Balance
 from gyrowheel_analysis.discovery.noise import Noise
@@ -37,6 +38,8 @@ NUISANCE_GROUPS = (
     "tilt_bias_y",
     "tilt_scale",
 )
+#: What counts as within the stated uncertainty of a parameter [standard uncertainties].
+STATED_RANGE = 3.0
 _HELD = 1.0e4  # inverse prior deviation of an unknown that is not to move
 #: Bench parameters whose error is a finding of its own name: {finding: groups that move by one common factor}.
 ERRORS: dict[str, tuple[str, ...]] = {
@@ -332,6 +335,26 @@ class Problem:
             pull,
             jacobian,
         )
+
+    def fit_within(self, bound: float = STATED_RANGE) -> Fit:
+        """Fit the bench parameters alone, none further than `bound` stated uncertainties from its stated value.
+
+        This is the best that the model as it stands can do: an unbounded fit would bend a parameter as far as it
+        takes to make up for an effect that is missing.
+        """
+        free = self.fit(())
+        if np.abs(free.nuisance).max(initial=0.0) <= bound:
+            return free
+        x = np.zeros(self.count)
+        for _ in range(3):
+            residual = self.measured - self.predict(x, {})
+            design = np.vstack([self.noise.whiten(self.base_jacobian), np.eye(self.count)])
+            target = np.concatenate([self.noise.whiten(residual), -x])
+            x = x + lsq_linear(design, target, bounds=(-bound - x - 1e-9, bound - x + 1e-9)).x
+        residual = self.measured - self.predict(x, {})
+        white = self.noise.whiten(residual)
+        rows = float(white @ white)
+        return replace(free, nuisance=x, chi2=rows + float(x @ x), chi2_rows=rows, residual=residual, pull=x)
 
     def _unpack(self, x: Array, terms: Sequence[Term]) -> EffectValues:
         coefficients: EffectValues = {}

@@ -14,7 +14,7 @@ import numpy as np
 from gyrowheel_analysis.discovery.fit import ERRORS, Fit, Problem, Term, candidate_terms
 from gyrowheel_analysis.discovery.free_form import Proposal, search
 from gyrowheel_analysis.discovery.planning import SETTLED, Planner, Separation, detection_limits
-from gyrowheel_analysis.discovery.selection import Finding, Selection, select
+from gyrowheel_analysis.discovery.selection import Finding, select
 from gyrowheel_analysis.errors import ErrorTable, Residuals
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.pipeline import FEWEST_WINDOWS, Prepared, errors_of, one_thread, prepare
@@ -297,12 +297,13 @@ def diagnose(
     selection = select(problem, progress=progress)
     proposal = search(problem, selection, progress=progress)
     if proposal is not None:
-        selection = _with_proposal(problem, selection, proposal)
+        _judge_noise_with(problem, proposal)
     best = proposal.fit if proposal else selection.best
+    before = problem.fit_within() if proposal or selection.findings else best
     data = tilt_and_spin(
         problem.balances,
         concatenate([b.windows for b in problem.balances]),
-        selection.null.residual,
+        before.residual,
         problem.noise.deviation(),
     )
     say("judging ties, limits and the next test")
@@ -324,7 +325,7 @@ def diagnose(
         if c.name == limit.coefficient
     ]
     verdict, summary = _verdict(findings, proposal, limits)
-    errors = errors_of(selection.null, best, fitted, validation)
+    errors = errors_of(before, best, fitted, validation)
     return Diagnosis(
         verdict=verdict,
         summary=summary,
@@ -344,17 +345,13 @@ def diagnose(
     )
 
 
-def _with_proposal(problem: Problem, selection: Selection, proposal: Proposal) -> Selection:
+def _judge_noise_with(problem: Problem, proposal: Proposal) -> None:
     """Judge the noise again with the form in the model, so that what it describes is not taken for drift."""
-    jacobian = proposal.fit.jacobian
-    width = [1.0] * problem.count + [problem.scale(t, n) for t in proposal.fit.terms for n in t.coefficients]
-    scales, _ = problem.noise.best_scales(
-        proposal.fit.residual + jacobian[:, : problem.count] @ proposal.fit.nuisance,
-        jacobian * np.array(width),
-    )
+    fit = proposal.fit
+    width = [1.0] * problem.count + [problem.scale(t, n) for t in fit.terms for n in t.coefficients]
+    rows = fit.residual + fit.jacobian[:, : problem.count] @ fit.nuisance
+    scales, _ = problem.noise.best_scales(rows, fit.jacobian * np.array(width))
     problem.noise.use_scales(scales)
-    null = problem.fit(())
-    return Selection(null, selection.best, selection.findings, selection.inflation)
 
 
 def _verdict(
