@@ -309,7 +309,14 @@ def test_real_and_imaginary_part_are_those_of_the_formula(text: str) -> None:
     def value(e: sp.Expr, given: dict[str, Any]) -> complex:
         return complex(e.evalf(30, subs={s: given[s.name] for s in e.free_symbols}))
 
+    roots = [
+        part.args[0]
+        for part in sp.preorder_traversal(real + sp.I * imaginary)
+        if part.func is sp.log or (part.is_Pow and not part.exp.is_Integer)
+    ]
     try:
+        if any(value(root, values | components).real <= 0.0 for root in roots):
+            return  # a root of a negative number: no number in the simulation
         whole = value(expression, values | complex_)
         parts = value(real, values | components) + 1j * value(imaginary, values | components)
     except (TypeError, OverflowError, ZeroDivisionError):
