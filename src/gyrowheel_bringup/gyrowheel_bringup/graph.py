@@ -448,11 +448,13 @@ class Graph:
         deadline = began + self._start_timeout
         while True:
             waiting = [name for name in self._names if name not in self._active]
-            # nodes of another graph tell their state once a second: listen that long before the domain counts as free
+            # nodes of another graph are known by what they say once a second, and by their names, which may be seen
+            # sooner: listen for a while before the domain counts as free
             if not waiting and time.monotonic() - began > _LISTEN:
                 self._starting = False
                 return
             self._spin()
+            self._look_for_strangers()
             if self._strangers:
                 name = min(self._strangers)
                 raise GraphError(
@@ -463,6 +465,13 @@ class Graph:
             if time.monotonic() > deadline:
                 states = "; ".join(f"{name}: {self._diagnoses.get(name, 'silent')}" for name in waiting)
                 raise GraphError("start_timeout", f"not active after {self._start_timeout:g} s ({states})")
+
+    def _look_for_strangers(self) -> None:
+        """Note nodes of the bench on this domain beyond our own."""
+        seen = self._node.get_node_names()
+        for name in EXECUTABLES:
+            if seen.count(name) > (name in self._names):
+                self._strangers.setdefault(name, "unknown")
 
     # ---- talking
 
