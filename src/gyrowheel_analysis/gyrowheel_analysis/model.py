@@ -159,7 +159,7 @@ class Model:
             values = {k: v for k, (v, _) in pairs.items()}
             effects[name] = validated(name, values, where=f"{origin}: effects", declared=declared)
             errors[name] = {k: _error(e, f"{where}.{k}") for k, (_, e) in pairs.items()}
-        history = raw.get("history") or []
+        history = [] if raw.get("history") is None else raw["history"]
         if not isinstance(history, list) or not all(isinstance(entry, dict) for entry in history):
             raise InputError(f"{origin}: history: a list of mappings is expected")
         return cls(bench, source, overrides, effects, errors, tuple(history), origin, declared)
@@ -206,7 +206,14 @@ class Model:
             raise InputError(f"model '{path}': cannot be written: {error.strerror}") from None
         try:
             with os.fdopen(handle, "w", encoding="utf-8") as stream:
-                yaml.safe_dump(self.to_mapping(), stream, sort_keys=False, width=110)
+                yaml.safe_dump(
+                    self.to_mapping(),
+                    stream,
+                    sort_keys=False,
+                    width=110,
+                    default_flow_style=None,
+                    allow_unicode=True,
+                )
             os.chmod(temporary, 0o644)
             os.replace(temporary, file)
         except BaseException as error:
@@ -311,7 +318,7 @@ def _flat_declaration(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def _mapping(raw: Mapping[str, Any], key: str, origin: str) -> list[tuple[str, Any]]:
-    content = raw.get(key) or {}
+    content = {} if raw.get(key) is None else raw[key]
     if not isinstance(content, dict):
         raise InputError(f"{origin}: {key}: a mapping is expected")
     return [(str(name), entry) for name, entry in content.items()]
