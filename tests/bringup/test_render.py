@@ -8,14 +8,18 @@ import math
 import pytest
 from rich.console import Console
 
+from gyrowheel_analysis.model import Model
 from gyrowheel_bringup.cli.finding import following
 from gyrowheel_bringup.render.diagnosis import diagnosis as rendered
 from gyrowheel_bringup.render.diagnosis import verdict_sentence
 from gyrowheel_bringup.render.formulas import pretty
 from gyrowheel_bringup.render.layout import show
+from gyrowheel_bringup.render.models import model_page
 from gyrowheel_bringup.render.quantities import edge, fixed, quantity, seconds, short, span, with_error
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.effects import registry
+from gyrowheel_sim.effects import Effect, effect_from_text, registry
+from gyrowheel_sim.effects.formula import parse
+from gyrowheel_sim.effects.parts import split
 
 from .findings import AMBIGUOUS, UNKNOWN, diagnosis, finding, tie
 
@@ -81,6 +85,22 @@ def test_formulas_are_written_with_signs():
         ]
     assert pretty(registry()["windage"].formula) == "torque along the spin axis = −w·(Ω/Ω₀)ⁿ·(ρ/ρ₀)ⁿ⁻¹"
     assert pretty(registry()["cubic_stiffness"].formula) == "torque of each flexure = −q·θ³"
+
+
+@pytest.mark.parametrize("effect", registry().values(), ids=lambda effect: effect.name)
+def test_a_formula_as_it_is_shown_can_be_typed_in(effect: Effect):
+    for part, law in zip(pretty(effect.formula).split("; "), effect.laws, strict=True):
+        typed = parse(part.partition(" = ")[2], [c.name for c in effect.coefficients])
+        # |z|² is shown for z z*
+        assert split(typed) == split(law.expression)
+
+
+def test_a_model_shows_an_effect_of_its_own():
+    own = effect_from_text("stator_pull: torque = -k*r*z; k [N*m/rad]")
+    model = Model(Bench.load(), effects={"stator_pull": {"k": 0.02}}, declared={"stator_pull": own})
+    words = " ".join(text_of(model_page(model, "m.yaml")).split())
+    assert "stator_pull k 20 mN·m/rad" in words
+    assert "torque on the rotor = −k·Ω·z/Ω₀" in words
 
 
 @pytest.mark.parametrize("width", [80, 110])

@@ -65,11 +65,9 @@ def difference(lines: list[str]) -> Iterator[RenderableType]:
 
 
 def _effects(model: Model) -> RenderableType:
-    from gyrowheel_sim.effects import get
-
     table = words_table("", "", "")
     for name, values in model.effects.items():
-        effect = get(name)
+        effect = model.library[name]
         units = {c.name: (c.unit, c.shape is not None) for c in effect.coefficients}
         first = Text(name, style="cyan")
         for key, value in values.items():

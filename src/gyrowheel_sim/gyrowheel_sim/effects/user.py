@@ -23,7 +23,6 @@ from typing import Any, get_args
 import numpy as np
 import sympy as sp
 
-from gyrowheel_sim.effects.code import array_law
 from gyrowheel_sim.effects.declaration import TARGETS, Category, Coefficient, Effect, Law
 from gyrowheel_sim.effects.dimensions import MissingUnitError, Unit, check_unit
 from gyrowheel_sim.effects.formula import NAME, RESERVED, Formula, read, to_text
@@ -464,6 +463,8 @@ def _sized(effect: Effect, where: str) -> list[Coefficient]:
 
 
 def _values(effect: Effect, instant: Mapping[str, Any], coefficients: Mapping[str, float]) -> list[Any]:
+    from gyrowheel_sim.effects.code import array_law  # brings in the compiler, which few callers need
+
     # arrays: numbers of Python would raise where an array has an infinity
     values = {name: np.asarray(value) for name, value in {**instant, **coefficients}.items()}
     with np.errstate(all="ignore"):
