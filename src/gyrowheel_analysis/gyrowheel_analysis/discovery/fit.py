@@ -52,9 +52,8 @@ ERRORS: dict[str, tuple[str, ...]] = {
 }
 
 
-#: A fit that lacks what matters bends the bench's parameters beyond this many stated uncertainties to make up for it;
-#: where they then stand is a worse start than their stated values.
-_BENT = 20.0
+#: Shares of a step that are tried, the whole one first.
+_SHORTENINGS = (1.0, 0.5, 0.2, 0.05, 0.01)
 
 
 @dataclass(frozen=True)
@@ -130,6 +129,18 @@ class Fit:
         index = [len(self.nuisance) + self.columns.index((term, name)) for name in names]
         values = np.array([self.coefficients[term][name] for name in names])
         return float(np.sqrt(values @ np.linalg.solve(self.covariance[np.ix_(index, index)], values)))
+
+
+@dataclass(frozen=True)
+class _Point:
+    """Where a fit stands: coefficients, predicted rows, whitened residual, deviations from the priors, chi-squared."""
+
+    coefficients: EffectValues
+    predicted: Array
+    white: Array
+    pull: Array
+    chi2_rows: float
+    chi2: float
 
 
 class Problem:
@@ -265,8 +276,8 @@ class Problem:
                 inverse.append(1.0 / self.scale(term, name) if shape else 0.0)
         return np.array(inverse), columns
 
-    def fit(self, terms: Sequence[Term], start: Fit | None = None, *, iterations: int = 6) -> Fit:
-        """Fit the bench parameters and the coefficients of `terms` (Gauss-Newton).
+    def fit(self, terms: Sequence[Term], start: Fit | None = None, *, iterations: int = 12) -> Fit:
+        """Fit the bench parameters and the coefficients of `terms` (Gauss-Newton, steps shortened where they fail).
 
         Parameters
         ----------
@@ -282,8 +293,6 @@ class Problem:
             [np.zeros(self.count), [self.null(t)[n] for t in terms for n in t.coefficients]]
         )
         x = centre.copy()
-        if start is not None and np.abs(start.nuisance).max(initial=0.0) > _BENT:
-            start = None
         if start is not None:
             x[: self.count] = start.nuisance
             for index, (term, name) in enumerate(columns):
@@ -291,50 +300,52 @@ class Problem:
         # The derivatives by the bench parameters change little; they are taken anew where a parameter has moved far.
         nuisance_jacobian = start.jacobian[:, : self.count] if start is not None else self.base_jacobian
         taken_at = start.nuisance if start is not None else np.zeros(self.count)
-        previous = np.inf
+        at = self._at(x, terms, inverse, centre)
         for _ in range(iterations):
-            coefficients = self._unpack(x, terms)
-            at = self.predict(x[: self.count], coefficients)
-            residual = self.measured - at
-            white = self.noise.whiten(residual)
-            pull = inverse * (x - centre)
-            chi2_rows, chi2 = float(white @ white), float(white @ white + pull @ pull)
             if np.abs(x[: self.count] - taken_at).max() > 1.0:
-                nuisance_jacobian = self._nuisance_jacobian(x[: self.count], coefficients, at)
+                nuisance_jacobian = self._nuisance_jacobian(x[: self.count], at.coefficients, at.predicted)
                 taken_at = x[: self.count].copy()
             parts = [nuisance_jacobian]
-            parts += [self.term_jacobian(t, x[: self.count], coefficients, at) for t in terms]
+            parts += [self.term_jacobian(t, x[: self.count], at.coefficients, at.predicted) for t in terms]
             jacobian = np.hstack(parts)
             design = np.vstack([self.noise.whiten(jacobian), np.diag(inverse)])
-            if abs(previous - chi2) < 1.0e-3 * max(1.0, 1e-3 * chi2):
-                break
-            previous = chi2
             # columns of very different size: scale before solving
             size = np.linalg.norm(design, axis=0)
             size[size == 0.0] = 1.0
-            step, *_ = np.linalg.lstsq(design / size, np.concatenate([white, -pull]), rcond=1e-12)
-            x = self._within_bounds(x + step / size, terms)
-        else:
-            coefficients = self._unpack(x, terms)
-            residual = self.measured - self.predict(x[: self.count], coefficients)
-            white, pull = self.noise.whiten(residual), inverse * (x - centre)
-            chi2_rows, chi2 = float(white @ white), float(white @ white + pull @ pull)
-        size = np.linalg.norm(design, axis=0)
-        size[size == 0.0] = 1.0
+            step, *_ = np.linalg.lstsq(design / size, np.concatenate([at.white, -at.pull]), rcond=1e-12)
+            for shortening in _SHORTENINGS:
+                trial = self._within_bounds(x + shortening * step / size, terms)
+                there = self._at(trial, terms, inverse, centre)
+                if there.chi2 <= at.chi2:
+                    break
+            else:
+                break  # no step along this direction helps: x is the best there is
+            gain, x, at = at.chi2 - there.chi2, trial, there
+            if gain < 1.0e-3 * max(1.0, 1e-3 * at.chi2):
+                break
         scaled = design / size
         covariance = np.linalg.pinv(scaled.T @ scaled, rcond=1e-13) / np.outer(size, size)
         return Fit(
             terms,
             x[: self.count].copy(),
-            coefficients,
-            chi2,
-            chi2_rows,
+            at.coefficients,
+            at.chi2,
+            at.chi2_rows,
             covariance,
             columns,
-            residual,
-            pull,
+            self.measured - at.predicted,
+            at.pull,
             jacobian,
         )
+
+    def _at(self, x: Array, terms: Sequence[Term], inverse: Array, centre: Array) -> _Point:
+        """Return what the unknowns `x` predict, and how well."""
+        coefficients = self._unpack(x, terms)
+        predicted = self.predict(x[: self.count], coefficients)
+        white, pull = self.noise.whiten(self.measured - predicted), inverse * (x - centre)
+        rows = float(white @ white)
+        chi2 = rows + float(pull @ pull)
+        return _Point(coefficients, predicted, white, pull, rows, chi2 if np.isfinite(chi2) else np.inf)
 
     def fit_within(self, bound: float = STATED_RANGE) -> Fit:
         """Fit the bench parameters alone, none further than `bound` stated uncertainties from its stated value.
