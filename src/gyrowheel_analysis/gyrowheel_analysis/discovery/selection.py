@@ -91,28 +91,37 @@ def expected_chi2(problem: Problem) -> float:
 def select(problem: Problem, *, progress: Progress | None = None) -> Selection:
     """Find the terms that the rows ask for.
 
-    A term is taken if it brings the threshold in chi-squared, if the prediction of a speed or of a tilt direction
-    that was left out does not worsen by it, and, for the error of a bench parameter, if the parameter then lies
-    beyond five of its stated uncertainties. Every term in the model is tried against every other (swaps) and against
-    none (elimination) until nothing changes.
+    A term is taken if it brings the threshold in chi-squared and, for the error of a bench parameter, if the
+    parameter then lies beyond five of its stated uncertainties. Every term in the model is tried against every other
+    (swaps) and against none (elimination). When nothing more is asked for, each term must stand the test that the
+    prediction of a speed, or of a tilt direction, that was left out does not worsen by it; one that fails goes, and
+    the search continues without it. (Earlier this test would judge a term by what is still missing beside it.)
     """
     say = progress or (lambda text: None)
     pool = [t for t in candidate_terms() if t.name not in problem.known]
     null = problem.fit(())
     dof = max(expected_chi2(problem), 1.0)
     current = null
-    refused: set[str] = set()
-    inflation = 1.0
+    for _ in range(_MOST_TERMS):
+        current = _extended(problem, current, pool, dof, say)
+        failed = _fails_cross_validation(problem, current)
+        if failed is None:
+            break
+        pool = [t for t in pool if t != failed]
+        current = problem.fit(tuple(t for t in current.terms if t != failed), current)
+    findings = tuple(_finding(problem, current, t, pool) for t in current.terms)
+    return Selection(null, current, findings, current.chi2_rows / dof)
+
+
+def _extended(problem: Problem, current: Fit, pool: Sequence[Term], dof: float, say: Progress) -> Fit:
+    """Add terms until no further one brings the threshold."""
     while len(current.terms) < _MOST_TERMS:
-        ranking = rank(
-            problem, current, [t for t in pool if t not in current.terms and t.name not in refused]
-        )
-        tried = [
-            (problem.fit((*current.terms, t), current), t)
-            for gain, t in ranking[:_SHORTLIST]
-            if gain > 0.4 * threshold(t, inflation)
-        ]
-        tried = [(fit, t) for fit, t in tried if _plausible(problem, fit, t)]
+        tried = []
+        for gain, term in rank(problem, current, [t for t in pool if t not in current.terms])[:_SHORTLIST]:
+            if gain > 0.4 * threshold(term, 1.0):
+                fit = problem.fit((*current.terms, term), current)
+                if _plausible(problem, fit, term):
+                    tried.append((fit, term))
         if not tried:
             break
         fit, term = min(tried, key=lambda pair: pair[0].chi2 + threshold(pair[1], 0.0))
@@ -120,14 +129,20 @@ def select(problem: Problem, *, progress: Progress | None = None) -> Selection:
         inflation = fit.chi2_rows / dof
         if current.chi2 - fit.chi2 < threshold(term, inflation):
             break
-        if term.effect is not None and not _survives_cross_validation(problem, current, fit, term):
-            refused.add(term.name)
-            continue
         say(f"{term.name}: gains {current.chi2 - fit.chi2:.0f} in chi-squared")
-        current = _swapped(problem, fit, pool)
-        current = _eliminated(problem, current, inflation)
-    findings = tuple(_finding(problem, current, t, pool) for t in current.terms)
-    return Selection(null, current, findings, current.chi2_rows / dof)
+        current = _eliminated(problem, _swapped(problem, fit, pool), inflation)
+    return current
+
+
+def _fails_cross_validation(problem: Problem, fit: Fit) -> Term | None:
+    """Return the weakest effect that worsens the prediction of what was left out; None if there is none."""
+    failing = []
+    for term in fit.terms:
+        if term.effect is not None:
+            without = problem.fit(tuple(t for t in fit.terms if t != term), fit)
+            if not _survives_cross_validation(problem, without, fit, term):
+                failing.append((without.chi2 - fit.chi2, term))
+    return min(failing, key=lambda pair: pair[0])[1] if failing else None
 
 
 def _plausible(problem: Problem, fit: Fit, term: Term) -> bool:
