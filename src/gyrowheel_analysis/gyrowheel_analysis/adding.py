@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 
 from gyrowheel_analysis.discovery.fit import ERRORS, Term
-from gyrowheel_analysis.discovery.verdict import Estimate, nuisance_estimates
+from gyrowheel_analysis.discovery.verdict import Estimate, judge_noise_with, nuisance_estimates
 from gyrowheel_analysis.errors import ErrorTable, Residuals
 from gyrowheel_analysis.model import Model, Override
 from gyrowheel_analysis.pipeline import FEWEST_WINDOWS, Progress, errors_of, one_thread, prepare
@@ -95,6 +95,8 @@ def add_effect(
     if progress:
         progress("fitting")
     problem.estimate_noise()
+    if declared:
+        judge_noise_with(problem, problem.fit(terms))
     before, after = problem.fit_within(), problem.fit(terms)
     errors = errors_of(before, after, fitted, validation)
     coefficients: dict[str, dict[str, Estimate]] = {}

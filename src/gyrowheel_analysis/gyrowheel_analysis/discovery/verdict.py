@@ -22,6 +22,7 @@ from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.reduction import concatenate
 from gyrowheel_analysis.where import Region, growth, regions, tilt_and_spin
 from gyrowheel_sim.effects import effect_to_mapping
+from gyrowheel_sim.effects.typed import effect_to_line
 
 Verdict = Literal["nothing_missing", "effect", "ambiguous", "unknown", "insufficient_data"]
 
@@ -77,7 +78,8 @@ class EffectFinding:
 class FreeForm:
     """A formula that describes what no declared effect does.
 
-    `declaration` goes into a model file as it is, under `name`.
+    `formula` has law and coefficients in one line, as ``gyrowheel model add --formula`` takes it; `declaration` goes
+    into a model file as it is, under `name`.
     """
 
     formula: str
@@ -297,7 +299,7 @@ def diagnose(
     selection = select(problem, progress=progress)
     proposal = search(problem, selection, progress=progress)
     if proposal is not None:
-        _judge_noise_with(problem, proposal)
+        judge_noise_with(problem, proposal.fit)
     best = proposal.fit if proposal else selection.best
     before = problem.fit_within() if proposal or selection.findings else best
     data = tilt_and_spin(
@@ -345,9 +347,8 @@ def diagnose(
     )
 
 
-def _judge_noise_with(problem: Problem, proposal: Proposal) -> None:
-    """Judge the noise again with the form in the model, so that what it describes is not taken for drift."""
-    fit = proposal.fit
+def judge_noise_with(problem: Problem, fit: Fit) -> None:
+    """Judge the noise again with the terms of a fit, so that what a form of no registered effect does is no drift."""
     width = [1.0] * problem.count + [problem.scale(t, n) for t in fit.terms for n in t.coefficients]
     rows = fit.residual + fit.jacobian[:, : problem.count] @ fit.nuisance
     scales, _ = problem.noise.best_scales(rows, fit.jacobian * np.array(width))
@@ -437,7 +438,7 @@ def _free_form(proposal: Proposal) -> FreeForm:
     effect = proposal.term.effect
     assert effect is not None  # every free form is an effect
     return FreeForm(
-        effect.formula,
+        effect_to_line(effect),
         proposal.gain,
         _estimates(proposal.term, proposal.fit),
         effect.sentence,

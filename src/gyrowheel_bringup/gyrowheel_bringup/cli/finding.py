@@ -99,11 +99,12 @@ def following(
 ) -> str | None:
     """Return the command to type after a diagnosis; None where there is nothing to do."""
     named = " ".join(shlex.quote(str(directory)) for directory in directories)
-    if result.verdict == "effect":
+    if result.verdict == "effect" or result.free_form:
         fit = " ".join(f"--fit {shlex.quote(str(directory))}" for directory in directories)
         unused = "".join(f" --validate {shlex.quote(str(directory))}" for directory in validate)
-        names = " ".join(finding.name for finding in result.effects)
-        return f"gyrowheel model add {names} --model {shlex.quote(str(model))} {fit}{unused}"
+        names = [finding.name for finding in result.effects]
+        names += [f"--formula {shlex.quote(f'{form.name}: {form.formula}')}" for form in result.free_form]
+        return f"gyrowheel model add {' '.join(names)} --model {shlex.quote(str(model))} {fit}{unused}"
     plan = result.next_test.plan if result.next_test is not None else None
     if plan is None or result.verdict == "nothing_missing":
         return None

@@ -141,10 +141,13 @@ def _tie(tie: TieReport) -> str:
 
 
 def _free_form(form: FreeForm) -> Iterator[RenderableType]:
-    yield Text.assemble(("\nproposed form", "bold cyan"), f"  {pretty(form.formula)}")
+    yield Text.assemble((f"\n{form.name or 'proposed form'}", "bold cyan"), "  proposed form")
     body = words_table("", "")
     for name, estimate in form.coefficients.items():
         body.add_row(name, with_error(estimate.value, estimate.standard_error, estimate.unit, pure=True))
+    coefficients = tuple(f"{name} " for name in form.coefficients)
+    laws = [part for part in form.formula.split("; ") if not part.startswith(coefficients)]
+    body.add_row("law", pretty("; ".join(laws)))
     body.add_row("Δχ²", f"{form.delta_chi2:.0f} without it")
     yield Padding(body, _INDENT)
     yield from sentences([form.description])

@@ -44,11 +44,15 @@ def _part(result: Table, title: str, before: ErrorRow, after: ErrorRow, floor: E
 
 
 def fall(before: ErrorRow, after: ErrorRow, floor: ErrorRow | None, where: str) -> str:
-    """Return in a sentence how the error falls, and where it falls most."""
+    """Return in a sentence how the error falls, and where it falls most; or rises, where it falls nowhere."""
     text = f"On {where} χ²/N goes from {fixed(before.chi2_per_n)} to {fixed(after.chi2_per_n)}"
-    most = max(CHANNELS, key=lambda name: before.rms[name] ** 2 - after.rms[name] ** 2)
+    gain = {name: before.rms[name] ** 2 - after.rms[name] ** 2 for name in CHANNELS}
+    falls = max(gain.values()) > 0.0
+    most = (max if falls else min)(gain, key=lambda name: gain[name])
     was, now = (fixed(row.rms[most] / _MILLI) for row in (before, after))
-    text += f"; {CHANNELS[most]}, where the error falls most, from {was} to {now} mN·m"
+    text += (
+        f"; {CHANNELS[most]}, where the error {'falls' if falls else 'rises'} most, from {was} to {now} mN·m"
+    )
     if floor is not None:
         text += f" (noise {fixed(floor.rms[most] / _MILLI)})"
     return f"{text}."

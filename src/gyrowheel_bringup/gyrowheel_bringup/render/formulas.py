@@ -38,6 +38,13 @@ def pretty(formula: str) -> str:
     return "; ".join(_one(part) for part in formula.split("; "))
 
 
+def plain(text: str) -> str:
+    """Return a formula with the names of its targets, where it may have them in the words of `pretty`."""
+    for target, words in _TARGETS.items():
+        text = text.replace(f"{words} =", f"{target} =")
+    return text
+
+
 def _one(formula: str) -> str:
     target, equals, law = formula.partition(" = ")
     if not equals:
