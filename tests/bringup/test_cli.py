@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import shutil
 import subprocess
 import sys
@@ -18,8 +19,10 @@ from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.errors import InputError
 
 from .conftest import Wheel
-from .helpers import SHORT_PLAN, TOO_FAST_PLAN, Result, Shell, write
+from .helpers import DRAG_PLAN, SHORT_PLAN, TOO_FAST_PLAN, Result, Shell, write
 
+#: The rest of an addition to a model.
+ADD = ["--model", "new.yaml", "--fit", "x"]
 VERBS = ["demo", "up", "simulate", "info", "compare", "diagnose", "effects", "plans", "bench", "run"]
 EDITS = [f"model {verb}" for verb in ["new", "add", "remove", "show", "undo", "diff"]]
 
@@ -82,12 +85,29 @@ def assert_refused(result: Result, *words: str, begun: bool = False) -> None:
         (["simulate", "--plan", "quick", "-o", "x", "--effect", "windage:q=1"], ["windage.q", "w, n"]),
         (["simulate", "--plan", "quick", "-o", "x", "--effect", "windage", "--effect", "windage"], ["twice"]),
         (["simulate", "--plan", "quick", "-o", "x", "--effect", "windage", "--blind", "key"], ["--blind"]),
+        (["simulate", "--plan", "quick", "-o", "x", "--model", "none.yaml"], ["none.yaml"]),
+        (["simulate", "--plan", "quick", "-o", "x", "--model", "new.yaml", "--blind", "key"], ["--blind"]),
+        (["simulate", "--plan", "quick", "-o", "x", "--model", "new.yaml", "--effect", "windge"], ["windge"]),
         (["up", "--plan", "quik", "--record", "x"], ["quik"]),
+        (["up", "--plan", "quick", "--record", "x", "--model", "none.yaml"], ["none.yaml"]),
         (["info", "x"], ["x", "no such recording"]),
         (["compare", "x", "--model", "none.yaml"], ["none.yaml"]),
         (["diagnose", "x"], ["--model"]),
         (["model", "show", "--model", "none.yaml"], ["none.yaml"]),
         (["model", "add", "windge", "--model", "new.yaml", "--fit", "x"], ["windge", "windage"]),
+        (["model", "add", "--model", "new.yaml", "--fit", "x"], ["nothing to add"]),
+        (["model", "add", *ADD, "--formula", "-k*Omgea*z"], ["own.rotor_torque: column 4", "Omega"]),
+        (
+            ["model", "add", *ADD, "--formula", "-k*z; k [N*m*s]"],
+            ["own.rotor_torque: column 1", "N*m is needed"],
+        ),
+        (["model", "add", *ADD, "--formula", "k*__import__('os')"], ["own.rotor_torque: column 3"]),
+        (["model", "add", *ADD, "--formula", "(" * 10_000], ["--formula", "10000"]),
+        (["model", "add", *ADD, "--formula", "windage: shaft_torque = -w*r"], ["'windage' already"]),
+        (["model", "add", *ADD, "--formula", "-k*z", "--name", "a b"], ["--formula", "'a b'"]),
+        (["model", "add", *ADD, "--formula", "-k*z", "--target", "rotor"], ["'rotor'", "rotor_torque"]),
+        (["model", "add", *ADD, "--formula", "-k*z", "--formula", "-k*r*z", "--name", "a"], ["--name", "2"]),
+        (["model", "add", "windage", *ADD, "--target", "shaft_torque"], ["--target", "--formula"]),
         (["effects", "windge"], ["windge", "windage"]),
         (["effects", "windage", "--json", "new.yaml/file"], ["cannot be written"]),
         (["plans", "quik"], ["quik", "quick"]),
@@ -373,6 +393,100 @@ def test_add_takes_several_effects_and_tells_what_it_did(gyrowheel: Shell, wheel
     result = gyrowheel.good("model", "add", *arguments).json
     assert set(result["effects"]) == {"windage", "aero_cross"}
     assert_shape(result["error"], {"unit": str, "before": ROW, "after": ROW, "noise_floor": ROW})
+
+
+def test_a_formula_is_added_and_is_the_truth_of_a_machine(gyrowheel: Shell, wheel: Wheel, tmp_path: Path):
+    model, plan = tmp_path / "model.yaml", write(tmp_path / "plan.yaml", SHORT_PLAN)
+    shutil.copy(wheel.model, model)
+    arguments = ["--model", model, "--fit", wheel.recording, "--validate", wheel.other, "--json", "-"]
+    formula = ["--formula", "-w*r^1.48", "--target", "axial_torque", "--name", "drag"]
+    added = gyrowheel.good("model", "add", *formula, *arguments).json
+    # the recording has windage of 1.3 mN·m with this exponent
+    assert added["effects"]["drag"]["w"]["value"] == pytest.approx(1.3e-3, rel=0.1)
+    after, before = (added["error"][f"validation_{when}"]["chi2_per_n"] for when in ("after", "before"))
+    assert after < 0.2 * before
+    shown = gyrowheel.good("model", "show", "--model", model).out
+    assert "torque along the spin axis = −w·" in shown
+    # a second formula gets a name of its own, a third another
+    gyrowheel.good("model", "add", "--formula", "-k*r*z", *arguments[:4])
+    both = gyrowheel.good("model", "add", "--formula", "c*z", "--formula", "i*c*r*z", *arguments).json
+    assert list(both["effects"]) == ["drag", "own", "own_2", "own_3"]
+    gyrowheel.good("model", "undo", "--model", model)
+    gyrowheel.good("model", "undo", "--model", model)
+    # the machine of the model: its effect and its learned parameters, an effect beside them
+    runs = {
+        "stated": [],
+        "learned": ["--model", model],
+        "more": ["--model", model, "--effect", "fixed_torque"],
+    }
+    rows = {}
+    for name, options in runs.items():
+        gyrowheel.good("simulate", "--plan", plan, "-o", tmp_path / name, *options)
+        recording = Recording.open(tmp_path / name)
+        assert b"drag" not in (tmp_path / name / f"{name}_0.mcap").read_bytes().replace(b"drag_estimate", b"")
+        rows[name] = recording.readings
+    assert not np.array_equal(rows["stated"], rows["learned"])
+    assert not np.array_equal(rows["learned"], rows["more"])
+    twice = gyrowheel("simulate", "--plan", plan, "-o", tmp_path / "x", *runs["learned"], "--effect", "drag")
+    assert_refused(twice, "drag", "model.yaml", "already")
+
+
+def test_the_machine_of_a_model_is_explained_by_it(gyrowheel: Shell, wheel: Wheel, tmp_path: Path):
+    """A round trip: what the model says is simulated, and the model then lacks nothing."""
+    model = tmp_path / "model.yaml"
+    content = {
+        "schema": 1,
+        "bench": "gyrowheel",
+        "overrides": {"coil_constant": 0.0208, "fixed_torque_x": 2e-4},
+        "effects": {
+            "pull": {
+                "declaration": {"torque": "-k*r*z", "coefficients": {"k": {"unit": "N*m/rad"}}},
+                "k": {"value": 0.03, "standard_error": 0.001},
+            }
+        },
+    }
+    write(model, json.dumps(content))
+    plan = write(tmp_path / "plan.yaml", DRAG_PLAN)
+    gyrowheel.good("simulate", "--plan", plan, "-o", tmp_path / "run", "--model", model)
+    raw = gyrowheel.good("compare", tmp_path / "run", "--model", model, "--json", "-").json
+    for channel in raw["channels"].values():
+        assert channel["chi2_per_n"] < 2.0
+    # nothing fitted: the file alone predicts the recording
+    other = gyrowheel.good("compare", tmp_path / "run", "--model", wheel.model, "--json", "-").json
+    for channel in ("tilt_x", "tilt_y"):
+        assert raw["error"]["raw"]["rms"][channel] < 0.1 * other["error"]["raw"]["rms"][channel]
+
+
+def test_the_form_that_a_diagnosis_proposes_can_be_typed_as_it_stands(gyrowheel: Shell, tmp_path: Path):
+    key = write(tmp_path / "key.json", '{"values": {}, "effects": {"contact": {"A": 0.02, "p": 0.45}}}')
+    for name in ("quick", "check"):
+        gyrowheel.good("simulate", "--plan", name, "-o", tmp_path / name, "--blind", key)
+    models = [tmp_path / name for name in ("a.yaml", "b.yaml")]
+    for model in models:
+        gyrowheel.good("model", "new", "--model", model)
+    file = tmp_path / "diagnosis.json"
+    options = [tmp_path / "quick", "--model", models[0], "--validate", tmp_path / "check", "--json", file]
+    shown = gyrowheel.good("diagnose", *options).out
+    found = json.loads(file.read_text())
+    assert found["verdict"] == "unknown"
+    (form,) = found["free_form"]
+
+    # the command that is shown
+    command = shlex.split(shown.splitlines()[-1])
+    assert command[:3] == ["gyrowheel", "model", "add"]
+    gyrowheel.good(*command[1:])
+    # the formula of the JSON
+    fit = ["--fit", tmp_path / "quick"]
+    gyrowheel.good("model", "add", "--formula", form["formula"], "--model", models[1], *fit)
+
+    contents = [
+        gyrowheel.good("model", "show", "--model", model, "--json", "-").json["effects"] for model in models
+    ]
+    assert [list(content) for content in contents] == [[form["name"]], ["own"]]
+    first, second = (next(iter(content.values())) for content in contents)
+    assert second["a"]["value"] == pytest.approx(first["a"]["value"], rel=1e-3)
+    error = gyrowheel.good("model", "show", "--model", models[0], "--json", "-").json["history"][0]["error"]
+    assert error["validation_after"]["chi2_per_n"] < 0.5 * error["validation_before"]["chi2_per_n"]
 
 
 # ---- the catalogue

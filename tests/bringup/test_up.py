@@ -16,6 +16,16 @@ from gyrowheel_bringup.graph import EXECUTABLES, Graph, GraphError
 
 from .helpers import SHORT_PLAN, Shell, write
 
+#: A machine with a learned parameter and an effect that its own file declares.
+MODEL = """\
+schema: 1
+bench: gyrowheel
+overrides: {coil_constant: 0.021}
+effects:
+  pull:
+    declaration: {torque: -k*r*z, coefficients: {k: {unit: N*m/rad}}}
+    k: {value: 0.03, standard_error: 0.001}
+"""
 COMMAND = [sys.executable, "-c", "from gyrowheel_bringup.cli import main; main()"]
 
 pytestmark = [pytest.mark.graph, pytest.mark.timeout(120)]
@@ -23,7 +33,8 @@ pytestmark = [pytest.mark.graph, pytest.mark.timeout(120)]
 
 def test_up_and_simulate_give_the_same_samples(gyrowheel: Shell, tmp_path: Path):
     plan = write(tmp_path / "plan.yaml", SHORT_PLAN)
-    machine = ["--plan", plan, "--effect", "aero_restoring", "--machine", 3, "--seed", 8]
+    model = write(tmp_path / "model.yaml", MODEL)
+    machine = ["--plan", plan, "--effect", "aero_restoring", "--model", model, "--machine", 3, "--seed", 8]
     shown = subprocess.run(
         [
             *COMMAND,

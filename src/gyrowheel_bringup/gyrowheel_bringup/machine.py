@@ -6,6 +6,7 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +15,9 @@ from gyrowheel_sim.blind import KINDS, Kind, draw_machine, reuse_or_draw
 from gyrowheel_sim.effects import parse_option
 from gyrowheel_sim.errors import InputError
 from gyrowheel_sim.scenario import Scenario
+
+if TYPE_CHECKING:
+    from gyrowheel_analysis.model import Model
 
 
 def noise_seed(seed: int, plan: str) -> int:
@@ -37,6 +41,7 @@ def scenario(
     plan: str,
     *,
     effects: Sequence[str] = (),
+    model: Model | None = None,
     blind: Path | None = None,
     kinds: Sequence[Kind] = tuple(KINDS),
     seed: int = 0,
@@ -52,6 +57,8 @@ def scenario(
         Name of the plan.
     effects : sequence of str
         Effects, each as ``NAME`` or ``NAME:COEF=VALUE,...``.
+    model : Model, optional
+        A model whose effects and learned parameters the machine has, beside `effects`.
     blind : Path, optional
         Key file of a hidden machine: used if it exists, else drawn and written.
     kinds : sequence of str
@@ -60,6 +67,7 @@ def scenario(
         Seed of the noise, and of what is drawn into a new key file.
     machine : int, optional
         Draw the true bench parameters within their uncertainties with this seed; without it they are as stated.
+        What the model has learned holds in both cases.
 
     Raises
     ------
@@ -69,18 +77,23 @@ def scenario(
     """
     noise = noise_seed(seed, plan)
     if blind is not None:
-        if effects or machine is not None:
+        if effects or machine is not None or model is not None:
             raise InputError(
-                "--blind: cannot be combined with --effect or --machine: the key file holds both"
+                "--blind: cannot be combined with --effect, --model or --machine: the key file holds all of it"
             )
         return replace(reuse_or_draw(bench, blind, seed, kinds=kinds), noise_seed=noise)
     if machine is not None and machine < 0:
         raise InputError(f"machine: {machine} is out of range; allowed: >= 0")
-    chosen: dict[str, dict[str, float]] = {}
+    declared = {} if model is None else dict(model.declared)
+    chosen = {} if model is None else {name: dict(values) for name, values in model.effects.items()}
     for text in effects:
-        name, values = parse_option(text)
+        name, coefficients = parse_option(text, declared)
+        if model is not None and name in model.effects:
+            raise InputError(f"--effect: {name} is in {model.origin} already")
         if name in chosen:
             raise InputError(f"--effect: {name} is given twice")
-        chosen[name] = values
+        chosen[name] = coefficients
     values = {} if machine is None else draw_machine(bench, np.random.default_rng(machine))
-    return Scenario(values=values, effects=chosen, noise_seed=noise)
+    if model is not None:
+        values |= {name: override.value for name, override in model.overrides.items()}
+    return Scenario(values=values, effects=chosen, noise_seed=noise, declared=declared)

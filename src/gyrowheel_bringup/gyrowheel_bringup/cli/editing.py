@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,6 +16,10 @@ from gyrowheel_sim.errors import InputError
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.adding import Added
+    from gyrowheel_analysis.model import Model
+    from gyrowheel_sim.effects import Effect
+
+_OWN = "own"  # name of a formula that was given none
 
 model_app = typer.Typer(
     help="Edit a model file: new, add, remove, show, undo, diff.",
@@ -41,23 +46,43 @@ def new(model: ModelFile, bench: BenchName = "gyrowheel") -> None:
 
 @model_app.command(epilog=example("gyrowheel model add windage --model wheel.yaml --fit runs/monday"))
 def add(
-    effects: Annotated[
-        list[str], typer.Argument(metavar="EFFECT...", help="Effects to add.", show_default=False)
-    ],
     model: ModelFile,
     fit: Annotated[
         list[Path],
         typer.Option("--fit", metavar="DIR", help="Recording to fit. Repeatable.", show_default=False),
     ],
+    effects: Annotated[
+        list[str] | None, typer.Argument(metavar="EFFECT...", help="Effects to add.", show_default=False)
+    ] = None,
+    formula: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--formula",
+            metavar="TEXT",
+            help="Effect of your own, such as '-k*r^2*z'; docs/formulas.md tells what can be written. Repeatable.",
+            show_default=False,
+        ),
+    ] = None,
+    name: Annotated[
+        str | None,
+        typer.Option("--name", metavar="NAME", help="Name of the formula's effect.", show_default=_OWN),
+    ] = None,
+    target: Annotated[
+        str | None,
+        typer.Option("--target", metavar="T", help="What the formula acts on.", show_default="rotor_torque"),
+    ] = None,
     validate: Validation = None,
     json: Json = None,
 ) -> None:
-    """Add effects: fit their coefficients, show the error falling, save the model."""
+    """Add effects, known ones or formulas: fit their coefficients, show the error falling, save the model."""
     from gyrowheel_analysis.model import Model
 
     loaded = Model.load(model)
-    for name in effects:
-        _require_known(name)
+    chosen: list[str | Effect] = [*(effects or ()), *_typed(formula or (), name, target, loaded)]
+    if not chosen:
+        raise InputError("nothing to add: name an effect, or give --formula")
+    for effect in effects or ():
+        _require_known(effect)
     if shared := {path.resolve() for path in fit} & {path.resolve() for path in validate or ()}:
         raise InputError(f"{min(shared)}: a recording that was fitted cannot validate the fit")
     recordings, unused = open_all(fit), open_all(validate or ())
@@ -67,7 +92,7 @@ def add(
         from gyrowheel_bringup.render.layout import heading, sentences
         from gyrowheel_bringup.render.models import changes
 
-        added = add_effect(loaded, effects, recordings, unused, progress=say)
+        added = add_effect(loaded, chosen, recordings, unused, progress=say)
         added.model.save(model)
     if json is not None:
         put_json(json, _added_json(added, model))
@@ -135,6 +160,29 @@ def diff(
         put_json(json, {"schema": 1, "differences": lines})
     if json != "-":
         put_text(difference(lines))
+
+
+def _typed(formulas: Sequence[str], name: str | None, target: str | None, model: Model) -> list[Effect]:
+    """Return the effects that were typed as formulas, under names that nothing has yet."""
+    if len(formulas) != 1 and (name or target):
+        raise InputError(f"--{'name' if name else 'target'}: is for one --formula; {len(formulas)} are given")
+    if not formulas:
+        return []
+    from gyrowheel_bringup.render.formulas import plain
+    from gyrowheel_sim.effects import registry
+    from gyrowheel_sim.effects.typed import typed_effect
+    from gyrowheel_sim.effects.user import check_name
+
+    typed: list[Effect] = []
+    for text in formulas:
+        taken = {*model.effects, *(effect.name for effect in typed)}
+        free, number = _OWN, 2
+        while free in taken:
+            free, number = f"{_OWN}_{number}", number + 1
+        effect = typed_effect(plain(text), name=name, otherwise=free, target=target, where="--formula")
+        check_name(effect.name, "--formula", registry())
+        typed.append(effect)
+    return typed
 
 
 def _require_known(name: str) -> None:

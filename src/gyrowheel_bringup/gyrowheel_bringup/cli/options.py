@@ -50,6 +50,24 @@ Machine: TypeAlias = Annotated[
         show_default="as stated in the bench file",
     ),
 ]
+Truth: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        "--model",
+        metavar="M.yaml",
+        help="Model file whose effects and learned parameters the simulated machine has, beside those of --effect.",
+        show_default=False,
+    ),
+]
+BenchOfRun: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        "--bench",
+        metavar="B",
+        help="Bench: shipped name, or a bench file.",
+        show_default="gyrowheel, or that of --model",
+    ),
+]
 BenchName: TypeAlias = Annotated[
     str, typer.Option("--bench", metavar="B", help="Bench: shipped name, or a bench file.")
 ]

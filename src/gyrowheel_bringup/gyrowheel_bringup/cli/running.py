@@ -9,10 +9,22 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gyrowheel_bringup.cli.options import BenchName, Blind, Effects, Json, Machine, PlanName, Seed, example
+from gyrowheel_bringup.cli.options import (
+    BenchOfRun,
+    Blind,
+    Effects,
+    Json,
+    Machine,
+    PlanName,
+    Seed,
+    Truth,
+    example,
+)
 from gyrowheel_bringup.cli.shell import advancing, notes, out, put_json, working
+from gyrowheel_sim.errors import InputError
 
 if TYPE_CHECKING:
+    from gyrowheel_analysis.model import Model
     from gyrowheel_bringup.graph import Graph, GraphResult
     from gyrowheel_control.plans import Plan
     from gyrowheel_sim.bench import Bench
@@ -38,19 +50,19 @@ def up(
         typer.Option("--record", metavar="DIR", help="Record into this new directory.", show_default=False),
     ] = None,
     effect: Effects = None,
+    model: Truth = None,
     blind: Blind = None,
     machine: Machine = None,
     seed: Seed = 0,
-    bench: BenchName = "gyrowheel",
+    bench: BenchOfRun = None,
     logs: Annotated[bool, typer.Option("--logs", help="Show what the nodes log.")] = False,
     json: Json = None,
 ) -> None:
     """Start the bench: plant, controller, conductor, drag estimator and recorder as processes that talk over ROS."""
     from gyrowheel_bringup.files import require_new
     from gyrowheel_bringup.machine import scenario
-    from gyrowheel_sim.bench import Bench
 
-    loaded = Bench.load(bench)
+    source, loaded, truth = _bench_and_model(bench, model)
     chosen = None if plan is None else _checked(plan, loaded)
     if record is not None:
         require_new(record)
@@ -58,6 +70,7 @@ def up(
         loaded,
         "" if chosen is None else chosen.name,
         effects=effect or (),
+        model=truth,
         blind=blind,
         seed=seed,
         machine=machine,
@@ -67,7 +80,7 @@ def up(
 
     graph = Graph(
         chosen,
-        bench=bench,
+        bench=source,
         scenario=hidden,
         record=record,
         hold_after_plan=chosen is None,
@@ -103,22 +116,30 @@ def simulate(
         ),
     ],
     effect: Effects = None,
+    model: Truth = None,
     blind: Blind = None,
     machine: Machine = None,
     seed: Seed = 0,
-    bench: BenchName = "gyrowheel",
+    bench: BenchOfRun = None,
     json: Json = None,
 ) -> None:
     """Make the recording that `up` would make, at once and without ROS."""
     from gyrowheel_bringup.files import require_new
     from gyrowheel_bringup.machine import scenario
     from gyrowheel_bringup.simulated import record_simulation
-    from gyrowheel_sim.bench import Bench
 
-    loaded = Bench.load(bench)
+    _, loaded, truth = _bench_and_model(bench, model)
     chosen = _checked(plan, loaded)
     require_new(output)
-    hidden = scenario(loaded, chosen.name, effects=effect or (), blind=blind, seed=seed, machine=machine)
+    hidden = scenario(
+        loaded,
+        chosen.name,
+        effects=effect or (),
+        model=truth,
+        blind=blind,
+        seed=seed,
+        machine=machine,
+    )
     begin = time.monotonic()
     with advancing(f"simulating plan {chosen.name}") as advance:
         record_simulation(output, loaded, hidden, chosen, progress=advance)
@@ -130,6 +151,22 @@ def simulate(
             f"{chosen.duration:.1f} s simulated in {wall:.1f} s, {chosen.duration / wall:.0f} times real time"
         )
         out().print(f"recording: {output}", soft_wrap=True)
+
+
+def _bench_and_model(bench: str | None, model: Path | None) -> tuple[str, Bench, Model | None]:
+    """Return name or path of the bench, the bench as its file describes it, and the model of the machine."""
+    from gyrowheel_sim.bench import Bench
+
+    if model is None:
+        source = bench or "gyrowheel"
+        return source, Bench.load(source), None
+    from gyrowheel_analysis.model import Model
+
+    truth = Model.load(model)
+    if bench is not None and Bench.load(bench).parameters != truth.stated_bench.parameters:
+        raise InputError(f"--bench: {bench} is not the bench of {model}, {truth.bench_source}; leave it out")
+    beside = model.parent / truth.bench_source
+    return str(beside if beside.is_file() else truth.bench_source), truth.stated_bench, truth
 
 
 def _checked(name: str, bench: Bench) -> Plan:
