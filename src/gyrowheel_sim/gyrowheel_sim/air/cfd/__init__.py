@@ -1,0 +1,1 @@
+"""Computing the torque of the air with OpenFOAM: mesh, case, run, sweep."""

@@ -1,0 +1,190 @@
+"""Rotor and case: the lengths between which the air moves, read from a parameter file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from gyrowheel_sim.errors import InputError
+
+SCHEMA = 1
+LENGTHS = ("rotor_radius", "rotor_height", "case_radius", "case_height")
+
+
+@dataclass(frozen=True)
+class Length:
+    """One length of rotor or case.
+
+    Attributes
+    ----------
+    value, uncertainty : float
+        Value and standard uncertainty [m].
+    source, description : str
+        Where the value comes from, and what it is.
+    """
+
+    value: float
+    uncertainty: float
+    source: str
+    description: str = ""
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """A cylindrical rotor centred in a cylindrical case; all lengths in metres.
+
+    Attributes
+    ----------
+    name, title : str
+        What it is called.
+    lengths : dict of str to Length
+        The four lengths by name.
+    references : dict of str to str
+        Full citations by the key that a source starts with.
+    """
+
+    name: str
+    title: str
+    lengths: Mapping[str, Length]
+    references: Mapping[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def load(cls, source: str | Path = "gyrowheel") -> Geometry:
+        """Read a geometry by shipped name (``"gyrowheel"``) or from a file.
+
+        Raises
+        ------
+        InputError
+            If the file is missing, is no YAML, or a field of it is missing, unknown or out of range.
+        """
+        if str(source) == "gyrowheel":
+            file = resources.files("gyrowheel_sim.air").joinpath("geometry.yaml")
+            return cls.from_text(file.read_text(encoding="utf-8"), origin="geometry.yaml")
+        path = Path(source)
+        if not path.is_file():
+            raise InputError(f"geometry '{source}': no such shipped geometry or file; shipped: gyrowheel")
+        return cls.from_text(path.read_text(encoding="utf-8", errors="replace"), origin=str(path))
+
+    @classmethod
+    def from_text(cls, text: str, *, origin: str) -> Geometry:
+        """Read a geometry from the text of a file (see `load`)."""
+        try:
+            raw = yaml.safe_load(text)
+        except yaml.YAMLError as error:
+            raise InputError(f"{origin}: not valid YAML: {' '.join(str(error).split())}") from None
+        if not isinstance(raw, dict) or not isinstance(raw.get("lengths"), dict):
+            raise InputError(f"{origin}: not a geometry file (a mapping with 'lengths' is expected)")
+        if raw.get("schema") != SCHEMA:
+            raise InputError(f"{origin}: schema: {raw.get('schema')!r} is not known; allowed: {SCHEMA}")
+        unknown = sorted(set(map(str, raw["lengths"])) - set(LENGTHS))
+        if unknown:
+            raise InputError(f"{origin}: lengths.{unknown[0]}: no such length; allowed: {', '.join(LENGTHS)}")
+        lengths = {}
+        for name in LENGTHS:
+            if name not in raw["lengths"]:
+                raise InputError(f"{origin}: lengths.{name}: missing")
+            lengths[name] = _length(raw["lengths"][name], f"{origin}: lengths.{name}")
+        return cls(
+            name=str(raw.get("name", "geometry")),
+            title=str(raw.get("title", "")),
+            lengths=lengths,
+            references={str(k): str(v) for k, v in (raw.get("references") or {}).items()},
+        ).checked(origin)
+
+    def checked(self, origin: str = "geometry") -> Geometry:
+        """Return itself if the rotor fits into the case.
+
+        Raises
+        ------
+        InputError
+            If it does not.
+        """
+        for inner, outer in (("rotor_radius", "case_radius"), ("rotor_height", "case_height")):
+            if self.lengths[inner].value >= self.lengths[outer].value:
+                raise InputError(
+                    f"{origin}: lengths.{inner}: {self.lengths[inner].value:g} m is out of range; "
+                    f"allowed: less than {outer}, {self.lengths[outer].value:g} m"
+                )
+        return self
+
+    def with_value(self, name: str, value: float) -> Geometry:
+        """Return the same geometry with another value of one length [m]."""
+        return replace(self, lengths={**self.lengths, name: replace(self.lengths[name], value=value)})
+
+    @property
+    def rotor_radius(self) -> float:
+        """Radius of the rotor [m]."""
+        return self.lengths["rotor_radius"].value
+
+    @property
+    def rotor_height(self) -> float:
+        """Height of the rotor [m]."""
+        return self.lengths["rotor_height"].value
+
+    @property
+    def case_radius(self) -> float:
+        """Inner radius of the case [m]."""
+        return self.lengths["case_radius"].value
+
+    @property
+    def case_height(self) -> float:
+        """Inner height of the case [m]."""
+        return self.lengths["case_height"].value
+
+    @property
+    def rim_gap(self) -> float:
+        """Gap between the rims of rotor and case [m]."""
+        return self.case_radius - self.rotor_radius
+
+    @property
+    def end_gap(self) -> float:
+        """Gap between an end face of the rotor and that of the case [m]."""
+        return 0.5 * (self.case_height - self.rotor_height)
+
+    def clearance(self, tilt: float) -> float:
+        """Return the smallest distance of the tilted rotor's edge from the case [m]; below zero it touches.
+
+        Parameters
+        ----------
+        tilt : float
+            Angle of the tilt [rad].
+        """
+        s, c = abs(math.sin(tilt)), math.cos(tilt)
+        side = self.rotor_radius * c + 0.5 * self.rotor_height * s
+        top = self.rotor_radius * s + 0.5 * self.rotor_height * c
+        return min(self.case_radius - side, 0.5 * self.case_height - top)
+
+    def to_dict(self) -> dict[str, float]:
+        """Return the four lengths by name [m]."""
+        return {name: self.lengths[name].value for name in LENGTHS}
+
+
+def _length(entry: Any, where: str) -> Length:
+    if not isinstance(entry, dict):
+        raise InputError(f"{where}: {entry!r} is not a mapping with value, unit, uncertainty and source")
+    unknown = sorted(set(map(str, entry)) - {"value", "unit", "uncertainty", "source", "description"})
+    if unknown:
+        raise InputError(f"{where}.{unknown[0]}: no such field")
+    for needed in ("value", "unit", "uncertainty", "source"):
+        if needed not in entry:
+            raise InputError(f"{where}.{needed}: missing")
+    if entry["unit"] != "m":
+        raise InputError(f"{where}.unit: {entry['unit']!r}; allowed: m")
+    numbers = {}
+    for name, low in (("value", 1e-4), ("uncertainty", 0.0)):
+        try:
+            number = float(entry[name])
+        except (TypeError, ValueError):
+            raise InputError(f"{where}.{name}: {entry[name]!r} is not a number") from None
+        if isinstance(entry[name], bool) or not low <= number <= 10.0:
+            raise InputError(f"{where}.{name}: {entry[name]!r} m is out of range; allowed: {low:g} .. 10 m")
+        numbers[name] = number
+    return Length(
+        numbers["value"], numbers["uncertainty"], str(entry["source"]), str(entry.get("description", ""))
+    )
