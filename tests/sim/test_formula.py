@@ -28,8 +28,7 @@ from gyrowheel_sim.effects import (
     registry,
 )
 from gyrowheel_sim.effects.code import array_law, laws_source
-from gyrowheel_sim.effects.declaration import TARGETS
-from gyrowheel_sim.effects.dimensions import Unit, check_unit
+from gyrowheel_sim.effects.dimensions import Unit, check_effect, check_unit
 from gyrowheel_sim.effects.formula import MAX_DEPTH, MAX_LENGTH, parse, read, to_text
 from gyrowheel_sim.effects.outside import OUTSIDE
 from gyrowheel_sim.effects.parts import COMPONENTS, ComplexArgumentError, split
@@ -361,9 +360,13 @@ def test_coefficients_may_have_the_names_of_variables_in_the_code() -> None:
 
 @EACH
 def test_every_law_has_the_unit_of_what_it_acts_on(effect: Effect) -> None:
-    units = {c.name: c.unit for c in effect.coefficients}
-    for law in effect.laws:
-        check_unit(read(to_text(law.expression), list(units)), units, TARGETS[law.target][0])
+    check_effect(effect)
+    # and the check can fail: with another unit of its first coefficient no law that has it passes
+    first = effect.coefficients[0]
+    other = dataclasses.replace(first, unit=f"{first.unit}*K")
+    wrong = dataclasses.replace(effect, coefficients=(other, *effect.coefficients[1:]))
+    with pytest.raises(InputError, match=f"{effect.name}."):
+        check_effect(wrong)
 
 
 @pytest.mark.parametrize(
@@ -639,6 +642,24 @@ def test_effects_of_another_package_are_registered(distribution: Path) -> None:
     assert parse_option("plugin_pull:k=0.02") == ("plugin_pull", {"k": 0.02})
 
 
+#: A package with two effects, the second of which has a law of a wrong unit.
+WRONG_UNIT = """
+import sympy as sp
+from gyrowheel_sim.effects import Coefficient, Effect, Law, effect_from_text
+from gyrowheel_sim.effects.quantities import Omega, Omega_ref, z
+k = sp.Symbol("k", real=True)
+EFFECT = [
+    effect_from_text("gw_good: torque = -k*z; k [N*m/rad]"),
+    Effect(
+        name="gw_pull", title="pull", category="other", sentence="It pulls.",
+        laws=(Law("rotor_torque", -k * Omega * z),),
+        coefficients=(Coefficient("k", "N*m/rad", "size", (0.01, 0.05), (-0.5, 0.5), "assumed"),),
+        validity="everywhere", source="assumed",
+    ),
+]
+"""
+
+
 @pytest.mark.parametrize(
     ("source", "reason"),
     [
@@ -650,8 +671,11 @@ def test_effects_of_another_package_are_registered(distribution: Path) -> None:
             "taken",
         ),
         ("OTHER = 1", "EFFECT"),
+        (WRONG_UNIT, "gw_pull.rotor_torque: column 1: '-k*Omega*z' has the unit N*m*rad/s; N*m is needed"),
+        (WRONG_UNIT.replace("Omega * ", "sp.sinh(Omega/Omega_ref) * "), "'sinh' is not a known function"),
+        (WRONG_UNIT.replace('"rotor_torque"', '"coil_gain"'), "gw_pull.coil_gain: column 1"),
     ],
-    ids=["raises", "number", "strings", "taken", "missing"],
+    ids=["raises", "number", "strings", "taken", "missing", "unit", "function", "target"],
 )
 def test_a_broken_package_is_skipped_with_a_warning(
     source: str,

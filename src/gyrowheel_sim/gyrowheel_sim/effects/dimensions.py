@@ -12,7 +12,8 @@ from fractions import Fraction
 from pint.errors import PintError
 
 from gyrowheel_sim.bench import unit_registry
-from gyrowheel_sim.effects.formula import Formula, Node
+from gyrowheel_sim.effects.declaration import TARGETS, Effect
+from gyrowheel_sim.effects.formula import Formula, Node, read, to_text
 from gyrowheel_sim.effects.quantities import QUANTITIES
 from gyrowheel_sim.errors import InputError
 
@@ -119,6 +120,20 @@ def _dimension(name: str) -> dict[str, Fraction]:
         d: Fraction(float(power)).limit_denominator(12)  # type: ignore[arg-type]
         for d, power in unit_registry().get_dimensionality(name).items()
     }
+
+
+def check_effect(effect: Effect) -> None:
+    """Check that every law of an effect has the unit of what it acts on; laws of formulas have been checked before.
+
+    Raises
+    ------
+    InputError
+        If one has not, or is none that a formula could write; the message has law, place and units.
+    """
+    units = {c.name: c.unit for c in effect.coefficients}
+    for law in effect.laws:
+        formula = read(to_text(law.expression), list(units), f"{effect.name}.{law.target}")
+        check_unit(formula, units, TARGETS[law.target][0])
 
 
 def check_unit(formula: Formula, units: Mapping[str, str | None], wanted: str) -> None:

@@ -12,6 +12,7 @@ from types import MappingProxyType
 from typing import TypeAlias
 
 from gyrowheel_sim.effects.declaration import Effect
+from gyrowheel_sim.effects.dimensions import check_effect
 from gyrowheel_sim.effects.library import LIBRARY
 from gyrowheel_sim.errors import InputError
 
@@ -25,19 +26,21 @@ ENTRY_POINT_GROUP = "gyrowheel.effects"
 def registry() -> Mapping[str, Effect]:
     """Return every registered effect by name.
 
-    An entry point of the group ``gyrowheel.effects`` names an `Effect` or a sequence of them. One that cannot be
-    loaded, or that takes a name in use, is logged and skipped.
+    An entry point of the group ``gyrowheel.effects`` names an `Effect` or a sequence of them. An entry point that
+    cannot be loaded, that takes a name in use, or a law of which has a wrong unit, is logged and skipped.
     """
     effects = {effect.name: effect for effect in LIBRARY}
     for point in sorted(entry_points(group=ENTRY_POINT_GROUP), key=lambda p: p.name):
         try:
-            loaded = point.load()
+            loaded, own = point.load(), {}
             for effect in (loaded,) if isinstance(loaded, Effect) else tuple(loaded):
                 if not isinstance(effect, Effect):
                     raise TypeError(f"{effect!r} is no Effect")
-                if effect.name in effects:
+                if effect.name in effects or effect.name in own:
                     raise ValueError(f"the name {effect.name} is taken")
-                effects[effect.name] = effect
+                check_effect(effect)
+                own[effect.name] = effect
+            effects |= own
         except Exception as error:  # a broken plug-in must not break the bench
             logging.getLogger(__name__).warning("effects of '%s' skipped: %s", point.value, error)
     return MappingProxyType(effects)
