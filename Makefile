@@ -33,7 +33,7 @@ ifdef _ROS_WHEELS_BOOTSTRAP_COMPLETE
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH
 endif
 
-.PHONY: all demo test lint lock clean help
+.PHONY: all demo test lint docs lock clean help
 
 all: $(DONE)/packages ## create .venv and install the five packages into it (also: just `make`)
 	$(call say,ready: .venv/bin/gyrowheel ("make demo" shows what it does))
@@ -73,6 +73,9 @@ lint: $(DONE)/packages ## check style and types
 	@$(BIN)/ruff check
 	@$(BIN)/ruff format --check
 	@$(BIN)/mypy
+
+docs: $(DONE)/packages ## write the pages of docs that come from the code
+	@$(BIN)/python tools/docs.py
 
 lock: $(DONE)/venv ## write requirements.lock anew, with the newest versions
 	@$(PIP) install uv

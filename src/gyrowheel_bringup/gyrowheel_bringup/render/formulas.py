@@ -38,6 +38,11 @@ def pretty(formula: str) -> str:
     return "; ".join(_one(part) for part in formula.split("; "))
 
 
+def in_words(target: str) -> str:
+    """Return what a law acts on in a few words."""
+    return _TARGETS.get(target, target.replace("_", " "))
+
+
 def plain(text: str) -> str:
     """Return a formula with the names of its targets, where it may have them in the words of `pretty`."""
     for target, words in _TARGETS.items():
@@ -57,4 +62,4 @@ def _one(formula: str) -> str:
     law = re.sub(r"(?<![\w)])-", "−", law)
     law = re.sub(rf"\bz·{_CONJUGATE}(?![⁰-⁹²³])", "|z|²", law)
     law = law.replace("sqrt(|z|²)", "|z|").replace("(|z|²)^(3/2)", "|z|³")
-    return f"{_TARGETS.get(target, target)} = {law}" if target else law
+    return f"{in_words(target)} = {law}" if target else law

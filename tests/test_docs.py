@@ -1,0 +1,139 @@
+"""The pages of docs: those made from the code are up to date, and what the others show is so."""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import re
+import shlex
+from pathlib import Path
+from types import ModuleType
+from typing import get_args
+
+import pytest
+import yaml
+
+from gyrowheel_analysis.model import Model
+from gyrowheel_bringup.render.formulas import in_words
+from gyrowheel_sim.effects import Effect, registry
+from gyrowheel_sim.effects.declaration import TARGETS, Category
+from gyrowheel_sim.effects.dimensions import check_effect
+from gyrowheel_sim.effects.typed import typed_effect
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
+
+
+@pytest.fixture(scope="module")
+def generator() -> ModuleType:
+    """Return the generator, which is a script."""
+    spec = importlib.util.spec_from_file_location("gyrowheel_docs", ROOT / "tools" / "docs.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_pages_are_what_the_declarations_give(generator: ModuleType) -> None:
+    pages = generator.made()
+    assert [str(path.relative_to(ROOT)) for path in generator.stale(pages)] == [], (
+        "`make docs` writes them anew"
+    )
+    # made twice, the same
+    effect = registry()["aero_cross"]
+    found = generator.signature(effect, generator.Bench.load())
+    path = DOCS / "effects" / "aero_cross.svg"
+    assert pages[path] == generator.to_svg(found, generator.json.dumps(found.to_json()))
+
+
+def test_a_page_that_is_not_up_to_date_is_noticed(
+    generator: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    svg = (DOCS / "effects" / "aero_cross.svg").read_text(encoding="utf-8")
+    folder = tmp_path / "effects"
+    folder.mkdir()
+    monkeypatch.setattr(generator, "DOCS", tmp_path)
+    pages = {folder / "a.md": "text\n", folder / "b.svg": svg, folder / "c.md": "new\n"}
+    (folder / "a.md").write_text("text\n", encoding="utf-8")
+    (folder / "b.svg").write_text(svg.replace("stroke", "strokes"), encoding="utf-8")  # the same numbers
+    (folder / "d.md").write_text("of an effect that is gone\n", encoding="utf-8")
+    assert generator.stale(pages) == [folder / "c.md", folder / "d.md"]
+    (folder / "a.md").write_text("old\n", encoding="utf-8")
+    (folder / "b.svg").write_text(re.sub(r"0\.08727", "0.08827", svg), encoding="utf-8")
+    assert generator.stale(pages) == [folder / "a.md", folder / "b.svg", folder / "c.md", folder / "d.md"]
+
+
+@pytest.mark.parametrize("effect", registry().values(), ids=lambda effect: effect.name)
+def test_a_page_tells_all_that_is_declared(effect: Effect, generator: ModuleType) -> None:
+    page = (DOCS / "effects" / f"{effect.name}.md").read_text(encoding="utf-8")
+    for text in (effect.title[1:], effect.sentence, effect.validity[1:], effect.source, "gyrowheel simulate"):
+        assert text in page
+    for law in effect.laws:
+        assert law.target in page
+        formula = generator.latex(law.expression)
+        assert f"$${formula}$$" in page
+        assert formula.count("{") == formula.count("}")
+    for c in effect.coefficients:
+        assert f"| `{c.name}` |" in page
+        assert c.source.replace("|", "\\|") in page
+    for name, test in effect.look_alikes.items():
+        assert name in page
+        assert test in page
+    index = (DOCS / "effects" / "README.md").read_text(encoding="utf-8")
+    assert f"[{effect.name}]({effect.name}.md)" in index
+
+
+def test_every_target_category_function_and_name_has_words(generator: ModuleType) -> None:
+    assert set(generator._CATEGORIES) == set(get_args(Category))
+    assert set(generator._FUNCTIONS) == set(generator.FUNCTIONS)
+    assert set(generator._HANDY) == set(generator.HANDY)
+    for target in TARGETS:
+        assert in_words(target) != target.replace("_", " "), f"{target} has no words in render.formulas"
+
+
+def test_links_lead_somewhere() -> None:
+    for page in [ROOT / "README.md", *DOCS.rglob("*.md")]:
+        for link in re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text(encoding="utf-8")):
+            if "://" not in link:
+                assert (page.parent / link).exists(), f"{page}: {link}"
+
+
+# --- docs/formulas.md
+
+FORMULAS = (DOCS / "formulas.md").read_text(encoding="utf-8")
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", FORMULAS, re.DOTALL | re.MULTILINE)
+
+
+def test_commands_on_the_page_of_formulas_give_effects() -> None:
+    commands = [
+        shlex.split(line) for block in blocks("") for line in block.splitlines() if "--formula" in line
+    ]
+    assert len(commands) >= 2
+    for words in commands:
+        assert words[:3] == ["gyrowheel", "model", "add"]
+        options = dict(zip(words[3::2], words[4::2], strict=True))
+        effect = typed_effect(options["--formula"], name=options.get("--name"))
+        assert effect.name == "stator_pull"
+        assert {c.name: c.unit for c in effect.coefficients} == {"k": "N*m/rad"}
+
+
+def test_the_model_file_on_the_page_of_formulas_is_one(tmp_path: Path) -> None:
+    (text,) = blocks("yaml")
+    model = Model.from_mapping(yaml.safe_load(text), "page")
+    assert model.effects == {"stator_pull": {"k": 0.02}}
+    assert model.declared["stator_pull"].category == "motor"
+
+
+def test_the_package_on_the_page_of_formulas_is_right() -> None:
+    (text,) = blocks("python")
+    names = {node.id for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Name)}
+    assert "EFFECTS" in names
+    found: dict[str, list[Effect]] = {}
+    exec(text, {}, found)  # the page's own code
+    assert [effect.name for effect in found["EFFECTS"]] == ["lead_pull", "stator_pull"]
+    for effect in found["EFFECTS"]:
+        check_effect(effect)

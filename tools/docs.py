@@ -1,0 +1,419 @@
+"""Write the pages of docs that come from the code: one an effect, their index, and the tables of docs/formulas.md.
+
+``make docs`` calls this. With ``--check`` nothing is written; what would change is named, and the exit code is 1.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import re
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import sympy as sp
+from sympy.core.sorting import default_sort_key
+from sympy.printing.latex import LatexPrinter
+
+from gyrowheel_analysis.discovery.fit import ERRORS
+from gyrowheel_analysis.report.signature import Signature, signature, to_svg
+from gyrowheel_bringup.render.formulas import in_words, pretty
+from gyrowheel_bringup.render.quantities import quantity, span
+from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.effects import Coefficient, Effect, registry
+from gyrowheel_sim.effects.declaration import TARGETS
+from gyrowheel_sim.effects.formula import FUNCTIONS, HANDY
+from gyrowheel_sim.effects.quantities import QUANTITIES, REFERENCES, z
+from gyrowheel_sim.effects.typed import typed_effect
+from gyrowheel_sim.errors import InputError
+from gyrowheel_sim.units import DEG, RPM
+
+ROOT = Path(__file__).resolve().parent.parent
+DOCS = ROOT / "docs"
+_MADE = "<!-- Made by `make docs` from the declarations in the code; edit those. -->"
+_CATEGORIES = {
+    "air": "Air",
+    "flexure": "Flexures",
+    "bearing": "Bearing",
+    "motor": "Motor",
+    "actuator": "Coils and supply",
+    "sensor": "Sensors",
+    "gravity": "Gravity and constant torques",
+    "inertia": "Inertias",
+    "environment": "Surroundings",
+    "other": "Other",
+}
+_FUNCTIONS = {
+    "conj": "complex conjugate",
+    "abs": "absolute value; also `|x|`",
+    "re": "real part",
+    "im": "imaginary part",
+    "sign": "sign, -1, 0 or 1",
+    "sqrt": "square root",
+    "exp": "exponential; of a complex number too",
+    "log": "natural logarithm",
+    "sin": "sine",
+    "cos": "cosine",
+    "tanh": "hyperbolic tangent",
+    "max": "largest of two or more",
+    "min": "smallest of two or more",
+}
+_HANDY = {"r": "spin rate over its reference, `Omega/Omega_ref`", "i": "imaginary unit", "pi": "π"}
+#: Formulas that are refused, for the page to show how.
+_REFUSED = (
+    "-k*Omgea*z",
+    "-k*z*Omega; k [N*m]",
+    "-k*z + c; k [N*m/rad]; c [N*m*s]",
+    "-k*r^n*z",
+    "coil_gain = g*z",
+    "-k*z; k [mN*m/rad]",
+    "k*log(0)",
+    "-k*z*",
+    "k*__import__('os')",
+)
+#: How far numbers of a picture may be off before it counts as another: libraries round differently.
+_TOLERANCE = 2e-3
+
+# --- formulas ---
+
+
+class _Latex(LatexPrinter):
+    """LaTeX in the order in which people write laws: i, coefficients, the rest, what has the tilt."""
+
+    def _print_Mul(self, expr: sp.Mul) -> str:
+        number, rest = expr.as_coeff_Mul()
+        factors = sorted(sp.Mul.make_args(rest), key=_place)
+        over = [f for f in factors if not _divides(f)]
+        under = [sp.Pow(f.base, -f.exp) for f in factors if _divides(f)]
+        over += [] if abs(number.p) == 1 and over else [sp.Integer(abs(number.p))]
+        over.sort(key=lambda f: not f.is_Number)
+        if number.q != 1:
+            under.insert(0, sp.Integer(number.q))
+        sign = "- " if number.is_negative else ""
+        if not under:
+            return sign + " ".join(map(self._factor, over))
+        # the tilt stands behind the fraction
+        last = [f for f in over if z in f.free_symbols] if len(over) > 1 else []
+        top = " ".join(self._factor(f) for f in over if f not in last) or "1"
+        bottom = " ".join(map(self._factor, under))
+        return f"{sign}\\frac{{{top}}}{{{bottom}}} {' '.join(map(self._factor, last))}".rstrip()
+
+    def _print_Add(self, expr: sp.Add, order: str | None = None) -> str:
+        terms = sorted(expr.args, key=lambda a: (a.has(sp.I), a.is_number, default_sort_key(a)))
+        texts = [self._print(term) for term in terms]
+        texts.sort(key=lambda text: text.startswith("-"))
+        return texts[0] + "".join(
+            f" - {t[1:].lstrip()}" if t.startswith("-") else f" + {t}" for t in texts[1:]
+        )
+
+    def _factor(self, factor: sp.Expr) -> str:
+        text = self._print(factor)
+        return rf"\left({text}\right)" if factor.is_Add else text
+
+    def _print_Abs(self, expr: sp.Abs, exp: str | None = None) -> str:
+        return rf"\left|{self._print(expr.args[0])}\right|" + (f"^{{{exp}}}" if exp else "")
+
+    def _print_conjugate(self, expr: sp.conjugate, exp: str | None = None) -> str:
+        return rf"\bar{{{self._print(expr.args[0])}}}" + (f"^{{{exp}}}" if exp else "")
+
+    def _print_Symbol(self, expr: sp.Symbol, style: str = "plain") -> str:
+        return _symbol(expr.name)
+
+
+def _divides(factor: sp.Expr) -> bool:
+    return isinstance(factor, sp.Pow) and bool(factor.exp.is_number) and bool(factor.exp.is_negative)
+
+
+def _place(factor: sp.Expr) -> tuple[int, object]:
+    symbols = factor.free_symbols
+    if factor is sp.I:
+        rank = 0
+    elif symbols and not any(s.name in QUANTITIES for s in symbols):
+        rank = 1
+    else:
+        rank = 3 if z in symbols else 2
+    return rank, default_sort_key(factor)
+
+
+def _symbol(name: str) -> str:
+    if name == "|z|":
+        return name
+    if name.endswith("_rate"):
+        return rf"\dot{{{_symbol(name.removesuffix('_rate'))}}}"
+    base, _, index = name.partition("_")
+    greek = sp.latex(sp.Symbol(base))
+    base = greek if greek.startswith("\\") or len(base) == 1 else rf"\mathrm{{{base}}}"
+    if index == "ref":
+        return f"{base}_0"
+    if len(index) > 1:
+        index = rf"\mathrm{{{index}}}".replace("_", r"\_")
+    return f"{base}_{{{index}}}" if index else base
+
+
+def latex(expression: sp.Expr) -> str:
+    """Return an expression in LaTeX, `|z|²` for the product of the tilt with its conjugate."""
+    size = sp.Symbol("|z|", positive=True)
+    text = _Latex().doprint(expression.subs(z * sp.conjugate(z), size**2))
+    return re.sub(r"\\sqrt\{\|z\|\^\{2\}\}", "|z|", text)
+
+
+# --- pages of the effects ---
+
+
+def effect_page(effect: Effect, picture: Signature | None, bench: Bench) -> str:
+    """Return the page of an effect."""
+    return "\n".join(_effect_lines(effect, picture, bench)) + "\n"
+
+
+def _effect_lines(effect: Effect, picture: Signature | None, bench: Bench) -> Iterator[str]:
+    yield f"# {effect.name}"
+    yield f"\n{_MADE}\n"
+    yield f"**{_upper(effect.title)}.** {effect.sentence}"
+    yield "\n## Law\n"
+    for law, text in zip(effect.laws, effect.formula.split("; "), strict=True):
+        yield f"{_upper(in_words(law.target))}:\n"
+        yield f"$${latex(law.expression)}$$\n"
+        yield f"As it is typed: `{text}`\n"
+    yield f"It acts on {_and(_acts_on(effect))}.\n"
+    yield "| symbol | typed | unit | is |"
+    yield "|---|---|---|---|"
+    used = {s.name for law in effect.laws for s in law.expression.free_symbols}
+    for name, known in QUANTITIES.items():
+        if name in used:
+            yield f"| ${_symbol(name)}$ | `{name}` | {_unit(known.unit)} | {_cell(known.description)} |"
+    for c in effect.coefficients:
+        yield f"| ${_symbol(c.name)}$ | `{c.name}` | {_unit(c.unit)} | {_cell(c.description)} |"
+    yield "\n## Coefficients\n"
+    yield "| | usual size | allowed | prior | source |"
+    yield "|---|---|---|---|---|"
+    for c in effect.coefficients:
+        yield f"| `{c.name}` | {_usual(c)} | {_span(c, c.bounds)} | {_prior(c)} | {_cell(c.source)} |"
+    yield "\n## What it looks like\n"
+    yield from _picture_lines(effect, picture, bench)
+    yield "\n## Where it holds\n"
+    yield f"{_upper(effect.validity)}. Source: {effect.source}."
+    if effect.look_alikes:
+        yield "\n## Easily taken for\n"
+        yield "| | told apart by |"
+        yield "|---|---|"
+        for name, test in effect.look_alikes.items():
+            yield f"| {_linked(name)} | {_cell(test)} |"
+    yield "\n## Try it\n"
+    yield "```"
+    yield f"gyrowheel simulate --plan quick -o runs/{effect.name} --effect {effect.name}"
+    yield "```"
+    yield "\n[All effects](README.md)"
+
+
+def _acts_on(effect: Effect) -> list[str]:
+    return [
+        f"`{target}` ({TARGETS[target][2]}, in {_unit(TARGETS[target][0])})"
+        for target in dict.fromkeys(law.target for law in effect.laws)
+    ]
+
+
+def _picture_lines(effect: Effect, found: Signature | None, bench: Bench) -> Iterator[str]:
+    if found is None:
+        yield "Nothing of it shows in the averages of a held tilt, at its usual size and on the default bench."
+        return
+    yield f"![what coils and motor must give more]({effect.name}.svg)\n"
+    rpm, tilt = found.speed_held / RPM, bench.value("tilt_limit") / DEG
+    values = ", ".join(
+        f"{c.name} = {quantity(c.default, c.unit, pure=c.shape is not None)}" for c in effect.coefficients
+    )
+    warm = f" The coils are {found.warm:.0f} K warmer than the air." if found.warm else ""
+    yield (
+        f"What coils and motor of the default bench must give more while a tilt is held, with {values}. "
+        f"Left: torque of the coils at tilts of up to {tilt:.0f}° in every direction, at {rpm:.0f} rpm.{warm}"
+    )
+
+
+def index_page(effects: Sequence[Effect]) -> str:
+    """Return the index of the effects."""
+    lines = [
+        "# Effects",
+        f"\n{_MADE}\n",
+        "Each is declared once, in `gyrowheel_sim/effects`; simulation, regressors, formulas, help and these pages",
+        "come from that declaration. [How to write one of your own](../formulas.md).",
+    ]
+    for category, title in _CATEGORIES.items():
+        own = [effect for effect in effects if effect.category == category]
+        if own:
+            lines += [f"\n## {title}\n", "| effect | what it is | law |", "|---|---|---|"]
+            for effect in own:
+                law = "<br>".join(_cell(part) for part in pretty(effect.formula).split("; "))
+                lines.append(f"| {_linked(effect.name)} | {_cell(effect.title)} | {law} |")
+    lines += [
+        "\n## Errors of the bench file\n",
+        "A parameter of the bench that lies beyond five of its stated uncertainties is a finding of its own name:\n",
+        "| name | parameters |",
+        "|---|---|",
+        *(f"| {name} | {', '.join(f'`{group}`' for group in groups)} |" for name, groups in ERRORS.items()),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _usual(c: Coefficient) -> str:
+    return f"{_span(c, c.usual)}{', either sign' if c.signed else ''}"
+
+
+def _span(c: Coefficient, values: tuple[float, float]) -> str:
+    return span(*values, c.unit, pure=c.shape is not None)
+
+
+def _prior(c: Coefficient) -> str:
+    if c.shape is None:
+        return "none"
+    return f"{quantity(c.shape, c.unit, pure=True)} ± {quantity(c.shape_uncertainty, c.unit, pure=True)}"
+
+
+def _linked(name: str) -> str:
+    return f"[{name}]({name}.md)" if name in registry() else f"`{name}`"
+
+
+def _upper(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def _and(parts: Sequence[str]) -> str:
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
+
+
+def _unit(unit: str) -> str:
+    return unit.replace("*", "·").replace("^2", "²").replace("^3", "³")
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|")
+
+
+# --- tables of docs/formulas.md ---
+
+
+def tables() -> dict[str, str]:
+    """Return the tables of docs/formulas.md by the names of their places."""
+    quantities = ["| name | unit | is |", "|---|---|---|"]
+    quantities += [
+        f"| `{n}` | {_unit(q.unit)} | {_cell(q.description)}{_reference(n)} |" for n, q in QUANTITIES.items()
+    ]
+    quantities += [f"| `{name}` | 1 | {_HANDY[name]} |" for name in HANDY]
+    targets = ["| target | unit | real or complex | is |", "|---|---|---|---|"]
+    targets += [
+        f"| `{name}` | {_unit(unit)} | {'complex' if both else 'real'} | {_cell(text)} |"
+        for name, (unit, both, text) in TARGETS.items()
+    ]
+    functions = ["| function | is |", "|---|---|"]
+    functions += [f"| `{name}` | {_cell(_FUNCTIONS[name])} |" for name in FUNCTIONS]
+    refused = ["| typed | answer |", "|---|---|"]
+    refused += [f"| `{_cell(text)}` | {_cell(_refusal(text))} |" for text in _REFUSED]
+    named = {"quantities": quantities, "targets": targets, "functions": functions, "refused": refused}
+    return {name: "\n".join(lines) for name, lines in named.items()}
+
+
+def _refusal(text: str) -> str:
+    try:
+        typed_effect(text, name="own", where="--formula")
+    except InputError as error:
+        return str(error)
+    raise ValueError(f"{text} is not refused")
+
+
+def _reference(name: str) -> str:
+    return f" (`{REFERENCES[name]}` of the bench file)" if name in REFERENCES else ""
+
+
+def with_tables(text: str) -> str:
+    """Return a page with its tables put in, each between a comment that names it and one that ends it."""
+    for name, table in tables().items():
+        begin, end = f"<!-- table: {name} -->\n", "<!-- end -->"
+        before, found, rest = text.partition(begin)
+        if not found or end not in rest:
+            raise ValueError(f"docs/formulas.md: no place for the table {name}")
+        text = f"{before}{begin}{table}\n{end}{rest.partition(end)[2]}"
+    return text
+
+
+# --- all of it ---
+
+
+def made() -> dict[Path, str]:
+    """Return everything that is made from the code: texts by path."""
+    bench = Bench.load()
+    pages: dict[Path, str] = {}
+    effects = list(registry().values())
+    for effect in effects:
+        found = signature(effect, bench)
+        pages[DOCS / "effects" / f"{effect.name}.md"] = effect_page(effect, found, bench)
+        if found is not None:
+            pages[DOCS / "effects" / f"{effect.name}.svg"] = to_svg(found, json.dumps(found.to_json()))
+    pages[DOCS / "effects" / "README.md"] = index_page(effects)
+    formulas = DOCS / "formulas.md"
+    pages[formulas] = with_tables(formulas.read_text(encoding="utf-8"))
+    return pages
+
+
+def stale(pages: dict[Path, str]) -> list[Path]:
+    """Return the files that are not what they should be, and those that should not be there."""
+    there = set((DOCS / "effects").glob("*"))
+    wrong = [path for path, text in pages.items() if not _same(path, text)]
+    return [*wrong, *sorted(there - set(pages))]
+
+
+def _same(path: Path, text: str) -> bool:
+    if not path.is_file():
+        return False
+    old = path.read_text(encoding="utf-8")
+    if path.suffix != ".svg":
+        return old == text
+    # a picture is the same if it shows the same numbers
+    return _close(_numbers(old), _numbers(text))
+
+
+def _numbers(svg: str) -> object:
+    found = re.search(r"<dc:description>(.*?)</dc:description>", svg, re.DOTALL)
+    return json.loads(found[1]) if found else None
+
+
+def _close(a: object, b: object) -> bool:
+    if isinstance(a, dict) and isinstance(b, dict):
+        return list(a) == list(b) and all(_close(a[key], b[key]) for key in a)
+    if isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
+        size = max((abs(x) for x in (*a, *b) if isinstance(x, float)), default=0.0)
+        return all(
+            math.isclose(x, y, rel_tol=_TOLERANCE, abs_tol=_TOLERANCE * size + 1e-9)
+            if isinstance(x, float) and isinstance(y, float)
+            else _close(x, y)
+            for x, y in zip(a, b, strict=True)
+        )
+    return a == b
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Write the pages, or check them."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument(
+        "--check", action="store_true", help="write nothing; exit with 1 if a page is not up to date"
+    )
+    check = parser.parse_args(arguments).check
+    pages = made()
+    wrong = stale(pages)
+    for path in wrong:
+        print(
+            f"{'not up to date' if check else 'written' if path in pages else 'removed'}: {path.relative_to(ROOT)}"
+        )
+        if check:
+            continue
+        if path in pages:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(pages[path], encoding="utf-8")
+        else:
+            path.unlink()
+    if check and wrong:
+        print("`make docs` writes them anew", file=sys.stderr)
+    return int(check and bool(wrong))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
