@@ -33,7 +33,7 @@ ifdef _ROS_WHEELS_BOOTSTRAP_COMPLETE
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH
 endif
 
-.PHONY: all demo test lint docs lock clean help
+.PHONY: all demo test bench lint docs lock clean help
 
 all: $(DONE)/packages ## create .venv and install the five packages into it (also: just `make`)
 	$(call say,ready: .venv/bin/gyrowheel ("make demo" shows what it does))
@@ -68,6 +68,9 @@ demo: $(DONE)/packages ## find a hidden effect, from the running graph to the re
 
 test: $(DONE)/packages ## run the tests (ARGS="-k plans" picks some)
 	@$(BIN)/python -m pytest $(ARGS)
+
+bench: $(DONE)/packages ## measure speed and accuracy beside other tools; figures in bench.json (ARGS=simulation)
+	@$(BIN)/python -m benchmarks $(ARGS)
 
 lint: $(DONE)/packages ## check style and types
 	@$(BIN)/ruff check

@@ -1,0 +1,191 @@
+"""What a benchmark gives: figures with the bars that they are held against, as a table and as JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from rich.console import RenderableType
+from rich.padding import Padding
+from rich.text import Text
+
+from gyrowheel_bringup.render.layout import figures_table, heading, sentences
+
+_INDENT = (0, 0, 0, 2)
+
+
+class MeasurementError(RuntimeError):
+    """A subject cannot be measured; the message says why."""
+
+
+@dataclass(frozen=True)
+class Bar:
+    """What a figure is held against.
+
+    Attributes
+    ----------
+    sense : str
+        ``">="`` or ``"<"``, and so on: how the figure must stand to the limit.
+    limit : float
+        The limit, in the unit of the figure.
+    of : str
+        ``"value"``, or ``"ratio"`` for the value over the peer's.
+    """
+
+    sense: Literal[">=", "<=", ">", "<"]
+    limit: float
+    of: Literal["value", "ratio"] = "value"
+
+    def holds(self, number: float) -> bool:
+        """Whether a number is on the right side of the limit; one that is not finite never is."""
+        if not math.isfinite(number):
+            return False
+        return {
+            ">=": number >= self.limit,
+            "<=": number <= self.limit,
+            ">": number > self.limit,
+            "<": number < self.limit,
+        }[self.sense]
+
+    def __str__(self) -> str:
+        """Return it as it is written in the table and in the file."""
+        return f"{'ratio ' if self.of == 'ratio' else ''}{self.sense} {self.limit:g}"
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One measured figure, alone or beside that of a peer.
+
+    Attributes
+    ----------
+    name : str
+        What was measured, under the title of its report.
+    value : float
+        The figure.
+    unit : str
+        Its unit.
+    peer : str, optional
+        What the same was measured for.
+    peer_value : float, optional
+        The peer's figure, in the same unit.
+    bar : Bar, optional
+        What it is held against.
+    """
+
+    name: str
+    value: float
+    unit: str
+    peer: str | None = None
+    peer_value: float | None = None
+    bar: Bar | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse a peer without a figure, and a bar for a ratio that there is not."""
+        if (self.peer is None) != (self.peer_value is None):
+            raise ValueError(f"{self.name}: a peer needs both a name and a figure")
+        if self.bar is not None and self.bar.of == "ratio" and self.peer is None:
+            raise ValueError(f"{self.name}: a bar for the ratio needs a peer")
+
+    @property
+    def ratio(self) -> float | None:
+        """The figure over the peer's."""
+        if self.peer_value is None:
+            return None
+        return self.value / self.peer_value if self.peer_value else math.nan
+
+    @property
+    def holds(self) -> bool | None:
+        """Whether the bar holds; None without one."""
+        if self.bar is None:
+            return None
+        number = self.ratio if self.bar.of == "ratio" else self.value
+        return number is not None and self.bar.holds(number)
+
+    def to_json(self, title: str) -> dict[str, Any]:
+        """Return it as an entry of the file, named after its report; a number that is not finite becomes null."""
+        return {
+            "name": f"{title}: {self.name}",
+            "value": _finite(self.value),
+            "unit": self.unit,
+            "peer": self.peer,
+            "peer_value": _finite(self.peer_value),
+            "ratio": _finite(self.ratio),
+            "bar": None if self.bar is None else str(self.bar),
+            "holds": self.holds,
+        }
+
+
+@dataclass(frozen=True)
+class Report:
+    """What the benchmark of one subject gives.
+
+    Attributes
+    ----------
+    title : str
+        Heading, which begins the names of the figures in the file.
+    figures : sequence of Figure
+        The figures.
+    notes : sequence of str
+        How they came about: what was run, from which state, how often.
+    details : sequence
+        Tables that are shown under the figures and are not part of the file.
+    """
+
+    title: str
+    figures: Sequence[Figure]
+    notes: Sequence[str] = ()
+    details: Sequence[RenderableType] = field(default=())
+
+
+def to_json(reports: Sequence[Report]) -> str:
+    """Return the text of ``bench.json``: one entry a figure."""
+    entries = [figure.to_json(report.title) for report in reports for figure in report.figures]
+    return json.dumps(entries, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def shown(report: Report) -> Iterator[RenderableType]:
+    """Yield a report as it is printed."""
+    yield heading(report.title)
+    beside = any(f.peer is not None for f in report.figures)
+    table = figures_table("", "", *(("beside", "", "ratio") if beside else ()), "bar", "holds")
+    for column in (0, 2) if beside else (0,):
+        table.columns[column].justify = "left"
+    before = None
+    for f in report.figures:
+        # one figure beside several peers is written once
+        same, before = before == (f.name, f.value), (f.name, f.value)
+        cells: list[str | Text] = ["" if same else f.name, "" if same else f"{number(f.value)} {f.unit}"]
+        if beside:
+            cells += [f.peer or "", *("" if x is None else number(x) for x in (f.peer_value, f.ratio))]
+        table.add_row(*cells, "" if f.bar is None else str(f.bar), _verdict(f.holds))
+    yield Padding(table, _INDENT)
+    for detail in report.details:
+        yield Text("")
+        yield Padding(detail, _INDENT)
+    if report.notes:
+        yield Text("")
+        yield from sentences(report.notes)
+
+
+def number(value: float) -> str:
+    """Return a number with three digits: plain where that is short, else with a power of ten."""
+    if not math.isfinite(value):
+        return "not known"
+    if value == 0.0:
+        return "0"
+    if 1e-2 <= abs(value) < 1e5:
+        return f"{value:.{max(0, 2 - math.floor(math.log10(abs(value))))}f}"
+    return f"{value:.2e}"
+
+
+def _verdict(holds: bool | None) -> Text:
+    if holds is None:
+        return Text("")
+    return Text("yes", style="green") if holds else Text("NO", style="bold red")
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None
