@@ -110,8 +110,8 @@ def nutation_by_equations() -> float:
                 state[column] = sign * step
                 total += sign * np.array(
                     code.plant_rates(
-                        machine.parameters, machine.coefficients, machine.active, 1.0, 0.0, 1.2, 293.0, 293.0,
-                        0.0, 0.0, 0.0, *state, angle, rate,
+                        machine.parameters, machine.coefficients, machine.active, machine.environment, 0.0, 1.2,
+                        machine.state, 0.0, 0.0, 0.0, *state, angle, rate,
                     )[:2]
                 )  # fmt: skip
         return total / (2.0 * step * 8)

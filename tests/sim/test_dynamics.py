@@ -24,6 +24,7 @@ from gyrowheel_sim.dynamics import (
     inertia_terms,
     inverse,
     joint_accelerations,
+    moving_case_forces,
     spin_axis,
 )
 from gyrowheel_sim.kinematics import case_to_motor, gimbal_to_rotor, joint_of_azimuth, motor_to_gimbal
@@ -414,6 +415,24 @@ def test_turning_case_against_mujoco(turning, seed):
     assert np.abs(mass @ accelerations - velocity[:, 0] - theirs).max() < 1e-12 * np.abs(theirs).max()
 
 
+@pytest.mark.parametrize("seed", range(10))
+def test_compiled_turning_case_is_the_derived_one(turning, seed):
+    """`moving_case_forces` is all that a turning case adds, to rounding, for any motion and inertias."""
+    rng = np.random.default_rng(300 + seed)
+    inertias = (*body_inertia(rng, 1e-3), *body_inertia(rng, 1e-4), float(rng.uniform(1e-5, 1e-3)))
+    angles, rates, _ = random_motion(rng)
+    body = rng.uniform(-100.0, 100.0, 3), rng.uniform(-1e4, 1e4, 3)
+    s, c = np.sin(angles), np.cos(angles)
+    added = moving_case_forces(
+        s[0], c[0], s[1], c[1], s[2], c[2], *rates, *inertias, *body[0], *body[1]
+    )  # fmt: skip
+    derived = (
+        turning(angles, rates, *body, inertias)[1]
+        - turning(angles, rates, np.zeros(3), np.zeros(3), inertias)[1]
+    )
+    assert np.abs(np.array(added) + derived[:, 0]).max() < 1e-12 * np.abs(derived).max()
+
+
 def test_turning_case_at_rest_is_eq_6():
     still = dict.fromkeys((*d.BODY_RATE, *d.BODY_ACCELERATION), 0)
     turning, published = d.derive(body_rate=True), d.derive(body_rate=False)
@@ -484,7 +503,17 @@ def free_motion() -> tuple[np.ndarray, PlantParameters]:
 
     def rates(t: float, state: np.ndarray) -> list[float]:
         acceleration = code.plant_rates(
-            p, machine.coefficients, machine.active, 1.0, t, 1.2, 293.15, 293.15, 0.0, 0.0, 0.0, *state
+            p,
+            machine.coefficients,
+            machine.active,
+            machine.environment,
+            t,
+            1.2,
+            machine.state,
+            0.0,
+            0.0,
+            0.0,
+            *state,
         )
         return [state[2], state[3], acceleration[0], acceleration[1], state[5], acceleration[2]]
 
@@ -535,7 +564,7 @@ def test_flexure_forces_of_the_plant():
     machine, p = isolated()
     tilt = 0.01
     acceleration = loop_code().plant_rates(
-        p, machine.coefficients, machine.active, 1.0, 0.0, 1.2, 293.15, 293.15, 0.0, 0.0, 0.0,
+        p, machine.coefficients, machine.active, machine.environment, 0.0, 1.2, machine.state, 0.0, 0.0, 0.0,
         0.0, -np.sin(tilt), 0.0, 0.0, 0.0, 0.0,
     )  # fmt: skip
     joint = inverse(Spin(np.tan(tilt) + 0j, 0j, 0j, 0.0, 0.0, 0.0), (1, 1, 1, 0, 0, 0, 1))

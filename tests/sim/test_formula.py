@@ -32,7 +32,7 @@ from gyrowheel_sim.effects.dimensions import Unit, check_effect, check_unit
 from gyrowheel_sim.effects.formula import MAX_DEPTH, MAX_LENGTH, parse, read, to_text
 from gyrowheel_sim.effects.outside import OUTSIDE
 from gyrowheel_sim.effects.parts import COMPONENTS, ComplexArgumentError, split
-from gyrowheel_sim.effects.quantities import Omega, Omega_ref, rho, rho_ref, z, z_rate, z_ref
+from gyrowheel_sim.effects.quantities import QUANTITIES, Omega, Omega_ref, rho, rho_ref, z, z_rate, z_ref
 from gyrowheel_sim.errors import InputError
 from gyrowheel_sim.plant import plant_code, simulated_effects
 from gyrowheel_sim.scenario import Scenario
@@ -295,6 +295,7 @@ def test_real_and_imaginary_part_are_those_of_the_formula(text: str) -> None:
     }
     values |= {"rho_ref": 1.2, "t": 3.0, "theta": 0.03, "T_coil": 310.0, "up": -1.0, "z_ref": 0.05}
     components = {"zx": 0.02, "zy": -0.03, "zx_rate": 0.4, "zy_rate": 0.1}
+    components |= {"up_x": 0.6, "up_y": -0.8, "home_xx": 0.8, "home_xy": 0.1, "home_yx": -0.2, "home_yy": 0.9}
     assert {s.name for pair in COMPONENTS.values() for s in pair} == set(components)
     expression = attempt(text)
     if isinstance(expression, str):
@@ -303,7 +304,9 @@ def test_real_and_imaginary_part_are_those_of_the_formula(text: str) -> None:
         real, imaginary = split(expression)
     except ComplexArgumentError:
         return
-    complex_ = {"z": complex(0.02, -0.03), "z_rate": complex(0.4, 0.1)}
+    complex_ = {
+        symbol.name: complex(*(components[part.name] for part in pair)) for symbol, pair in COMPONENTS.items()
+    }
 
     def value(e: sp.Expr, given: dict[str, Any]) -> complex:
         return complex(e.evalf(30, subs={s: given[s.name] for s in e.free_symbols}))
@@ -349,8 +352,7 @@ def test_coefficients_may_have_the_names_of_variables_in_the_code() -> None:
     assert "gain +=" in laws_source([own])
     values = {name: float(index) for index, name in enumerate(names)}
     z_now = np.array([0.03 + 0.04j])
-    quantities = dict.fromkeys((s.name for s in (Omega, Omega_ref, rho, rho_ref, z_rate, z_ref)), 1.0)
-    quantities |= dict.fromkeys(("theta", "theta_rate", "T_coil", "T_air", "up", "t", "T_ref"), 1.0)
+    quantities = dict.fromkeys(QUANTITIES, 1.0)
     got = array_law(own, 0)({**quantities, "z": z_now, **values})
     assert got == pytest.approx(sum(values.values()) * 0.03 * 0.05)
 

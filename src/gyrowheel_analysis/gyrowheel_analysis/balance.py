@@ -8,22 +8,26 @@ and of the rectified harmonics over a revolution thus comes by itself, for every
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.reduction import HARMONICS, Windows
+from gyrowheel_analysis.reduction import FORWARD, HARMONICS, MOTOR_THERMAL, Windows
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.dynamics import Joint, Spin, generalised_forces, inverse, spin_axis
 from gyrowheel_sim.effects.code import array_law
 from gyrowheel_sim.effects.declaration import TARGETS, Effect
-from gyrowheel_sim.effects.quantities import REFERENCES
+from gyrowheel_sim.effects.quantities import REFERENCES, Omega, t, theta_z, z, z_rate
 
 Array = NDArray[np.float64]
 
+#: Rows of the averages, of the coils' voltages once and twice a revolution, and of the motor's ripple.
 CHANNELS = ("tilt_x", "tilt_y", "spin", "motor_voltage")
+TURNING_CHANNELS = ("tilt_1n_x", "tilt_1n_y", "tilt_2n_x", "tilt_2n_y")
+RIPPLE_CHANNELS = ("spin_ripple_x", "spin_ripple_y", "voltage_ripple_x", "voltage_ripple_y")
+ALL_CHANNELS = CHANNELS + TURNING_CHANNELS + RIPPLE_CHANNELS
 _INERTIAS = (
     "rotor_inertia_x",
     "rotor_inertia_y",
@@ -33,8 +37,20 @@ _INERTIAS = (
     "gimbal_inertia_z",
     "shaft_inertia",
 )
-_PHASES = 12  # spin angles; the products of the harmonics kept reach the fifth
+_PHASES = 12  # spin angles at least; the products of the harmonics kept reach the fifth
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
+#: Difference between the ends of a window of what is known at the nodes.
+_ENDS = np.polynomial.polynomial.polyvander([1.0, -1.0], 2) @ np.linalg.inv(
+    np.polynomial.polynomial.polyvander(_NODES, 2)
+)
+_ACROSS = _ENDS[0] - _ENDS[1]
+#: Step of the derivatives of a reading's error [rad of the spin angle], and the five-point formulas for them.
+#: An error of the ripple up to this is made good to first order [rad/s].
+_RIPPLE_ACCURACY = 2.0e-4
+_REPETITIONS = 4
+_STENCIL = 0.05
+_FIRST = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12.0
+_SECOND = np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / 12.0
 
 
 @dataclass(frozen=True)
@@ -45,11 +61,48 @@ class ActiveEffect:
     values: Mapping[str, float]
 
 
+@dataclass
+class _Laws:
+    """What the effects do at every instant, summed; the targets of `TARGETS`."""
+
+    rotor_torque: Any = 0.0
+    axial_torque: Any = 0.0
+    shaft_torque: Any = 0.0
+    flexure_torque: Any = (0.0, 0.0)
+    inertia_difference: Any = 0.0
+    case_rate: Any = 0.0
+    coil_gain: Any = 0.0
+    coil_anisotropy: Any = 0.0
+    coil_lag: Any = 0.0
+    motor_gain: Any = 0.0
+    winding_resistance: Any = 0.0
+    supply_drop: Any = 0.0
+
+
+@dataclass(frozen=True)
+class Instants:
+    """What the measured motion needs at every instant of every window, for a state of the model.
+
+    Arrays are (n, nodes, phases): torques of coils (complex) and motor [N m], spin rate [rad/s], weights of a mean over
+    time; the rest is what the laws of the effects are evaluated with.
+    """
+
+    coil: Any
+    motor: Any
+    rate: Any
+    weights: Any
+    laws: _Laws
+    quantities: dict[str, Any]
+    joint: Joint
+    axis: tuple[Any, Any]
+
+
 class Balance:
     """Predicted and measured rows of a set of windows.
 
-    Rows are ordered by channel: tilt_x, tilt_y and spin [N m], then motor_voltage [V]; each channel has one row a
-    window.
+    Rows are ordered by channel (`ALL_CHANNELS`), each with one row a window: the averages tilt_x, tilt_y and spin [N m]
+    and motor_voltage [V]; the torque of the coils once and twice a revolution [N m]; at the order of the motor's
+    ripple, the torque that accelerates the shaft [N m] and the voltage across the winding's resistance [V].
 
     Parameters
     ----------
@@ -63,10 +116,14 @@ class Balance:
         self.windows = windows
         self.bench = bench
         self._ripple: Any = None
+        self._answers: list[tuple[int, complex, Any, Any]] = []
         self._references = {name: bench.value(parameter) for name, parameter in REFERENCES.items()}
         w = windows
         half = 0.5 * w.duration[:, None]
-        theta = np.arange(_PHASES) * (2.0 * np.pi / _PHASES)
+        self._ripple_order = bench.value("motor_ripple_order")
+        # enough of them that the ripple is told from its mirror image
+        self._phases = max(_PHASES, round(2.0 * self._ripple_order) + 4)
+        theta = np.arange(self._phases) * (2.0 * np.pi / self._phases)
         h = np.array(HARMONICS)
         wave = np.exp(1j * np.outer(h, theta))  # (harmonics, phases)
 
@@ -92,24 +149,41 @@ class Balance:
         self._first = (smooth(w.tilt, 1)[:, :, None] + waves(a1), waves(a0, 1))
         self._second = (smooth(w.tilt, 2)[:, :, None] + waves(a2), 2.0 * waves(a1, 1), waves(a0, 2))
         self._current = smooth(w.current_harmonics)
-        shape = (len(w), len(_NODES), _PHASES)
+        shape = (len(w), len(_NODES), self._phases)
         self._angle = np.broadcast_to(theta, shape)
-        self._weights = np.broadcast_to((_WEIGHTS / 2.0)[None, :, None] / _PHASES, shape)
+        self._weights = np.broadcast_to((_WEIGHTS / 2.0)[None, :, None] / self._phases, shape)
         time = w.middle[:, None] + tau
         self._quantities: dict[str, Any] = {
+            "theta_z": self._angle,
+            "i_motor": w.motor_current[:, None, None] + np.einsum("nhk,hp->nkp", self._current, wave).real,
             "T_coil": (w.coil_temperature[:, None] + w.coil_temperature_rate[:, None] * tau)[:, :, None],
             "T_air": w.air_temperature[:, None, None],
             "rho": (w.air_pressure / (bench.value("gas_constant") * w.air_temperature))[:, None, None],
             "up": w.up[:, None, None],
+            "up_across": w.up_across[:, None, None],
+            "home_x": w.home_x[:, None, None],
+            "home_y": w.home_y[:, None, None],
             "t": time[:, :, None],
             **self._references,
         }
+        self._table = w.table_rate[:, None, None]
+        self._warming = w.motor_temperature_rates[:, :, None] * tau[:, None, :]
+        ripple = w.current_ripple[:, None] * np.exp(1j * self._ripple_order * theta)
+        self._current_ripple = (
+            np.einsum("nhk,hp->nkp", self._current, wave).real + 2.0 * ripple.real[:, None, :]
+        )
+        coil, motor, order = bench.value("coil_constant"), bench.value("motor_constant"), self._ripple_order
+        turning = coil * w.coil_harmonics
+        shaft = 1j * bench.axial_inertia * order * w.mean_spin * w.spin_ripple
+        volts = bench.value("motor_resistance") * w.current_ripple
         self.measured = np.concatenate(
             [
-                bench.value("coil_constant") * w.coil_voltage.real,
-                bench.value("coil_constant") * w.coil_voltage.imag,
-                bench.value("motor_constant") * w.motor_current,
+                coil * w.coil_voltage.real,
+                coil * w.coil_voltage.imag,
+                motor * w.motor_current,
                 w.motor_voltage,
+                *_components(turning.T),
+                *_components([shaft, volts]),
             ]
         )
 
@@ -119,16 +193,16 @@ class Balance:
 
     def channel(self, name: str) -> slice:
         """Return the rows of a channel."""
-        n, index = len(self.windows), CHANNELS.index(name)
+        n, index = len(self.windows), ALL_CHANNELS.index(name)
         return slice(index * n, (index + 1) * n)
 
     def required(self, values: Mapping[str, float], effects: list[ActiveEffect]) -> tuple[Any, Any]:
         """Return the mean torques that coils (complex, x + i y) and motor must give [N m], arrays (n,).
 
-        The relative changes of the coils' gain are left out here, see `predicted`.
+        The changes of the coils' gain are left out here, see `predicted`.
         """
-        coil, motor, _, weights = self._instantaneous(values, effects)
-        return (coil * weights).sum(axis=(1, 2)), (motor * weights).sum(axis=(1, 2))
+        at = self.instants(values, effects)
+        return (at.coil * at.weights).sum(axis=(1, 2)), (at.motor * at.weights).sum(axis=(1, 2))
 
     def predicted(self, values: Mapping[str, float], effects: list[ActiveEffect]) -> Array:
         """Return the predicted rows.
@@ -142,128 +216,304 @@ class Balance:
 
         Returns
         -------
-        ndarray (4 n,)
+        ndarray (12 n,)
             What the readings should be: voltages of the coils and current of the motor converted with the
-            constants of the model's bench [N m], and the motor's voltage [V].
+            constants of the model's bench [N m], and the motor's voltage [V]; then the rows of the harmonics.
         """
-        coil, motor, gain, weights = self._instantaneous(values, effects)
-        coil_row = (coil / (1.0 + gain) * weights).sum(axis=(1, 2))
-        coil_row = coil_row * (self.bench.value("coil_constant") / values["coil_constant"])
-        torque = (motor * weights).sum(axis=(1, 2))
-        current = torque / values["motor_constant"]
-        voltage = values["motor_resistance"] * current + values["motor_constant"] * self.windows.mean_spin
+        return self.rows(self.instants(values, effects), values)
+
+    def rows(self, at: Instants, values: Mapping[str, float]) -> Array:
+        """Return the predicted rows of a state (see `predicted`)."""
+        laws, weights, spin = at.laws, at.weights, self.windows.mean_spin
+        # voltages of the coils, times the constant of the model's bench
+        gain = 1.0 + laws.coil_gain - laws.supply_drop / values["supply_voltage"]
+        coil = at.coil / gain * (self.bench.value("coil_constant") / values["coil_constant"])
+        mirror = laws.coil_anisotropy
+        if np.any(mirror):
+            coil = (coil - mirror * np.conj(coil)) / (1.0 - np.abs(mirror) ** 2)
+        lag = np.asarray(laws.coil_lag)
+        lag = np.broadcast_to(lag, at.weights.shape).mean(axis=(1, 2)) if lag.ndim else lag
+        average = (coil * weights).sum(axis=(1, 2))
+        # what the torque gains from the beginning to the end is missing in the mean of what follows with a lag
+        average = average + lag * (coil.mean(axis=2) @ _ACROSS) / self.windows.duration
+        turning = []
+        for order in FORWARD:
+            wave = np.exp(-1j * order * self._angle) * self._weights
+            turning.append((coil * wave).sum(axis=(1, 2)) * (1.0 + 1j * order * spin * lag))
+        constant = values["motor_constant"] * (1.0 + laws.motor_gain)
+        resistance = values["motor_resistance"] * (1.0 + laws.winding_resistance)
+        torque = (at.motor * weights).sum(axis=(1, 2))
+        if np.ndim(constant):
+            # a constant that ripples rectifies the ripple of the current
+            middle = (constant * weights).sum(axis=(1, 2))
+            torque = torque - ((constant - middle[:, None, None]) * self._current_ripple * weights).sum(
+                axis=(1, 2)
+            )
+            mean_current = torque / middle
+        else:
+            mean_current = torque / constant
+        current = at.motor / constant
+        current = current + (mean_current - (current * weights).sum(axis=(1, 2)))[:, None, None]
+        voltage = ((resistance * current + constant * at.rate) * weights).sum(axis=(1, 2))
+        # the ripple of the current follows from that of the back-EMF, the ripple of the speed from that of the torque
+        w = self.windows
+        wave = np.exp(-1j * self._ripple_order * self._angle) * self._weights
+        change = ((constant - values["motor_constant"]) * wave).sum(axis=(1, 2))
+        volts = w.voltage_ripple - values["motor_constant"] * w.spin_ripple - change * spin
+        volts = volts - (resistance * wave).sum(axis=(1, 2)) * mean_current
+        volts = volts * (self.bench.value("motor_resistance") / values["motor_resistance"])
+        shaft = values["motor_constant"] * w.current_ripple + change * mean_current
+        shaft = shaft - (at.motor * wave).sum(axis=(1, 2))
+        inertia = values["rotor_inertia_z"] + values["gimbal_inertia_z"] + values["shaft_inertia"]
+        shaft = shaft * (self.bench.axial_inertia / inertia)
         return np.concatenate(
-            [coil_row.real, coil_row.imag, self.bench.value("motor_constant") * current, voltage]
+            [
+                average.real,
+                average.imag,
+                self.bench.value("motor_constant") * mean_current,
+                voltage,
+                *_components(turning),
+                *_components([shaft, volts]),
+            ]
         )
 
-    def _instantaneous(
-        self, values: Mapping[str, float], effects: list[ActiveEffect]
-    ) -> tuple[Any, Any, Any, Any]:
-        """Return the torques of coils and motor, the change of the coils' gain, and the weights of a mean over time.
-
-        All are (n, nodes, phases).
+    def instants(self, values: Mapping[str, float], effects: list[ActiveEffect]) -> Instants:
+        """Return the state of the balance for bench parameters and effects (see `predicted`).
 
         The universal joint makes the spin rate ripple. The ripple that belongs to the measured current is far better
         known than a reading of the speed: over a revolution the motor's torque must be that of its current.
         """
-        inertia = self.bench.axial_inertia
         wanted = values["motor_constant"] * self._current
+        if self._ripple is None:
+            self._solve_ripple(values, effects, wanted)
         ripple = self._ripple
-        if ripple is None:
-            ripple = np.zeros_like(wanted)
-            for _ in range(2):
-                ripple = ripple + self._ripple_error(
-                    self._torques(values, effects, ripple)[1], wanted, inertia
+        for _ in range(_REPETITIONS):
+            at = self._torques(values, effects, ripple)
+            error = self._ripple_error(at.motor, wanted)
+            if np.abs(error).max(initial=0.0) < _RIPPLE_ACCURACY:
+                break
+            ripple = ripple + error
+        return self._settled(at, wanted)
+
+    def _solve_ripple(self, values: Mapping[str, float], effects: list[ActiveEffect], wanted: Any) -> None:
+        """Find the ripple, and how coils and motor answer a small change of it."""
+        ripple = np.zeros_like(wanted)
+        for _ in range(3):
+            ripple = ripple + self._ripple_error(self._torques(values, effects, ripple).motor, wanted)
+        self._ripple = ripple
+        at = self._torques(values, effects, ripple)
+        for first, second in ((0, 3), (1, 2)):  # amplitudes of a real quantity come in conjugate pairs
+            for unit in (1.0, 1j):
+                step = np.zeros_like(ripple)
+                step[:, first], step[:, second] = 1e-3 * np.conj(unit), 1e-3 * unit
+                moved = self._torques(values, effects, ripple + step)
+                self._answers.append(
+                    (second, unit, (moved.coil - at.coil) / 1e-3, (moved.motor - at.motor) / 1e-3)
                 )
-            self._ripple = ripple
-        first = self._torques(values, effects, ripple)
-        error = self._ripple_error(first[1], wanted, inertia)
-        return self._torques(values, effects, ripple + error)
 
-    def _ripple_error(self, motor: Any, wanted: Any, inertia: float) -> Any:
-        found = np.einsum("nkp,hp->nhk", motor, self._wave.conj()) / _PHASES
-        return (wanted - found) / (inertia * self._order[None, :, None] * self._spin[:, None, :, 0])
+    def _settled(self, at: Instants, wanted: Any) -> Instants:
+        """Return a state with the ripple at which the motor's torque is that of its current, to first order."""
+        error = self._ripple_error(at.motor, wanted)
+        coil, motor = at.coil, at.motor
+        for index, unit, coil_answer, motor_answer in self._answers:
+            part = error[:, index].real if unit == 1.0 else error[:, index].imag
+            coil = coil + coil_answer * part[:, :, None]
+            motor = motor + motor_answer * part[:, :, None]
+        rate = at.rate + np.einsum("nhk,hp->nkp", error, self._wave).real
+        return replace(at, coil=coil, motor=motor, rate=rate)
 
-    def _torques(
-        self, values: Mapping[str, float], effects: list[ActiveEffect], ripple: Any
-    ) -> tuple[Any, Any, Any, Any]:
-        """Return the same for a given ripple of the spin rate: amplitudes (n, harmonics, nodes) [rad/s]."""
-        Omega = self._spin + np.einsum("nhk,hp->nkp", ripple, self._wave).real
+    def changed(
+        self,
+        at: Instants,
+        values: Mapping[str, float],
+        effect: Effect,
+        before: Mapping[str, float] | None,
+        after: Mapping[str, float],
+    ) -> Array | None:
+        """Return the predicted rows of a state in which one effect has other coefficients.
+
+        Parameters
+        ----------
+        at : Instants
+            The state, with the effect as in `before`.
+        values : mapping
+            The bench parameters of that state.
+        effect : Effect
+            The effect.
+        before, after : mapping
+            Its coefficients; `before` is None where the state is without it.
+
+        Returns
+        -------
+        ndarray or None
+            None if the effect changes the motion itself, so that the state must be computed anew.
+        """
+        targets = {law.target for law in effect.laws}
+        if targets & _BEFORE_THE_JOINT:
+            return None
+        new = self._laws([ActiveEffect(effect, after)], at.quantities, _ON_THE_JOINT, at.joint)
+        old = _Laws()
+        if before is not None:
+            old = self._laws([ActiveEffect(effect, before)], at.quantities, _ON_THE_JOINT, at.joint)
+        laws = replace(at.laws)
+        for target in targets - {"flexure_torque"}:
+            setattr(laws, target, getattr(laws, target) + getattr(new, target) - getattr(old, target))
+        state = replace(at, laws=laws)
+        if targets & _TORQUES:
+            across = new.rotor_torque - old.rotor_torque
+            axial = new.axial_torque - old.axial_torque
+            Q1, Q2, Q3 = self._forces(at.joint, at.axis, at.quantities["z"], across, axial)
+            more_x = Q1 + new.flexure_torque[0] - old.flexure_torque[0]
+            more_y = Q2 + new.flexure_torque[1] - old.flexure_torque[1]
+            coil = at.coil - np.exp(1j * self._angle) * (more_x + 1j * more_y / at.joint.cx)
+            motor = at.motor - (new.shaft_torque - old.shaft_torque) - Q3
+            # the state's motor torque is settled: only what has changed needs another ripple
+            state = replace(state, coil=coil, motor=motor)
+            state = self._settled(state, self._harmonics(at.motor))
+        return self.rows(state, values)
+
+    @staticmethod
+    def _forces(
+        joint: Joint, axis: tuple[Any, Any], tilt: Any, across: Any, axial: Any
+    ) -> tuple[Any, Any, Any]:
+        """Return the generalised forces of torques across and along the spin axis."""
+        n, nz = axis
+        # a torque across the spin axis has no component along it: fixes its z component
+        along = (np.conj(tilt) * across).imag
+        total = across + axial * n
+        return generalised_forces(
+            joint.sx, joint.cx, joint.sz, joint.cz, np.real(total), np.imag(total), along + axial * nz
+        )
+
+    def _harmonics(self, motor: Any) -> Any:
+        return np.einsum("nkp,hp->nhk", motor, self._wave.conj()) / self._phases
+
+    def _ripple_error(self, motor: Any, wanted: Any) -> Any:
+        left = wanted - self._harmonics(motor)
+        return left / (self.bench.axial_inertia * self._order[None, :, None] * self._spin[:, None, :, 0])
+
+    def _torques(self, values: Mapping[str, float], effects: list[ActiveEffect], ripple: Any) -> Instants:
+        """Return the state for a given ripple of the spin rate: amplitudes (n, harmonics, nodes) [rad/s]."""
+        rate = self._spin + np.einsum("nhk,hp->nkp", ripple, self._wave).real
         acceleration = (
             self._spin_rate
             + np.einsum("nhk,hp->nkp", ripple * self._order[:, None], self._wave).real * self._spin
         )
-        tilt_rate = self._first[0] + self._first[1] * Omega
+        tilt_rate = self._first[0] + self._first[1] * rate
         tilt_acc = (
             self._second[0]
-            + self._second[1] * Omega
-            + self._second[2] * Omega**2
+            + self._second[1] * rate
+            + self._second[2] * rate**2
             + self._first[1] * acceleration
         )
-        q = {**self._quantities, "Omega": Omega}
-        reading: Any = complex(values["tilt_bias_x"], values["tilt_bias_y"])
+        q = {**self._quantities, "Omega": rate}
+        other = np.array([values[name] - self.bench.value(name) for name in MOTOR_THERMAL])
+        warm = self.windows.motor_temperatures + self.windows.temperature_sensitivity @ other
+        q["T_winding"] = warm[:, 0, None, None] + self._warming[:, 0, :, None]
+        q["T_motor"] = warm[:, 1, None, None] + self._warming[:, 1, :, None]
         # the error of the reading first: every other law sees the true tilt
-        q["z"], q["z_rate"] = self._tilt, tilt_rate
-        q["theta"] = q["theta_rate"] = 0.0
-        for target, value in self._laws(effects, q, {"tilt_reading"}):
-            assert target == "tilt_reading"
-            reading = reading + value
+        error, error_rate, error_acc = self._reading_error(effects, q, values, tilt_rate, tilt_acc)
+        bias = complex(values["tilt_bias_x"], values["tilt_bias_y"])
         scale = values["tilt_scale"]
-        phi = (self._tilt - reading) / scale
-        phi_rate, phi_acc = tilt_rate / scale, tilt_acc / scale
+        phi = (self._tilt - bias - error) / scale
+        phi_rate, phi_acc = (tilt_rate - error_rate) / scale, (tilt_acc - error_acc) / scale
         tx, ty = np.tan(phi.real), np.tan(phi.imag)
         sx2, sy2 = 1.0 + tx**2, 1.0 + ty**2
-        z = tx + 1j * ty
-        z_rate = sx2 * phi_rate.real + 1j * sy2 * phi_rate.imag
+        tilt = tx + 1j * ty
+        z_dot = sx2 * phi_rate.real + 1j * sy2 * phi_rate.imag
         z_acc = sx2 * (phi_acc.real + 2.0 * tx * phi_rate.real**2)
         z_acc = z_acc + 1j * sy2 * (phi_acc.imag + 2.0 * ty * phi_rate.imag**2)
-        q["z"], q["z_rate"] = z, z_rate
-        motion = Spin(z, z_rate, z_acc, self._angle, Omega, acceleration)
-        joint = inverse(motion, tuple(values[name] for name in _INERTIAS))  # type: ignore[arg-type]
-        n, _, _, nz = spin_axis(z, z_rate, z_acc)
-        torque: Any = complex(values["fixed_torque_x"], values["fixed_torque_y"])
-        axial: Any = 0.0
-        shaft: Any = -values["bearing_coulomb"] * np.sign(Omega) - values["bearing_viscous"] * Omega
-        flexure_x: Any = (
-            -values["flexure_stiffness_x"] * joint.theta_x - values["flexure_damping_x"] * joint.theta_x_rate
-        )
-        flexure_y: Any = (
-            -values["flexure_stiffness_y"] * joint.theta_y - values["flexure_damping_y"] * joint.theta_y_rate
-        )
-        gain: Any = 0.0
-        across: Any = 0.0
-        rest = {"rotor_torque", "axial_torque", "shaft_torque", "flexure_torque", "coil_gain"}
-        for target, value in self._laws(effects, q, rest, joint):
-            if target == "rotor_torque":
-                across = across + value
-            elif target == "axial_torque":
-                axial = axial + value
-            elif target == "shaft_torque":
-                shaft = shaft + value
-            elif target == "coil_gain":
-                gain = gain + value
-            else:
-                flexure_x, flexure_y = flexure_x + value[0], flexure_y + value[1]
-        # a torque across the spin axis has no component along it: fixes its z component
-        across = torque + across
-        along = (np.conj(z) * across).imag
-        total = across + axial * n
-        Q1, Q2, Q3 = generalised_forces(
-            joint.sx, joint.cx, joint.sz, joint.cz, np.real(total), np.imag(total), along + axial * nz
-        )
+        q["z"], q["z_rate"] = tilt, z_dot
+        motion = Spin(tilt, z_dot, z_acc, self._angle, rate, acceleration)
+        # inertia and case rate do not depend on the joint
+        ahead = self._laws(effects, q, {"inertia_difference", "case_rate"})
+        inertias: list[Any] = [values[name] for name in _INERTIAS]
+        inertias[0] = inertias[0] + ahead.inertia_difference
+        inertias[1] = inertias[1] - ahead.inertia_difference
+        turn = ahead.case_rate + self._table * self._quantities["up_across"]
+        case_rate = (turn.real, turn.imag, self._table * self._quantities["up"]) if np.any(turn) else None
+        joint = inverse(motion, tuple(inertias), case_rate)
+        laws = self._laws(effects, q, _ON_THE_JOINT, joint)
+        laws.inertia_difference, laws.case_rate = ahead.inertia_difference, ahead.case_rate
+        n, _, _, nz = spin_axis(tilt, z_dot, z_acc)
+        shaft: Any = -values["bearing_coulomb"] * np.sign(rate) - values["bearing_viscous"] * rate
+        shaft = shaft + laws.shaft_torque
+        flexure_x = laws.flexure_torque[0] - values["flexure_stiffness_x"] * joint.theta_x
+        flexure_x = flexure_x - values["flexure_damping_x"] * joint.theta_x_rate
+        flexure_y = laws.flexure_torque[1] - values["flexure_stiffness_y"] * joint.theta_y
+        flexure_y = flexure_y - values["flexure_damping_y"] * joint.theta_y_rate
+        across = complex(values["fixed_torque_x"], values["fixed_torque_y"]) + laws.rotor_torque
+        Q1, Q2, Q3 = self._forces(joint, (n, nz), tilt, across, laws.axial_torque)
         need_x = joint.inertial[0] - flexure_x - Q1
         need_y = joint.inertial[1] - flexure_y - Q2
         coil = np.exp(1j * self._angle) * (need_x + 1j * need_y / joint.cx)
         motor = joint.inertial[2] - shaft - Q3
         # a spin angle that is passed quickly takes little time
-        weights = self._weights * self._spin / Omega
-        return coil, motor, gain, weights / weights.sum(axis=(1, 2), keepdims=True)
+        weights = self._weights * self._spin / rate
+        weights = weights / weights.sum(axis=(1, 2), keepdims=True)
+        return Instants(coil, motor, rate, weights, laws, q, joint, (n, nz))
+
+    def _reading_error(
+        self,
+        effects: list[ActiveEffect],
+        q: Mapping[str, Any],
+        values: Mapping[str, float],
+        tilt_rate: Any,
+        tilt_acc: Any,
+    ) -> tuple[Any, Any, Any]:
+        """Return what the effects add to the tilt readings, and its first and second derivative.
+
+        The laws see the true tilt, which is the reading less what they add: found by repetition. The derivatives are
+        taken along the motion, with what changes slowly held.
+        """
+        error: Any = 0.0j
+        first: Any = 0.0j
+        second: Any = 0.0j
+        for active in effects:
+            for index, law in enumerate(active.effect.laws):
+                if law.target != "tilt_reading":
+                    continue
+                function = array_law(active.effect, index)
+                fixed = {**q, **active.values, **_NO_JOINT}
+                moving = law.expression.free_symbols & _MOVING
+                if not moving:
+                    error = error + function({**fixed, "z": 0.0j, "z_rate": 0.0j})
+                    continue
+                step = _STENCIL / q["Omega"]
+                phi = (self._tilt - complex(values["tilt_bias_x"], values["tilt_bias_y"])) / values[
+                    "tilt_scale"
+                ]
+                own: Any = 0.0j
+                rate: Any = 0.0j
+                acc: Any = 0.0j
+                for _ in range(3 if {z, z_rate} & moving else 1):
+                    samples = []
+                    for k in (-2, -1, 0, 1, 2):
+                        h = k * step
+                        at = phi - own + h * (tilt_rate - rate) + 0.5 * h**2 * (tilt_acc - acc)
+                        there = {
+                            **fixed,
+                            "z": np.tan(at.real) + 1j * np.tan(at.imag),
+                            "z_rate": tilt_rate - rate + h * (tilt_acc - acc),
+                            "theta_z": self._angle + k * _STENCIL,
+                            "t": fixed["t"] + h,
+                        }
+                        samples.append(np.broadcast_to(function(there), self._angle.shape))
+                    stack = np.array(samples)
+                    own = stack[2]
+                    rate = np.tensordot(_FIRST, stack, 1) / step
+                    acc = np.tensordot(_SECOND, stack, 1) / step**2
+                error, first, second = error + own, first + rate, second + acc
+        return error, first, second
 
     @staticmethod
     def _laws(
-        effects: list[ActiveEffect], q: dict[str, Any], targets: set[str], joint: Joint | None = None
-    ) -> list[tuple[str, Any]]:
-        results: list[tuple[str, Any]] = []
+        effects: list[ActiveEffect],
+        q: dict[str, Any],
+        targets: frozenset[str] | set[str],
+        joint: Joint | None = None,
+    ) -> _Laws:
+        result = _Laws()
         for active in effects:
             for index, law in enumerate(active.effect.laws):
                 if law.target not in targets:
@@ -271,15 +521,30 @@ class Balance:
                 function = array_law(active.effect, index)
                 if law.target == "flexure_torque":
                     assert joint is not None
-                    x = function(
-                        {**q, **active.values, "theta": joint.theta_x, "theta_rate": joint.theta_x_rate}
-                    )
-                    y = function(
-                        {**q, **active.values, "theta": joint.theta_y, "theta_rate": joint.theta_y_rate}
-                    )
-                    results.append((law.target, (np.real(x), np.real(y))))
-                else:
-                    given = q if joint is None else {**q, "theta": 0.0, "theta_rate": 0.0}
-                    value = function({**given, **active.values})
-                    results.append((law.target, value if TARGETS[law.target][1] else np.real(value)))
-        return results
+                    sides = []
+                    for axis, angle, rate, so_far in (
+                        (1.0, joint.theta_x, joint.theta_x_rate, result.flexure_torque[0]),
+                        (-1.0, joint.theta_y, joint.theta_y_rate, result.flexure_torque[1]),
+                    ):
+                        own = {**q, **active.values, "theta": angle, "theta_rate": rate, "axis": axis}
+                        sides.append(so_far + np.real(function(own)))
+                    result.flexure_torque = tuple(sides)
+                    continue
+                value = function({**q, **active.values, **_NO_JOINT})
+                value = value if TARGETS[law.target][1] else np.real(value)
+                setattr(result, law.target, getattr(result, law.target) + value)
+        return result
+
+
+#: Angles of a flexure where there is none.
+_NO_JOINT = {"theta": 0.0, "theta_rate": 0.0, "axis": 1.0}
+_BEFORE_THE_JOINT = frozenset(("inertia_difference", "case_rate", "tilt_reading"))
+_ON_THE_JOINT = frozenset(TARGETS) - _BEFORE_THE_JOINT
+_TORQUES = frozenset(("rotor_torque", "axial_torque", "shaft_torque", "flexure_torque"))
+#: Quantities that change within a revolution.
+_MOVING = frozenset((z, z_rate, theta_z, Omega, t))
+
+
+def _components(rows: Any) -> list[Array]:
+    """Return real and imaginary parts, one after the other."""
+    return [part for row in rows for part in (np.real(row), np.imag(row))]

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from gyrowheel_control.plans import HOLD, Plan
 from gyrowheel_sim.bench import Bench
@@ -38,6 +39,16 @@ _SHORT = (
 )
 _MODULATION = 3  # terms of the polynomial in time of a harmonic's amplitude
 HARMONICS = (-2, -1, 1, 2)
+#: Those of the coils' voltages that are compared: an effect that turns with the rotor acts forward.
+FORWARD = (1, 2)
+#: Bench parameters on which the reckoned temperatures of the motor depend.
+MOTOR_THERMAL = (
+    "winding_heat_capacity",
+    "winding_thermal_resistance",
+    "motor_heat_capacity",
+    "motor_thermal_resistance",
+)
+_THERMAL_STEP = 0.1  # s
 
 
 @dataclass(frozen=True)
@@ -68,10 +79,23 @@ class Windows:
         Means [K], [K], [Pa].
     coil_temperature_rate : ndarray (n,)
         Slope of the coil temperature [K/s].
+    motor_temperatures : ndarray (n, 2)
+        Temperatures of the motor's winding and magnets, reckoned from the recorded current [K].
+    motor_temperature_rates : ndarray (n, 2)
+        Their slopes [K/s].
+    temperature_sensitivity : ndarray (n, 2, 4)
+        Their derivatives by the parameters of `MOTOR_THERMAL`.
+    coil_harmonics : complex ndarray (n, 2)
+        Amplitudes of exp(i h theta_z) in the coil voltages x + i y as they act between two samples, h in `FORWARD` [V].
+    spin_ripple, current_ripple, voltage_ripple : complex ndarray (n,)
+        Amplitude of exp(i p theta_z) in spin rate [rad/s], motor current [A] and motor voltage [V]; p is the order of
+        the motor's ripple.
     up : ndarray (n,)
-        +1 upright, -1 inverted.
-    yaw : ndarray (n,)
-        Turn of the rig about the vertical [rad].
+        Component along case z of the unit vector that points up: +1 upright, -1 inverted.
+    up_across, home_x, home_y : complex ndarray (n,)
+        Components across case z of that vector, and of the horizontal home axes.
+    table_rate : ndarray (n,)
+        Rate of the table about the vertical, as commanded [rad/s].
     tilt_rate_variance : ndarray (n,)
         Variance of the mean tilt rate, one axis, from white noise of the tilt readings [rad^2/s^2].
     spin_acceleration_variance : ndarray (n,)
@@ -93,8 +117,18 @@ class Windows:
     coil_temperature_rate: Array
     air_temperature: Array
     air_pressure: Array
+    motor_temperatures: Array
+    motor_temperature_rates: Array
+    temperature_sensitivity: Array
+    coil_harmonics: NDArray[np.complex128]
+    spin_ripple: NDArray[np.complex128]
+    current_ripple: NDArray[np.complex128]
+    voltage_ripple: NDArray[np.complex128]
     up: Array
-    yaw: Array
+    up_across: NDArray[np.complex128]
+    home_x: NDArray[np.complex128]
+    home_y: NDArray[np.complex128]
+    table_rate: Array
     tilt_rate_variance: Array
     spin_acceleration_variance: Array
 
@@ -244,6 +278,7 @@ def reduce(data: Samples, bench: Bench) -> Windows:
     """
     h = bench.sample_period
     rows: list[dict[str, Any]] = []
+    heat = motor_temperatures(data, bench)
     for start, stop, segment, turn in steady_spans(data):
         longest = _LONGEST
         if turn > 0.0:
@@ -263,7 +298,7 @@ def reduce(data: Samples, bench: Bench) -> Windows:
         edges = np.linspace(start, stop, count + 1)
         for a, b in itertools.pairwise(edges):
             i, j = np.searchsorted(data.time, (a - 1e-9, b - 1e-9))
-            row = _window(data, int(i), int(j), h, bench)
+            row = _window(data, int(i), int(j), h, bench, heat)
             if row is not None:
                 row["segment"] = segment
                 rows.append(row)
@@ -276,12 +311,75 @@ def reduce(data: Samples, bench: Bench) -> Windows:
             "tilt_harmonics": harmonics,
             "spin": (0, _DEGREE),
             "current_harmonics": harmonics,
+            "coil_harmonics": (0, len(FORWARD)),
+            "motor_temperatures": (0, 2),
+            "motor_temperature_rates": (0, 2),
+            "temperature_sensitivity": (0, 2, len(MOTOR_THERMAL)),
         }
         columns = {name: np.zeros(shapes.get(name, 0)) for name in names}
     return Windows(**columns)
 
 
-def _window(data: Samples, i: int, j: int, h: float, bench: Bench) -> dict[str, Any] | None:
+def motor_temperatures(data: Samples, bench: Bench) -> tuple[Array, Array, Array]:
+    """Reckon the temperatures of the motor's winding and magnets from the recorded current.
+
+    Parameters
+    ----------
+    data : Samples
+        The recording; the motor is taken to have the temperature of the air at its start.
+    bench : Bench
+        Gives the heat capacities and thermal resistances (`MOTOR_THERMAL`).
+
+    Returns
+    -------
+    time : ndarray (m,)
+        Instants [s].
+    temperature : ndarray (m, 2)
+        Winding and magnets [K].
+    sensitivity : ndarray (m, 2, 4)
+        Derivatives by the parameters of `MOTOR_THERMAL`.
+    """
+    stated = np.array([bench.value(name) for name in MOTOR_THERMAL])
+    if len(data.time) == 0:
+        return np.zeros(1), np.full((1, 2), bench.value("air_temperature")), np.zeros((1, 2, len(stated)))
+    block = ((data.time - data.time[0]) / _THERMAL_STEP).astype(np.int64)
+    count = int(block[-1]) + 1
+    # blocks without any sample keep the heating of the one before
+    samples = np.bincount(block, minlength=count)
+    sums = np.bincount(block, weights=data.values[:, 7] ** 2, minlength=count)
+    known = np.flatnonzero(samples)
+    last = known[np.searchsorted(known, np.arange(count), side="right") - 1]
+    power = bench.value("motor_resistance") * (sums[last] / samples[last])
+    above = _warming(power, stated)
+    sensitivity = np.empty((*above.shape, len(stated)))
+    for k, value in enumerate(stated):
+        moved = stated.copy()
+        moved[k] *= 1.01
+        sensitivity[..., k] = (_warming(power, moved) - above) / (0.01 * value)
+    air = float(np.mean(data.values[:, 9]))
+    return data.time[0] + _THERMAL_STEP * np.arange(count + 1), air + above, sensitivity
+
+
+def _warming(power: Array, parameters: Array) -> Array:
+    """Return how far winding and magnets are above the air, (m + 1, 2) [K], for the heating in each step (m,) [W]."""
+    winding, resistance, magnets, outer = parameters
+    inward, outward = 1.0 / resistance, 1.0 / outer
+    rates = np.array(
+        [[-inward / winding, inward / winding], [inward / magnets, -(inward + outward) / magnets]]
+    )
+    values, modes = np.linalg.eig(rates)
+    drive = np.linalg.solve(modes, np.array([1.0 / winding, 0.0]))
+    result = np.zeros((len(power) + 1, 2))
+    for value, mode, gain in zip(values, modes.T, drive, strict=True):
+        step = math.exp(value * _THERMAL_STEP)
+        own = lfilter([gain * (step - 1.0) / value], [1.0, -step], power)
+        result[1:] += own[:, None] * mode[None, :]
+    return result
+
+
+def _window(
+    data: Samples, i: int, j: int, h: float, bench: Bench, heat: tuple[Array, Array, Array]
+) -> dict[str, Any] | None:
     """Reduce samples i .. j-1, shortened to whole revolutions; None if there is too little of them."""
     if j - i < 3 * _MIN_REVOLUTIONS:
         return None
@@ -308,10 +406,19 @@ def _window(data: Samples, i: int, j: int, h: float, bench: Bench) -> dict[str, 
     design = np.hstack([powers, waves])
     degree = _DEGREE + 1
     # the smooth part of the speed comes from the angle, which knows its slope far better
-    readings = np.column_stack([values[:, 0] + 1j * values[:, 1], values[:, 7]])
+    readings = np.column_stack(
+        [
+            values[:, 0] + 1j * values[:, 1],
+            values[:, 7],
+            values[:, 4] + 1j * values[:, 5],
+            values[:, 3],
+            values[:, 6],
+        ]
+    )
     gram = np.linalg.inv(design.conj().T @ design)
     fit = (gram @ (design.conj().T @ readings)).T
     smooth = degree if duration > _SHORT else 4
+    ripple = _ripple(readings[:, (3, 1, 4)].real - (design @ fit[[3, 1, 4]].T).real, angle, bench)
     turning = np.hstack([powers[:, :smooth], waves])
     turning_gram = np.linalg.inv(turning.conj().T @ turning)
     turning_fit = np.zeros(degree)
@@ -325,7 +432,10 @@ def _window(data: Samples, i: int, j: int, h: float, bench: Bench) -> dict[str, 
     )
     warm = np.polynomial.polynomial.polyfit(x, values[:, 8], 1)
     last = [e for e in data.environment if e.time <= begin + 1e-6]
+    surroundings = last[-1] if last else Environment()
     means = values.mean(axis=0)
+    coils = fit[2, degree:].reshape(modulation)[[HARMONICS.index(order) for order in FORWARD]]
+    held = _held(np.array(FORWARD), float(means[3]) * h)
     return {
         "start": begin,
         "duration": duration,
@@ -341,11 +451,52 @@ def _window(data: Samples, i: int, j: int, h: float, bench: Bench) -> dict[str, 
         "coil_temperature_rate": warm[1] * 2.0 / duration,
         "air_temperature": means[9],
         "air_pressure": means[10],
-        "up": last[-1].up if last else 1.0,
-        "yaw": last[-1].yaw if last else 0.0,
+        "motor_temperatures": _at(heat[0], heat[1], 0.5 * (begin + end)),
+        "motor_temperature_rates": (_at(heat[0], heat[1], end) - _at(heat[0], heat[1], begin)) / duration,
+        "temperature_sensitivity": _at(heat[0], heat[2], 0.5 * (begin + end)),
+        "coil_harmonics": coils @ _MEAN[:_MODULATION] * held,
+        "spin_ripple": ripple[0],
+        "current_ripple": ripple[1],
+        "voltage_ripple": ripple[2] * _held(bench.value("motor_ripple_order"), float(means[3]) * h),
+        **_attitude(surroundings),
         "tilt_rate_variance": float(rise @ inverse @ rise) * bench.value("tilt_noise") ** 2,
         "spin_acceleration_variance": float(slope @ turning_gram[:smooth, :smooth].real @ slope)
         * bench.value("spin_angle_noise") ** 2,
+    }
+
+
+def _at(time: Array, values: Array, when: float) -> Array:
+    """Interpolate rows of `values`."""
+    place = float(np.clip((when - time[0]) / _THERMAL_STEP, 0.0, len(time) - 1.0))
+    low = min(int(place), max(len(time) - 2, 0))
+    high = min(low + 1, len(time) - 1)
+    return np.asarray(values[low] + (place - low) * (values[high] - values[low]))
+
+
+def _held(order: Any, turn: float) -> Any:
+    """Return the factor from the amplitude of a sampled voltage to that of the voltage as it is held.
+
+    A sample is read at the end of the interval in which it acted; `turn` is the angle turned in an interval [rad].
+    """
+    half = 0.5 * order * turn
+    return np.exp(1j * half) * np.sinc(half / math.pi)
+
+
+def _ripple(left: Array, angle: Array, bench: Bench) -> NDArray[np.complex128]:
+    """Return the amplitudes of the motor's ripple in what the smooth part and the harmonics leave, by column."""
+    wave = np.exp(-1j * bench.value("motor_ripple_order") * angle)
+    return np.asarray(wave @ left / len(angle), dtype=np.complex128)
+
+
+def _attitude(environment: Environment) -> dict[str, Any]:
+    """Return the columns that say how the rig stands."""
+    first, second = environment.home
+    return {
+        "up": environment.up,
+        "up_across": environment.up_across,
+        "home_x": first,
+        "home_y": second,
+        "table_rate": environment.table_rate,
     }
 
 
@@ -399,8 +550,14 @@ def planned_windows(plan: Plan, bench: Bench) -> Windows:
                     "coil_temperature_rate": 0.0,
                     "air_temperature": noise("air_temperature"),
                     "air_pressure": noise("air_pressure") * s.environment.air_density_ratio,
-                    "up": s.environment.up,
-                    "yaw": s.environment.yaw,
+                    "motor_temperatures": np.full(2, noise("air_temperature")),
+                    "motor_temperature_rates": np.zeros(2),
+                    "temperature_sensitivity": np.zeros((2, len(MOTOR_THERMAL))),
+                    "coil_harmonics": np.zeros(len(FORWARD), dtype=complex),
+                    "spin_ripple": 0.0j,
+                    "current_ripple": 0.0j,
+                    "voltage_ripple": 0.0j,
+                    **_attitude(s.environment),
                     # the ends of a polynomial of this degree: see `_window`
                     "tilt_rate_variance": 2.0
                     * (_DEGREE + 1) ** 2

@@ -47,7 +47,7 @@ class Block(BaseModel):
     """One entry of a plan: a hold, a grid of holds (speeds times tilts), a cone, or a change of speed.
 
     Angles in degrees, speeds in rpm, times in seconds, as the field names say. The environment (rig, yaw, air
-    density, preheat) stays as it is until a block changes it.
+    density, preheat, rate of the table) stays as it is until a block changes it.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -65,10 +65,11 @@ class Block(BaseModel):
     sweep_to_rpm: Number | None = None
     repeat: Annotated[int, Field(ge=1, le=1000)] = 1
     shuffle_seed: int | None = None
-    rig: Literal["upright", "inverted"] | None = None
+    rig: Literal["upright", "inverted", "x_up", "y_up"] | None = None
     yaw_deg: Annotated[Number, Field(ge=-360.0, le=360.0)] | None = None
     air_density_ratio: Annotated[Number, Field(ge=0.01, le=2.0)] | None = None
     preheat_k: Annotated[Number, Field(ge=0.0, le=60.0)] | None = None
+    table_rate_deg_s: Annotated[Number, Field(ge=-50.0, le=50.0)] | None = None
 
     @model_validator(mode="after")
     def _consistent(self) -> Block:
@@ -235,6 +236,8 @@ class Plan:
             top = max(s.spin_from, s.spin, s.spin_end)
             rate = abs(s.tilt - s.tilt_from) / s.ramp
             rate = max(rate, abs(s.cone_rate) * abs(s.tilt))
+            # a turning case takes the torque of a tilt that turns in a case at rest
+            rate += abs(s.environment.table_rate * s.environment.up_across)
             hold = max(abs(0.5 * (v("flexure_stiffness_x") + v("flexure_stiffness_y")) - 0.5 * tuning * w * w)
                        for w in (s.spin_from, s.spin, s.spin_end)) * max(abs(s.tilt), abs(s.tilt_from))  # fmt: skip
             volts = (spin_inertia * top * rate + hold) / v("coil_constant")
@@ -309,6 +312,7 @@ def _segments(content: PlanFile, origin: str) -> Iterator[Segment]:
             "yaw": None if block.yaw_deg is None else block.yaw_deg * DEG,
             "air_density_ratio": block.air_density_ratio,
             "preheat": block.preheat_k,
+            "table_rate": None if block.table_rate_deg_s is None else block.table_rate_deg_s * DEG,
         }
         environment = replace(environment, **{k: v for k, v in changes.items() if v is not None})
         tilts: list[tuple[float, float] | None]

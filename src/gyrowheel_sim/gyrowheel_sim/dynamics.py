@@ -125,6 +125,63 @@ def generalised_forces(sx: Any, cx: Any, sz: Any, cz: Any, Tx: Any, Ty: Any, Tz:
     return tx, cx * ty + sx * Tz, Tz
 
 
+@register_jitable
+def moving_case_forces(
+    sx: Any, cx: Any, sy: Any, cy: Any, sz: Any, cz: Any, wx: Any, wy: Any, wz: Any,
+    Irx: Any, Iry: Any, Irz: Any, Igx: Any, Igy: Any, Igz: Any, Imz: Any,
+    bx: Any, by: Any, bz: Any, bx_rate: Any, by_rate: Any, bz_rate: Any,
+) -> Any:  # fmt: skip
+    """Return the generalised forces that the motion needs beyond eq (6) because the case itself turns.
+
+    M q'' + e = Q + f, with e what is returned. (bx, by, bz) is the rate of the case in inertial space along the case's
+    axes, (bx_rate, ..) its derivative. Exact: for gimbal and rotor, with b the rate of the case in the body's axes and w
+    the body's rate relative to the case, e = J^T [I (b' - w x b) + b x I w + w x I b + b x I b]; of the round shaft only
+    the acceleration about its axis remains. Source: Newton-Euler; agrees with `gyrowheel_sim.derivation.derive`.
+    """
+    # rate and acceleration of the case in motor axes, then gimbal axes, then rotor axes
+    mx = cz * bx + sz * by
+    my = -sz * bx + cz * by
+    mx_rate = cz * bx_rate + sz * by_rate
+    my_rate = -sz * bx_rate + cz * by_rate
+    gy = cx * my + sx * bz
+    gz = -sx * my + cx * bz
+    gy_rate = cx * my_rate + sx * bz_rate
+    gz_rate = -sx * my_rate + cx * bz_rate
+    rx = cy * mx - sy * gz
+    rz = sy * mx + cy * gz
+    rx_rate = cy * mx_rate - sy * gz_rate
+    rz_rate = sy * mx_rate + cy * gz_rate
+    # gimbal
+    ux = wx
+    uy = sx * wz
+    uz = cx * wz
+    px = Igx * ux
+    py = Igy * uy
+    pz = Igz * uz
+    qx = Igx * mx
+    qy = Igy * gy
+    qz = Igz * gz
+    nx = Igx * (mx_rate - (uy * gz - uz * gy)) + gy * (pz + qz) - gz * (py + qy) + uy * qz - uz * qy
+    ny = Igy * (gy_rate - (uz * mx - ux * gz)) + gz * (px + qx) - mx * (pz + qz) + uz * qx - ux * qz
+    nz = Igz * (gz_rate - (ux * gy - uy * mx)) + mx * (py + qy) - gy * (px + qx) + ux * qy - uy * qx
+    e1 = nx
+    e3 = sx * ny + cx * nz + Imz * bz_rate
+    # rotor
+    ux = cy * wx - cx * sy * wz
+    uy = wy + sx * wz
+    uz = sy * wx + cx * cy * wz
+    px = Irx * ux
+    py = Iry * uy
+    pz = Irz * uz
+    qx = Irx * rx
+    qy = Iry * gy
+    qz = Irz * rz
+    nx = Irx * (rx_rate - (uy * rz - uz * gy)) + gy * (pz + qz) - rz * (py + qy) + uy * qz - uz * qy
+    ny = Iry * (gy_rate - (uz * rx - ux * rz)) + rz * (px + qx) - rx * (pz + qz) + uz * qx - ux * qz
+    nz = Irz * (rz_rate - (ux * gy - uy * rx)) + rx * (py + qy) - gy * (px + qx) + ux * qy - uy * qx
+    return e1 + cy * nx + sy * nz, ny, e3 - cx * sy * nx + sx * ny + cx * cy * nz
+
+
 # --- end of kernel ---
 
 
@@ -176,7 +233,11 @@ def spin_axis(z: Any, z_rate: Any, z_acc: Any) -> tuple[Any, Any, Any, Any]:
     return n, n_rate, n_acc, nz
 
 
-def inverse(motion: Spin, inertias: tuple[Any, Any, Any, Any, Any, Any, Any]) -> Joint:
+def inverse(
+    motion: Spin,
+    inertias: tuple[Any, Any, Any, Any, Any, Any, Any],
+    case_rate: tuple[Any, Any, Any] | None = None,
+) -> Joint:
     """Return joint angles, rates and the generalised forces M q'' - f that a given motion needs.
 
     Parameters
@@ -185,6 +246,8 @@ def inverse(motion: Spin, inertias: tuple[Any, Any, Any, Any, Any, Any, Any]) ->
         The motion, arrays of one shape.
     inertias : tuple
         (Irx, Iry, Irz, Igx, Igy, Igz, Imz) [kg m^2].
+    case_rate : tuple, optional
+        Steady rate of the case in inertial space along the case's axes [rad/s]; zero if not given.
     """
     n, n_rate, n_acc, _ = spin_axis(motion.z, motion.z_rate, motion.z_acc)
     sz, cz = np.sin(motion.angle), np.cos(motion.angle)
@@ -200,4 +263,9 @@ def inverse(motion: Spin, inertias: tuple[Any, Any, Any, Any, Any, Any, Any]) ->
     az = motion.acceleration
     m11, m13, m22, m23, m33, f1, f2, f3 = inertia_terms(sx, cx, sy, cy, wx, wy, motion.rate, *inertias)
     inertial = (m11 * ax + m13 * az - f1, m22 * ay + m23 * az - f2, m13 * ax + m23 * ay + m33 * az - f3)
+    if case_rate is not None:
+        more = moving_case_forces(
+            sx, cx, sy, cy, sz, cz, wx, wy, motion.rate, *inertias, *case_rate, 0.0, 0.0, 0.0
+        )
+        inertial = (inertial[0] + more[0], inertial[1] + more[1], inertial[2] + more[2])
     return Joint(sx, cx, sz, cz, np.arctan2(sx, cx), np.arctan2(sy, cy), wx, wy, inertial)

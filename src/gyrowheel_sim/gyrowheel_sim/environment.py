@@ -10,7 +10,16 @@ from typing import Any
 
 from gyrowheel_sim.errors import InputError
 
-RIGS = ("upright", "inverted")
+#: Attitudes of the rig: case z up, case z down (turned about x), case x up, case y up.
+RIGS = ("upright", "inverted", "x_up", "y_up")
+#: Home axes (two horizontal ones and the vertical) by the case axes that lie along them, without yaw: the columns
+#: of the turn from case axes to home axes.
+_TURNS = {
+    "upright": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+    "inverted": ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0)),
+    "x_up": ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)),
+    "y_up": ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0)),
+}
 
 
 @dataclass(frozen=True)
@@ -22,13 +31,16 @@ class Environment:
     time : float
         From when on it holds [s since the start of the recording].
     rig : str
-        ``"upright"`` or ``"inverted"`` (spin axis up or down).
+        ``"upright"`` or ``"inverted"`` (spin axis up or down), ``"x_up"`` or ``"y_up"`` (that axis of the case up,
+        the spin axis horizontal).
     yaw : float
         Turn of the rig about the vertical from its home position [rad].
     air_density_ratio : float
         Air density over the ambient one, set by the pressure in the bell jar; in (0, 2].
     preheat : float
         How far the coil heater keeps the coils above the air [K]; 0 switches it off.
+    table_rate : float
+        Rate at which a rate table turns the rig about the vertical [rad/s].
     """
 
     time: float = 0.0
@@ -36,6 +48,7 @@ class Environment:
     yaw: float = 0.0
     air_density_ratio: float = 1.0
     preheat: float = 0.0
+    table_rate: float = 0.0
 
     def __post_init__(self) -> None:
         """Check every field."""
@@ -46,6 +59,7 @@ class Environment:
             ("yaw", -2 * math.pi, 2 * math.pi),
             ("air_density_ratio", 0.01, 2.0),
             ("preheat", 0.0, 60.0),
+            ("table_rate", -1.0, 1.0),
         ):
             value = getattr(self, name)
             if not isinstance(value, int | float) or not low <= value <= high or math.isnan(value):
@@ -53,10 +67,33 @@ class Environment:
                     f"environment.{name}: {value!r} is out of range; allowed: {low:g} .. {high:g}"
                 )
 
+    def in_case(self, home: tuple[float, float, float]) -> tuple[float, float, float]:
+        """Return the case components of a vector given in home axes.
+
+        Home axes are those along which the case lies with the rig upright and not yawed: z up.
+        """
+        c, s = math.cos(self.yaw), math.sin(self.yaw)
+        # the yaw turns the rig about the vertical, so a fixed vector turns back
+        x, y, z = c * home[0] + s * home[1], -s * home[0] + c * home[1], home[2]
+        a, b, d = (axis[0] * x + axis[1] * y + axis[2] * z for axis in _TURNS[self.rig])
+        return a, b, d
+
     @property
     def up(self) -> float:
-        """+1 upright, -1 inverted: the sign of gravity along the case's z axis."""
-        return 1.0 if self.rig == "upright" else -1.0
+        """Component along case z of the unit vector that points up: +1 upright, -1 inverted."""
+        return self.in_case((0.0, 0.0, 1.0))[2]
+
+    @property
+    def up_across(self) -> complex:
+        """Components across case z of the unit vector that points up, x + i y."""
+        x, y, _ = self.in_case((0.0, 0.0, 1.0))
+        return complex(x, y)
+
+    @property
+    def home(self) -> tuple[complex, complex]:
+        """Components across case z, x + i y, of the home axes x and y."""
+        first, second = self.in_case((1.0, 0.0, 0.0)), self.in_case((0.0, 1.0, 0.0))
+        return complex(*first[:2]), complex(*second[:2])
 
 
 def to_json(events: Iterable[Environment]) -> str:

@@ -17,23 +17,39 @@ from gyrowheel_sim.dynamics import (
     generalised_forces,
     inertia_terms,
     joint_accelerations,
+    moving_case_forces,
 )
-from gyrowheel_sim.effects.no_laws import evaluate_laws
+from gyrowheel_sim.effects.no_laws import evaluate_laws, evaluate_samples
 
 # --- kernel ---
 
-# n_x, n_y, n_x', n_y', theta_z, Omega, T_coil, p_air, drifts of coil x, coil y, motor voltage and motor current
-N_STATE = 12
+# n_x, n_y, n_x', n_y', theta_z, Omega | T_coil, p_air | drifts of coil x, coil y, motor voltage and motor current |
+# T_winding, T_motor, rate of the table, its acceleration, coil voltages as the torque follows them |
+# motor current, coil lag and supply drop at the last sample
+N_STATE = 21
 N_NOISE = 15  # 11 readings, 4 drifts
 N_MEASUREMENT = 11
+# what points up and the home axes, in case axes (see `effects.code.ENVIRONMENT`), then the pressure to which the jar is
+# set [Pa], the temperature of the coils' heater above the air [K] (0 = off), the rate to which the table is set [rad/s]
+N_ENVIRONMENT = 10
+PRESSURE = 7
+HEATER = 8
+TABLE = 9
+HEATER_TIME = 0.5  # s
+PUMP_TIME = 0.3  # s; the case holds 0.3 litre of air
+TABLE_TIME = 0.05  # s
 
 
 @njit(cache=True, error_model="numpy")
 def plant_rates(
-    p: Any, coef: Any, active: Any, up: float, t: float, rho: float, T_coil: float, T_air: float,
+    p: Any, coef: Any, active: Any, env: Any, t: float, rho: float, s: Any,
     vx: float, vy: float, vm: float, nx: float, ny: float, ux: float, uy: float, angle: float, Omega: float,
 ) -> Any:  # fmt: skip
-    """Return (n_x'', n_y'', Omega') of the rotor under held voltages, with every active effect."""
+    """Return (n_x'', n_y'', Omega') of the rotor with every active effect.
+
+    `s` is the state at the start of the step, for what changes slowly; (vx, vy) are the voltages that the coils'
+    torque belongs to, vm is that of the motor.
+    """
     nz = math.sqrt(1.0 - nx * nx - ny * ny)
     nz_rate = -(nx * ux + ny * uy) / nz
     zx = -ny / nz
@@ -45,30 +61,49 @@ def plant_rates(
     sx, cx, sy, cy, wx, wy = case_to_joint(nx, ny, ux, uy, sz, cz, Omega)
     theta_x = math.asin(sx)
     theta_y = math.asin(sy)
-    Tx, Ty, axial, shaft, flex_x, flex_y, gain, _, _ = evaluate_laws(
-        coef, active, zx, zy, zx_rate, zy_rate, Omega, theta_x, theta_y, wx, wy, T_coil, T_air, rho, up, t
-    )
+    (
+        Tx, Ty, axial, shaft, flex_x, flex_y, difference, turn_x, turn_y, gain, mirror_x, mirror_y, motor, resistance
+    ) = evaluate_laws(
+        coef, active, env, zx, zy, zx_rate, zy_rate, angle, Omega, theta_x, theta_y, wx, wy,
+        s[6], p.air_temperature, s[12], s[13], rho, s[18], t,
+    )  # fmt: skip
     Tx += p.fixed_torque_x
     Ty += p.fixed_torque_y
     # across the spin axis: T . n = 0 fixes the z component
     Tz = zx * Ty - zy * Tx
-    k = p.coil_constant * (1.0 + gain)
+    k = p.coil_constant * (1.0 + gain - s[20] / p.supply_voltage)
+    Kx = k * (vx + mirror_x * vx + mirror_y * vy)
+    Ky = k * (vy + mirror_y * vx - mirror_x * vy)
     Q1, Q2, Q3 = generalised_forces(
         sx, cx, sz, cz,
         Tx + axial * nx, Ty + axial * ny, Tz + axial * nz,
     )  # fmt: skip
-    C1, C2, _ = generalised_forces(sx, cx, sz, cz, k * vx, k * vy, 0.0)
-    current = (vm - p.motor_constant * Omega) / p.motor_resistance
+    C1, C2, _ = generalised_forces(sx, cx, sz, cz, Kx, Ky, 0.0)
+    constant = p.motor_constant * (1.0 + motor)
+    current = (vm - constant * Omega) / (p.motor_resistance * (1.0 + resistance))
     sign = 1.0 if Omega > 0.0 else (-1.0 if Omega < 0.0 else 0.0)
     friction = p.bearing_coulomb * sign + p.bearing_viscous * Omega
+    Irx = p.rotor_inertia_x + difference
+    Iry = p.rotor_inertia_y - difference
     m11, m13, m22, m23, m33, f1, f2, f3 = inertia_terms(
         sx, cx, sy, cy, wx, wy, Omega,
-        p.rotor_inertia_x, p.rotor_inertia_y, p.rotor_inertia_z,
+        Irx, Iry, p.rotor_inertia_z,
         p.gimbal_inertia_x, p.gimbal_inertia_y, p.gimbal_inertia_z, p.shaft_inertia,
     )  # fmt: skip
     b1 = Q1 + C1 + f1 + flex_x - p.flexure_stiffness_x * theta_x - p.flexure_damping_x * wx
     b2 = Q2 + C2 + f2 + flex_y - p.flexure_stiffness_y * theta_y - p.flexure_damping_y * wy
-    b3 = Q3 + f3 + shaft + p.motor_constant * current - friction
+    b3 = Q3 + f3 + shaft + constant * current - friction
+    if s[14] != 0.0 or s[15] != 0.0 or turn_x != 0.0 or turn_y != 0.0:
+        # the table turns the case about the vertical
+        e1, e2, e3 = moving_case_forces(
+            sx, cx, sy, cy, sz, cz, wx, wy, Omega, Irx, Iry, p.rotor_inertia_z,
+            p.gimbal_inertia_x, p.gimbal_inertia_y, p.gimbal_inertia_z, p.shaft_inertia,
+            turn_x + s[14] * env[1], turn_y + s[14] * env[2], s[14] * env[0], s[15] * env[1], s[15] * env[2],
+            s[15] * env[0],
+        )  # fmt: skip
+        b1 -= e1
+        b2 -= e2
+        b3 -= e3
     ax, ay, az = joint_accelerations(m11, m13, m22, m23, m33, b1, b2, b3)
     ax_case, ay_case = case_accelerations(sx, cx, sy, cy, wx, wy, sz, cz, Omega, ax, ay, az)
     return ax_case, ay_case, az
@@ -78,78 +113,60 @@ def plant_rates(
 def plant_step(
     p: Any, coef: Any, active: Any, env: Any, state: Any, t: float, vx: float, vy: float, vm: float
 ) -> None:
-    """Advance `state` in place by one sample period under held voltages (classical Runge-Kutta, fourth order).
-
-    `env` is (up, pressure the jar is set to [Pa], heater temperature above the air [K], 0 = off).
-    """
+    """Advance `state` in place by one sample period under held voltages (classical Runge-Kutta, fourth order)."""
     h = p.sample_period
-    up = env[0]
     T_coil = state[6]
     T_air = p.air_temperature
     rho = state[7] / (p.gas_constant * T_air)
+    # The coils' torque follows their voltage with a lag. The parabola that has the same mean and slope as its
+    # exponential over the sample is what the step integrates exactly, however short the lag.
+    lag = state[19]
+    vx1 = vx2 = vx3 = vx
+    vy1 = vy2 = vy3 = vy
+    if lag > 0.0:
+        q = h / lag
+        left = math.exp(-q)
+        m0 = (1.0 - left) / q
+        m1 = (m0 - left) / q  # mean of s exp(-q s), s = 0 .. 1
+        m2 = (2.0 * m1 - left) / q  # mean of s^2 exp(-q s)
+        c1 = 3.0 * (2.0 * m1 - m0)
+        c2 = 5.0 * (6.0 * m2 - 6.0 * m1 + m0)
+        gx = state[16] - vx
+        gy = state[17] - vy
+        vx1 = vx + gx * (m0 - c1 + c2)
+        vy1 = vy + gy * (m0 - c1 + c2)
+        vx2 = vx + gx * (m0 - 0.5 * c2)
+        vy2 = vy + gy * (m0 - 0.5 * c2)
+        vx3 = vx + gx * (m0 + c1 + c2)
+        vy3 = vy + gy * (m0 + c1 + c2)
+        state[16] = vx + gx * left
+        state[17] = vy + gy * left
+    else:
+        state[16] = vx
+        state[17] = vy
+    # the table follows its command; its mean rate over the sample counts
+    table = state[14]
+    left = math.exp(-h / TABLE_TIME)
+    after = env[TABLE] + (table - env[TABLE]) * left
+    if abs(after - env[TABLE]) < 1.0e-9:
+        after = env[TABLE]
+    state[15] = (after - table) / h
+    state[14] = 0.5 * (table + after)
     x, y, ux, uy, a, w = state[0], state[1], state[2], state[3], state[4], state[5]
-    k1x, k1y, k1w = plant_rates(p, coef, active, up, t, rho, T_coil, T_air, vx, vy, vm, x, y, ux, uy, a, w)
     g = 0.5 * h
+    k1x, k1y, k1w = plant_rates(p, coef, active, env, t, rho, state, vx1, vy1, vm, x, y, ux, uy, a, w)
     ux2, uy2, w2 = ux + g * k1x, uy + g * k1y, w + g * k1w
     k2x, k2y, k2w = plant_rates(
-        p,
-        coef,
-        active,
-        up,
-        t + g,
-        rho,
-        T_coil,
-        T_air,
-        vx,
-        vy,
-        vm,
-        x + g * ux,
-        y + g * uy,
-        ux2,
-        uy2,
-        a + g * w,
-        w2,
+        p, coef, active, env, t + g, rho, state, vx2, vy2, vm, x + g * ux, y + g * uy, ux2, uy2, a + g * w, w2
     )
     ux3, uy3, w3 = ux + g * k2x, uy + g * k2y, w + g * k2w
     k3x, k3y, k3w = plant_rates(
-        p,
-        coef,
-        active,
-        up,
-        t + g,
-        rho,
-        T_coil,
-        T_air,
-        vx,
-        vy,
-        vm,
-        x + g * ux2,
-        y + g * uy2,
-        ux3,
-        uy3,
-        a + g * w2,
-        w3,
-    )
+        p, coef, active, env, t + g, rho, state, vx2, vy2, vm, x + g * ux2, y + g * uy2, ux3, uy3, a + g * w2, w3,
+    )  # fmt: skip
     ux4, uy4, w4 = ux + h * k3x, uy + h * k3y, w + h * k3w
     k4x, k4y, k4w = plant_rates(
-        p,
-        coef,
-        active,
-        up,
-        t + h,
-        rho,
-        T_coil,
-        T_air,
-        vx,
-        vy,
-        vm,
-        x + h * ux3,
-        y + h * uy3,
-        ux4,
-        uy4,
-        a + h * w3,
-        w4,
-    )
+        p, coef, active, env, t + h, rho, state, vx3, vy3, vm, x + h * ux3, y + h * uy3, ux4, uy4, a + h * w3, w4,
+    )  # fmt: skip
     s = h / 6.0
     state[0] = x + s * (ux + 2.0 * ux2 + 2.0 * ux3 + ux4)
     state[1] = y + s * (uy + 2.0 * uy2 + 2.0 * uy3 + uy4)
@@ -158,16 +175,19 @@ def plant_step(
     angle = a + s * (w + 2.0 * w2 + 2.0 * w3 + w4)
     state[4] = angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi))
     state[5] = w + s * (k1w + 2.0 * k2w + 2.0 * k3w + k4w)
+    state[14] = after
     # coils: electrical heating, loss to the air; the heater brings them to its temperature within about a second
     power = (vx * vx + vy * vy) / p.coil_resistance - (T_coil - T_air) / p.coil_thermal_resistance
-    if env[2] > 0.0:
-        power += p.coil_heat_capacity * (T_air + env[2] - T_coil) / HEATER_TIME
+    if env[HEATER] > 0.0:
+        power += p.coil_heat_capacity * (T_air + env[HEATER] - T_coil) / HEATER_TIME
     state[6] = T_coil + h * power / p.coil_heat_capacity
-    state[7] += h * (env[1] - state[7]) / PUMP_TIME
-
-
-HEATER_TIME = 0.5  # s
-PUMP_TIME = 0.3  # s; the case holds 0.3 litre of air
+    state[7] += h * (env[PRESSURE] - state[7]) / PUMP_TIME
+    # motor: the current heats the winding, the winding the magnets, these the air
+    current = state[18]
+    inward = (state[12] - state[13]) / p.winding_thermal_resistance
+    outward = (state[13] - T_air) / p.motor_thermal_resistance
+    state[12] += h * (p.motor_resistance * current * current - inward) / p.winding_heat_capacity
+    state[13] += h * (inward - outward) / p.motor_heat_capacity
 
 
 @njit(cache=True, error_model="numpy")
@@ -195,12 +215,21 @@ def plant_measure(
     nz = math.sqrt(1.0 - nx * nx - ny * ny)
     nz_rate = -(nx * ux + ny * uy) / nz
     zx, zy = -ny / nz, nx / nz
+    zx_rate, zy_rate = -(uy - ny * nz_rate / nz) / nz, (ux - nx * nz_rate / nz) / nz
     T_air = p.air_temperature
     rho = state[7] / (p.gas_constant * T_air)
-    _, _, _, _, _, _, _, bias_x, bias_y = evaluate_laws(
-        coef, active, zx, zy, -(uy - ny * nz_rate / nz) / nz, (ux - nx * nz_rate / nz) / nz, Omega,
-        0.0, 0.0, 0.0, 0.0, T_coil, T_air, rho, env[0], t,
+    _, _, _, _, _, _, _, _, _, _, _, _, motor, resistance = evaluate_laws(
+        coef, active, env, zx, zy, zx_rate, zy_rate, state[4], Omega,
+        0.0, 0.0, 0.0, 0.0, T_coil, T_air, state[12], state[13], rho, state[18], t,
     )  # fmt: skip
+    current = (vm - p.motor_constant * (1.0 + motor) * Omega) / (p.motor_resistance * (1.0 + resistance))
+    lag, drop, bias_x, bias_y = evaluate_samples(
+        coef, active, env, zx, zy, zx_rate, zy_rate, state[4], Omega,
+        0.0, 0.0, 0.0, 0.0, T_coil, T_air, state[12], state[13], rho, current, t,
+    )  # fmt: skip
+    state[18] = current
+    state[19] = lag
+    state[20] = drop
     out[0] = p.tilt_scale * math.atan(zx) + p.tilt_bias_x + bias_x + p.tilt_noise * noise[0]
     out[1] = p.tilt_scale * math.atan(zy) + p.tilt_bias_y + bias_y + p.tilt_noise * noise[1]
     angle = state[4] + p.spin_angle_noise * noise[2]
@@ -209,9 +238,7 @@ def plant_measure(
     out[4] = vx + state[8] + p.coil_voltage_noise * noise[4]
     out[5] = vy + state[9] + p.coil_voltage_noise * noise[5]
     out[6] = vm + state[10] + p.motor_voltage_noise * noise[6]
-    out[7] = (
-        (vm - p.motor_constant * Omega) / p.motor_resistance + state[11] + p.motor_current_noise * noise[7]
-    )
+    out[7] = current + state[11] + p.motor_current_noise * noise[7]
     out[8] = T_coil + p.temperature_bias + p.temperature_noise * noise[8]
     out[9] = T_air + p.temperature_noise * noise[9]
     out[10] = state[7] + p.pressure_bias + p.pressure_noise * noise[10]
@@ -234,6 +261,9 @@ def plant_advance(
     the next tick.
     """
     ax, ay, am = held[0], held[1], held[2]
+    # the supply may have fallen since the command was taken
+    top = max(p.supply_voltage - state[20], 0.0)
+    am = saturated(am, top)
     plant_step(p, coef, active, env, state, t, ax, ay, am)
     held[0] = saturated(vx, p.coil_voltage_limit)
     held[1] = saturated(vy, p.coil_voltage_limit)

@@ -18,7 +18,7 @@ from gyrowheel_sim.effects.outside import OUTSIDE
 from gyrowheel_sim.effects.registry import EffectValues, registry
 from gyrowheel_sim.environment import Environment
 from gyrowheel_sim.errors import InputError
-from gyrowheel_sim.kernel import N_MEASUREMENT, N_NOISE, N_STATE
+from gyrowheel_sim.kernel import N_ENVIRONMENT, N_MEASUREMENT, N_NOISE, N_STATE
 from gyrowheel_sim.scenario import Scenario
 
 #: Readings of one sample, in the order of the Measurement message.
@@ -61,6 +61,10 @@ class PlantParameters(NamedTuple):
     coil_thermal_resistance: float
     motor_constant: float
     motor_resistance: float
+    winding_heat_capacity: float
+    winding_thermal_resistance: float
+    motor_heat_capacity: float
+    motor_thermal_resistance: float
     supply_voltage: float
     fixed_torque_x: float
     fixed_torque_y: float
@@ -144,11 +148,14 @@ class Machine:
         self.state[5] = initial_spin_rate
         self.state[6] = true.value("air_temperature")
         self.state[7] = true.value("air_pressure")
+        # the motor is cold at the start
+        self.state[12] = self.state[13] = true.value("air_temperature")
         self.held = np.zeros(3)
         # the motor starts at the voltage that keeps the spin rate, so that a test does not begin with a jerk
         self.held[2] = true.value("motor_constant") * initial_spin_rate
-        self.environment = np.array([1.0, true.value("air_pressure"), 0.0])
+        self.environment = np.zeros(N_ENVIRONMENT)
         self.ambient_pressure = true.value("air_pressure")
+        self.set_environment(Environment())
         self._rng = np.random.Generator(np.random.PCG64(scenario.noise_seed))
         drift = self._rng.standard_normal(4)
         self.state[8:12] = drift * [
@@ -163,11 +170,19 @@ class Machine:
         return self._rng.standard_normal((samples, N_NOISE))
 
     def set_environment(self, environment: Environment) -> None:
-        """Put the bench in another environment; pressure and heater follow with their time constants."""
+        """Put the bench in another environment; pressure, heater and table follow with their time constants."""
+        across, (first, second) = environment.up_across, environment.home
         self.environment[:] = (
             environment.up,
+            across.real,
+            across.imag,
+            first.real,
+            first.imag,
+            second.real,
+            second.imag,
             environment.air_density_ratio * self.ambient_pressure,
             environment.preheat,
+            environment.table_rate,
         )
 
 

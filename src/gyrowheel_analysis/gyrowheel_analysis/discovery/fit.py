@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -10,10 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from gyrowheel_analysis.balance import ActiveEffect, Balance
+from gyrowheel_analysis.balance import ActiveEffect, Balance, Instants
 from gyrowheel_analysis.discovery.noise import Noise
+from gyrowheel_analysis.reduction import MOTOR_THERMAL
 from gyrowheel_sim.bench import Bench, Parameter
 from gyrowheel_sim.effects import Effect, EffectValues, registry
+from gyrowheel_sim.effects.quantities import T_motor, T_winding
 
 Array = NDArray[np.float64]
 
@@ -32,6 +35,7 @@ NUISANCE_GROUPS = (
     "coil_constant",
     "motor_constant",
     "motor_resistance",
+    *MOTOR_THERMAL,
     "fixed_torque_x",
     "fixed_torque_y",
     "tilt_bias_x",
@@ -40,6 +44,7 @@ NUISANCE_GROUPS = (
 )
 #: What counts as within the stated uncertainty of a parameter [standard uncertainties].
 STATED_RANGE = 3.0
+_KEPT_STATES = 6
 _HELD = 1.0e4  # inverse prior deviation of an unknown that is not to move
 #: Bench parameters whose error is a finding of its own name: {finding: groups that move by one common factor}.
 ERRORS: dict[str, tuple[str, ...]] = {
@@ -185,6 +190,7 @@ class Problem:
             (g, groups[g]) for g in NUISANCE_GROUPS if g in groups
         ]
         self.measured = np.concatenate([b.measured for b in self.balances])
+        self._states: OrderedDict[str, tuple[dict[str, float], list[Instants], Array]] = OrderedDict()
         self.count = len(self.nuisances) + len(self._loose)
         self.base = self.predict(np.zeros(self.count), {})
         self.noise = Noise(self.balances, self._split(self.base))
@@ -219,8 +225,40 @@ class Problem:
 
     def predict(self, nuisance: Array, coefficients: EffectValues) -> Array:
         """Return the predicted rows of all recordings."""
-        values, effects = self.values(nuisance, coefficients), self.effects(nuisance, coefficients)
-        return np.concatenate([b.predicted(values, effects) for b in self.balances])
+        return self._state(nuisance, coefficients)[2]
+
+    def _state(
+        self, nuisance: Array, coefficients: EffectValues
+    ) -> tuple[dict[str, float], list[Instants], Array]:
+        """Return bench parameters, states of the balances and predicted rows; the last few are kept."""
+        key = repr((nuisance.tolist(), coefficients))
+        if key in self._states:
+            self._states.move_to_end(key)
+        else:
+            values, effects = self.values(nuisance, coefficients), self.effects(nuisance, coefficients)
+            instants = [b.instants(values, effects) for b in self.balances]
+            rows = np.concatenate([b.rows(at, values) for b, at in zip(self.balances, instants, strict=True)])
+            self._states[key] = values, instants, rows
+            if len(self._states) > _KEPT_STATES:
+                self._states.popitem(last=False)
+        return self._states[key]
+
+    def predict_changed(
+        self, nuisance: Array, coefficients: EffectValues, term: Term, own: Mapping[str, float]
+    ) -> Array:
+        """Return the predicted rows with other coefficients of one term; quick where the motion stays the same."""
+        changed: EffectValues = {**coefficients, term.name: dict(own)}
+        if term.effect is None:
+            return self.predict(nuisance, changed)
+        self.library[term.name] = term.effect
+        values, instants, _ = self._state(nuisance, coefficients)
+        parts = []
+        for balance, at in zip(self.balances, instants, strict=True):
+            rows = balance.changed(at, values, term.effect, coefficients.get(term.name), own)
+            if rows is None:
+                return self.predict(nuisance, changed)
+            parts.append(rows)
+        return np.concatenate(parts)
 
     def _nuisance_jacobian(self, nuisance: Array, coefficients: EffectValues, at: Array) -> Array:
         columns = []
@@ -230,17 +268,29 @@ class Problem:
             columns.append((self.predict(moved, coefficients) - at) / 0.1)
         return np.column_stack(columns)
 
+    def _with_thermal(self, jacobian: Array, terms: Sequence[Term], nuisance: Array, at: _Point) -> Array:
+        """Return the derivatives by the bench parameters, those anew that only a heating effect brings about."""
+        laws = [law for t in terms if t.effect is not None for law in t.effect.laws]
+        if not any({T_winding, T_motor} & law.expression.free_symbols for law in laws):
+            return jacobian
+        jacobian = jacobian.copy()
+        for k, (_, parameters) in enumerate(self.nuisances):
+            if any(p.name in MOTOR_THERMAL for p in parameters):
+                moved = nuisance.copy()
+                moved[k] += 0.1
+                jacobian[:, k] = (self.predict(moved, at.coefficients) - at.predicted) / 0.1
+        return jacobian
+
     def term_jacobian(self, term: Term, nuisance: Array, coefficients: EffectValues, at: Array) -> Array:
         """Return the derivatives of the rows by the coefficients of a term (amplitudes zero where not given)."""
         if term.effect is not None:
             self.library[term.name] = term.effect
         columns = []
         for name in term.coefficients:
-            values = {t: dict(v) for t, v in coefficients.items()}
-            own = values.setdefault(term.name, self.null(term))
+            own = dict(coefficients.get(term.name, self.null(term)))
             step = self._step(term, name)
             own[name] += step
-            columns.append((self.predict(nuisance, values) - at) / step)
+            columns.append((self.predict_changed(nuisance, coefficients, term, own) - at) / step)
         return np.column_stack(columns)
 
     @staticmethod
@@ -305,6 +355,7 @@ class Problem:
             if np.abs(x[: self.count] - taken_at).max() > 1.0:
                 nuisance_jacobian = self._nuisance_jacobian(x[: self.count], at.coefficients, at.predicted)
                 taken_at = x[: self.count].copy()
+            nuisance_jacobian = self._with_thermal(nuisance_jacobian, terms, x[: self.count], at)
             parts = [nuisance_jacobian]
             parts += [self.term_jacobian(t, x[: self.count], at.coefficients, at.predicted) for t in terms]
             jacobian = np.hstack(parts)

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.optimize import minimize
 
-from gyrowheel_analysis.balance import CHANNELS, Balance
+from gyrowheel_analysis.balance import ALL_CHANNELS, CHANNELS, RIPPLE_CHANNELS, TURNING_CHANNELS, Balance
+from gyrowheel_analysis.reduction import FORWARD
 
 Array = NDArray[np.float64]
 
@@ -26,6 +27,8 @@ SOURCES = {
 #: the row, and a constant part [N m].
 MODEL_RELATIVE = 5.0e-4
 MODEL_ABSOLUTE = 4.0e-6
+#: The same for the ripple of the speed while the tilt moves [N m].
+MODEL_RIPPLE = 1.0e-4
 #: A drift below the stated one is not believed: few windows show little of a slow drift by chance.
 _SCALE_BOUNDS = (1.0, 8.0)
 _SCALE_SPREAD = 0.7  # of the logarithm of a drift's scale before the recording is seen
@@ -59,6 +62,12 @@ class Noise:
             {name: _channel(balance, rows, name) for name in CHANNELS}
             for balance, rows in zip(balances, predicted, strict=True)
         ]
+        self._white = [
+            np.sqrt(
+                np.concatenate([_harmonic(balance, rows, name) for name in ALL_CHANNELS[len(CHANNELS) :]])
+            )
+            for balance, rows in zip(balances, predicted, strict=True)
+        ]
         self.scales = dict.fromkeys(SOURCES.values(), 1.0)
         self._factors: list[list[Any]] = []
         self._factorise()
@@ -72,24 +81,24 @@ class Noise:
     def whiten(self, rows: Array) -> Array:
         """Return rows (N, ...) divided by the square root of their covariance, recording after recording."""
         parts, at = [], 0
-        for factors in self._factors:
+        for factors, white in zip(self._factors, self._white, strict=True):
             for factor in factors:
                 n = len(factor)
                 parts.append(solve_triangular(factor, rows[at : at + n], lower=True, check_finite=False))
                 at += n
+            # the harmonics carry no drift
+            own = rows[at : at + len(white)]
+            parts.append(own / (white if own.ndim == 1 else white[:, None]))
+            at += len(white)
         return np.concatenate(parts) if parts else np.zeros_like(rows)
 
     def deviation(self) -> Array:
         """Return the standard deviation of every row [unit of the row]."""
-        return np.sqrt(
-            np.concatenate(
-                [
-                    np.diag(c[name].covariance(self.scales[SOURCES[name]]))
-                    for c in self.channels
-                    for name in CHANNELS
-                ]
-            )
-        )
+        parts = []
+        for c, white in zip(self.channels, self._white, strict=True):
+            parts += [np.sqrt(np.diag(c[name].covariance(self.scales[SOURCES[name]]))) for name in CHANNELS]
+            parts.append(white)
+        return np.concatenate(parts)
 
     def estimate_scales(self, residual: Array, regressors: Array) -> None:
         """Estimate how large the drifts are and keep the scales (see `best_scales`)."""
@@ -114,11 +123,19 @@ class Noise:
         names = list(dict.fromkeys(SOURCES.values()))
         blocks: list[tuple[slice, ChannelNoise, str]] = []
         at = 0
-        for c in self.channels:
+        kept: list[Any] = []
+        start = 0
+        for c, white in zip(self.channels, self._white, strict=True):
             for name in CHANNELS:
                 n = len(c[name].diagonal)
                 blocks.append((slice(at, at + n), c[name], SOURCES[name]))
-                at += n
+                kept.append(np.arange(start, start + n))
+                at, start = at + n, start + n
+            start += len(white)
+        # the drift shows in the averages alone; the harmonics narrow what the regressors may explain there
+        averages = np.concatenate(kept) if kept else np.zeros(0, dtype=int)
+        turning = np.setdiff1d(np.arange(start), averages)
+        residual, regressors, turning_cost = _narrowed(residual, regressors, averages, turning, self._white)
         explained = regressors @ regressors.T
 
         def cost(log_scale: Array) -> float:
@@ -136,8 +153,58 @@ class Noise:
             cost, np.full(len(names), 0.05), bounds=bounds, method="L-BFGS-B", options={"maxiter": 30}
         )
         return {name: float(np.exp(value)) for name, value in zip(names, best.x, strict=True)}, float(
-            best.fun
+            best.fun + turning_cost
         )
+
+
+def _narrowed(
+    residual: Array, regressors: Array, averages: Any, turning: Any, white: Sequence[Array]
+) -> tuple[Array, Array, float]:
+    """Return the averages' residual and regressors once the rows of the harmonics have been taken into account.
+
+    The regressors stand for coefficients of unit prior deviation. The harmonics, whose noise is known, turn that
+    prior into another; its mean is taken from the residual, and its deviation scales the regressors. The number is
+    minus twice the log of the likelihood of the harmonics themselves, but for a constant.
+    """
+    if not len(turning):
+        return residual[averages], regressors[averages], 0.0
+    sigma = np.concatenate(list(white))
+    design, rows = regressors[turning] / sigma[:, None], residual[turning] / sigma
+    precision = np.eye(design.shape[1]) + design.T @ design
+    root = np.linalg.cholesky(precision)
+    mean = cho_solve((root, True), design.T @ rows)
+    cost = float(rows @ rows - (design.T @ rows) @ mean + 2.0 * np.log(np.diag(root)).sum())
+    spread = solve_triangular(root, np.eye(len(root)), lower=True).T
+    return residual[averages] - regressors[averages] @ mean, regressors[averages] @ spread, cost
+
+
+def _harmonic(balance: Balance, predicted: Array, name: str) -> Array:
+    """Return the variance of one channel of the harmonics."""
+    v, w, bench = balance.bench.value, balance.windows, balance.bench
+    spin = w.mean_spin
+    if name in TURNING_CHANNELS:
+        order = FORWARD[TURNING_CHANNELS.index(name) // 2]
+        # torque that a reading of the tilt once or twice a revolution stands for
+        inertia = v("rotor_inertia_x") + 0.5 * v("gimbal_inertia_x")
+        stiffness = 0.5 * (v("flexure_stiffness_x") + v("flexure_stiffness_y"))
+        stiff = np.abs(stiffness + (order * bench.precession_inertia - order**2 * inertia) * spin**2)
+        white = (
+            (v("coil_constant") * v("coil_voltage_noise")) ** 2 + (stiff * v("tilt_noise")) ** 2
+        ) / w.samples
+        x = TURNING_CHANNELS[2 * (order - 1)], TURNING_CHANNELS[2 * (order - 1) + 1]
+        size = np.hypot(*(predicted[balance.channel(own)] for own in x))
+        return np.asarray(white + MODEL_ABSOLUTE**2 + (MODEL_RELATIVE * size) ** 2)
+    half = 2.0 * w.samples
+    speed = v("spin_rate_noise") ** 2 / half
+    current = v("motor_current_noise") ** 2 / half
+    if name in RIPPLE_CHANNELS[:2]:
+        swing = bench.axial_inertia * v("motor_ripple_order") * spin
+        floor = np.where(w.moving, MODEL_RIPPLE, MODEL_ABSOLUTE)
+        return np.asarray(swing**2 * speed + v("motor_constant") ** 2 * current + floor**2)
+    voltage = v("motor_voltage_noise") ** 2 / half
+    return np.asarray(
+        voltage + v("motor_resistance") ** 2 * current + v("motor_constant") ** 2 * speed + 1e-14
+    )
 
 
 def _channel(balance: Balance, predicted: Array, name: str) -> ChannelNoise:

@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 SEPARATING_PLANS = (
     "air_density",
     "inverted",
+    "yaw",
     "preheat",
     "cone",
     "coast_down",

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_analysis.balance import ALL_CHANNELS
 from gyrowheel_analysis.discovery.fit import ERRORS, Fit, Problem, Term, candidate_terms
 from gyrowheel_sim.units import DEG
 
@@ -249,10 +250,11 @@ def groups(problem: Problem) -> dict[str, list[NDArray[np.bool_]]]:
     speed, direction = [], []
     for balance in problem.balances:
         w = balance.windows
-        speed.append(np.tile(w.mean_spin, 4))
+        count = len(ALL_CHANNELS)
+        speed.append(np.tile(w.mean_spin, count))
         tilt = w.mean_tilt
         octant = np.round(np.angle(tilt) / (math.pi / 4.0)) % 8
-        direction.append(np.tile(np.where(np.abs(tilt) < 0.3 * DEG, -1.0, octant), 4))
+        direction.append(np.tile(np.where(np.abs(tilt) < 0.3 * DEG, -1.0, octant), count))
     speeds, directions = np.concatenate(speed), np.concatenate(direction)
     result: dict[str, list[NDArray[np.bool_]]] = {"speed": [], "azimuth": []}
     left = np.ones(len(speeds), dtype=bool)

@@ -22,7 +22,14 @@ _TARGETS = {
     "axial_torque": "torque along the spin axis",
     "shaft_torque": "torque on the shaft",
     "flexure_torque": "torque of each flexure",
+    "inertia_difference": "difference of the moments of inertia",
+    "case_rate": "rate of the case",
     "coil_gain": "relative change of the torque per volt",
+    "coil_anisotropy": "mirrored part of the torque of the coils",
+    "coil_lag": "lag of the coils",
+    "motor_gain": "relative change of the motor constant",
+    "winding_resistance": "relative change of the winding resistance",
+    "supply_drop": "fall of the supply",
     "tilt_reading": "error of the tilt reading",
 }
 

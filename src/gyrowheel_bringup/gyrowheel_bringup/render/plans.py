@@ -74,6 +74,7 @@ def plan_json(plan: Plan) -> dict[str, Any]:
                 "yaw": s.environment.yaw,
                 "air_density_ratio": s.environment.air_density_ratio,
                 "preheat": s.environment.preheat,
+                "table_rate": s.environment.table_rate,
             }
             for s in plan.segments
         ],
@@ -90,6 +91,7 @@ def _surroundings(e: Environment) -> str:
     parts = [
         "" if e.rig == "upright" else e.rig,
         f"yaw {short(e.yaw / DEG)} deg" if e.yaw else "",
+        f"table {short(e.table_rate / DEG)} deg/s" if e.table_rate else "",
         f"air × {short(e.air_density_ratio)}" if e.air_density_ratio != 1.0 else "",
         f"coils + {short(e.preheat)} K" if e.preheat else "",
     ]

@@ -26,6 +26,9 @@ from gyrowheel_sim.effects.parts import split
 from gyrowheel_sim.effects.quantities import QUANTITIES, REFERENCES
 from gyrowheel_sim.effects.registry import EffectValues
 
+#: The quantities that the kernel's array of the environment begins with, in order.
+ENVIRONMENT = ("up", "up_x", "up_y", "home_xx", "home_xy", "home_yx", "home_yy")
+
 _MARK = "# --- kernel ---"
 _END = "# --- end of kernel ---"
 
@@ -74,37 +77,66 @@ def coefficient_arrays(
     return coefficients, active
 
 
-def laws_source(effects: Sequence[Effect]) -> str:
-    """Return the source of `evaluate_laws` for these effects (see `gyrowheel_sim.effects.no_laws`)."""
-    printer = _Printer({"fully_qualified_modules": True})
-    layout = coefficient_layout(effects)
-    lines = [
-        "@register_jitable",
-        "def evaluate_laws(coef, active, zx, zy, zx_rate, zy_rate, Omega, theta_x, theta_y, theta_x_rate,",
-        "                  theta_y_rate, T_coil, T_air, rho, up, t):",
-        *(f"    {name} = coef[{len(layout) + i}]" for i, name in enumerate(REFERENCES)),
-        "    Tx = Ty = axial = shaft = flex_x = flex_y = gain = read_x = read_y = 0.0",
-    ]
-    outputs = {
+#: What the generated functions return, by target; the second one is called once a sample.
+OUTPUTS: dict[str, dict[str, tuple[str, ...]]] = {
+    "evaluate_laws": {
         "rotor_torque": ("Tx", "Ty"),
         "axial_torque": ("axial",),
         "shaft_torque": ("shaft",),
+        "flexure_torque": ("flex_x", "flex_y"),
+        "inertia_difference": ("difference",),
+        "case_rate": ("turn_x", "turn_y"),
         "coil_gain": ("gain",),
+        "coil_anisotropy": ("mirror_x", "mirror_y"),
+        "motor_gain": ("motor",),
+        "winding_resistance": ("resistance",),
+    },
+    "evaluate_samples": {
+        "coil_lag": ("lag",),
+        "supply_drop": ("drop",),
         "tilt_reading": ("read_x", "read_y"),
-    }
+    },
+}
+
+
+def laws_source(effects: Sequence[Effect]) -> str:
+    """Return the source of the two functions of `gyrowheel_sim.effects.no_laws` for these effects."""
+    return "\n\n".join(_function_source(effects, name) for name in OUTPUTS)
+
+
+def _function_source(effects: Sequence[Effect], function: str) -> str:
+    printer = _Printer({"fully_qualified_modules": True})
+    layout = coefficient_layout(effects)
+    outputs = OUTPUTS[function]
+    every = [name for names in outputs.values() for name in names]
+    lines = [
+        "@register_jitable",
+        f"def {function}(coef, active, env, zx, zy, zx_rate, zy_rate, theta_z, Omega, theta_x, theta_y, theta_x_rate,",
+        "                  theta_y_rate, T_coil, T_air, T_winding, T_motor, rho, i_motor, t):",
+        *(f"    {name} = coef[{len(layout) + i}]" for i, name in enumerate(REFERENCES)),
+        *(f"    {name} = env[{i}]" for i, name in enumerate(ENVIRONMENT)),
+        f"    {' = '.join(every)} = 0.0",
+    ]
     for index, effect in enumerate(effects):
+        own = [(number, law) for number, law in enumerate(effect.laws) if law.target in outputs]
+        if not own:
+            continue
         lines.append(f"    if active[{index}]:  # {effect.name}")
         places = {c.name: f"coef[{layout[effect.name, c.name]}]" for c in effect.coefficients}
-        for number, law in enumerate(effect.laws):
+        for number, law in own:
             parts = split(law.expression)
             # a flexure's law is written once for both, by its own angle and rate
-            for axis in "xy" if law.target == "flexure_torque" else "":
-                printer.names = places | {"theta": f"theta_{axis}", "theta_rate": f"theta_{axis}_rate"}
-                lines += _assignments((f"flex_{axis}",), parts[:1], printer, f"_v{index}_{number}{axis}")
+            for side in "xy" if law.target == "flexure_torque" else "":
+                printer.names = places | {
+                    "theta": f"theta_{side}",
+                    "theta_rate": f"theta_{side}_rate",
+                    "axis": "1.0" if side == "x" else "-1.0",
+                }
+                lines += _assignments((f"flex_{side}",), parts[:1], printer, f"_v{index}_{number}{side}")
             if law.target != "flexure_torque":
                 printer.names = places
                 lines += _assignments(outputs[law.target], parts, printer, f"_v{index}_{number}_")
-    lines.append("    return Tx, Ty, axial, shaft, flex_x, flex_y, gain, read_x, read_y")
+    lines.append(f"    return {', '.join(every)}")
     return "\n".join(lines) + "\n"
 
 

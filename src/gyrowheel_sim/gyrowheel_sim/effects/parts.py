@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import sympy as sp
 
-from gyrowheel_sim.effects.quantities import z, z_rate
+from gyrowheel_sim.effects.quantities import home_x, home_y, up_across, z, z_rate
 
 #: The real symbols that stand for the two components of the complex quantities.
 COMPONENTS: dict[sp.Symbol, tuple[sp.Symbol, sp.Symbol]] = {
-    symbol: (sp.Symbol(f"zx{tail}", real=True), sp.Symbol(f"zy{tail}", real=True))
-    for symbol, tail in ((z, ""), (z_rate, "_rate"))
+    symbol: (sp.Symbol(x, real=True), sp.Symbol(y, real=True))
+    for symbol, x, y in (
+        (z, "zx", "zy"),
+        (z_rate, "zx_rate", "zy_rate"),
+        (up_across, "up_x", "up_y"),
+        (home_x, "home_xx", "home_xy"),
+        (home_y, "home_yx", "home_yy"),
+    )
 }
 Parts = tuple[sp.Expr, sp.Expr]
 

@@ -30,26 +30,46 @@ QUANTITIES: dict[str, Quantity] = {
         Quantity(sp.Symbol("z", complex=True), "rad", "complex tilt tan(phi_x) + i tan(phi_y)"),
         Quantity(sp.Symbol("z_rate", complex=True), "rad/s", "rate of the complex tilt"),
         _real("Omega", "rad/s", "spin rate", positive=True),
+        _real("theta_z", "rad", "spin angle of the shaft"),
         _real("theta", "rad", "angle of a flexure"),
         _real("theta_rate", "rad/s", "rate of a flexure"),
+        _real("axis", "1", "+1 for the inner flexure, -1 for the outer one"),
+        _real("i_motor", "A", "current of the motor at the last sample"),
         _real("T_coil", "K", "temperature of the torque coils", positive=True),
+        _real(
+            "T_winding", "K", "temperature of the motor's winding, reckoned from its current", positive=True
+        ),
+        _real("T_motor", "K", "temperature of the motor's magnets, reckoned from its current", positive=True),
         _real("T_air", "K", "temperature of the air", positive=True),
         _real("rho", "kg/m^3", "density of the air", positive=True),
-        _real("up", "1", "+1 with the spin axis up, -1 inverted"),
+        _real("up", "1", "component along case z of the unit vector that points up"),
+        Quantity(sp.Symbol("up_across", complex=True), "1", "its components across, x + i y in case axes"),
+        Quantity(
+            sp.Symbol("home_x", complex=True),
+            "1",
+            "components across, x + i y in case axes, of the horizontal unit vector along which case x lies "
+            "with the rig upright and not yawed",
+        ),
+        Quantity(sp.Symbol("home_y", complex=True), "1", "the same of case y"),
         _real("t", "s", "time since the start of the recording"),
         _real("Omega_ref", "rad/s", "reference spin rate of the bench", positive=True),
         _real("rho_ref", "kg/m^3", "reference air density of the bench", positive=True),
         _real("T_ref", "K", "reference temperature of the bench", positive=True),
         _real("z_ref", "rad", "reference tilt of the bench", positive=True),
+        _real("N_ripple", "1", "periods a turn of the motor's ripple", positive=True),
     )
 }
 
 z, z_rate = QUANTITIES["z"].symbol, QUANTITIES["z_rate"].symbol
 Omega, Omega_ref = QUANTITIES["Omega"].symbol, QUANTITIES["Omega_ref"].symbol
 theta, theta_rate = QUANTITIES["theta"].symbol, QUANTITIES["theta_rate"].symbol
+theta_z, axis, i_motor = QUANTITIES["theta_z"].symbol, QUANTITIES["axis"].symbol, QUANTITIES["i_motor"].symbol
+T_winding, T_motor = QUANTITIES["T_winding"].symbol, QUANTITIES["T_motor"].symbol
 T_coil, T_air, T_ref = QUANTITIES["T_coil"].symbol, QUANTITIES["T_air"].symbol, QUANTITIES["T_ref"].symbol
 rho, rho_ref = QUANTITIES["rho"].symbol, QUANTITIES["rho_ref"].symbol
-up, t, z_ref = QUANTITIES["up"].symbol, QUANTITIES["t"].symbol, QUANTITIES["z_ref"].symbol
+up, up_across = QUANTITIES["up"].symbol, QUANTITIES["up_across"].symbol
+home_x, home_y = QUANTITIES["home_x"].symbol, QUANTITIES["home_y"].symbol
+t, z_ref, N_ripple = QUANTITIES["t"].symbol, QUANTITIES["z_ref"].symbol, QUANTITIES["N_ripple"].symbol
 
 #: The reference values, as bench parameters.
 REFERENCES = {
@@ -57,4 +77,5 @@ REFERENCES = {
     "rho_ref": "air_density_reference",
     "T_ref": "air_temperature",
     "z_ref": "tilt_reference",
+    "N_ripple": "motor_ripple_order",
 }

@@ -53,19 +53,28 @@ _NOTICEABLE = {
     "axial_torque": (5e-5, 1e-3),
     "shaft_torque": (5e-5, 1e-3),
     "flexure_torque": (1e-4, 2e-3),
+    "inertia_difference": (5e-7, 5e-6),
+    "case_rate": (2e-5, 6e-5),
     "coil_gain": (0.005, 0.1),
+    "coil_anisotropy": (0.01, 0.05),
+    "coil_lag": (1e-4, 5e-4),
+    "motor_gain": (0.002, 0.02),
+    "winding_resistance": (0.01, 0.1),
+    "supply_drop": (0.1, 2.0),
     "tilt_reading": (3e-4, 6e-3),
 }
 #: Where a law is tried: at rest on the axis, and tilted at speeds from 1000 to 4000 rpm.
 _SPEEDS = np.linspace(105.0, 420.0, 64)
 _AT_REST: dict[str, Any] = {
-    "z": 0j, "z_rate": 0j, "Omega": _SPEEDS, "theta": 0.0, "theta_rate": 0.0,
-    "T_coil": 295.0, "T_air": 295.0, "rho": 1.2, "up": 1.0, "t": 0.0,
-    "Omega_ref": 366.5, "rho_ref": 1.2, "T_ref": 295.0, "z_ref": 0.05,
+    "z": 0j, "z_rate": 0j, "Omega": _SPEEDS, "theta_z": 0.0, "theta": 0.0, "theta_rate": 0.0, "axis": 1.0,
+    "i_motor": 0.05, "T_coil": 295.0, "T_air": 295.0, "T_winding": 295.0, "T_motor": 295.0, "rho": 1.2,
+    "up": 1.0, "up_across": 0j, "home_x": 1.0 + 0j, "home_y": 1j, "t": 0.0,
+    "Omega_ref": 366.5, "rho_ref": 1.2, "T_ref": 295.0, "z_ref": 0.05, "N_ripple": 6.0,
 }  # fmt: skip
 _TILTED = _AT_REST | {
-    "z": 0.04 + 0.03j, "z_rate": 0.1 - 0.2j, "theta": 0.05, "theta_rate": 15.0,
-    "T_coil": 315.0, "T_air": 296.0, "rho": 1.0, "up": -1.0, "t": 60.0,
+    "z": 0.04 + 0.03j, "z_rate": 0.1 - 0.2j, "theta_z": 0.7, "theta": 0.05, "theta_rate": 15.0, "axis": -1.0,
+    "i_motor": -0.3, "T_coil": 315.0, "T_air": 296.0, "T_winding": 325.0, "T_motor": 300.0, "rho": 1.0,
+    "up": -1.0, "up_across": 0.6 - 0.8j, "home_x": 0.8 + 0j, "home_y": -0.6j, "t": 60.0,
 }  # fmt: skip
 
 
