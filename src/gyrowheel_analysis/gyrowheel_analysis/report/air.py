@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from gyrowheel_sim.air import get_model
 from gyrowheel_sim.air.cfd.case import Case, Result, last_time
-from gyrowheel_sim.air.cfd.polymesh import PolyMesh, read_field, read_patch
+from gyrowheel_sim.air.cfd.polymesh import PolyMesh, read_field
 from gyrowheel_sim.air.correlations import drag
 from gyrowheel_sim.air.geometry import Geometry
 from gyrowheel_sim.air.state import density_change, reynolds_number
@@ -97,7 +98,7 @@ def draw_all(table: TorqueTable, folder: Path, study: Path | None = None) -> dic
     draw("torque_by_tilt", lambda: by_tilt(table))
     draw("torque_by_speed", lambda: by_speed(table))
     if study is not None:
-        cases = _flow_cases(table, study)
+        cases = _flow_cases(study)
         draw("mesh", lambda: mesh_section(cases))
         draw("pressure", lambda: pressure(cases))
         draw("axial_velocity", lambda: section(cases, "axial"))
@@ -292,13 +293,13 @@ def mesh_section(cases: Sequence[Solved]) -> tuple[Figure, str] | None:
 
     result, folder = max(cases, key=lambda item: item[0].case.tilt)
     mesh = PolyMesh.read(folder)
-    figure = _blank((11.0, 5.8))
-    left = figure.add_axes((0.06, 0.09, 0.46, 0.72))
+    figure = _blank((11.0, 4.9))
+    left = figure.add_axes((0.06, 0.06, 0.46, 0.74))
     quads = 1e3 * mesh.points[mesh.faces[_section_faces(mesh)]][:, :, 1:]
     left.add_collection(PolyCollection(list(quads), facecolors="white", edgecolors=_BLUE, linewidths=0.25))
     _frame_section(left, quads)
     left.set_title("section through the axes")
-    right: Any = figure.add_axes((0.54, 0.02, 0.46, 0.84), projection="3d")
+    right: Any = figure.add_axes((0.54, -0.02, 0.46, 0.84), projection="3d")
     faces = mesh.faces[mesh.patches["rotor"]]
     right.add_collection3d(
         Poly3DCollection(1e3 * mesh.points[faces], facecolors="#DCE9F3", edgecolors=_BLUE, linewidths=0.3)
@@ -307,7 +308,7 @@ def mesh_section(cases: Sequence[Solved]) -> tuple[Figure, str] | None:
     right.set_box_aspect((1, 1, 1), zoom=1.35)
     right.view_init(elev=25, azim=-35)
     right.set_axis_off()
-    right.set_title("surface of the rotor", y=0.93)
+    right.set_title("surface of the rotor", y=0.95)
     _headline(
         figure,
         f"The mesh, tilt {result.case.tilt / DEG:.0f}°: {mesh.cells} hexahedra",
@@ -322,7 +323,7 @@ def pressure(cases: Sequence[Solved]) -> tuple[Figure, str] | None:
         return None
     from matplotlib.collections import PolyCollection
 
-    figure = _blank((4.0 * len(cases) + 0.6, 5.0))
+    figure = _blank((4.0 * len(cases) + 0.9, 5.0))
     limit = 0.0
     panels = []
     for result, folder in cases:
@@ -330,16 +331,17 @@ def pressure(cases: Sequence[Solved]) -> tuple[Figure, str] | None:
         where = mesh.patches["rotor"]
         axes3 = result.case.axes
         top = mesh.face_centres[where] @ axes3[2] > 0.4999 * result.case.lengths[1]
-        kinematic = read_patch(last_time(folder) / "p", "rotor", where.stop - where.start)
+        # at a wall the pressure has no gradient: it is that of the cell
+        kinematic = read_field(last_time(folder) / "p", mesh.cells)[mesh.owner[where]]
         values = result.case.density * kinematic[top]
         area = np.linalg.norm(mesh.face_areas[where][top], axis=1)
         values = values - np.average(values, weights=area)
         quads = 1e3 * mesh.points[mesh.faces[where][top]] @ axes3[:2].T
         panels.append((result, quads, values))
         limit = max(limit, float(np.abs(values).max()))
-    width = 0.86 / len(cases)
+    width = 0.85 / len(cases)
     for i, (result, quads, values) in enumerate(panels):
-        axes = figure.add_axes((0.05 + i * width, 0.08, width - 0.03, 0.68))
+        axes = figure.add_axes((0.055 + i * width, 0.11, width - 0.04, 0.68))
         patches = PolyCollection(list(quads), array=values, cmap="RdBu_r", edgecolors="face", linewidths=0.2)
         patches.set_clim(-limit, limit)
         axes.add_collection(patches)
@@ -349,7 +351,7 @@ def pressure(cases: Sequence[Solved]) -> tuple[Figure, str] | None:
         axes.set_xlabel("along the tilt's axis, mm")
         if i == 0:
             axes.set_ylabel("a quarter turn ahead, mm")
-    bar = figure.colorbar(patches, cax=figure.add_axes((0.925, 0.14, 0.014, 0.56)))
+    bar = figure.colorbar(patches, cax=figure.add_axes((0.915, 0.16, 0.012, 0.56)))
     bar.set_label("pressure less its mean, Pa")
     _headline(
         figure,
@@ -367,7 +369,7 @@ def section(cases: Sequence[Solved], which: str) -> tuple[Figure, str] | None:
         return None
     from matplotlib.collections import PolyCollection
 
-    figure = _blank((4.3 * len(cases) + 0.6, 4.9))
+    figure = _blank((4.3 * len(cases) + 1.0, 6.4))
     panels = []
     limit = 0.0
     for result, folder in cases:
@@ -379,35 +381,61 @@ def section(cases: Sequence[Solved], which: str) -> tuple[Figure, str] | None:
         values = inner[:, 2] if which == "axial" else inner[:, 1] * np.sign(middle[:, 1])
         panels.append((result, 1e3 * mesh.points[mesh.faces[faces]][:, :, 1:], values))
         limit = max(limit, float(np.percentile(np.abs(values), 99.5)))
-    width = 0.86 / len(cases)
+    grid = figure.add_gridspec(
+        2,
+        2 * len(cases),
+        left=0.055,
+        right=0.9,
+        top=0.83,
+        bottom=0.075,
+        height_ratios=(1.0, 1.15),
+        hspace=0.3,
+        wspace=0.28,
+    )
     for i, (result, quads, values) in enumerate(panels):
-        axes = figure.add_axes((0.05 + i * width, 0.1, width - 0.025, 0.66))
-        patches = PolyCollection(list(quads), array=values, cmap="RdBu_r", edgecolors="face", linewidths=0.2)
-        patches.set_clim(-limit, limit)
-        axes.add_collection(patches)
-        _frame_section(axes, quads)
-        axes.set_title(_place(result.case))
-        if i:
-            axes.set_ylabel("")
-    bar = figure.colorbar(patches, cax=figure.add_axes((0.925, 0.16, 0.013, 0.54)), extend="both")
+        rim = 1e3 * result.case.lengths[2]
+        top = figure.add_subplot(grid[0, 2 * i : 2 * i + 2])
+        sides = [figure.add_subplot(grid[1, 2 * i + side]) for side in (0, 1)]
+        for axes in (top, *sides):
+            patches = PolyCollection(
+                list(quads), array=values, cmap="RdBu_r", edgecolors="face", linewidths=0.2
+            )
+            patches.set_clim(-limit, limit)
+            axes.add_collection(patches)
+        _frame_section(top, quads)
+        top.set_title(_place(result.case))
+        top.set_xlabel("")
+        for axes, (low, high) in zip(sides, ((-rim, -rim + 8.0), (rim - 8.0, rim)), strict=True):
+            axes.set(xlim=(low, high), ylim=top.get_ylim())
+            axes.set_xlabel("y, mm")
+        sides[1].tick_params(labelleft=False)
+        if i == 0:
+            sides[0].set_ylabel("rim gaps, drawn wider\nz, mm")
+        else:
+            top.set_ylabel("")
+            sides[0].tick_params(labelleft=False)
+            top.tick_params(labelleft=False)
+    bar = figure.colorbar(patches, cax=figure.add_axes((0.925, 0.2, 0.012, 0.5)), extend="both")
     bar.set_label({"axial": "axial velocity (up), m/s", "radial": "radial velocity (out), m/s"}[which])
     text = {
-        "axial": "in the rim gap, rings that turn against each other (Taylor vortices); the tilt weakens and shifts them",
+        "axial": "without tilt, rings that turn against each other fill the rim gap (Taylor vortices); with tilt, air runs past the rim instead",
         "radial": "out along the rotor's faces, back in along the case; with tilt one side differs from the other",
     }[which]
     _headline(figure, f"{which.capitalize()} velocity on the section across the tilt's axis", text)
     return figure, f"{which.capitalize()} velocity, {text}."
 
 
-def _flow_cases(table: TorqueTable, study: Path) -> list[Solved]:
+def _flow_cases(study: Path) -> list[Solved]:
     """Return the paper's three conditions as far as they are in a study, with the folders of their solutions."""
     results = collect_results(study)
+    counted = Counter((r.case.mesh, r.case.model) for r in results)
+    method = counted.most_common(1)[0][0] if counted else None
     chosen = []
     for tilt, rpm in ((0.0, 3500.0), (5.0, 3500.0), (5.0, 2000.0)):
         for result in results:
             case = result.case
             here = np.allclose([case.tilt / DEG, case.spin_rate / RPM, case.direction], [tilt, rpm, 0.0])
-            if here and (case.mesh, case.model) == table.method:
+            if here and (case.mesh, case.model) == method:
                 chosen.append((result, study / case.name))
     return chosen
 

@@ -13,6 +13,7 @@ from gyrowheel_sim.air.correlations import drag
 from gyrowheel_sim.air.geometry import Geometry
 from gyrowheel_sim.air.surrogate import fit_table
 from gyrowheel_sim.air.table import TorqueTable
+from gyrowheel_sim.errors import InputError
 from gyrowheel_sim.units import DEG, RPM
 
 Array = NDArray[np.float64]
@@ -108,7 +109,11 @@ def _tilt(table: TorqueTable) -> Iterator[Check]:
 
 
 def _exponents(table: TorqueTable) -> Iterator[Check]:
-    laws = fit_table(table).laws
+    try:
+        laws = fit_table(table).laws
+    except InputError as error:
+        yield Check("T1, T2 and T3 follow power laws of the speed", str(error), False)
+        return
     for name, law, low, high in zip(_NAMES, laws, (1.8, 1.8, 1.4), (2.2, 2.2, 1.6), strict=True):
         what = f"{name} grows with the speed to the power of {low} .. {high}"
         if law is None:

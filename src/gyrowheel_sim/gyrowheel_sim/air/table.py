@@ -243,6 +243,14 @@ class Table:
 
     table: TorqueTable
 
+    def __post_init__(self) -> None:
+        """Refuse a table that leaves nothing to interpolate."""
+        tilts, speeds = len(self.table.tilts), len(self.table.speeds)
+        if min(tilts, speeds) < 2:
+            raise InputError(
+                f"{self.table.origin}: {tilts} tilts and {speeds} speeds; at least 2 of each are needed to interpolate"
+            )
+
     @property
     def name(self) -> str:
         """Name of the model."""
@@ -265,7 +273,8 @@ class Table:
         values = self._mean([[angle, inside]])[0]
         scatter = self._scatter([[angle, inside]])[0]
         if beyond:
-            step = math.copysign(0.05, -beyond)
+            # the power law between the outermost speeds goes on
+            step = self._log_re[1] - low if beyond < 0.0 else self._log_re[-2] - high
             with np.errstate(divide="ignore", invalid="ignore"):
                 slope = np.log(self._mean([[angle, inside + step]])[0] / values) / step
             growth = np.exp(np.where(np.isfinite(slope), slope, 0.0) * beyond)

@@ -92,7 +92,7 @@ def run(command: list[str], folder: Path, log: Path, *, step: Step | None = None
             stderr=subprocess.STDOUT,
             env=environment() | {"PWD": str(folder.resolve())},
             start_new_session=True,
-            preexec_fn=_die_with_parent,
+            preexec_fn=die_with_parent,
         )
         try:
             code = _wait(process, log, step)
@@ -128,8 +128,8 @@ def reason(text: str, code: int) -> str:
     return " ".join(last[0].split()) if last else f"exit status {code}"
 
 
-def _die_with_parent() -> None:
-    # a worker that is killed outright can end nothing any more: the kernel ends its program (Linux only)
+def die_with_parent() -> None:
+    """Have the kernel end this process when its parent ends: one that is killed can end nothing any more (Linux)."""
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 

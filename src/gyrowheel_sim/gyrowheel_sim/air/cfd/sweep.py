@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import math
+import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -180,8 +181,10 @@ def sweep(
     return Outcome([results[c.name] for c in order if c.name in results], failed, reused)
 
 
-def _one(step: Step, root: Path) -> tuple[Case, Result | str]:
+def _one(step: Step, root: Path, sweeper: int) -> tuple[Case, Result | str]:
     """Run one case; what fails is told, not raised, so that the others go on."""
+    if os.getppid() == sweeper:
+        openfoam.die_with_parent()  # a worker of a sweep that is killed must not go on alone
     first = None if step.first is None else root / step.first.name
     try:
         return step.case, run_case(step.case, root, first=first)
@@ -205,7 +208,7 @@ def _workers(jobs: int, dask: str | None) -> Iterator[RunAll]:
                 return iter(())
             kind = "generator_unordered"
             pool = joblib.Parallel(return_as=kind, batch_size=1, **({} if dask else {"n_jobs": jobs}))
-            return iter(pool(joblib.delayed(_one)(step, root) for step in steps))
+            return iter(pool(joblib.delayed(_one)(step, root, os.getpid()) for step in steps))
 
         yield run_all
 
