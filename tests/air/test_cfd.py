@@ -432,6 +432,23 @@ def test_two_sweeps_in_one_folder_are_refused(tmp_path: Path, player: Player):
             sweep(levels_of([5], [3500]), tmp_path, tell=lambda *_: None)
 
 
+def test_a_sweep_runs_on_a_dask_cluster(tmp_path: Path, player: Player):
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
+    ) as cluster:
+        seen: list[int] = []
+        outcome = sweep(
+            levels_of([0, 5], [2000, 3500]),
+            tmp_path / "study",
+            dask=cluster.scheduler_address,
+            tell=lambda case, result, done, total: seen.append(done),
+        )
+    assert seen == [1, 2, 3, 4]
+    assert len(outcome.results) == len(player.calls) == 4
+    assert sweep(levels_of([0, 5], [2000, 3500]), tmp_path / "study", tell=lambda *_: None).reused == 4
+
+
 def test_dask_that_is_missing_is_named(tmp_path: Path, player: Player, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "dask.distributed", None)
     with pytest.raises(

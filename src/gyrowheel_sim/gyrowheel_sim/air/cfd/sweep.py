@@ -181,7 +181,7 @@ def sweep(
     return Outcome([results[c.name] for c in order if c.name in results], failed, reused)
 
 
-def _one(step: Step, root: Path, sweeper: int) -> tuple[Case, Result | str]:
+def _one(step: Step, root: Path, sweeper: int | None) -> tuple[Case, Result | str]:
     """Run one case; what fails is told, not raised, so that the others go on."""
     if os.getppid() == sweeper:
         openfoam.die_with_parent()  # a worker of a sweep that is killed must not go on alone
@@ -208,7 +208,8 @@ def _workers(jobs: int, dask: str | None) -> Iterator[RunAll]:
                 return iter(())
             kind = "generator_unordered"
             pool = joblib.Parallel(return_as=kind, batch_size=1, **({} if dask else {"n_jobs": jobs}))
-            return iter(pool(joblib.delayed(_one)(step, root, os.getpid()) for step in steps))
+            sweeper = None if dask else os.getpid()
+            return iter(pool(joblib.delayed(_one)(step, root, sweeper) for step in steps))
 
         yield run_all
 
