@@ -13,12 +13,13 @@ from hypothesis import strategies as st
 
 from gyrowheel_sim.air import MODELS, get_model
 from gyrowheel_sim.air.check import check_table
+from gyrowheel_sim.air.effects import air_effects
 from gyrowheel_sim.air.geometry import Geometry
 from gyrowheel_sim.air.simple import Correlation, Vorticity
 from gyrowheel_sim.air.surrogate import coefficients, fit_model, fit_table
 from gyrowheel_sim.air.table import Table, TorqueTable
 from gyrowheel_sim.air.torque import AirModel
-from gyrowheel_sim.effects import get
+from gyrowheel_sim.effects import get, parse_option
 from gyrowheel_sim.errors import InputError
 from gyrowheel_sim.units import DEG, RPM
 
@@ -271,6 +272,15 @@ def test_every_model_gives_coefficients_of_what_it_knows(model: AirModel, effect
         assert all(error >= 0.0 and value > 0.0 for value, error in members.values())
     assert 1.45 < found["windage"]["n"][0] < 1.55
     assert found["windage"]["w"][0] == pytest.approx(0.95e-3, rel=0.01)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_model_of_the_air_can_be_given_to_a_machine(model: str):
+    found = air_effects(model, table=MADE_UP)
+    given = dict(parse_option(text) for text in found.options)
+    assert set(given) == set(found.values) == set(found.errors)
+    for effect, members in given.items():
+        assert members == pytest.approx(found.values[effect], rel=1e-3)
 
 
 def test_the_end_gap_model_grows_as_the_square_of_the_speed():

@@ -14,6 +14,7 @@ from gyrowheel_sim.errors import InputError
 if TYPE_CHECKING:
     from gyrowheel_sim.air.cfd.case import Case, Result
     from gyrowheel_sim.air.geometry import Geometry
+    from gyrowheel_sim.air.state import AirState
     from gyrowheel_sim.air.table import TorqueTable
 
 cfd_app = typer.Typer(
@@ -332,7 +333,7 @@ def _geometry(name: str) -> Geometry:
     return Geometry.load(name)
 
 
-def _air(temperature: float | None, pressure: float | None):  # type: ignore[no-untyped-def]
+def _air(temperature: float | None, pressure: float | None) -> AirState:
     from gyrowheel_sim.air.state import AirState
 
     if temperature is None and pressure is None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import RenderableType
 from rich.text import Text
 
-from gyrowheel_bringup.render.layout import Unbroken, figures_table, heading, sentences, words_table
+from gyrowheel_bringup.render.layout import Unbroken, command, figures_table, heading, sentences, words_table
 from gyrowheel_bringup.render.quantities import fixed, pair, short, with_error
 from gyrowheel_sim.units import DEG, RPM
 
@@ -58,6 +58,10 @@ def comparison_page(found: Comparison) -> Iterator[RenderableType]:
             laws.add_row(shown, effect, f"{name} = {with_error(*size, _UNITS[name])}", _pure(*members["n"]))
             shown = ""
     yield laws
+    if found.options:
+        yield heading("As options of simulate and up, by the table's laws")
+        for option in found.options:
+            yield command(f"--effect {option}")
     if found.refused:
         yield heading("Not shown")
         yield from sentences(f"{name}: {why}" for name, why in found.refused.items())

@@ -9,6 +9,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from gyrowheel_sim.air import MODELS, get_model
+from gyrowheel_sim.air.effects import options_of
 from gyrowheel_sim.air.geometry import Geometry
 from gyrowheel_sim.air.state import AirState, density_change, reynolds_number
 from gyrowheel_sim.air.surrogate import coefficients
@@ -35,6 +36,8 @@ class Comparison:
         By model, for those that hold there.
     refused : dict of str to str
         Why the others do not.
+    options : list of str
+        The surrogate as texts for ``--effect``.
     coefficients : dict
         By model: what `gyrowheel_sim.air.surrogate.coefficients` returns.
     """
@@ -46,6 +49,7 @@ class Comparison:
     density_change: float
     torques: Mapping[str, AirTorque]
     refused: Mapping[str, str]
+    options: list[str]
     coefficients: Mapping[str, Mapping[str, Mapping[str, tuple[float, float]]]]
 
     def to_json(self) -> dict[str, Any]:
@@ -116,5 +120,6 @@ def compare(
         density_change=density_change(air, geometry.rotor_radius, spin_rate),
         torques=torques,
         refused=refused,
+        options=options_of(found.get("surrogate", {})),
         coefficients=found,
     )

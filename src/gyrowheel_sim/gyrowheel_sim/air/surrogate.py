@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gyrowheel_sim.air.geometry import Geometry
 from gyrowheel_sim.air.state import AirState
-from gyrowheel_sim.air.table import TorqueTable
+from gyrowheel_sim.air.table import Table, TorqueTable
 from gyrowheel_sim.air.torque import AirModel, AirTorque, check_speed, split_tilt, tilt_axes
 from gyrowheel_sim.errors import InputError
 from gyrowheel_sim.units import DEG, RPM
@@ -162,12 +162,12 @@ def fit_model(
     geometry: Geometry,
     air: AirState,
     *,
-    tilts: Sequence[float] = tuple(np.radians([1.0, 2.0, 3.0, 4.0, 5.0])),
+    tilts: Sequence[float] = tuple(DEG * np.array([1.0, 2.0, 3.0, 4.0, 5.0])),
     speeds: Sequence[float] = tuple(RPM * np.array([1000.0, 2000.0, 3000.0, 3500.0, 4000.0])),
 ) -> Surrogate:
     """Fit the power laws to what any model says over tilts [rad] and spin rates [rad/s], in one air.
 
-    The uncertainty of a size is that of the fit and the relative uncertainty that the model states.
+    A table is asked where it has its own rows. The uncertainty of a size is that of the fit and the relative uncertainty that the model states.
 
     Raises
     ------
@@ -176,6 +176,11 @@ def fit_model(
     """
     if isinstance(model, Surrogate):
         return model
+    if isinstance(model, Table):
+        tilts, speeds = (
+            [tilt for tilt in model.table.tilts.tolist() if tilt > 0.0],
+            model.table.speeds.tolist(),
+        )
     asked = [(tilt, speed) for tilt in tilts for speed in speeds]
     found = [model.torque(geometry, air, (tilt, 0.0), speed) for tilt, speed in asked]
     torques = np.array([t.components for t in found])

@@ -207,8 +207,8 @@ class TorqueTable:
     def spread(self) -> tuple[Array, Array]:
         """Relative spread of the components over meshes, and over models, shape (3,) each.
 
-        Over meshes: root mean square difference of rows with the grid's model; over models: of the others, without the
-        paper's on meshes that are as coarse as to make its own error. Both at the largest tilt that has alternatives.
+        Over meshes: root mean square difference of the rows with the grid's model on other meshes; over models: of
+        all rows with other models. Both at the largest tilt that has any.
         """
         pairs = [(row, base) for row, base in self.alternatives() if base.case.tilt > 0.0]
         if not pairs:
