@@ -167,7 +167,8 @@ def fit_model(
 ) -> Surrogate:
     """Fit the power laws to what any model says over tilts [rad] and spin rates [rad/s], in one air.
 
-    A table is asked where it has its own rows. The uncertainty of a size is that of the fit and the relative uncertainty that the model states.
+    A table is asked where it has its own rows. The uncertainty of a size is that of the fit and the relative
+    uncertainty that the model states.
 
     Raises
     ------
