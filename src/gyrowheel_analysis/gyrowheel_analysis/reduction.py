@@ -8,6 +8,7 @@ means, which leaves their noise simple.
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from collections.abc import Sequence
@@ -16,7 +17,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from gyrowheel_control.plans import HOLD, Plan
 from gyrowheel_sim.bench import Bench
@@ -372,9 +372,14 @@ def _warming(power: Array, parameters: Array) -> Array:
     result = np.zeros((len(power) + 1, 2))
     for value, mode, gain in zip(values, modes.T, drive, strict=True):
         step = math.exp(value * _THERMAL_STEP)
-        own = lfilter([gain * (step - 1.0) / value], [1.0, -step], power)
-        result[1:] += own[:, None] * mode[None, :]
+        heating = (gain * (step - 1.0) / value * power).tolist()
+        own = list(itertools.accumulate(heating, functools.partial(_fading, step), initial=0.0))
+        result += np.array(own)[:, None] * mode[None, :]
     return result
+
+
+def _fading(step: float, before: float, more: float) -> float:
+    return step * before + more
 
 
 def _window(

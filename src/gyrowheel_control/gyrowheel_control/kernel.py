@@ -45,7 +45,7 @@ class ControllerParameters(NamedTuple):
     sample_period: float  # s
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def controller_update(
     c: Any, s: Any, tilt_x: float, tilt_y: float, spin_rate: float, rx: float, ry: float, rx_rate: float,
     ry_rate: float, spin_ref: float, spin_acc: float,

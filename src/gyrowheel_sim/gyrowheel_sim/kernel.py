@@ -40,7 +40,7 @@ PUMP_TIME = 0.3  # s; the case holds 0.3 litre of air
 TABLE_TIME = 0.05  # s
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def plant_rates(
     p: Any, coef: Any, active: Any, env: Any, t: float, rho: float, s: Any,
     vx: float, vy: float, vm: float, nx: float, ny: float, ux: float, uy: float, angle: float, Omega: float,
@@ -109,7 +109,7 @@ def plant_rates(
     return ax_case, ay_case, az
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def plant_step(
     p: Any, coef: Any, active: Any, env: Any, state: Any, t: float, vx: float, vy: float, vm: float
 ) -> None:
@@ -153,28 +153,50 @@ def plant_step(
     state[15] = (after - table) / h
     state[14] = 0.5 * (table + after)
     x, y, ux, uy, a, w = state[0], state[1], state[2], state[3], state[4], state[5]
-    g = 0.5 * h
-    k1x, k1y, k1w = plant_rates(p, coef, active, env, t, rho, state, vx1, vy1, vm, x, y, ux, uy, a, w)
-    ux2, uy2, w2 = ux + g * k1x, uy + g * k1y, w + g * k1w
-    k2x, k2y, k2w = plant_rates(
-        p, coef, active, env, t + g, rho, state, vx2, vy2, vm, x + g * ux, y + g * uy, ux2, uy2, a + g * w, w2
-    )
-    ux3, uy3, w3 = ux + g * k2x, uy + g * k2y, w + g * k2w
-    k3x, k3y, k3w = plant_rates(
-        p, coef, active, env, t + g, rho, state, vx2, vy2, vm, x + g * ux2, y + g * uy2, ux3, uy3, a + g * w2, w3,
-    )  # fmt: skip
-    ux4, uy4, w4 = ux + h * k3x, uy + h * k3y, w + h * k3w
-    k4x, k4y, k4w = plant_rates(
-        p, coef, active, env, t + h, rho, state, vx3, vy3, vm, x + h * ux3, y + h * uy3, ux4, uy4, a + h * w3, w4,
-    )  # fmt: skip
+    xs, ys, uxs, uys, as_, ws = x, y, ux, uy, a, w
+    kx = ky = 0.0
+    dx = dy = dux = duy = da = dw = 0.0
+    for stage in range(4):
+        c = 0.0 if stage == 0 else (h if stage == 3 else 0.5 * h)
+        ex = vx1 if stage == 0 else (vx3 if stage == 3 else vx2)
+        ey = vy1 if stage == 0 else (vy3 if stage == 3 else vy2)
+        ax, ay, aw = plant_rates(
+            p, coef, active, env, t + c, rho, state, ex, ey, vm, xs, ys, uxs, uys, as_, ws
+        )
+        if stage == 0:
+            kx = ax
+            ky = ay
+        weight = 1.0 if stage == 0 or stage == 3 else 2.0
+        dx += weight * uxs
+        dy += weight * uys
+        da += weight * ws
+        dux += weight * ax
+        duy += weight * ay
+        dw += weight * aw
+        c = h if stage == 2 else 0.5 * h
+        xs, ys, as_ = x + c * uxs, y + c * uys, a + c * ws
+        uxs, uys, ws = ux + c * ax, uy + c * ay, w + c * aw
     s = h / 6.0
-    state[0] = x + s * (ux + 2.0 * ux2 + 2.0 * ux3 + ux4)
-    state[1] = y + s * (uy + 2.0 * uy2 + 2.0 * uy3 + uy4)
-    state[2] = ux + s * (k1x + 2.0 * k2x + 2.0 * k3x + k4x)
-    state[3] = uy + s * (k1y + 2.0 * k2y + 2.0 * k3y + k4y)
-    angle = a + s * (w + 2.0 * w2 + 2.0 * w3 + w4)
+    # What the step falls behind a free nutation, whose first slopes are kx + i ky: with n the angle of the nutation in
+    # one step, exp(i n) less the first five terms of its series, over i n; and the same once more integrated.
+    n = (
+        (p.rotor_inertia_z + p.gimbal_inertia_x)
+        / (0.5 * (p.rotor_inertia_x + p.rotor_inertia_y + p.gimbal_inertia_x))
+        * w
+        * h
+    )
+    q = n * n
+    cubic = n * q / 120.0 * (1.0 - q / 42.0)
+    fourth = q * q / 720.0 * (1.0 - q / 56.0)
+    real = n * cubic
+    imag = n * fourth
+    state[0] = x + s * dx + h * h * (fourth * kx + cubic * ky)
+    state[1] = y + s * dy + h * h * (fourth * ky - cubic * kx)
+    state[2] = ux + s * dux + h * (real * kx - imag * ky)
+    state[3] = uy + s * duy + h * (real * ky + imag * kx)
+    angle = a + s * da
     state[4] = angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi))
-    state[5] = w + s * (k1w + 2.0 * k2w + 2.0 * k3w + k4w)
+    state[5] = w + s * dw
     state[14] = after
     # coils: electrical heating, loss to the air; the heater brings them to its temperature within about a second
     power = (vx * vx + vy * vy) / p.coil_resistance - (T_coil - T_air) / p.coil_thermal_resistance
@@ -190,7 +212,7 @@ def plant_step(
     state[13] += h * (inward - outward) / p.motor_heat_capacity
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def plant_measure(
     p: Any,
     coef: Any,
@@ -250,7 +272,7 @@ def saturated(value: float, limit: float) -> float:
     return min(max(value, -limit), limit)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def plant_advance(
     p: Any, coef: Any, active: Any, env: Any, state: Any, held: Any, t: float, vx: float, vy: float, vm: float,
     noise: Any, out: Any,

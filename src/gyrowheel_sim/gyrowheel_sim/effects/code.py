@@ -110,7 +110,7 @@ def _function_source(effects: Sequence[Effect], function: str) -> str:
     outputs = OUTPUTS[function]
     every = [name for names in outputs.values() for name in names]
     lines = [
-        "@register_jitable",
+        "@register_jitable(forceinline=True)",
         f"def {function}(coef, active, env, zx, zy, zx_rate, zy_rate, theta_z, Omega, theta_x, theta_y, theta_x_rate,",
         "                  theta_y_rate, T_coil, T_air, T_winding, T_motor, rho, i_motor, t):",
         *(f"    {name} = coef[{len(layout) + i}]" for i, name in enumerate(REFERENCES)),
