@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import json
+import math
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from gyrowheel_sim.errors import InputError
 
@@ -70,6 +73,24 @@ def write_text(file: Path, text: str) -> None:
         except BaseException:
             os.unlink(temporary)
             raise
+
+
+def json_text(content: Any) -> str:
+    """Return content as the text of a JSON file; what is not finite becomes null."""
+    return json.dumps(_plain(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _plain(content: Any) -> Any:
+    if isinstance(content, Mapping):
+        return {str(key): _plain(value) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [_plain(value) for value in content]
+    if isinstance(content, str | bool | int | None):
+        return content
+    if hasattr(content, "tolist"):  # arrays and scalars of numpy
+        return _plain(content.tolist())
+    number = float(content)
+    return number if math.isfinite(number) else None
 
 
 @contextlib.contextmanager

@@ -238,6 +238,7 @@ def write_run(
     *,
     sample_period: float,
     drag_estimates: Iterable[tuple[int, bytes]] = (),
+    arrived: npt.NDArray[np.bool_] | None = None,
 ) -> Path:
     """Write what a closed-loop run gave, as the recorder would have written it.
 
@@ -257,6 +258,8 @@ def write_run(
         Time between two samples [s].
     drag_estimates : iterable of (int, bytes)
         Time [ns] and serialized message of each DragEstimate.
+    arrived : ndarray of bool, shape (n,), optional
+        Which samples reach the recording; all of them if not given.
 
     Returns
     -------
@@ -277,6 +280,8 @@ def write_run(
     commands["measurement_sequence"] = np.arange(len(commands))
     for name, column in zip(wire.COMMAND.fields, command.T, strict=True):
         commands[name] = column
+    if arrived is None:
+        arrived = np.ones(len(readings), dtype=bool)
     targets = _messages(wire.SETPOINT, setpoints["stamp_ns"])
     for name in (*wire.SETPOINT.integers, *wire.SETPOINT.fields):
         targets[name] = setpoints[name]
@@ -293,7 +298,7 @@ def write_run(
                     (topics.BENCH, first, [wire.pack_text(bench)]),
                     (topics.ENVIRONMENT, first, [wire.pack_text(environment)]),
                     (topics.SETPOINT, setpoints["stamp_ns"].astype(np.int64), targets),
-                    (topics.MEASUREMENT, stamps, readings),
+                    (topics.MEASUREMENT, stamps[arrived], readings[arrived]),
                     (topics.COMMAND, stamps[: len(command)], commands),
                     (
                         topics.DRAG_ESTIMATE,

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import json
-import math
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -91,9 +89,9 @@ def put_json(target: str, content: Any) -> None:
     InputError
         If the file cannot be written.
     """
-    from gyrowheel_bringup.files import write_text
+    from gyrowheel_bringup.files import json_text, write_text
 
-    text = json.dumps(_plain(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    text = json_text(content)
     if target == "-":
         sys.stdout.write(text)
     else:
@@ -158,17 +156,3 @@ def _console(*, stderr: bool) -> Console:
     if console.width > 110:  # long lines are hard to read
         console.width = 110
     return console
-
-
-def _plain(content: Any) -> Any:
-    """Return content that JSON can hold: what is not finite becomes null."""
-    if isinstance(content, Mapping):
-        return {str(key): _plain(value) for key, value in content.items()}
-    if isinstance(content, list | tuple):
-        return [_plain(value) for value in content]
-    if isinstance(content, str | bool | int | None):
-        return content
-    if hasattr(content, "tolist"):  # arrays and scalars of numpy
-        return _plain(content.tolist())
-    number = float(content)
-    return number if math.isfinite(number) else None
