@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from typing import Any
 
 from gyrowheel_analysis.discovery.fit import ERRORS, Term
 from gyrowheel_analysis.discovery.verdict import Estimate, judge_noise_with, nuisance_estimates
@@ -123,13 +124,25 @@ def add_effect(
     overrides = {
         name: Override(n.value, n.standard_error) for name, n in nuisance_estimates(problem, after).items()
     }
-    entry = {
+    entry: dict[str, Any] = {
         "time": datetime.now(UTC).isoformat(timespec="seconds"),
         "what": f"add {', '.join(term.name for term in terms)}",
         "fit": [str(r.path) for r in fit],
         "validate": [str(r.path) for r in validate],
         "error": errors.table.to_json(),
     }
+    wrong = {group for term in terms if term.effect is None for group in ERRORS[term.name]}
+    restated = {
+        p.name: {
+            "value": float(overrides[p.name].value),
+            "standard_error": float(overrides[p.name].standard_error),
+        }
+        for group, parameters in problem.nuisances
+        if group in wrong
+        for p in parameters
+    }
+    if restated:
+        entry["restated"] = restated
     changed = model.changed(
         entry, overrides=overrides, effects=effects, effect_errors=effect_errors, declared=declared
     )

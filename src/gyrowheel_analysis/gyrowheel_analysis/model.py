@@ -91,6 +91,31 @@ class Model:
         return self.stated_bench.with_values({name: o.value for name, o in self.overrides.items()})
 
     @property
+    def reference_bench(self) -> Bench:
+        """The bench as it is to be believed before a recording is looked at.
+
+        It is the stated bench, except for what was calibrated, which counts with its standard error, and for
+        parameters whose error was added to the model: the learned value is their new stated one, as uncertain as the
+        old. All else that was fitted along stays with its recordings, which would otherwise count twice.
+        """
+        bench = self.stated_bench
+        for index, entry in enumerate(self.history):
+            for kind in ("calibrated", "restated"):
+                where = f"{self.origin}: history.{index}.{kind}"
+                learned = entry.get(kind, {})
+                if not isinstance(learned, dict):
+                    raise InputError(f"{where}: a mapping of parameters is expected")
+                for name, given in learned.items():
+                    value, error = _value_and_error(given, f"{where}.{name}")
+                    bench = bench.with_values({name: value}, where=where)
+                    p = bench.parameters[name]
+                    if kind == "calibrated" and (error := _error(error, f"{where}.{name}")) > 0.0:
+                        bench = replace(
+                            bench, parameters={**bench.parameters, name: replace(p, uncertainty=error)}
+                        )
+        return bench
+
+    @property
     def library(self) -> dict[str, Effect]:
         """Every effect that the model can have: the registered ones and those that it declares."""
         return {**self.declared, **registry()}

@@ -61,7 +61,7 @@ def prepare(recordings: Sequence[Recording], model: Model, *, progress: Progress
     """
     if not recordings:
         raise InputError("no recording given")
-    bench = model.stated_bench
+    bench = model.reference_bench
     balances = []
     for recording in recordings:
         if progress:

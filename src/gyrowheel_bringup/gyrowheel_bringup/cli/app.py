@@ -7,7 +7,18 @@ from typing import Annotated
 import typer
 
 from gyrowheel_bringup import __version__
-from gyrowheel_bringup.cli import catalogue, demonstration, editing, finding, recordings, ros, running
+from gyrowheel_bringup.cli import (
+    air,
+    calibrating,
+    campaigning,
+    catalogue,
+    demonstration,
+    editing,
+    finding,
+    recordings,
+    ros,
+    running,
+)
 
 app = typer.Typer(
     name="gyrowheel",
@@ -38,5 +49,16 @@ def _common(
     pass
 
 
-for module in (demonstration, running, recordings, finding, editing, catalogue, ros):
+for module in (
+    demonstration,
+    running,
+    recordings,
+    finding,
+    calibrating,
+    editing,
+    catalogue,
+    air,
+    campaigning,
+    ros,
+):
     module.register(app)

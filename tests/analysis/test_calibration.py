@@ -1,0 +1,167 @@
+"""Calibration in place: the constants of machines that are off by a known amount, and what the model does with them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gyrowheel_analysis.adding import add_effect
+from gyrowheel_analysis.calibration import CONSTANTS, Calibration, calibrate
+from gyrowheel_analysis.discovery.verdict import diagnose
+from gyrowheel_analysis.model import Model, Override
+from gyrowheel_analysis.recording import Recording
+from gyrowheel_control.plans import Plan
+from gyrowheel_sim.effects import EffectValues
+from gyrowheel_sim.errors import InputError
+from gyrowheel_sim.scenario import Scenario
+
+from .machines import BENCH, hidden_machine, record
+
+#: Air that the model does not know, as much as there usually is.
+AIR = {
+    "aero_restoring": {"k": 0.022, "n": 2.05},
+    "aero_cross": {"c": 0.0053, "n": 1.98},
+    "windage": {"w": 0.001, "n": 1.48},
+}
+
+
+def wrong_machine(seed: int, effects: EffectValues) -> Scenario:
+    """Return a machine whose constants of coils and motor are off by up to a fifth."""
+    machine = hidden_machine(seed, effects)
+    off = np.random.default_rng(seed).uniform(-0.2, 0.2, len(CONSTANTS))
+    values = {name: BENCH.value(name) * (1.0 + change) for name, change in zip(CONSTANTS, off, strict=True)}
+    return Scenario({**machine.values, **values}, effects, seed)
+
+
+def recordings(folder: Path, machine: Scenario, *plans: str) -> list[Recording]:
+    seed = machine.noise_seed
+    return [record(folder, f"{p}{seed}", machine, p, noise_seed=100 * seed + k) for k, p in enumerate(plans)]
+
+
+def pulls(found: Calibration, machine: Scenario) -> list[float]:
+    """Return the distances from the truth in standard errors."""
+    return [
+        (c.after.value - machine.values[c.name]) / c.after.standard_error for c in found.constants.values()
+    ]
+
+
+@pytest.fixture(scope="module")
+def calibrated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scenario, list[Recording], Calibration]:
+    machine = wrong_machine(31, {})
+    found = recordings(tmp_path_factory.mktemp("calibration"), machine, "cone", "coast_down")
+    return machine, found, calibrate(found, Model.new())
+
+
+def test_wrong_constants_are_found_within_their_errors(tmp_path: Path):
+    apart = []
+    for seed in range(41, 49):
+        # every other machine has air about it that the model knows nothing of
+        machine = wrong_machine(seed, AIR if seed % 2 else {})
+        found = calibrate(recordings(tmp_path, machine, "cone", "coast_down"), Model.new())
+        assert set(found.constants) == set(CONSTANTS)
+        apart.append(pulls(found, machine))
+        for name, part in (("coil_constant", 0.007), ("motor_constant", 0.0005), ("motor_resistance", 0.01)):
+            assert found.constants[name].after.standard_error < part * found.constants[name].after.value
+    rms = np.sqrt(np.mean(np.square(apart), axis=0))
+    assert np.all(rms < 1.8), apart
+    assert np.all(rms > 0.3), apart  # errors that are far too generous are wrong, too
+    assert np.abs(apart).max() < 4.0
+
+
+def test_the_inertia_is_what_limits_the_coils(calibrated: tuple[Scenario, list[Recording], Calibration]):
+    _, _, found = calibrated
+    assert found.constants["coil_constant"].limited_by == "rotor_inertia_z"
+    relative = found.constants["coil_constant"].after
+    # the inertia's own uncertainty cannot be passed
+    assert 0.005 <= relative.standard_error / relative.value < 0.006
+
+
+def test_what_the_recordings_cannot_tell_is_left_alone(
+    calibrated: tuple[Scenario, list[Recording], Calibration], tmp_path: Path
+):
+    machine, (_, sweep), _ = calibrated
+    found = calibrate([sweep], Model.new())
+    assert set(found.constants) == {"motor_constant", "motor_resistance"}
+    assert "cone" in found.undetermined["coil_constant"]
+    assert "coil_constant" not in found.model.overrides
+    # one speed, one tilt after the other
+    text = "schema: 1\nname: one\nhold_s: 3\nsegments:\n  - {spin_rpm: 3000, tilt_deg: [[0, 0], [2, 0], [0, 2]]}\n"
+    held = record(tmp_path, "held", machine, Plan.load(text))
+    alone = calibrate([held], Model.new())
+    assert "coil_constant" in alone.undetermined
+    assert np.abs(pulls(alone, machine)).max() < 4.0
+
+
+def test_too_little_motion_is_refused(tmp_path: Path):
+    text = "schema: 1\nname: short\nsegments:\n  - {spin_rpm: 3000, tilt_deg: [[0, 0]], hold_s: 1.2}\n"
+    with pytest.raises(InputError, match="steady windows; at least"):
+        calibrate([record(tmp_path, "short", hidden_machine(1, {}), Plan.load(text))], Model.new())
+
+
+def test_the_model_takes_the_constants_and_gives_them_back(
+    calibrated: tuple[Scenario, list[Recording], Calibration], tmp_path: Path
+):
+    _, _, found = calibrated
+    file = tmp_path / "model.yaml"
+    found.model.save(file)
+    model = Model.load(file)
+    for name, c in found.constants.items():
+        assert model.overrides[name].value == pytest.approx(c.after.value)
+        assert model.overrides[name].standard_error == pytest.approx(c.after.standard_error)
+        assert model.bench.value(name) == pytest.approx(c.after.value)
+        believed = model.reference_bench.parameters[name]
+        assert (believed.value, believed.uncertainty) == pytest.approx(
+            (c.after.value, c.after.standard_error)
+        )
+    assert model.stated_bench.value("coil_constant") == 0.02
+    assert model.history[-1]["what"] == "calibrate coil_constant, motor_constant, motor_resistance"
+    undone = model.undone()
+    assert not undone.overrides
+    assert undone.reference_bench.parameters == Model.new().stated_bench.parameters
+    json.dumps(found.to_json(), allow_nan=False)
+
+
+def test_a_calibrated_model_has_no_wrong_constants_any_more(
+    calibrated: tuple[Scenario, list[Recording], Calibration], tmp_path: Path
+):
+    machine, _, found = calibrated
+    fresh = recordings(tmp_path, machine, "check")
+    before = diagnose(fresh, Model.new())
+    assert {e.name for e in before.effects} & {"coil_gain_error", "motor_constant_error"}
+    after = diagnose(fresh, found.model)
+    assert not {e.name for e in after.effects} & {"coil_gain_error", "motor_constant_error"}, after.summary
+    # again, from the model calibrated before: nothing of it is believed twice
+    again = calibrate(fresh, found.model)
+    assert all(abs(pull) < 4.0 for pull in pulls(again, machine))
+    assert again.constants["coil_constant"].before == found.constants["coil_constant"].after
+
+
+def test_a_parameter_error_that_was_added_is_not_found_again(tmp_path: Path):
+    machine = hidden_machine(6, {})
+    wrong = Scenario({**machine.values, "coil_constant": 0.024}, {}, 6)
+    fit, unused = recordings(tmp_path, wrong, "quick", "check")
+    added = add_effect(Model.new(), ["coil_gain_error"], [fit], [unused])
+    added.model.save(tmp_path / "model.yaml")
+    model = Model.load(tmp_path / "model.yaml")
+    believed = model.reference_bench.parameters["coil_constant"]
+    assert believed.value == pytest.approx(0.024, rel=0.01)
+    assert believed.uncertainty == pytest.approx(0.0004)
+    assert diagnose([unused], model).verdict == "nothing_missing"
+
+
+@pytest.mark.parametrize(
+    ("entry", "words"),
+    [
+        ({"calibrated": 3}, r"history\.0\.calibrated: a mapping"),
+        ({"calibrated": {"coil": {"value": 1.0}}}, r"history\.0\.calibrated\.coil"),
+        ({"calibrated": {"coil_constant": {"value": -1.0}}}, "coil_constant: -1 is out of range"),
+        ({"calibrated": {"coil_constant": {"value": 0.02, "standard_error": -1}}}, "standard_error"),
+    ],
+)
+def test_a_damaged_history_is_named(entry: dict[str, object], words: str):
+    model = Model(BENCH, history=(entry,), overrides={"coil_constant": Override(0.02)})
+    with pytest.raises(InputError, match=words):
+        _ = model.reference_bench
