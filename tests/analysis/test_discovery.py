@@ -147,7 +147,7 @@ def test_an_effect_outside_the_library_is_unknown_with_a_formula(truth: EffectVa
 
 def test_the_controller_does_not_enter(tmp_path: Path) -> None:
     truth = {"aero_cross": {"c": 0.0053, "n": 1.98}}
-    gains = Gains(spin_proportional=0.024, spin_integral=0.04, tilt_bandwidth=9.0)
+    gains = Gains(spin_proportional=12.7, spin_integral=21.0, tilt_bandwidth=9.0)
     found = diagnose([record(tmp_path, "fit", hidden_machine(9, truth), "quick", gains=gains)], Model.new())
     assert named(found) == {"aero_cross"}
 

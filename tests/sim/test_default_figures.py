@@ -280,5 +280,5 @@ def test_spin_loop_that_passes_2n_makes_a_false_cross_torque(tilt, least, most):
     assert abs(held(quiet_run(plan)).coil_torque.imag - needed) < most
     opened = held(quiet_run(plan, gains=Gains(spin_lowpass=1000.0)))
     assert abs(opened.coil_torque.imag - needed) > least
-    stiffer = held(quiet_run(plan, gains=Gains(spin_lowpass=1000.0, spin_proportional=0.05)))
+    stiffer = held(quiet_run(plan, gains=Gains(spin_lowpass=1000.0, spin_proportional=26.4)))
     assert abs(stiffer.coil_torque.imag - needed) > 4.0 * least

@@ -23,7 +23,9 @@ from gyrowheel_sim.plant import simulated_effects
 class Gains:
     """Gains of the loops.
 
-    The defaults settle a 3 deg ramp at 8 deg/s to 0.015 deg within 0.5 s from 1000 to 4000 rpm.
+    They are rates, filters and shares of the bench's own momentum and inertia, so that one set serves benches of any
+    size. The defaults settle a 3 deg ramp at 8 deg/s to 0.015 deg within 0.5 s from 1000 to 4000 rpm on the default
+    bench, where they are 0.12 N m s/rad, 0.012 N m s/rad and 0.02 N m/rad.
 
     Attributes
     ----------
@@ -34,11 +36,11 @@ class Gains:
     tilt_lowpass : float
         Low-pass of the tilt readings [Hz].
     nutation_damping : float
-        Gain of the nutation damper at the reference spin rate [N m s/rad].
+        Gain of the nutation damper over the angular momentum of the spin.
     derivative_lowpass : float
         Low-pass of its derivative [Hz].
     spin_proportional, spin_integral : float
-        Gains of the spin loop [N m s/rad], [N m/rad].
+        Gains of the spin loop over the moment of inertia of all that turns [1/s], [1/s^2].
     spin_lowpass : float
         Low-pass of the spin reading, applied twice [Hz].
     """
@@ -46,10 +48,10 @@ class Gains:
     tilt_bandwidth: float = 12.0
     tilt_integral: float = 30.0
     tilt_lowpass: float = 25.0
-    nutation_damping: float = 0.12
+    nutation_damping: float = 0.1832
     derivative_lowpass: float = 400.0
-    spin_proportional: float = 0.012
-    spin_integral: float = 0.02
+    spin_proportional: float = 6.34
+    spin_integral: float = 10.57
     spin_lowpass: float = 6.0
 
     def __post_init__(self) -> None:
@@ -70,11 +72,11 @@ def controller_parameters(bench: Bench, gains: Gains) -> ControllerParameters:
         tilt_bandwidth=gains.tilt_bandwidth,
         tilt_integral=gains.tilt_integral,
         tilt_lowpass=gains.tilt_lowpass,
-        nutation_damping=gains.nutation_damping,
+        nutation_damping=gains.nutation_damping * bench.precession_inertia * v("spin_rate_reference"),
         derivative_lowpass=gains.derivative_lowpass,
         phase_lead=bench.precession_inertia / transverse * lag,
-        spin_proportional=gains.spin_proportional,
-        spin_integral=gains.spin_integral,
+        spin_proportional=gains.spin_proportional * bench.axial_inertia,
+        spin_integral=gains.spin_integral * bench.axial_inertia,
         spin_lowpass=gains.spin_lowpass,
         stiffness=0.5 * (v("flexure_stiffness_x") + v("flexure_stiffness_y")),
         tuning_inertia=bench.tuning_inertia,
