@@ -403,7 +403,7 @@ def test_a_formula_is_added_and_is_the_truth_of_a_machine(gyrowheel: Shell, whee
     added = gyrowheel.good("model", "add", *formula, *arguments).json
     # the recording has windage of 1.3 mN·m with this exponent
     assert added["effects"]["drag"]["w"]["value"] == pytest.approx(1.3e-3, rel=0.1)
-    after, before = (added["error"][f"validation_{when}"]["chi2_per_n"] for when in ("after", "before"))
+    after, before = (added["error"][f"validation_{when}"]["rms"]["spin"] for when in ("after", "before"))
     assert after < 0.2 * before
     shown = gyrowheel.good("model", "show", "--model", model).out
     assert "torque along the spin axis = −w·" in shown

@@ -83,7 +83,11 @@ def add_effect(
             check_name(name, "effect", registry())
             # as the model file will have it
             declared[name] = effect_from_mapping(name, effect_to_mapping(item), f"effect {name}")
-        terms.append(Term(name) if name in ERRORS else Term(name, get(name, declared=declared)))
+        terms.append(
+            Term(name)
+            if name in ERRORS
+            else Term(name, get(name, declared=declared, bench=model.stated_bench))
+        )
     if not terms:
         raise InputError("no effect given")
     fitted = prepare(fit, model, progress=progress)

@@ -242,7 +242,7 @@ class Graph:
         if self._record is not None and self._record.exists():
             raise InputError(f"{record}: exists already; a recording needs a new directory")
         self._scenario = scenario
-        self._bench_source = str(bench if str(bench) == "gyrowheel" else Path(bench).absolute())
+        self._bench_source = str(bench if str(bench) in Bench.shipped() else Path(bench).absolute())
         self._initial_spin_rate = initial_spin_rate
         self._hold = hold_after_plan
         self._domain_id = domain_id

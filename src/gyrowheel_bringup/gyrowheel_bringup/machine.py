@@ -36,6 +36,12 @@ def noise_seed(seed: int, plan: str) -> int:
     return int(sequence.generate_state(1)[0])
 
 
+def bench_place(model: Model, file: Path) -> str:
+    """Return the shipped name of a model's bench, or the path of its file: it may be named from where `file` is."""
+    beside = file.parent / model.bench_source
+    return str(beside) if beside.is_file() else model.bench_source
+
+
 def scenario(
     bench: Bench,
     plan: str,
@@ -87,7 +93,7 @@ def scenario(
     declared = {} if model is None else dict(model.declared)
     chosen = {} if model is None else {name: dict(values) for name, values in model.effects.items()}
     for text in effects:
-        name, coefficients = parse_option(text, declared)
+        name, coefficients = parse_option(text, declared, bench)
         if model is not None and name in model.effects:
             raise InputError(f"--effect: {name} is in {model.origin} already")
         if name in chosen:

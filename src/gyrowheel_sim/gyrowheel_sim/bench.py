@@ -18,6 +18,8 @@ import yaml
 from gyrowheel_sim.errors import InputError
 
 SCHEMA = 1
+#: Files of the benches that come with the project, by name.
+_SHIPPED = {"gyrowheel": "bench.yaml", "dtg": "dtg.yaml"}
 #: Parameters that must be greater than zero for the equations to make sense.
 _POSITIVE = frozenset(
     [
@@ -151,20 +153,28 @@ class Bench:
         Parameters
         ----------
         source : str or Path
-            ``"gyrowheel"`` (the default bench) or the path of a bench file.
+            A name of `shipped` (``"gyrowheel"`` is the default bench), or the path of a bench file.
 
         Raises
         ------
         InputError
             If the file is missing, is no YAML, or a field of it is missing, unknown or out of range.
         """
-        if str(source) == "gyrowheel":
-            file = resources.files("gyrowheel_sim").joinpath("config/bench.yaml")
-            return cls.from_text(file.read_text(encoding="utf-8"), origin="bench.yaml")
+        if str(source) in _SHIPPED:
+            name = _SHIPPED[str(source)]
+            file = resources.files("gyrowheel_sim").joinpath(f"config/{name}")
+            return cls.from_text(file.read_text(encoding="utf-8"), origin=name)
         path = Path(source)
         if not path.is_file():
-            raise InputError(f"bench '{source}': no such shipped bench or file; shipped: gyrowheel")
+            near = difflib.get_close_matches(str(source), _SHIPPED, n=1)
+            hint = f"; did you mean {near[0]}?" if near else f"; shipped: {', '.join(_SHIPPED)}"
+            raise InputError(f"bench '{source}': no such shipped bench or file{hint}")
         return cls.from_text(path.read_text(encoding="utf-8", errors="replace"), origin=str(path))
+
+    @staticmethod
+    def shipped() -> list[str]:
+        """Return the names of the benches that come with the project, the default one first."""
+        return list(_SHIPPED)
 
     @classmethod
     def from_text(cls, text: str, *, origin: str) -> Bench:

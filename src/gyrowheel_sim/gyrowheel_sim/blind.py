@@ -18,6 +18,7 @@ from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.declaration import Effect
 from gyrowheel_sim.effects.outside import OUTSIDE
 from gyrowheel_sim.effects.registry import EffectValues, registry
+from gyrowheel_sim.effects.sizes import for_bench
 from gyrowheel_sim.errors import InputError
 from gyrowheel_sim.scenario import Scenario, write_private_json
 
@@ -66,7 +67,7 @@ def draw(bench: Bench, seed: int, *, kinds: Sequence[Kind] = tuple(KINDS)) -> Sc
     values = draw_machine(bench, rng)
     weights = np.array([KINDS[kind] for kind in kinds])
     kind = kinds[int(rng.choice(len(kinds), p=weights / weights.sum()))]
-    pool = list(OUTSIDE) if kind == "outside" else list(registry().values())
+    pool = [for_bench(e, bench) for e in (OUTSIDE if kind == "outside" else registry().values())]
     count = {"none": 0, "single": 1, "pair": 2, "outside": 1}[kind]
     chosen = [pool[int(i)] for i in rng.choice(len(pool), size=count, replace=False)]
     effects: EffectValues = {effect.name: draw_effect(effect, rng) for effect in chosen}

@@ -17,6 +17,7 @@ from gyrowheel_analysis.reduction import MOTOR_THERMAL
 from gyrowheel_sim.bench import Bench, Parameter
 from gyrowheel_sim.effects import Effect, EffectValues, registry
 from gyrowheel_sim.effects.quantities import T_motor, T_winding
+from gyrowheel_sim.effects.sizes import for_bench
 
 Array = NDArray[np.float64]
 
@@ -79,9 +80,13 @@ class Term:
         return tuple(c.name for c in self.effect.amplitudes) if self.effect else ("relative_error",)
 
 
-def candidate_terms() -> list[Term]:
-    """Return every registered effect, and every parameter error that is a finding."""
-    return [Term(name, effect) for name, effect in registry().items()] + [Term(name) for name in ERRORS]
+def candidate_terms(bench: Bench | None = None) -> list[Term]:
+    """Return every registered effect, in its sizes on a bench, and every parameter error that is a finding."""
+    effects = [
+        Term(name, effect if bench is None else for_bench(effect, bench))
+        for name, effect in registry().items()
+    ]
+    return effects + [Term(name) for name in ERRORS]
 
 
 @dataclass(frozen=True)
@@ -176,7 +181,10 @@ class Problem:
         self.balances = list(balances)
         self.bench = bench
         #: Effects by name; forms that no declaration contains are added while they are tried.
-        self.library: dict[str, Effect] = {**registry(), **(declared or {})}
+        self.library: dict[str, Effect] = {
+            name: for_bench(effect, bench) for name, effect in registry().items()
+        }
+        self.library |= declared or {}
         self.known = {name: dict(values) for name, values in (known or {}).items()}
         self.known_errors = {name: dict(errors) for name, errors in (known_errors or {}).items()}
         self._loose = [
@@ -458,7 +466,7 @@ class Problem:
         """Estimate the size of the slow drifts, leaving out whatever bench parameters or effects can explain."""
         zero = np.zeros(self.count)
         columns: list[Any] = [self.base_jacobian]
-        for term in candidate_terms():
+        for term in candidate_terms(self.bench):
             if term.effect is None or term.name in self.known:
                 continue
             own = self.term_jacobian(term, zero, {}, self.base)

@@ -16,6 +16,7 @@ from gyrowheel_analysis.discovery.fit import Fit, Problem, Term
 from gyrowheel_analysis.discovery.selection import Progress, Selection, rank
 from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law, Target
 from gyrowheel_sim.effects.quantities import Omega, Omega_ref, z, z_ref
+from gyrowheel_sim.effects.sizes import for_bench
 
 #: How much likelier (minus twice the log) a free form must make the recording before the library is doubted.
 UNKNOWN = 30.0
@@ -139,7 +140,11 @@ def search(problem: Problem, selection: Selection, *, progress: Progress | None 
     """
     if progress:
         progress("comparing with forms that no declared effect has")
-    family = [t for t in forms() if t.name not in problem.known]
+    family = [
+        Term(t.name, for_bench(t.effect, problem.bench))
+        for t in forms()
+        if t.effect is not None and t.name not in problem.known
+    ]
     base = problem.evidence(selection.best)
     best: Proposal | None = None
     starts = [(selection.best, True)] + ([(selection.null, False)] if selection.findings else [])

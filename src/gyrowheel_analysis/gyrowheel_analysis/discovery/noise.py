@@ -13,6 +13,7 @@ from scipy.optimize import minimize
 
 from gyrowheel_analysis.balance import ALL_CHANNELS, CHANNELS, RIPPLE_CHANNELS, TURNING_CHANNELS, Balance
 from gyrowheel_analysis.reduction import FORWARD
+from gyrowheel_sim.effects.sizes import torque_scale
 
 Array = NDArray[np.float64]
 
@@ -24,7 +25,7 @@ SOURCES = {
     "motor_voltage": "motor_voltage",
 }
 #: Accuracy of the balance itself, measured against the full simulation on every shipped plan: part of the torque of
-#: the row, and a constant part [N m].
+#: the row, and a constant part on the default bench [N m], which goes with the torques of a bench.
 MODEL_RELATIVE = 5.0e-4
 MODEL_ABSOLUTE = 4.0e-6
 #: The same for the ripple of the speed while the tilt moves [N m].
@@ -181,7 +182,7 @@ def _narrowed(
 def _harmonic(balance: Balance, predicted: Array, name: str) -> Array:
     """Return the variance of one channel of the harmonics."""
     v, w, bench = balance.bench.value, balance.windows, balance.bench
-    spin = w.mean_spin
+    spin, scale = w.mean_spin, torque_scale(bench)
     if name in TURNING_CHANNELS:
         order = FORWARD[TURNING_CHANNELS.index(name) // 2]
         # torque that a reading of the tilt once or twice a revolution stands for
@@ -193,13 +194,13 @@ def _harmonic(balance: Balance, predicted: Array, name: str) -> Array:
         ) / w.samples
         x = TURNING_CHANNELS[2 * (order - 1)], TURNING_CHANNELS[2 * (order - 1) + 1]
         size = np.hypot(*(predicted[balance.channel(own)] for own in x))
-        return np.asarray(white + MODEL_ABSOLUTE**2 + (MODEL_RELATIVE * size) ** 2)
+        return np.asarray(white + (scale * MODEL_ABSOLUTE) ** 2 + (MODEL_RELATIVE * size) ** 2)
     half = 2.0 * w.samples
     speed = v("spin_rate_noise") ** 2 / half
     current = v("motor_current_noise") ** 2 / half
     if name in RIPPLE_CHANNELS[:2]:
         swing = bench.axial_inertia * v("motor_ripple_order") * spin
-        floor = np.where(w.moving, MODEL_RIPPLE, MODEL_ABSOLUTE)
+        floor = scale * np.where(w.moving, MODEL_RIPPLE, MODEL_ABSOLUTE)
         return np.asarray(swing**2 * speed + v("motor_constant") ** 2 * current + floor**2)
     voltage = v("motor_voltage_noise") ** 2 / half
     return np.asarray(
@@ -210,6 +211,7 @@ def _harmonic(balance: Balance, predicted: Array, name: str) -> Array:
 def _channel(balance: Balance, predicted: Array, name: str) -> ChannelNoise:
     v, w = balance.bench.value, balance.windows
     rows = np.abs(predicted[balance.channel(name)])
+    absolute = torque_scale(balance.bench) * MODEL_ABSOLUTE
     if name in ("tilt_x", "tilt_y"):
         momentum = balance.bench.precession_inertia * w.mean_spin
         slew = momentum * np.abs(w.mean_tilt_rate)
@@ -217,11 +219,11 @@ def _channel(balance: Balance, predicted: Array, name: str) -> ChannelNoise:
             v("coil_constant") * v("coil_voltage_noise")
         ) ** 2 / w.samples + momentum**2 * w.tilt_rate_variance
         size, level = np.maximum(rows, slew), v("coil_constant") * v("coil_voltage_drift")
-        floor = MODEL_ABSOLUTE**2 + (MODEL_RELATIVE * size) ** 2
+        floor = absolute**2 + (MODEL_RELATIVE * size) ** 2
     else:
         inertia = balance.bench.axial_inertia
         torque = inertia**2 * w.spin_acceleration_variance
-        floor = MODEL_ABSOLUTE**2 + (4.0 * MODEL_RELATIVE * inertia * np.abs(w.mean_spin_acceleration)) ** 2
+        floor = absolute**2 + (4.0 * MODEL_RELATIVE * inertia * np.abs(w.mean_spin_acceleration)) ** 2
         if name == "spin":
             white = (v("motor_constant") * v("motor_current_noise")) ** 2 / w.samples + torque
             level = v("motor_constant") * v("motor_current_drift")

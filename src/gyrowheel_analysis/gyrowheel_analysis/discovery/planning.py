@@ -94,8 +94,10 @@ class Planner:
         truth, rival : Fit
             Two fits to the recordings at hand. If the first is right, the second is fitted again to everything.
         plan : str
-            Name of a plan.
+            Name of a plan; of the bench's own one where there is one, say ``dtg_cone`` for ``cone``.
         """
+        own = f"{self._problem.bench.name}_{plan}"
+        plan = own if own in Plan.shipped() else plan  # a bench of other speeds has plans of its own
         other = self._planned(plan)
         if other is None:
             return None

@@ -99,7 +99,7 @@ def select(problem: Problem, *, progress: Progress | None = None) -> Selection:
     the search continues without it. (Earlier this test would judge a term by what is still missing beside it.)
     """
     say = progress or (lambda text: None)
-    pool = [t for t in candidate_terms() if t.name not in problem.known]
+    pool = [t for t in candidate_terms(problem.bench) if t.name not in problem.known]
     null = problem.fit(())
     dof = max(expected_chi2(problem), 1.0)
     current = null

@@ -321,7 +321,7 @@ def diagnose(
             c.unit,
             c.usual,
         )
-        for limit in detection_limits(problem, best, candidate_terms(), selection.inflation)
+        for limit in detection_limits(problem, best, candidate_terms(problem.bench), selection.inflation)
         if limit.term.name not in problem.known and limit.term.effect is not None
         for c in limit.term.effect.coefficients
         if c.name == limit.coefficient

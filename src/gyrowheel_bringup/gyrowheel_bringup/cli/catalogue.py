@@ -19,13 +19,16 @@ def register(app: typer.Typer) -> None:
 
 def effects(
     name: Annotated[str | None, typer.Argument(help="Effect to show in full.", show_default=False)] = None,
+    bench: BenchName = "gyrowheel",
     json: Json = None,
 ) -> None:
-    """Show the known effects, or all about one."""
+    """Show the known effects, or all about one, with its usual sizes on a bench."""
     from gyrowheel_bringup.render import effects as render
+    from gyrowheel_sim.bench import Bench
     from gyrowheel_sim.effects import get, registry
 
-    chosen = list(registry().values()) if name is None else [get(name)]
+    loaded = Bench.load(bench)
+    chosen = [get(effect, bench=loaded) for effect in (registry() if name is None else [name])]
     if json is not None:
         pages = [render.effect_json(effect) for effect in chosen]
         put_json(json, {"schema": 1, "effects": pages} if name is None else {"schema": 1, **pages[0]})

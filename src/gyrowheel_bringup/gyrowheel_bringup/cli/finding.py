@@ -72,13 +72,15 @@ def diagnose(
     recordings, unused = open_all(directories), open_all(validate or ())
     with working("diagnosing") as say:
         from gyrowheel_analysis.discovery.verdict import diagnose as run
+        from gyrowheel_bringup.machine import bench_place
         from gyrowheel_bringup.render.diagnosis import diagnosis
 
         result = run(recordings, loaded, validate=unused, progress=say)
     if json is not None:
         put_json(json, result.to_json())
     if json != "-":
-        put_text(diagnosis(result, following=following(result, directories, validate or (), model)))
+        bench = bench_place(loaded, model)
+        put_text(diagnosis(result, following=following(result, directories, validate or (), model, bench)))
     finding(fail_on_finding and result.verdict != "nothing_missing")
 
 
@@ -95,7 +97,11 @@ def open_all(directories: Sequence[Path]) -> list[Recording]:
 
 
 def following(
-    result: Diagnosis, directories: Sequence[Path], validate: Sequence[Path], model: Path
+    result: Diagnosis,
+    directories: Sequence[Path],
+    validate: Sequence[Path],
+    model: Path,
+    bench: str = "gyrowheel",
 ) -> str | None:
     """Return the command to type after a diagnosis; None where there is nothing to do."""
     named = " ".join(shlex.quote(str(directory)) for directory in directories)
@@ -109,7 +115,8 @@ def following(
     if plan is None or result.verdict == "nothing_missing":
         return None
     new = shlex.quote(str(directories[0].with_name(plan)))
+    other = "" if bench == "gyrowheel" else f" --bench {shlex.quote(bench)}"
     return (
-        f"gyrowheel up --plan {shlex.quote(plan)} --record {new} && "
+        f"gyrowheel up --plan {shlex.quote(plan)}{other} --record {new} && "
         f"gyrowheel diagnose {named} {new} --model {shlex.quote(str(model))}"
     )

@@ -64,12 +64,12 @@ BenchOfRun: TypeAlias = Annotated[
     typer.Option(
         "--bench",
         metavar="B",
-        help="Bench: shipped name, or a bench file.",
+        help="Bench: shipped name (gyrowheel, dtg), or a bench file.",
         show_default="gyrowheel, or that of --model",
     ),
 ]
 BenchName: TypeAlias = Annotated[
-    str, typer.Option("--bench", metavar="B", help="Bench: shipped name, or a bench file.")
+    str, typer.Option("--bench", metavar="B", help="Bench: shipped name (gyrowheel, dtg), or a bench file.")
 ]
 Validation: TypeAlias = Annotated[
     list[Path] | None,

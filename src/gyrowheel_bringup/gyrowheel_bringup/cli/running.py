@@ -161,19 +161,26 @@ def _bench_and_model(bench: str | None, model: Path | None) -> tuple[str, Bench,
         source = bench or "gyrowheel"
         return source, Bench.load(source), None
     from gyrowheel_analysis.model import Model
+    from gyrowheel_bringup.machine import bench_place
 
     truth = Model.load(model)
+    place = bench_place(truth, model)
     if bench is not None and Bench.load(bench).parameters != truth.stated_bench.parameters:
         raise InputError(f"--bench: {bench} is not the bench of {model}, {truth.bench_source}; leave it out")
-    beside = model.parent / truth.bench_source
-    return str(beside if beside.is_file() else truth.bench_source), truth.stated_bench, truth
+    return place, truth.stated_bench, truth
 
 
 def _checked(name: str, bench: Bench) -> Plan:
     from gyrowheel_control.plans import Plan
 
     plan = Plan.load(name)
-    plan.check(bench)
+    try:
+        plan.check(bench)
+    except InputError as error:
+        own = f"{bench.name}_{name}"
+        if own not in Plan.shipped():
+            raise
+        raise InputError(f"{error}; the bench has a plan of its own: {own}") from None
     return plan
 
 

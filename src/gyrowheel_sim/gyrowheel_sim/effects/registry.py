@@ -11,9 +11,11 @@ from importlib.metadata import entry_points
 from types import MappingProxyType
 from typing import TypeAlias
 
+from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.declaration import Effect
 from gyrowheel_sim.effects.dimensions import check_effect
 from gyrowheel_sim.effects.library import LIBRARY
+from gyrowheel_sim.effects.sizes import for_bench
 from gyrowheel_sim.errors import InputError
 
 #: Coefficients of effects: {effect: {coefficient: value}}.
@@ -46,8 +48,14 @@ def registry() -> Mapping[str, Effect]:
     return MappingProxyType(effects)
 
 
-def get(name: str, *, where: str = "effect", declared: Mapping[str, Effect] | None = None) -> Effect:
-    """Return an effect that is registered or, beside those, declared.
+def get(
+    name: str,
+    *,
+    where: str = "effect",
+    declared: Mapping[str, Effect] | None = None,
+    bench: Bench | None = None,
+) -> Effect:
+    """Return an effect that is registered, with its sizes on a bench if one is given, or beside those declared.
 
     Raises
     ------
@@ -56,7 +64,7 @@ def get(name: str, *, where: str = "effect", declared: Mapping[str, Effect] | No
     """
     effects = {**(declared or {}), **registry()}
     if name in effects:
-        return effects[name]
+        return effects[name] if bench is None or name not in registry() else for_bench(effects[name], bench)
     near = difflib.get_close_matches(name, effects, n=3, cutoff=0.4)
     hint = f"did you mean {', '.join(near)}?" if near else f"known: {', '.join(effects)}"
     raise InputError(f"{where}: '{name}' is not a known effect; {hint}")
@@ -68,6 +76,7 @@ def validated(
     *,
     where: str = "effect",
     declared: Mapping[str, Effect] | None = None,
+    bench: Bench | None = None,
 ) -> dict[str, float]:
     """Return the coefficients of an effect, checked and completed with the usual values; see `get`.
 
@@ -76,7 +85,7 @@ def validated(
     InputError
         If effect or coefficient is unknown, or a value is no finite number within the bounds.
     """
-    effect = get(name, where=where, declared=declared)
+    effect = get(name, where=where, declared=declared, bench=bench)
     coefficients = {c.name: c for c in effect.coefficients}
     result = effect.defaults()
     for key, raw in values.items():
@@ -98,7 +107,9 @@ def validated(
     return result
 
 
-def parse_option(text: str, declared: Mapping[str, Effect] | None = None) -> tuple[str, dict[str, float]]:
+def parse_option(
+    text: str, declared: Mapping[str, Effect] | None = None, bench: Bench | None = None
+) -> tuple[str, dict[str, float]]:
     """Read ``NAME`` or ``NAME:COEF=VALUE,...`` (coefficients not given take their usual size); see `get`.
 
     Raises
@@ -113,4 +124,4 @@ def parse_option(text: str, declared: Mapping[str, Effect] | None = None) -> tup
         if not equals:
             raise InputError(f"--effect: {text!r}: expected NAME:COEF=VALUE,..., not {item!r}")
         values[key.strip()] = value.strip()
-    return name.strip(), validated(name.strip(), values, where="--effect", declared=declared)
+    return name.strip(), validated(name.strip(), values, where="--effect", declared=declared, bench=bench)
