@@ -9,6 +9,7 @@ _NAMES = {
     "Omega": "Ω",
     "rho_ref": "ρ₀",
     "rho": "ρ",
+    "theta_z": "θ_z",
     "theta_rate": "θ'",
     "theta": "θ",
     "z_rate": "z'",

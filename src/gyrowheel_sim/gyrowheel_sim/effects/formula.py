@@ -80,6 +80,7 @@ _SIGNS = {
     "Ω": "Omega",
     "ρ₀": "rho_ref",
     "ρ": "rho",
+    "θ_z": "theta_z",
     "θ'": "theta_rate",
     "θ": "theta",
     "z₀": "z_ref",
