@@ -60,6 +60,19 @@ def test_a_page_that_is_not_up_to_date_is_noticed(
     (folder / "d.md").write_text("of an effect that is gone\n", encoding="utf-8")
     assert generator.stale(pages) == [folder / "c.md", folder / "d.md"]
     (folder / "a.md").write_text("old\n", encoding="utf-8")
+    picture = generator.caps_png(generator.Bench.load(), '{"a": [1.0, 2.0]}')
+    (folder / "e.png").write_bytes(picture)
+    (folder / "e.csv").write_text("a,b\n1,2\n", encoding="utf-8")
+    assert generator._same(
+        folder / "e.png", generator.caps_png(generator.Bench.load(), '{"a": [1.0, 2.0001]}')
+    )
+    assert not generator._same(
+        folder / "e.png", generator.caps_png(generator.Bench.load(), '{"a": [1.0, 2.1]}')
+    )
+    assert generator._same(folder / "e.csv", "a,b\n1,2.0001\n")
+    assert not generator._same(folder / "e.csv", "a,b\n1,2.1\n")
+    (folder / "e.png").unlink()
+    (folder / "e.csv").unlink()
     (folder / "b.svg").write_text(re.sub(r"0\.08727", "0.08827", svg), encoding="utf-8")
     assert generator.stale(pages) == [folder / "a.md", folder / "b.svg", folder / "c.md", folder / "d.md"]
 
@@ -90,6 +103,13 @@ def test_every_target_category_function_and_name_has_words(generator: ModuleType
     assert set(generator._HANDY) == set(generator.HANDY)
     for target in TARGETS:
         assert in_words(target) != target.replace("_", " "), f"{target} has no words in render.formulas"
+
+
+def test_every_table_has_its_place(generator: ModuleType) -> None:
+    pages = "".join(path.read_text(encoding="utf-8") for path in DOCS.rglob("*.md"))
+    for name in generator.tables():
+        assert pages.count(f"<!-- table: {name} -->") == 1
+    assert pages.count("<!-- table:") == pages.count("<!-- end -->") == len(generator.tables())
 
 
 def test_links_lead_somewhere() -> None:

@@ -1,4 +1,4 @@
-"""Write the pages of docs that come from the code: one an effect, their index, and the tables of docs/formulas.md.
+"""Write what in docs comes from the code: a page an effect, their index, tables, and the pictures of the momentum.
 
 ``make docs`` calls this. With ``--check`` nothing is written; what would change is named, and the exit code is 1.
 """
@@ -6,18 +6,23 @@
 from __future__ import annotations
 
 import argparse
+import io
+import itertools
 import json
 import math
 import re
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TypeAlias
 
 import sympy as sp
+from PIL import Image
 from sympy.core.sorting import default_sort_key
 from sympy.printing.latex import LatexPrinter
 
 from gyrowheel_analysis.discovery.fit import ERRORS
+from gyrowheel_analysis.report.momentum import body_png, caps_png, envelope
 from gyrowheel_analysis.report.signature import Signature, signature, to_svg
 from gyrowheel_bringup.render.formulas import in_words, pretty
 from gyrowheel_bringup.render.quantities import quantity, span
@@ -30,6 +35,8 @@ from gyrowheel_sim.effects.typed import typed_effect
 from gyrowheel_sim.errors import InputError
 from gyrowheel_sim.units import DEG, RPM
 
+#: Texts and pictures by path.
+Pages: TypeAlias = dict[Path, str | bytes]
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
 _MADE = "<!-- Made by `make docs` from the declarations in the code; edit those. -->"
@@ -93,12 +100,17 @@ class _Latex(LatexPrinter):
             under.insert(0, sp.Integer(number.q))
         sign = "- " if number.is_negative else ""
         if not under:
-            return sign + " ".join(map(self._factor, over))
+            return sign + self._joined(over)
         # the tilt stands behind the fraction
         last = [f for f in over if z in f.free_symbols] if len(over) > 1 else []
-        top = " ".join(self._factor(f) for f in over if f not in last) or "1"
-        bottom = " ".join(map(self._factor, under))
-        return f"{sign}\\frac{{{top}}}{{{bottom}}} {' '.join(map(self._factor, last))}".rstrip()
+        top = self._joined([f for f in over if f not in last]) or "1"
+        return rf"{sign}\frac{{{top}}}{{{self._joined(under)}}} {self._joined(last)}".rstrip()
+
+    def _joined(self, factors: Sequence[sp.Expr]) -> str:
+        texts = [self._factor(f) for f in factors]
+        # a name of several letters needs some space
+        spaced = [rf"\, {t}" if "mathrm" in a + t else t for a, t in itertools.pairwise(texts)]
+        return " ".join([*texts[:1], *spaced])
 
     def _print_Add(self, expr: sp.Add, order: str | None = None) -> str:
         terms = sorted(expr.args, key=lambda a: (a.has(sp.I), a.is_number, default_sort_key(a)))
@@ -216,17 +228,17 @@ def _acts_on(effect: Effect) -> list[str]:
 
 def _picture_lines(effect: Effect, found: Signature | None, bench: Bench) -> Iterator[str]:
     if found is None:
-        yield "Nothing of it shows in the averages of a held tilt, at its usual size and on the default bench."
+        yield "Nothing of it shows while a tilt is held or turns slowly, at its usual size and on the default bench."
         return
     yield f"![what coils and motor must give more]({effect.name}.svg)\n"
     rpm, tilt = found.speed_held / RPM, bench.value("tilt_limit") / DEG
     values = ", ".join(
         f"{c.name} = {quantity(c.default, c.unit, pure=c.shape is not None)}" for c in effect.coefficients
     )
-    warm = f" The coils are {found.warm:.0f} K warmer than the air." if found.warm else ""
+    state = f" {found.state}" if found.state else ""
     yield (
         f"What coils and motor of the default bench must give more while a tilt is held, with {values}. "
-        f"Left: torque of the coils at tilts of up to {tilt:.0f}° in every direction, at {rpm:.0f} rpm.{warm}"
+        f"Left: torque of the coils at tilts of up to {tilt:.0f}° in every direction, at {rpm:.0f} rpm.{state}"
     )
 
 
@@ -309,7 +321,61 @@ def tables() -> dict[str, str]:
     refused = ["| typed | answer |", "|---|---|"]
     refused += [f"| `{_cell(text)}` | {_cell(_refusal(text))} |" for text in _REFUSED]
     named = {"quantities": quantities, "targets": targets, "functions": functions, "refused": refused}
+    named |= {"benches": _bench_table()} | _momentum_tables()
     return {name: "\n".join(lines) for name, lines in named.items()}
+
+
+_BENCH_ROWS = (
+    "rotor_inertia_z",
+    "rotor_inertia_x",
+    "flexure_stiffness_x",
+    "spin_rate_reference",
+    "spin_rate_minimum",
+    "spin_rate_maximum",
+    "tilt_limit",
+    "coil_constant",
+    "motor_constant",
+    "supply_voltage",
+    "bearing_coulomb",
+    "sample_period",
+    "tilt_noise",
+    "air_density_reference",
+)
+
+
+def _bench_table() -> list[str]:
+    benches = [Bench.load(name) for name in Bench.shipped()]
+    lines = [
+        "| | " + " | ".join(f"`{bench.name}`" for bench in benches) + " |",
+        "|---" * (len(benches) + 1) + "|",
+    ]
+    lines.append("| | " + " | ".join(bench.title for bench in benches) + " |")
+    for name in _BENCH_ROWS:
+        values = [quantity(bench.value(name), bench.parameters[name].unit, pure=True) for bench in benches]
+        lines.append(f"| {benches[0].parameters[name].description} | {' | '.join(values)} |")
+    return lines
+
+
+def _momentum_tables() -> dict[str, list[str]]:
+    found = envelope(Bench.load())
+    errors = ["| tilt | last form | middle expression |", "|---|---|---|"]
+    errors += [
+        f"| {tilt / DEG:.0f}° | {last:.2%} | {middle:.1%} |"
+        for tilt, last, middle in zip(found.tilt, found.error_last, found.error_middle, strict=True)
+        if tilt > 0.0
+    ]
+    limit = f"{found.tilt[-1] / DEG:.0f}°"
+    sizes = [
+        f"| speed | upright, N·m·s | at {limit}: along the case axis | across it | exact, within a revolution |",
+        "|---|---|---|---|---|",
+    ]
+    for s, speed in enumerate(found.speed):
+        upright, (x, y, along) = found.approximate[s, 0, 0, 2], found.approximate[s, -1, 0]
+        sizes.append(
+            f"| {speed / RPM:.0f} rpm | {upright:.4f} | {along:.4f} | {math.hypot(x, y):.4f} "
+            f"| {found.smallest[s, -1, 0]:.4f} .. {found.largest[s, -1, 0]:.4f} |"
+        )
+    return {"momentum errors": errors, "momentum sizes": sizes}
 
 
 def _refusal(text: str) -> str:
@@ -329,19 +395,18 @@ def with_tables(text: str) -> str:
     for name, table in tables().items():
         begin, end = f"<!-- table: {name} -->\n", "<!-- end -->"
         before, found, rest = text.partition(begin)
-        if not found or end not in rest:
-            raise ValueError(f"docs/formulas.md: no place for the table {name}")
-        text = f"{before}{begin}{table}\n{end}{rest.partition(end)[2]}"
+        if found:
+            text = f"{before}{begin}{table}\n{end}{rest.partition(end)[2]}"
     return text
 
 
 # --- all of it ---
 
 
-def made() -> dict[Path, str]:
-    """Return everything that is made from the code: texts by path."""
+def made() -> Pages:
+    """Return everything that is made from the code, by path."""
     bench = Bench.load()
-    pages: dict[Path, str] = {}
+    pages: Pages = {}
     effects = list(registry().values())
     for effect in effects:
         found = signature(effect, bench)
@@ -349,26 +414,44 @@ def made() -> dict[Path, str]:
         if found is not None:
             pages[DOCS / "effects" / f"{effect.name}.svg"] = to_svg(found, json.dumps(found.to_json()))
     pages[DOCS / "effects" / "README.md"] = index_page(effects)
-    formulas = DOCS / "formulas.md"
-    pages[formulas] = with_tables(formulas.read_text(encoding="utf-8"))
+    for page in ("formulas.md", "momentum.md", "benches.md"):
+        pages[DOCS / page] = with_tables((DOCS / page).read_text(encoding="utf-8"))
+    momentum = envelope(bench)
+    pages[DOCS / "momentum.csv"] = momentum.to_csv()
+    shown = json.dumps(momentum.to_json())
+    pages[DOCS / "images" / "momentum_caps.png"] = caps_png(bench, shown)
+    pages[DOCS / "images" / "momentum_body.png"] = body_png(bench, shown)
     return pages
 
 
-def stale(pages: dict[Path, str]) -> list[Path]:
+def stale(pages: Pages) -> list[Path]:
     """Return the files that are not what they should be, and those that should not be there."""
     there = set((DOCS / "effects").glob("*"))
-    wrong = [path for path, text in pages.items() if not _same(path, text)]
+    wrong = [path for path, content in pages.items() if not _same(path, content)]
     return [*wrong, *sorted(there - set(pages))]
 
 
-def _same(path: Path, text: str) -> bool:
+def _same(path: Path, content: str | bytes) -> bool:
     if not path.is_file():
         return False
+    if isinstance(content, bytes):
+        return _close(_numbers_of_png(path.read_bytes()), _numbers_of_png(content))
     old = path.read_text(encoding="utf-8")
-    if path.suffix != ".svg":
-        return old == text
-    # a picture is the same if it shows the same numbers
-    return _close(_numbers(old), _numbers(text))
+    if path.suffix == ".csv":
+        return _close(_table(old), _table(content))
+    if path.suffix == ".svg":  # a picture is the same if it shows the same numbers
+        return _close(_numbers(old), _numbers(content))
+    return old == content
+
+
+def _table(text: str) -> list[object]:
+    head, *rows = text.splitlines()
+    return [head, *([float(number) for number in row.split(",")] for row in rows)]
+
+
+def _numbers_of_png(content: bytes) -> object:
+    text = Image.open(io.BytesIO(content)).info.get("Description")
+    return json.loads(text) if text else None
 
 
 def _numbers(svg: str) -> object:
@@ -407,7 +490,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             continue
         if path in pages:
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(pages[path], encoding="utf-8")
+            content = pages[path]
+            path.write_bytes(content if isinstance(content, bytes) else content.encode())
         else:
             path.unlink()
     if check and wrong:

@@ -6,14 +6,14 @@ import io
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance import ActiveEffect, Balance
-from gyrowheel_analysis.reduction import planned_windows
+from gyrowheel_analysis.reduction import Windows, planned_windows
 from gyrowheel_control.plans import Plan
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import Effect
@@ -28,13 +28,31 @@ Array = NDArray[np.float64]
 _SPEEDS = 9
 _TILTS = 8
 _RINGS, _SPOKES = 2, 12
-#: Less than this in every row is nothing that a bench could see [N m], [V].
-_NOTHING = {"N·m": 1.0e-6, "V": 1.0e-4}
+#: What no bench could see: a part of the torque of the flexures at the reference tilt, and of the supply.
+_NOTHING = 1e-4
 _ROUNDING = 1e-10  # what computing leaves of zero
-_WARM = 20.0  # of the coils above the air, for effects that show nothing at its temperature [K]
+_WARM = 20.0  # of coils and motor above the air [K]
+_PERIOD, _GLIMPSE = 2.5, 0.2  # of the cone, and what of it is looked at [s]
+_VISIBLE = {"N·m": 1e-8, "V": 1e-5}  # less is not drawn
+#: States in which an effect is looked for, one after the other, in words.
+_STATES = {
+    "held": "",
+    "warm": f"Coils and motor are {_WARM:.0f} K warmer than the air.",
+    "cone": f"The tilt turns about the case axis once in {_PERIOD} s.",
+}
 _MILLI = 1e-3
-# of the palette of Okabe and Ito, which people tell apart whatever their colour vision
-_IN_PHASE, _ACROSS, _SPIN, _VOLTAGE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
+#: Rows that are shown, with their units and colours: of the palette of Okabe and Ito, which people tell apart whatever
+#: their colour vision.
+_ROWS = (
+    ("coils, in phase with the tilt", "N·m", "#0072B2"),
+    ("coils, across the tilt", "N·m", "#D55E00"),
+    ("motor", "N·m", "#009E73"),
+    ("coils, once a turn", "N·m", "#E69F00"),
+    ("coils, twice a turn", "N·m", "#56B4E9"),
+    ("ripple on the shaft", "N·m", "#444444"),
+    ("motor voltage beyond that of its torque", "V", "#CC79A7"),
+    ("ripple of the motor voltage", "V", "#444444"),
+)
 _INK, _FAINT = "#222222", "#E4E4E4"
 _STYLE: Any = {  # typed by matplotlib key by key
     "font.family": "sans-serif",
@@ -94,8 +112,8 @@ class Signature:
         Rows over the tilts, at `speed_held`.
     tilt_held, speed_held : float
         The tilt of `by_speed` [rad] and the speed of the rest [rad/s].
-    warm : float
-        Temperature of the coils above that of the air [K].
+    state : str
+        What else is so, in a sentence; empty where nothing is.
     """
 
     tilts: NDArray[np.complex128]
@@ -106,7 +124,7 @@ class Signature:
     by_tilt: tuple[Curve, ...]
     tilt_held: float
     speed_held: float
-    warm: float
+    state: str
 
     def to_json(self) -> dict[str, Any]:
         """Return the signature as a JSON object, to four digits."""
@@ -124,75 +142,106 @@ class Signature:
             "by_speed": curves(self.by_speed),
             "tilt_x_rad": numbers(self.tilt),
             "by_tilt": curves(self.by_tilt),
-            "coils_warmer_by_K": self.warm,
+            "state": self.state,
         }
 
 
 def signature(effect: Effect, bench: Bench) -> Signature | None:
     """Return the signature of an effect on a bench; None if it shows in no steady state.
 
-    The coefficients have their usual sizes. Effects of the coils' temperature are shown with warm coils. The speed at
-    which the tilts are shown is the reference speed, or a low one where the coils' torque is much larger there: at the
-    reference speed a tuned rotor needs no torque to stay tilted, and nothing shows that acts in proportion to it.
+    The coefficients have their usual sizes. Effects that a held tilt does not show are shown with warm coils and motor,
+    or on a slow cone. The speed at which the tilts are shown is the reference speed, or a low one where the coils'
+    torque is much larger there: at the reference speed a tuned rotor needs no torque to stay tilted, and nothing shows
+    that acts in proportion to it.
     """
     reference, low = bench.value("spin_rate_reference"), bench.value("spin_rate_minimum")
-    for warm in (0.0, _WARM):
-        found = _signature(effect, bench, warm, reference)
+    stiffness = 0.5 * (bench.value("flexure_stiffness_x") + bench.value("flexure_stiffness_y"))
+    nothing = {
+        "N·m": _NOTHING * stiffness * bench.value("tilt_reference"),
+        "V": _NOTHING * bench.value("supply_voltage"),
+    }
+    for state in _STATES:
+        found = _signature(effect, bench, state, reference)
         rows = (*found.by_speed, *found.by_tilt)
-        if any(float(np.abs(row.values).max()) > _NOTHING[row.unit] for row in rows):
-            slow = _signature(effect, bench, warm, low + 0.2 * (reference - low))
+        if any(float(np.abs(row.values).max()) > nothing[row.unit] for row in rows):
+            slow = _signature(effect, bench, state, low + 0.2 * (reference - low))
             much = float(np.abs(slow.torques).max()) > 1.5 * float(np.abs(found.torques).max())
             return slow if much else found
     return None
 
 
-def _signature(effect: Effect, bench: Bench, warm: float, at: float) -> Signature:
+def _signature(effect: Effect, bench: Bench, state: str, at: float) -> Signature:
     limit = bench.value("tilt_limit")
     low, high = bench.value("spin_rate_minimum"), bench.value("spin_rate_maximum")
     held = 0.6 * limit
     ring = np.exp(2j * np.pi * np.arange(_SPOKES) / _SPOKES)
     grid = np.concatenate([[0j], *(limit * k / _RINGS * ring for k in range(1, _RINGS + 1))])
     speeds, tilts = np.linspace(low, high, _SPEEDS), np.linspace(0.0, limit, _TILTS)
-    windows = planned_windows(
-        _plan([(at, grid), *((speed, [held]) for speed in speeds), (at, tilts)], warm), bench
-    )
-    balance = Balance(windows, bench)
+    plan = _plan([(at, grid), *((speed, [held]) for speed in speeds), (at, tilts)])
+    windows = _put_into(state, planned_windows(plan, bench), bench)
     values = bench.values()
+    balance = Balance(windows, bench)
+    # the current that the motor needs anyway
+    current = balance.predicted(values, [])[balance.channel("spin")] / bench.value("motor_constant")
+    balance = Balance(replace(windows, motor_current=current), bench)
     rows = balance.predicted(values, [ActiveEffect(effect, effect.defaults())])
     rows = rows - balance.predicted(values, [])
-    coil = rows[balance.channel("tilt_x")] + 1j * rows[balance.channel("tilt_y")]
-    spin, volts = rows[balance.channel("spin")], rows[balance.channel("motor_voltage")]
-    motor = bench.value("motor_resistance") / bench.value("motor_constant") * spin
+
+    def row(name: str) -> Array:
+        return np.asarray(rows[balance.channel(name)])
+
+    def size(name: str) -> Array:
+        return np.hypot(row(f"{name}_x"), row(f"{name}_y"))
+
+    spin = row("spin")
+    volts = row("motor_voltage") - bench.value("motor_resistance") / bench.value("motor_constant") * spin
+    # at a tilt about x what is in phase with the tilt is the part about x
+    shown = (
+        row("tilt_x"), row("tilt_y"), spin, size("tilt_1n"), size("tilt_2n"), size("spin_ripple"), volts,
+        size("voltage_ripple"),
+    )  # fmt: skip
 
     def curves(part: slice) -> tuple[Curve, ...]:
-        # at a tilt about x what is in phase with the tilt is the part about x
-        return (
-            Curve("coils, in phase with the tilt", "N·m", coil[part].real),
-            Curve("coils, across the tilt", "N·m", coil[part].imag),
-            Curve("motor", "N·m", spin[part]),
-            Curve("motor voltage beyond that of its torque", "V", volts[part] - motor[part]),
-        )
+        return tuple(Curve(name, unit, v[part]) for (name, unit, _), v in zip(_ROWS, shown, strict=True))
 
     a, b = len(grid), len(grid) + len(speeds)
     return Signature(
         tilts=grid,
-        torques=coil[:a],
+        torques=(row("tilt_x") + 1j * row("tilt_y"))[:a],
         speed=speeds,
         by_speed=curves(slice(a, b)),
         tilt=tilts,
         by_tilt=curves(slice(b, None)),
         tilt_held=held,
         speed_held=at,
-        warm=warm,
+        state=_STATES[state],
     )
 
 
-def _plan(states: Sequence[tuple[float, Any]], warm: float) -> Plan:
+def _put_into(state: str, windows: Windows, bench: Bench) -> Windows:
+    """Return the windows of held tilts in another state (see `_STATES`)."""
+    air = bench.value("air_temperature")
+    if state == "warm":
+        return replace(
+            windows,
+            coil_temperature=np.full(len(windows), air + _WARM),
+            motor_temperatures=np.full((len(windows), 2), air + _WARM),
+        )
+    if state == "cone":
+        turn = 1j * math.pi * _GLIMPSE / _PERIOD
+        series = [turn**n / math.factorial(n) for n in range(windows.tilt.shape[1])]
+        return replace(
+            windows, duration=np.full(len(windows), _GLIMPSE), tilt=windows.tilt[:, :1] * np.array(series)
+        )
+    return windows
+
+
+def _plan(states: Sequence[tuple[float, Any]]) -> Plan:
     """Return a plan that holds every tilt [rad] at its speed [rad/s]."""
     blocks = []
     for speed, tilts in states:
         pairs = [[float(np.real(z)) / DEG, float(np.imag(z)) / DEG] for z in tilts]
-        blocks.append(f"  - {{spin_rpm: {float(speed) / RPM!r}, preheat_k: {warm}, tilt_deg: {pairs}}}")
+        blocks.append(f"  - {{spin_rpm: {float(speed) / RPM!r}, tilt_deg: {pairs}}}")
     return Plan.load("schema: 1\nname: signature\nhold_s: 2.0\nsegments:\n" + "\n".join(blocks) + "\n")
 
 
@@ -247,9 +296,6 @@ def draw(found: Signature) -> Figure:
     return figure
 
 
-_COLOURS = (_IN_PHASE, _ACROSS, _SPIN, _VOLTAGE)
-
-
 def _visible(found: Signature) -> list[tuple[Curve, int]]:
     """Return the rows that are more than a hundredth of the largest of their unit; volts only where nothing else is."""
     sizes = [
@@ -259,7 +305,7 @@ def _visible(found: Signature) -> list[tuple[Curve, int]]:
     for unit in ("N·m", "V"):
         rows = [(row, k) for k, row in enumerate(found.by_speed) if row.unit == unit]
         largest = max(sizes[k] for _, k in rows)
-        if largest > _NOTHING[unit]:
+        if largest > _VISIBLE[unit]:
             return [(row, k) for row, k in rows if sizes[k] > 0.01 * largest]
     return []
 
@@ -268,7 +314,7 @@ def _lines(axes: Axes, x: Array, rows: Sequence[Curve], colours: Sequence[int]) 
     axes.axhline(0.0, color="#BBBBBB", linewidth=0.8, zorder=1)
     for row, colour in zip(rows, colours, strict=True):
         scale = _MILLI if row.unit == "N·m" else 1.0
-        axes.plot(x, row.values / scale, color=_COLOURS[colour], linewidth=1.8, label=row.name, zorder=3)
+        axes.plot(x, row.values / scale, color=_ROWS[colour][2], linewidth=1.8, label=row.name, zorder=3)
     axes.margins(x=0.03, y=0.12)
     axes.grid(axis="y", color=_FAINT, linewidth=0.8)
     axes.set_axisbelow(True)
@@ -289,7 +335,8 @@ def _arrows(axes: Axes, found: Signature) -> None:
             Circle((0.0, 0.0), limit * k / _RINGS, fill=False, color=_FAINT, linewidth=0.8, zorder=1)
         )
     text = "no steady torque of the coils"
-    if longest > _NOTHING["N·m"]:
+    rows = [row for row in (*found.by_speed, *found.by_tilt) if row.unit == "N·m"]
+    if longest > max(_VISIBLE["N·m"], 0.01 * max(float(np.abs(row.values).max()) for row in rows)):
         arrow = found.torques / longest * 0.46 * limit
         axes.quiver(
             z.real, z.imag, arrow.real, arrow.imag, angles="xy", scale_units="xy", scale=1.0, color=_INK, width=0.011,
