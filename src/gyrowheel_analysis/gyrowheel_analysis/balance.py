@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.reduction import FORWARD, HARMONICS, MOTOR_THERMAL, Windows
+from gyrowheel_analysis.reduction import FORWARD, HARMONICS, MOTOR_THERMAL, Windows, without_noise
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.dynamics import Joint, Spin, generalised_forces, inverse, spin_axis
 from gyrowheel_sim.effects.code import array_law
@@ -110,9 +110,14 @@ class Balance:
         The reduced recording(s).
     bench : Bench
         The model's bench; its coil and motor constants convert voltages and currents to N m.
+    clean : bool
+        Whether to predict from the motion without the harmonics that are noise (`reduction.without_noise`); what those
+        need on the bench as stated is then taken from the measured rows instead.
     """
 
-    def __init__(self, windows: Windows, bench: Bench) -> None:
+    def __init__(self, windows: Windows, bench: Bench, *, clean: bool = True) -> None:
+        raw = Balance(windows, bench, clean=False) if clean else None
+        windows = without_noise(windows, bench) if clean else windows
         self.windows = windows
         self.bench = bench
         self._ripple: Any = None
@@ -186,6 +191,9 @@ class Balance:
                 *_components([shaft, volts]),
             ]
         )
+        if raw is not None and len(self.windows):
+            stated = bench.values()
+            self.measured = raw.measured - raw.predicted(stated, []) + self.predicted(stated, [])
 
     def __len__(self) -> int:
         """Return the number of rows."""

@@ -193,7 +193,7 @@ class DragEstimator:
         windows = reduce(hold, bench)
         simulated = np.full(3, math.nan)
         if len(windows):
-            coil, motor = Balance(windows, bench).required(values, self._effects)
+            coil, motor = Balance(windows, bench, clean=False).required(values, self._effects)
             weight = windows.duration / windows.duration.sum()
             simulated = np.array([coil.real @ weight, coil.imag @ weight, motor @ weight])
         mean = filtered.mean(axis=0)

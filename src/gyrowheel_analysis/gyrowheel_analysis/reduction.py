@@ -12,7 +12,7 @@ import functools
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -49,6 +49,7 @@ MOTOR_THERMAL = (
     "motor_thermal_resistance",
 )
 _THERMAL_STEP = 0.1  # s
+_CLEAR = 10.0  # times its noise that a harmonic must be to count
 
 
 @dataclass(frozen=True)
@@ -174,6 +175,34 @@ class Windows:
 #: Mean over -1..1, and difference between the ends, of the powers of x.
 _MEAN = np.array([1.0 / (k + 1) if k % 2 == 0 else 0.0 for k in range(_DEGREE + 1)])
 _RISE = np.array([2.0 if k % 2 else 0.0 for k in range(_DEGREE + 1)])
+
+
+def without_noise(windows: Windows, bench: Bench) -> Windows:
+    """Return the windows without those harmonics that are not well above the noise of the readings.
+
+    Where a harmonic is noise, so is every torque reckoned from it, and whatever multiplies such a torque (a gain, a
+    scale, a damping) would be fitted to the noise.
+    """
+    v, n = bench.value, windows.samples
+    modulation = np.array([[_MEAN[j + k] for k in range(_MODULATION)] for j in range(_MODULATION)])
+
+    def kept(amplitudes: Any, noise: float) -> Any:
+        """Amplitudes (n, harmonics, terms) that are above the noise of a reading, both parts together."""
+        power = np.einsum("nhj,jk,nhk->nh", amplitudes.conj(), modulation, amplitudes).real
+        return np.where((power > _CLEAR**2 * 2.0 * noise**2 / n[:, None])[:, :, None], amplitudes, 0.0)
+
+    def above(amplitude: Any, noise: float) -> Any:
+        return np.where(np.abs(amplitude) > _CLEAR * noise / np.sqrt(n), amplitude, 0.0)
+
+    return replace(
+        windows,
+        tilt_harmonics=kept(windows.tilt_harmonics, v("tilt_noise")),
+        # of a real reading both signs of a harmonic share the noise
+        current_harmonics=kept(windows.current_harmonics, math.sqrt(0.5) * v("motor_current_noise")),
+        spin_ripple=above(windows.spin_ripple, v("spin_rate_noise")),
+        current_ripple=above(windows.current_ripple, v("motor_current_noise")),
+        voltage_ripple=above(windows.voltage_ripple, v("motor_voltage_noise")),
+    )
 
 
 def concatenate(parts: Sequence[Windows]) -> Windows:
