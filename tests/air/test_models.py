@@ -283,6 +283,20 @@ def test_a_model_of_the_air_can_be_given_to_a_machine(model: str):
         assert members == pytest.approx(found.values[effect], rel=1e-3)
 
 
+@given(rpm=st.floats(1000, 8000), density=st.floats(0.3, 1.3))
+def test_coefficients_at_another_reference_are_the_same_laws(rpm: float, density: float):
+    model = get_model("surrogate", MADE_UP)
+    found = coefficients(model, GEOMETRY, AIR, reference_speed=rpm * RPM, reference_density=density)
+    for name, size, n in (
+        ("aero_restoring", 0.022, 2.05),
+        ("aero_cross", 0.0053, 1.98),
+        ("windage", 0.95e-3, 1.48),
+    ):
+        (value, _), (exponent, _) = found[name].values()
+        assert exponent == pytest.approx(n)
+        assert value == pytest.approx(size * (rpm / 3500) ** n * (density / 1.205) ** (n - 1))
+
+
 def test_the_end_gap_model_grows_as_the_square_of_the_speed():
     law = fit_model(Vorticity(), GEOMETRY, AIR).laws[0]
     assert law is not None

@@ -10,6 +10,7 @@ from gyrowheel_sim.air.geometry import Geometry
 from gyrowheel_sim.air.state import AirState
 from gyrowheel_sim.air.surrogate import coefficients
 from gyrowheel_sim.air.table import TorqueTable
+from gyrowheel_sim.bench import Bench
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,7 @@ def options_of(found: Mapping[str, Mapping[str, tuple[float, float]]]) -> list[s
 def air_effects(
     model: str = "table",
     *,
+    bench: Bench | None = None,
     geometry: Geometry | None = None,
     air: AirState | None = None,
     table: TorqueTable | None = None,
@@ -56,6 +58,8 @@ def air_effects(
     ----------
     model : str
         Of `gyrowheel_sim.air.MODELS`. What it says nothing of is left out.
+    bench : Bench, optional
+        Bench at whose reference speed and density the sizes are wanted; the shipped one by default.
     geometry : Geometry, optional
         Rotor and case; the shipped ones by default.
     air : AirState, optional
@@ -68,7 +72,14 @@ def air_effects(
     InputError
         If the model is unknown, or does not hold for this geometry and air.
     """
-    found = coefficients(get_model(model, table), geometry or Geometry.load(), air or AirState.paper())
+    values = (bench or Bench.load()).values()
+    found = coefficients(
+        get_model(model, table),
+        geometry or Geometry.load(),
+        air or AirState.paper(),
+        reference_speed=values["spin_rate_reference"],
+        reference_density=values["air_density_reference"],
+    )
     return AirEffects(
         values={
             effect: {name: pair[0] for name, pair in members.items()} for effect, members in found.items()

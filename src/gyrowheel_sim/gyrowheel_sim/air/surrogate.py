@@ -109,13 +109,25 @@ class Surrogate:
             values[i], errors[i] = shape[i] * size, abs(shape[i] * size) * relative
         return AirTorque(values, errors, tilt_axes(angle, direction))
 
-    def coefficients(self) -> dict[str, dict[str, tuple[float, float]]]:
-        """Return value and standard uncertainty of each coefficient of each effect, by the effects' names [SI]."""
-        return {
-            effect: {name: (law.size, law.size_error), "n": (law.exponent, law.exponent_error)}
-            for (effect, name), law in zip(EFFECTS, self.laws, strict=True)
-            if law is not None
-        }
+    def coefficients(
+        self, reference_speed: float = REFERENCE_SPEED, reference_density: float = REFERENCE_DENSITY
+    ) -> dict[str, dict[str, tuple[float, float]]]:
+        """Return value and standard uncertainty of each coefficient of each effect, by the effects' names [SI].
+
+        Parameters
+        ----------
+        reference_speed, reference_density : float
+            Spin rate [rad/s] and density [kg/m^3] at which the sizes are wanted: those of the bench.
+        """
+        found = {}
+        for (effect, name), law in zip(EFFECTS, self.laws, strict=True):
+            if law is not None:
+                r, d = reference_speed / self.reference_speed, reference_density / self.reference_density
+                factor = r**law.exponent * d ** (law.exponent - 1.0)
+                size = factor * law.size
+                error = size * math.hypot(law.size_error / law.size, law.exponent_error * math.log(r * d))
+                found[effect] = {name: (size, error), "n": (law.exponent, law.exponent_error)}
+        return found
 
     def _check(self, geometry: Geometry, angle: float, spin_rate: float) -> None:
         if angle > self.tilt_limit * (1.0 + 1e-9):
@@ -191,7 +203,12 @@ def fit_model(
 
 
 def coefficients(
-    model: AirModel, geometry: Geometry, air: AirState
+    model: AirModel,
+    geometry: Geometry,
+    air: AirState,
+    *,
+    reference_speed: float = REFERENCE_SPEED,
+    reference_density: float = REFERENCE_DENSITY,
 ) -> dict[str, dict[str, tuple[float, float]]]:
     """Return the coefficients of the air's effects that come nearest to a model, with uncertainties.
 
@@ -203,15 +220,16 @@ def coefficients(
         Rotor and case.
     air : AirState
         The air at which the power laws are fitted.
+    reference_speed, reference_density : float
+        Spin rate [rad/s] and density [kg/m^3] at which the sizes are wanted; by default those of the shipped bench.
 
     Returns
     -------
     dict
         By effect (``aero_restoring``, ``aero_cross``, ``windage``) and coefficient (k, c, w and n): value and standard
-        uncertainty [SI], at the reference speed and density of the shipped bench. Effects of which the model says
-        nothing are left out.
+        uncertainty [SI]. Effects of which the model says nothing are left out.
     """
-    return fit_model(model, geometry, air).coefficients()
+    return fit_model(model, geometry, air).coefficients(reference_speed, reference_density)
 
 
 def _fit(
