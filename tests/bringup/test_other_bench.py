@@ -32,6 +32,9 @@ def test_a_hidden_effect_is_named_added_and_proven(gyrowheel: Shell, tmp_path: P
     fit, unused, model = tmp_path / "dtg_quick", tmp_path / "dtg_check", tmp_path / "wheel.yaml"
     gyrowheel.good("model", "new", "--model", model, "--bench", "dtg")
     assert "dtg" in model.read_text()
+    shown = gyrowheel.good("compare", fit, "--model", model).out
+    assert "µN·m" in shown
+    assert "…" not in shown, "a column is cut off"
     worst = gyrowheel.good("compare", fit, "--model", model, "--json", "-").json["channels"]
     assert worst["tilt_x"]["chi2_per_n"] > 10.0
     found = gyrowheel.good("diagnose", fit, "--model", model, "--json", "-").json

@@ -8,10 +8,12 @@ import math
 import pytest
 from rich.console import Console
 
+from gyrowheel_analysis.errors import ErrorRow
 from gyrowheel_analysis.model import Model
 from gyrowheel_bringup.cli.finding import following
 from gyrowheel_bringup.render.diagnosis import diagnosis as rendered
 from gyrowheel_bringup.render.diagnosis import verdict_sentence
+from gyrowheel_bringup.render.errors import fall
 from gyrowheel_bringup.render.formulas import pretty
 from gyrowheel_bringup.render.layout import show
 from gyrowheel_bringup.render.models import model_page
@@ -73,6 +75,17 @@ def test_every_unit_in_use_has_a_sign():
     units = {c.unit for effect in registry().values() for c in effect.coefficients}
     units |= {p.unit for p in Bench.load().parameters.values()}
     assert not [unit for unit in units if set("*^") & set(edge(unit).label)]
+
+
+def test_torques_of_a_small_bench_are_shown_in_a_smaller_unit():
+    row = ErrorRow({"tilt_x": 1.2e-5, "tilt_y": 1.1e-5, "spin": 2.1e-6}, 70.0)
+    after = ErrorRow({"tilt_x": 4e-7, "tilt_y": 6e-7, "spin": 2.1e-6}, 0.7)
+    floor = ErrorRow({"tilt_x": 6.6e-7, "tilt_y": 6.6e-7, "spin": 3.8e-6}, 1.0)
+    text = fall(row, after, floor, "it")
+    assert text.endswith("tilt x, where the error falls most, from 12.0 to 0.400 µN·m (noise 0.660).")
+    large = ErrorRow({name: 100.0 * value for name, value in floor.rms.items()}, 1.0)
+    assert "mN·m" in fall(row, after, large, "it")
+    assert "rises most" in fall(after, row, floor, "it")
 
 
 def test_formulas_are_written_with_signs():

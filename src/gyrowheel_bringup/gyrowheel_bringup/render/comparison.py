@@ -11,13 +11,12 @@ from rich.text import Text
 
 from gyrowheel_bringup.render.errors import CHANNELS
 from gyrowheel_bringup.render.layout import figures_table, heading, sentences, words_table
-from gyrowheel_bringup.render.quantities import fixed
+from gyrowheel_bringup.render.quantities import fixed, torque_edge
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.compare import Comparison
     from gyrowheel_analysis.where import Region
 
-_MILLI = 1e-3
 _MOST_REGIONS = 5
 _SUSPICIOUS = 1.3  # mean square of the residuals in units of their noise
 _LEGEND = (
@@ -36,30 +35,31 @@ def comparison(result: Comparison) -> Iterator[RenderableType]:
 
 def channel_table(result: Comparison) -> Table:
     """Return the metrics of every channel."""
+    shown = torque_edge(m.noise_floor_rms for m in result.channels.values())
     table = figures_table(
         "",
-        "RMS\nmN·m",
-        "noise\nmN·m",
+        f"RMS\n{shown.label}",
+        f"noise\n{shown.label}",
         "χ²/N\n",
         "FIT\n%",
         "Theil\n",
         "bias\n%",
         "var.\n%",
         "cov.\n%",
-        "raw\nmN·m",
+        f"raw\n{shown.label}",
     )
     table.columns[0].no_wrap = True
     for name, title in CHANNELS.items():
         m = result.channels[name]
         table.add_row(
             title,
-            fixed(m.rms / _MILLI),
-            fixed(m.noise_floor_rms / _MILLI),
+            fixed(m.rms / shown.size),
+            fixed(m.noise_floor_rms / shown.size),
             Text(fixed(m.chi2_per_n), style="bold red" if m.chi2_per_n > 2.0 else "green"),
             fixed(m.fit_percent),
             f"{m.theil:.4f}",
             *(f"{100.0 * part:.0f}" for part in (m.theil_bias, m.theil_variance, m.theil_covariance)),
-            fixed(result.raw_rms[name] / _MILLI),
+            fixed(result.raw_rms[name] / shown.size),
         )
     return table
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import NamedTuple
 
 from gyrowheel_sim.units import DEG, RPM
@@ -31,6 +32,7 @@ _EDGE: dict[str, Edge] = {
     "s": Edge("s", 1.0),
     "ohm": Edge("Ω", 1.0),
 }
+_SMALL = 2e-6  # noise of a torque below which milli is too coarse [N m]
 _PRETTY = str.maketrans({"*": "·"})
 
 
@@ -50,6 +52,11 @@ def edge(unit: str, *, pure: bool = False) -> Edge:
     if plain in _EDGE:
         return _EDGE[plain or "1"]
     return Edge(plain.replace("^2", "²").replace("^3", "³").translate(_PRETTY), 1.0)
+
+
+def torque_edge(noise: Iterable[float]) -> Edge:
+    """Return the unit in which people read torques with noise of these sizes [N m]: a smaller one on a small bench."""
+    return Edge("µN·m", 1e-6) if min(noise, default=1.0) < _SMALL else _EDGE["N*m"]
 
 
 def is_pure(effect: str, coefficient: str) -> bool:
