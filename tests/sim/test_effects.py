@@ -305,6 +305,7 @@ def test_usual_size_changes_motion_or_readings(effect):
 TURNS = {
     "static_imbalance": 0,
     "runout": 0,
+    "target_flatness": 0,
     "earth_rate": 0,
     "coil_anisotropy": 2,
     "cogging": int(BENCH.value("motor_ripple_order")),
@@ -448,7 +449,7 @@ def simulated(plan: str, name: str | None, values: tuple[tuple[str, float], ...]
     run = quiet_run(Plan.load(plan), {name: dict(values)} if name else {})
     time = np.arange(len(run.measurement), dtype=np.float64) * BENCH.sample_period
     samples = Samples(time, run.measurement, run.setpoints["stamp_ns"] * 1e-9, run.setpoints, run.environment)
-    return Balance(reduce(samples, BENCH), BENCH)
+    return Balance(reduce(samples, BENCH), BENCH, clean=False)
 
 
 @functools.cache

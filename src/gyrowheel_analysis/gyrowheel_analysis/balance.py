@@ -420,7 +420,9 @@ class Balance:
         q["T_winding"] = warm[:, 0, None, None] + self._warming[:, 0, :, None]
         q["T_motor"] = warm[:, 1, None, None] + self._warming[:, 1, :, None]
         # the error of the reading first: every other law sees the true tilt
-        error, error_rate, error_acc = self._reading_error(effects, q, values, tilt_rate, tilt_acc)
+        error, error_rate, error_acc = self._reading_error(
+            effects, q, values, tilt_rate, tilt_acc, acceleration
+        )
         bias = complex(values["tilt_bias_x"], values["tilt_bias_y"])
         scale = values["tilt_scale"]
         phi = (self._tilt - bias - error) / scale
@@ -468,6 +470,7 @@ class Balance:
         values: Mapping[str, float],
         tilt_rate: Any,
         tilt_acc: Any,
+        acceleration: Any,
     ) -> tuple[Any, Any, Any]:
         """Return what the effects add to the tilt readings, and its first and second derivative.
 
@@ -503,7 +506,7 @@ class Balance:
                             **fixed,
                             "z": np.tan(at.real) + 1j * np.tan(at.imag),
                             "z_rate": tilt_rate - rate + h * (tilt_acc - acc),
-                            "theta_z": self._angle + k * _STENCIL,
+                            "theta_z": self._angle + k * _STENCIL + 0.5 * h**2 * acceleration,
                             "t": fixed["t"] + h,
                         }
                         samples.append(np.broadcast_to(function(there), self._angle.shape))

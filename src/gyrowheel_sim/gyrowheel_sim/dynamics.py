@@ -134,9 +134,9 @@ def moving_case_forces(
     """Return the generalised forces that the motion needs beyond eq (6) because the case itself turns.
 
     M q'' + e = Q + f, with e what is returned. (bx, by, bz) is the rate of the case in inertial space along the case's
-    axes, (bx_rate, ..) its derivative. Exact: for gimbal and rotor, with b the rate of the case in the body's axes and w
-    the body's rate relative to the case, e = J^T [I (b' - w x b) + b x I w + w x I b + b x I b]; of the round shaft only
-    the acceleration about its axis remains. Source: Newton-Euler; agrees with `gyrowheel_sim.derivation.derive`.
+    axes, (bx_rate, ..) its derivative. Exact: for gimbal and rotor, with b the rate of the case in the body's axes and
+    w the body's rate relative to the case, e = J^T [I (b' - w x b) + b x I w + w x I b + b x I b]; of the round shaft
+    only the acceleration about its axis remains. Source: Newton-Euler; agrees with `gyrowheel_sim.derivation.derive`.
     """
     # rate and acceleration of the case in motor axes, then gimbal axes, then rotor axes
     mx = cz * bx + sz * by

@@ -1,0 +1,133 @@
+"""Effects of the torque coils and their supply."""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law
+from gyrowheel_sim.effects.library.common import CONES, symbols
+from gyrowheel_sim.effects.quantities import T_coil, T_ref, i_motor, z, z_ref
+
+(_g,) = symbols("g")
+
+COIL_TILT = Effect(
+    name="coil_tilt",
+    title="torque constant of the coils changes with tilt",
+    category="actuator",
+    sentence="At a tilt the coils leave the uniform part of the magnets' field, and a volt gives less torque.",
+    laws=(Law("coil_gain", _g * z * sp.conjugate(z) / z_ref**2),),
+    coefficients=(
+        Coefficient(
+            "g",
+            "1",
+            "relative change of the torque per volt at the reference tilt",
+            (0.03, 0.10),
+            (-0.9, 0.9),
+            "assumed; Huo et al. 2016, Section 4 (moment coefficients vary with tilt)",
+            signed=True,
+        ),
+    ),
+    validity="tilt up to 5 deg",
+    source="even power series of the field about the centre",
+    look_alikes={"cubic_stiffness": CONES},
+)
+
+
+(_a,) = symbols("a")
+
+COIL_HEATING = Effect(
+    name="coil_heating",
+    title="torque constant of the coils changes with their temperature",
+    category="actuator",
+    sentence="Warm coils have more resistance and warm magnets less field, so a volt gives less torque.",
+    laws=(Law("coil_gain", _a * (T_coil - T_ref)),),
+    coefficients=(
+        Coefficient(
+            "a",
+            "1/K",
+            "relative change of the torque per volt per kelvin",
+            (0.001, 0.004),
+            (-0.05, 0.05),
+            "copper: -0.0039/K on a voltage drive; NdFeB magnets: -0.0011/K",
+            signed=True,
+        ),
+    ),
+    validity="within 60 K of the reference temperature",
+    source="temperature coefficient of resistance and remanence",
+    look_alikes={"coil_gain_error": "pre-heat the coils by 20 K (plan preheat)"},
+)
+
+
+_px, _py = symbols("p_x", "p_y")
+
+COIL_ANISOTROPY = Effect(
+    name="coil_anisotropy",
+    title="coils of the two axes differ",
+    category="actuator",
+    sentence="One pair of coils gives more torque per volt than the other, or the pairs are not at right angles.",
+    laws=(Law("coil_anisotropy", _px + sp.I * _py),),
+    coefficients=(
+        Coefficient(
+            "p_x",
+            "1",
+            "half of the relative difference of the torques per volt, x over y",
+            (0.01, 0.05),
+            (-0.5, 0.5),
+            "assumed",
+            signed=True,
+        ),
+        Coefficient(
+            "p_y",
+            "1",
+            "half of the angle by which the pairs are off the right angle",
+            (0.01, 0.05),
+            (-0.5, 0.5),
+            "assumed",
+            signed=True,
+        ),
+    ),
+    validity="constant over the recording",
+    source="symmetric part of the matrix from voltages to torques",
+    look_alikes={"coil_gain_error": "tilts about both axes"},
+)
+
+
+(_tau,) = symbols("t_L")
+
+COIL_INDUCTANCE = Effect(
+    name="coil_inductance",
+    title="the coils' torque lags their voltage",
+    category="actuator",
+    sentence="The inductance of the coils delays their current, and so their torque, by L/R.",
+    laws=(Law("coil_lag", _tau),),
+    coefficients=(
+        Coefficient(
+            "t_L",
+            "s",
+            "time constant L/R of a coil pair",
+            (1.0e-4, 4.0e-4),
+            (0.0, 2e-3),
+            "assumed: 1 to 3 mH",
+        ),
+    ),
+    validity="one time constant for both pairs",
+    source="first-order circuit",
+    look_alikes={"tilt_rotation": "holds: a lag shows only where the torque changes"},
+)
+
+
+(_Rs,) = symbols("R_s")
+
+SUPPLY_SAG = Effect(
+    name="supply_sag",
+    title="the supply falls under the motor's current",
+    category="actuator",
+    sentence="The internal resistance of the supply takes voltage from motor and coils while the motor draws current.",
+    laws=(Law("supply_drop", _Rs * sp.Abs(i_motor)),),
+    coefficients=(
+        Coefficient("R_s", "ohm", "internal resistance of the supply", (0.2, 1.0), (0.0, 5.0), "assumed"),
+    ),
+    validity="unregulated drive of the coils",
+    source="circuit model",
+    look_alikes={"coil_gain_error": "changes of speed, in which the motor draws amperes"},
+)

@@ -1,0 +1,50 @@
+"""What several declarations share: similarity, usual sources, the tests that tell look-alikes apart."""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from gyrowheel_sim.effects.declaration import Coefficient
+from gyrowheel_sim.effects.quantities import Omega, Omega_ref, rho, rho_ref, z, z_ref
+
+#: Spin rate and density over those to which coefficients refer, and the square of the tilt over that of its reference.
+speed_ratio = Omega / Omega_ref
+density_ratio = rho / rho_ref
+tilt_squared = z * sp.conjugate(z) / z_ref**2
+
+BALANCE = (
+    "average torque balance of the flex-gimbal rotor in the case frame, derived in gyrowheel_sim.dynamics"
+)
+CFD = "assumed: usual size from steady CFD of the published rotor and case (Huo et al. 2016, Table 2) at 3500 rpm"
+#: Tests that tell look-alikes apart.
+LOW_PRESSURE = "change the air: repeat speeds and tilts at low pressure (plan air_density)"
+INVERT = "turn the rig upside down (plan inverted)"
+YAW = "turn the rig by 180 deg about the vertical (plan yaw)"
+CONES = "cones at two radii (plan cone): slewing torque shows the gain, not the flexure"
+
+
+def symbols(*names: str) -> tuple[sp.Symbol, ...]:
+    """Return the symbols of coefficients."""
+    return tuple(sp.Symbol(name, real=True) for name in names)
+
+
+def exponent(usual: float, uncertainty: float, low: float, high: float) -> Coefficient:
+    """Return the coefficient of an air torque's growth with the spin rate.
+
+    Parameters
+    ----------
+    usual, uncertainty : float
+        Usual value and its standard uncertainty.
+    low, high : float
+        Range met in practice.
+    """
+    return Coefficient(
+        "n",
+        "1",
+        "exponent of the spin rate; by similarity the density enters with n - 1",
+        (low, high),
+        (0.5, 3.0),
+        CFD,
+        shape=usual,
+        shape_uncertainty=uncertainty,
+    )

@@ -1,0 +1,179 @@
+"""Effects of the spin bearing and the motor."""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law
+from gyrowheel_sim.effects.library.common import BALANCE, LOW_PRESSURE, symbols
+from gyrowheel_sim.effects.quantities import N_ripple, Omega, T_motor, T_ref, T_winding, theta_z
+
+_T, _b = symbols("T", "b")
+
+BEARING_COULOMB = Effect(
+    name="bearing_coulomb",
+    title="additional Coulomb friction of the spin bearing",
+    category="bearing",
+    sentence="Dry friction brakes the spin with a torque that does not depend on the speed.",
+    laws=(Law("shaft_torque", -_T),),
+    coefficients=(
+        Coefficient(
+            "T",
+            "N*m",
+            "friction torque beyond that of the bench file",
+            (0.0008, 0.003),
+            (-0.02, 0.02),
+            "assumed",
+        ),
+    ),
+    validity="shaft turning forward",
+    source=BALANCE,
+    look_alikes={"windage": "coast-down over many speeds"},
+)
+
+
+BEARING_VISCOUS = Effect(
+    name="bearing_viscous",
+    title="additional viscous friction of the spin bearing",
+    category="bearing",
+    sentence="The lubricant brakes the spin in proportion to the speed.",
+    laws=(Law("shaft_torque", -_b * Omega),),
+    coefficients=(
+        Coefficient(
+            "b",
+            "N*m*s/rad",
+            "friction coefficient beyond that of the bench file",
+            (2e-6, 1e-5),
+            (-1e-3, 1e-3),
+            "assumed",
+        ),
+    ),
+    validity="turning shaft, constant lubricant temperature",
+    source=BALANCE,
+    look_alikes={"windage": LOW_PRESSURE},
+)
+
+
+(_e,) = symbols("e")
+
+EDDY_DRAG = Effect(
+    name="eddy_drag",
+    title="eddy-current drag on the rotor",
+    category="motor",
+    sentence="Stray fields induce currents in the turning rotor that brake it along its own axis.",
+    laws=(Law("axial_torque", -_e * Omega),),
+    coefficients=(
+        Coefficient("e", "N*m*s/rad", "drag torque per spin rate", (2e-6, 1e-5), (-1e-3, 1e-3), "assumed"),
+    ),
+    validity="fields small enough that the currents follow the speed in proportion",
+    source="induction at low magnetic Reynolds number",
+    look_alikes={
+        "windage": LOW_PRESSURE,
+        "bearing_viscous": "tilts at high speed: eddies brake along the tilted axis, the bearing along the shaft",
+    },
+)
+
+
+(_m,) = symbols("m")
+
+MOTOR_HEATING = Effect(
+    name="motor_heating",
+    title="motor constant changes with the magnets' temperature",
+    category="motor",
+    sentence="Warm magnets have less field, and so less back-EMF and less torque per ampere.",
+    laws=(Law("motor_gain", _m * (T_motor - T_ref)),),
+    coefficients=(
+        Coefficient(
+            "m",
+            "1/K",
+            "relative change of the motor constant per kelvin",
+            (0.0005, 0.002),
+            (-0.05, 0.05),
+            "NdFeB magnets: -0.0011/K; ferrite: -0.002/K",
+            signed=True,
+        ),
+    ),
+    validity="motor at the temperature of the air at the start; temperatures reckoned from the current, to 10 %",
+    source="temperature coefficient of remanence; heating by the winding's loss",
+    look_alikes={"motor_constant_error": "long runs after a hard spin-up: the motor cools, a constant stays"},
+)
+
+
+(_a2,) = symbols("a")
+
+WINDING_HEATING = Effect(
+    name="winding_heating",
+    title="resistance of the motor's winding changes with its temperature",
+    category="motor",
+    sentence="The current heats the copper of the winding, and the motor needs more voltage for the same current.",
+    laws=(Law("winding_resistance", _a2 * (T_winding - T_ref)),),
+    coefficients=(
+        Coefficient(
+            "a",
+            "1/K",
+            "relative change of the resistance per kelvin",
+            (0.002, 0.006),
+            (-0.05, 0.05),
+            "copper: 0.0039/K",
+        ),
+    ),
+    validity="motor at the temperature of the air at the start; temperatures reckoned from the current, to 10 %",
+    source="temperature coefficient of resistance; heating by the winding's loss",
+    look_alikes={
+        "motor_heating": "changes of speed: the resistance shows with the current, the magnets with the speed"
+    },
+)
+
+
+_Cx, _Cy = symbols("C_x", "C_y")
+
+_phase = N_ripple * theta_z
+
+COGGING = Effect(
+    name="cogging",
+    title="cogging of the motor",
+    category="motor",
+    sentence="The magnets of the motor prefer some angles, and the speed ripples several times a revolution.",
+    laws=(Law("shaft_torque", _Cx * sp.cos(_phase) + _Cy * sp.sin(_phase)),),
+    coefficients=tuple(
+        Coefficient(
+            name,
+            "N*m",
+            f"torque in {word} of the ripple's phase",
+            (0.001, 0.008),
+            (-0.1, 0.1),
+            "assumed",
+            signed=True,
+        )
+        for name, word in (("C_x", "the cosine"), ("C_y", "the sine"))
+    ),
+    validity="one harmonic, whose order is a parameter of the bench",
+    source="motor model",
+    look_alikes={
+        "commutation_ripple": "the current: cogging leaves it alone but for the back-EMF of the ripple"
+    },
+)
+
+
+COMMUTATION_RIPPLE = Effect(
+    name="commutation_ripple",
+    title="ripple of the motor constant",
+    category="motor",
+    sentence="The commutation makes torque per ampere and back-EMF ripple several times a revolution.",
+    laws=(Law("motor_gain", _Cx * sp.cos(_phase) + _Cy * sp.sin(_phase)),),
+    coefficients=tuple(
+        Coefficient(
+            name,
+            "1",
+            f"relative ripple in {word} of its phase",
+            (0.003, 0.03),
+            (-0.5, 0.5),
+            "assumed",
+            signed=True,
+        )
+        for name, word in (("C_x", "the cosine"), ("C_y", "the sine"))
+    ),
+    validity="one harmonic, whose order is a parameter of the bench",
+    source="motor model",
+    look_alikes={"cogging": "the current, which ripples with the back-EMF"},
+)
