@@ -384,7 +384,7 @@ def section(cases: Sequence[Solved], which: str) -> tuple[Figure, str] | None:
     grid = figure.add_gridspec(
         2,
         2 * len(cases),
-        left=0.055,
+        left=1.0 / figure.get_figwidth(),
         right=0.9,
         top=0.83,
         bottom=0.075,
@@ -421,7 +421,7 @@ def section(cases: Sequence[Solved], which: str) -> tuple[Figure, str] | None:
         "axial": "without tilt, rings that turn against each other fill the rim gap (Taylor vortices); with tilt, air runs past the rim instead",
         "radial": "out along the rotor's faces, back in along the case; with tilt one side differs from the other",
     }[which]
-    _headline(figure, f"{which.capitalize()} velocity on the section across the tilt's axis", text)
+    _headline(figure, f"{which.capitalize()} velocity on the section across the axis of the tilt", text)
     return figure, f"{which.capitalize()} velocity, {text}."
 
 

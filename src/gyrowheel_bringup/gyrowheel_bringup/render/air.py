@@ -148,28 +148,29 @@ def table_page(table: TorqueTable) -> Iterator[RenderableType]:
         f"mesh {mesh} ({first.provenance['cells']} cells), {first.provenance['model']}, "
         f"OpenFOAM {first.provenance['version']}, air {table.air.density:.4g} kg/m³\n",
     )
-    for i, name in enumerate(("T1 about the axis of the tilt", "T2 across", "T3 along the rotor")):
-        part = figures_table(f"{name} [mN·m]", *(f"{speed / RPM:.0f} rpm" for speed in table.speeds))
+    for i, name in enumerate(("T1 about the axis of the tilt", "T2 across", "T3 along the rotor's axis")):
+        yield Text(f"{name}, mN·m", style="bold")
+        part = figures_table("tilt", *(f"{speed / RPM:.0f} rpm" for speed in table.speeds))
         for tilt in table.tilts:
             cells = []
             for speed in table.speeds:
                 row = table.at(tilt, speed)
                 assert row is not None
                 zero = i < 2 and tilt == 0.0
-                cells.append("0" if zero else fixed(1e3 * row.torque.mean[i]) + _marks(row))
+                cells.append("0" if zero else f"{_marks(row)} {fixed(1e3 * row.torque.mean[i])}".strip())
             part.add_row(f"{tilt / DEG:.4g}°", *cells)
         yield part
         yield Text("")
     beside = [r for r in table.rows if r not in table.grid]
     if beside:
-        yield Text("Beside: other meshes, models, axes")
+        yield Text("Beside: other meshes, models, axes", style="bold")
         part = figures_table("case", "cells", "y+", "T1", "T2", "T3")
         for row in beside:
             c = row.case
             name = f"{c.tilt / DEG:+.4g}° {c.spin_rate / RPM:.6g} rpm {c.mesh} {c.model}"
             name += f" axis {c.direction / DEG:.4g}°" if c.direction else ""
             values = ["0" if i < 2 and c.tilt == 0.0 else fixed(1e3 * row.torque.mean[i]) for i in range(3)]
-            values[-1] += _marks(row)
+            values[0] = f"{_marks(row)} {values[0]}".strip()
             part.add_row(name, str(row.provenance["cells"]), f"{row.y_plus['rotor'][0]:.1f}", *values)
         yield part
     yield Text("\nd: mean still drifting by more than 1 %; u: unsteady, scatter above 2 %", style="dim")
