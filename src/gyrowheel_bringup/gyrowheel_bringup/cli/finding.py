@@ -1,4 +1,4 @@
-"""Verbs that confront recordings with a model: compare, diagnose."""
+"""Verbs that confront recordings with a model: compare, diagnose, rate."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ def register(app: typer.Typer) -> None:
     """Add the verbs."""
     app.command(epilog=example("gyrowheel compare runs/monday --model wheel.yaml"))(compare)
     app.command(epilog=example("gyrowheel diagnose runs/monday --model wheel.yaml"))(diagnose)
+    app.command(epilog=example("gyrowheel rate runs/rate_table --model wheel.yaml"))(rate)
 
 
 def compare(
@@ -82,6 +83,26 @@ def diagnose(
         bench = bench_place(loaded, model)
         put_text(diagnosis(result, following=following(result, directories, validate or (), model, bench)))
     finding(fail_on_finding and result.verdict != "nothing_missing")
+
+
+def rate(directories: Recordings, model: ModelFile, json: Json = None) -> None:
+    """Estimate how fast the case turns across the spin axis: the wheel as a two-axis rate sensor.
+
+    Where a rate table turned the rig (plan rate_table), scale and bias of both axes are calibrated against it.
+    """
+    from gyrowheel_analysis.model import Model
+
+    loaded = Model.load(model)
+    recordings = open_all(directories)
+    with working("estimating rates") as say:
+        from gyrowheel_analysis.rate_sensor import rates
+        from gyrowheel_bringup.render.rates import rates_page
+
+        result = rates(recordings, loaded, progress=say)
+    if json is not None:
+        put_json(json, result.to_json())
+    if json != "-":
+        put_text(rates_page(result))
 
 
 def open_all(directories: Sequence[Path]) -> list[Recording]:
