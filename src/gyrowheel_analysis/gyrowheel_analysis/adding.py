@@ -102,7 +102,7 @@ def add_effect(
     problem.estimate_noise()
     if declared:
         judge_noise_with(problem, problem.fit(terms))
-    before, after = problem.fit_within(), problem.fit(terms)
+    before, after = problem.fit_within(), problem.refined(problem.fit(terms))
     errors = errors_of(before, after, fitted, validation)
     coefficients: dict[str, dict[str, Estimate]] = {}
     notes = []

@@ -46,7 +46,7 @@ _ENDS = np.polynomial.polynomial.polyvander([1.0, -1.0], 2) @ np.linalg.inv(
 _ACROSS = _ENDS[0] - _ENDS[1]
 #: Step of the derivatives of a reading's error [rad of the spin angle], and the five-point formulas for them.
 #: An error of the ripple up to this is made good to first order [rad/s].
-_RIPPLE_ACCURACY = 2.0e-4
+_RIPPLE_ACCURACY = 1.0e-3
 _REPETITIONS = 4
 _STENCIL = 0.05
 _FIRST = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12.0

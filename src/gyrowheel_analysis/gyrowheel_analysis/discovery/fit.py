@@ -16,7 +16,6 @@ from gyrowheel_analysis.discovery.noise import Noise
 from gyrowheel_analysis.reduction import MOTOR_THERMAL
 from gyrowheel_sim.bench import Bench, Parameter
 from gyrowheel_sim.effects import Effect, EffectValues, registry
-from gyrowheel_sim.effects.quantities import T_motor, T_winding
 from gyrowheel_sim.effects.sizes import for_bench
 
 Array = NDArray[np.float64]
@@ -46,6 +45,7 @@ NUISANCE_GROUPS = (
 #: What counts as within the stated uncertainty of a parameter [standard uncertainties].
 STATED_RANGE = 3.0
 _KEPT_STATES = 6
+_FAR = 3.0  # stated uncertainties after which the derivatives by the bench parameters are taken anew
 _HELD = 1.0e4  # inverse prior deviation of an unknown that is not to move
 #: Bench parameters whose error is a finding of its own name: {finding: groups that move by one common factor}.
 ERRORS: dict[str, tuple[str, ...]] = {
@@ -276,19 +276,6 @@ class Problem:
             columns.append((self.predict(moved, coefficients) - at) / 0.1)
         return np.column_stack(columns)
 
-    def _with_thermal(self, jacobian: Array, terms: Sequence[Term], nuisance: Array, at: _Point) -> Array:
-        """Return the derivatives by the bench parameters, those anew that only a heating effect brings about."""
-        laws = [law for t in terms if t.effect is not None for law in t.effect.laws]
-        if not any({T_winding, T_motor} & law.expression.free_symbols for law in laws):
-            return jacobian
-        jacobian = jacobian.copy()
-        for k, (_, parameters) in enumerate(self.nuisances):
-            if any(p.name in MOTOR_THERMAL for p in parameters):
-                moved = nuisance.copy()
-                moved[k] += 0.1
-                jacobian[:, k] = (self.predict(moved, at.coefficients) - at.predicted) / 0.1
-        return jacobian
-
     def term_jacobian(self, term: Term, nuisance: Array, coefficients: EffectValues, at: Array) -> Array:
         """Return the derivatives of the rows by the coefficients of a term (amplitudes zero where not given)."""
         if term.effect is not None:
@@ -360,10 +347,9 @@ class Problem:
         taken_at = start.nuisance if start is not None else np.zeros(self.count)
         at = self._at(x, terms, inverse, centre)
         for _ in range(iterations):
-            if np.abs(x[: self.count] - taken_at).max() > 1.0:
+            if np.abs(x[: self.count] - taken_at).max() > _FAR:
                 nuisance_jacobian = self._nuisance_jacobian(x[: self.count], at.coefficients, at.predicted)
                 taken_at = x[: self.count].copy()
-            nuisance_jacobian = self._with_thermal(nuisance_jacobian, terms, x[: self.count], at)
             parts = [nuisance_jacobian]
             parts += [self.term_jacobian(t, x[: self.count], at.coefficients, at.predicted) for t in terms]
             jacobian = np.hstack(parts)
@@ -396,6 +382,17 @@ class Problem:
             at.pull,
             jacobian,
         )
+
+    def refined(self, fit: Fit) -> Fit:
+        """Return a fit with every derivative taken at the solution itself.
+
+        While terms are compared, the derivatives by the bench parameters are those without any of them. That finds the
+        terms, but a coefficient that shows far above the noise needs them exactly: there the uncertainty of a resistance
+        or of a heat capacity is what limits it.
+        """
+        at = self.predict(fit.nuisance, fit.coefficients)
+        fresh = self._nuisance_jacobian(fit.nuisance, fit.coefficients, at)
+        return self.fit(fit.terms, replace(fit, jacobian=np.hstack([fresh, fit.jacobian[:, self.count :]])))
 
     def _at(self, x: Array, terms: Sequence[Term], inverse: Array, centre: Array) -> _Point:
         """Return what the unknowns `x` predict, and how well."""

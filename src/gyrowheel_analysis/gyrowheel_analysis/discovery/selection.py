@@ -110,6 +110,8 @@ def select(problem: Problem, *, progress: Progress | None = None) -> Selection:
             break
         pool = [t for t in pool if t != failed]
         current = problem.fit(tuple(t for t in current.terms if t != failed), current)
+    if current.terms:
+        current = problem.refined(current)
     findings = tuple(_finding(problem, current, t, pool) for t in current.terms)
     return Selection(null, current, findings, current.chi2_rows / dof)
 
@@ -237,6 +239,8 @@ def _finding(problem: Problem, fit: Fit, term: Term, pool: Sequence[Term]) -> Fi
         if place >= 2 and hopeless:
             continue  # the linear gain rules it out before the full fit
         trial = problem.fit((*rest, other), without)
+        if abs(trial.chi2 - fit.chi2) < 4.0 * TIE:
+            trial = problem.refined(trial)
         if _plausible(problem, trial, other):
             tried.append(Tie(other, trial.chi2 - fit.chi2, trial))
     tried.sort(key=lambda tie: tie.delta_chi2)
