@@ -27,6 +27,8 @@ from gyrowheel_sim.dynamics import (
     moving_case_forces,
     spin_axis,
 )
+from gyrowheel_sim.effects.code import compile_kernels
+from gyrowheel_sim.inverse_kernel import N_POINT
 from gyrowheel_sim.kinematics import case_to_motor, gimbal_to_rotor, joint_of_azimuth, motor_to_gimbal
 from gyrowheel_sim.plant import Machine, PlantParameters
 from gyrowheel_sim.scenario import Scenario
@@ -431,6 +433,42 @@ def test_compiled_turning_case_is_the_derived_one(turning, seed):
         - turning(angles, rates, np.zeros(3), np.zeros(3), inertias)[1]
     )
     assert np.abs(np.array(added) + derived[:, 0]).max() < 1e-12 * np.abs(derived).max()
+
+
+@pytest.mark.parametrize("turning_case", [False, True])
+def test_compiled_inverse_dynamics_are_those_of_arrays(turning_case):
+    """Points by compiled code against `inverse`, for random motions; tilts as their angles, with derivatives."""
+    rng = np.random.default_rng(17)
+    n = 200
+    z, z_rate, z_acc = (
+        size * (rng.uniform(-1.0, 1.0, n) + 1j * rng.uniform(-1.0, 1.0, n)) for size in (0.09, 20.0, 5e3)
+    )
+    angle, rate, acceleration = (
+        rng.uniform(0.0, 7.0, n),
+        rng.uniform(50.0, 500.0, n),
+        rng.uniform(-300.0, 300.0, n),
+    )
+    turn = rng.uniform(-1.0, 1.0, (3, n))
+    motion = Spin(z, z_rate, z_acc, angle, rate, acceleration)
+    joint = inverse(motion, INERTIAS, tuple(turn) if turning_case else None)
+    # angles whose tangents are z: each component on its own
+    parts = []
+    for t, u, a in ((z.real, z_rate.real, z_acc.real), (z.imag, z_rate.imag, z_acc.imag)):
+        p_rate = u / (1.0 + t**2)
+        parts.append((np.arctan(t), p_rate, a / (1.0 + t**2) - 2.0 * t * p_rate**2))
+    phi = [x + 1j * y for x, y in zip(*parts, strict=True)]
+    out = np.empty((N_POINT, n))
+    compile_kernels(("gyrowheel_sim", "dynamics.py"), ("gyrowheel_sim", "inverse_kernel.py")).inverse_points(
+        *phi, np.sin(angle), np.cos(angle), rate, acceleration, *turn, turning_case, *INERTIAS, out
+    )
+    np.testing.assert_allclose(out[0] + 1j * out[1], z, rtol=1e-12)
+    np.testing.assert_allclose(out[2] + 1j * out[3], z_rate, rtol=1e-12)
+    for row, expected in ((7, joint.sx), (8, joint.cx), (9, joint.theta_x), (10, joint.theta_y)):
+        np.testing.assert_allclose(out[row], expected, rtol=1e-12, atol=1e-15)
+    for row, expected in ((11, joint.theta_x_rate), (12, joint.theta_y_rate)):
+        np.testing.assert_allclose(out[row], expected, rtol=1e-12, atol=1e-11)
+    for row, expected in zip((15, 16, 17), joint.inertial, strict=True):
+        np.testing.assert_allclose(out[row], expected, rtol=1e-10, atol=1e-12 * np.abs(expected).max())
 
 
 def test_turning_case_at_rest_is_eq_6():

@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from gyrowheel_analysis.reduction import FORWARD, HARMONICS, MOTOR_THERMAL, Windows, without_noise
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.dynamics import Joint, Spin, generalised_forces, inverse, spin_axis
-from gyrowheel_sim.effects.code import array_law
+from gyrowheel_sim.dynamics import Joint, generalised_forces
+from gyrowheel_sim.effects.code import array_law, compile_kernels
 from gyrowheel_sim.effects.declaration import TARGETS, Effect
 from gyrowheel_sim.effects.quantities import REFERENCES, Omega, t, theta_z, z, z_rate
+from gyrowheel_sim.inverse_kernel import N_POINT
 
 Array = NDArray[np.float64]
 
@@ -156,6 +157,8 @@ class Balance:
         self._current = smooth(w.current_harmonics)
         shape = (len(w), len(_NODES), self._phases)
         self._angle = np.broadcast_to(theta, shape)
+        self._sines, self._cosines = np.sin(self._angle).reshape(-1), np.cos(self._angle).reshape(-1)
+        self._turn = np.exp(1j * self._angle)
         self._weights = np.broadcast_to((_WEIGHTS / 2.0)[None, :, None] / self._phases, shape)
         time = w.middle[:, None] + tau
         self._quantities: dict[str, Any] = {
@@ -373,7 +376,7 @@ class Balance:
             Q1, Q2, Q3 = self._forces(at.joint, at.axis, at.quantities["z"], across, axial)
             more_x = Q1 + new.flexure_torque[0] - old.flexure_torque[0]
             more_y = Q2 + new.flexure_torque[1] - old.flexure_torque[1]
-            coil = at.coil - np.exp(1j * self._angle) * (more_x + 1j * more_y / at.joint.cx)
+            coil = at.coil - self._turn * (more_x + 1j * more_y / at.joint.cx)
             motor = at.motor - (new.shaft_torque - old.shaft_torque) - Q3
             # the state's motor torque is settled: only what has changed needs another ripple
             state = replace(state, coil=coil, motor=motor)
@@ -427,25 +430,20 @@ class Balance:
         scale = values["tilt_scale"]
         phi = (self._tilt - bias - error) / scale
         phi_rate, phi_acc = (tilt_rate - error_rate) / scale, (tilt_acc - error_acc) / scale
-        tx, ty = np.tan(phi.real), np.tan(phi.imag)
-        sx2, sy2 = 1.0 + tx**2, 1.0 + ty**2
-        tilt = tx + 1j * ty
-        z_dot = sx2 * phi_rate.real + 1j * sy2 * phi_rate.imag
-        z_acc = sx2 * (phi_acc.real + 2.0 * tx * phi_rate.real**2)
-        z_acc = z_acc + 1j * sy2 * (phi_acc.imag + 2.0 * ty * phi_rate.imag**2)
-        q["z"], q["z_rate"] = tilt, z_dot
-        motion = Spin(tilt, z_dot, z_acc, self._angle, rate, acceleration)
-        # inertia and case rate do not depend on the joint
-        ahead = self._laws(effects, q, {"inertia_difference", "case_rate"})
-        inertias: list[Any] = [values[name] for name in _INERTIAS]
-        inertias[0] = inertias[0] + ahead.inertia_difference
-        inertias[1] = inertias[1] - ahead.inertia_difference
+        # rate of the case and inertia do not depend on the motion
+        ahead = self._laws(effects, q | _AT_REST, {"inertia_difference", "case_rate"})
         turn = ahead.case_rate + self._table * self._quantities["up_across"]
-        case_rate = (turn.real, turn.imag, self._table * self._quantities["up"]) if np.any(turn) else None
-        joint = inverse(motion, tuple(inertias), case_rate)
+        tilt, z_dot, axis, joint = self._motion(
+            (phi, phi_rate, phi_acc),
+            rate,
+            acceleration,
+            values,
+            float(np.mean(ahead.inertia_difference)),
+            turn,
+        )
+        q["z"], q["z_rate"] = tilt, z_dot
         laws = self._laws(effects, q, _ON_THE_JOINT, joint)
         laws.inertia_difference, laws.case_rate = ahead.inertia_difference, ahead.case_rate
-        n, _, _, nz = spin_axis(tilt, z_dot, z_acc)
         shaft: Any = -values["bearing_coulomb"] * np.sign(rate) - values["bearing_viscous"] * rate
         shaft = shaft + laws.shaft_torque
         flexure_x = laws.flexure_torque[0] - values["flexure_stiffness_x"] * joint.theta_x
@@ -453,15 +451,52 @@ class Balance:
         flexure_y = laws.flexure_torque[1] - values["flexure_stiffness_y"] * joint.theta_y
         flexure_y = flexure_y - values["flexure_damping_y"] * joint.theta_y_rate
         across = complex(values["fixed_torque_x"], values["fixed_torque_y"]) + laws.rotor_torque
-        Q1, Q2, Q3 = self._forces(joint, (n, nz), tilt, across, laws.axial_torque)
+        Q1, Q2, Q3 = self._forces(joint, axis, tilt, across, laws.axial_torque)
         need_x = joint.inertial[0] - flexure_x - Q1
         need_y = joint.inertial[1] - flexure_y - Q2
-        coil = np.exp(1j * self._angle) * (need_x + 1j * need_y / joint.cx)
+        coil = self._turn * (need_x + 1j * need_y / joint.cx)
         motor = joint.inertial[2] - shaft - Q3
         # a spin angle that is passed quickly takes little time
         weights = self._weights * self._spin / rate
         weights = weights / weights.sum(axis=(1, 2), keepdims=True)
-        return Instants(coil, motor, rate, weights, laws, q, joint, (n, nz))
+        return Instants(coil, motor, rate, weights, laws, q, joint, axis)
+
+    def _motion(
+        self,
+        phi: tuple[Any, Any, Any],
+        rate: Any,
+        acceleration: Any,
+        values: Mapping[str, float],
+        difference: float,
+        turn: Any,
+    ) -> tuple[Any, Any, tuple[Any, Any], Joint]:
+        """Return complex tilt, its rate, the spin axis (n_x + i n_y, n_z) and the joint (see `dynamics.inverse`)."""
+        shape = self._angle.shape
+
+        def flat(array: Any) -> Any:
+            return np.ascontiguousarray(np.broadcast_to(array, shape)).reshape(-1)
+
+        turning = bool(np.any(turn))
+        nothing = np.zeros(0)
+        case = (
+            (flat(turn.real), flat(turn.imag), flat(self._table * self._quantities["up"]))
+            if turning
+            else (nothing, nothing, nothing)
+        )
+        inertias = [values[name] for name in _INERTIAS]
+        inertias[0] += difference
+        inertias[1] -= difference
+        out = np.empty((N_POINT, self._angle.size))
+        compile_kernels(*_KERNELS).inverse_points(
+            *(flat(part.astype(complex)) for part in phi), self._sines, self._cosines, flat(rate), flat(acceleration),
+            *case, turning, *inertias, out,
+        )  # fmt: skip
+        r = out.reshape(N_POINT, *shape)
+        joint = Joint(
+            sx=r[7], cx=r[8], sz=self._sines.reshape(shape), cz=self._cosines.reshape(shape),
+            theta_x=r[9], theta_y=r[10], theta_x_rate=r[11], theta_y_rate=r[12], inertial=(r[15], r[16], r[17]),
+        )  # fmt: skip
+        return r[0] + 1j * r[1], r[2] + 1j * r[3], (r[4] + 1j * r[5], r[6]), joint
 
     def _reading_error(
         self,
@@ -549,6 +584,9 @@ class Balance:
 
 #: Angles of a flexure where there is none.
 _NO_JOINT = {"theta": 0.0, "theta_rate": 0.0, "axis": 1.0}
+#: What stands for the motion in laws that must not depend on it.
+_AT_REST = {"z": 0.0j, "z_rate": 0.0j}
+_KERNELS = (("gyrowheel_sim", "dynamics.py"), ("gyrowheel_sim", "inverse_kernel.py"))
 _BEFORE_THE_JOINT = frozenset(("inertia_difference", "case_rate", "tilt_reading"))
 _ON_THE_JOINT = frozenset(TARGETS) - _BEFORE_THE_JOINT
 _TORQUES = frozenset(("rotor_torque", "axial_torque", "shaft_torque", "flexure_torque"))

@@ -239,7 +239,7 @@ def _finding(problem: Problem, fit: Fit, term: Term, pool: Sequence[Term]) -> Fi
         if place >= 2 and hopeless:
             continue  # the linear gain rules it out before the full fit
         trial = problem.fit((*rest, other), without)
-        if abs(trial.chi2 - fit.chi2) < 4.0 * TIE:
+        if abs(trial.chi2 - fit.chi2) < 2.0 * TIE:
             trial = problem.refined(trial)
         if _plausible(problem, trial, other):
             tried.append(Tie(other, trial.chi2 - fit.chi2, trial))

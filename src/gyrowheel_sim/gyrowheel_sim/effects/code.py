@@ -182,8 +182,18 @@ _COMPOSED: dict[Any, ModuleType] = {}
 def _compose(effects: Sequence[Effect], extra: Sequence[tuple[str, str]]) -> ModuleType:
     parts = [_kernel_text("gyrowheel_sim", "dynamics.py"), _cached_laws(tuple(effects))]
     parts += [_kernel_text(package, name) for package, name in (("gyrowheel_sim", "kernel.py"), *extra)]
+    return _compiled(parts, "the laws of the effects and the kernels of the bench")
+
+
+@functools.cache
+def compile_kernels(*files: tuple[str, str]) -> ModuleType:
+    """Return one compiled module of kernel files, (package, file name) each; cached on disk by content."""
+    return _compiled([_kernel_text(package, name) for package, name in files], "kernels of the bench")
+
+
+def _compiled(parts: Sequence[str], what: str) -> ModuleType:
     header = (
-        '"""Generated: the laws of the effects and the kernels of the bench in one compiled module."""\n'
+        f'"""Generated: {what} in one compiled module."""\n'
         "import math\nfrom typing import Any, NamedTuple\n\nimport numpy as np\n"
         "from numba import njit\nfrom numba.extending import register_jitable\n\n"
     )
