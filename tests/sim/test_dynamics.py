@@ -609,3 +609,47 @@ def test_flexure_forces_of_the_plant():
     torque, _ = flexure_forces(joint)
     inertia = p.rotor_inertia_x + p.gimbal_inertia_x
     assert acceleration[1] == pytest.approx(-torque / inertia, rel=1e-3)
+
+
+# --- a rotor that is not round ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("difference", [0.0, 2e-5])
+def test_an_uneven_rotor_beats_at_twice_the_spin_less_the_nutation(difference):
+    """Free nutation of a rotor with Irx and Iry apart has a second line, at 2 Omega - omega_n; a round one has none.
+
+    Remark 1 of the paper names such beat frequencies. The gimbal, which follows one of the two tilts at a time, makes a
+    little of it too and is taken away here. Between two lines of the spectrum there is nothing.
+    """
+    without_gimbal = {f"gimbal_inertia_{axis}": 0.0 for axis in "xyz"}
+    values = {**QUIET, **LOSSLESS, **without_gimbal, "motor_constant": 1e-9}
+    effects = {"inertia_anisotropy": {"d": difference}}
+    rate = 1500.0 * RPM
+    machine = Machine(BENCH, Scenario(values=values, effects=effects), initial_spin_rate=rate)
+    machine.state[2] = 0.5
+    code, n = loop_code(), 8000
+    z = np.empty(n, dtype=complex)
+    for k in range(n):
+        code.plant_step(
+            machine.parameters, machine.coefficients, machine.active, machine.environment, machine.state,
+            k * BENCH.sample_period, 0.0, 0.0, 0.0,
+        )  # fmt: skip
+        z[k] = complex(machine.state[0], machine.state[1])
+    spectrum = np.abs(np.fft.fft((z - z.mean()) * np.blackman(n))) / n
+    frequency = np.fft.fftfreq(n, BENCH.sample_period)
+
+    def line(hertz: float) -> float:
+        return float(spectrum[np.abs(frequency - hertz) < 1.0].max())
+
+    nutation = float(frequency[np.argmax(spectrum)])
+    mean_inertia = BENCH.value("rotor_inertia_x")
+    spin = float(machine.state[5]) / (2.0 * np.pi)
+    assert nutation == pytest.approx(BENCH.value("rotor_inertia_z") / mean_inertia * spin, rel=0.02)
+    beat = line(2.0 * spin - nutation)
+    beside = line(2.0 * spin - nutation + 6.0)
+    if difference:
+        assert beat > 20.0 * beside
+        # as large as the unevenness, to a factor: the response to it is far from resonance
+        assert 0.2 < beat / line(nutation) / (difference / mean_inertia) < 20.0
+    else:
+        assert beat < 1e-3 * line(nutation)
