@@ -23,7 +23,21 @@ from .helpers import DRAG_PLAN, SHORT_PLAN, TOO_FAST_PLAN, Result, Shell, write
 
 #: The rest of an addition to a model.
 ADD = ["--model", "new.yaml", "--fit", "x"]
-VERBS = ["demo", "up", "simulate", "info", "compare", "diagnose", "effects", "plans", "bench", "run"]
+VERBS = [
+    "demo",
+    "up",
+    "simulate",
+    "info",
+    "compare",
+    "diagnose",
+    "investigate",
+    "calibrate",
+    "campaign",
+    "effects",
+    "plans",
+    "bench",
+    "run",
+]
 EDITS = [f"model {verb}" for verb in ["new", "add", "remove", "show", "undo", "diff"]]
 
 

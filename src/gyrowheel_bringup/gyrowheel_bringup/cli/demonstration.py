@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from gyrowheel_bringup.cli.options import Json, example
-from gyrowheel_bringup.cli.shell import advancing, finding, notes, out, put_json, working
-
-if TYPE_CHECKING:
-    from rich.console import Console, RenderableType
+from gyrowheel_bringup.cli.shell import finding, notes, out, put_json
+from gyrowheel_bringup.cli.stage import Terminal
 
 
 def register(app: typer.Typer) -> None:
@@ -48,7 +44,7 @@ def demo(
     folder = new_folder(seed, Path("out")) if output is None else output
     require_new(folder)
     # with JSON on stdout the tour goes to stderr
-    stage = _Terminal(notes() if json == "-" else out())
+    stage = Terminal(notes() if json == "-" else out())
     outcome = demonstrate(seed, folder, stage)
     table = words_table("", "")
     for name, path in outcome.place.all().items():
@@ -57,30 +53,3 @@ def demo(
     if json is not None:
         put_json(json, outcome.to_json() | {"seed": seed})
     finding(not outcome.judgement.right)
-
-
-class _Terminal:
-    """Shows the demonstration on a console."""
-
-    def __init__(self, console: Console) -> None:
-        self._console = console
-        self._number = 0
-
-    def step(self, text: str) -> None:
-        from rich.text import Text
-
-        self._number += 1
-        self._console.print(
-            Text.assemble("\n", (f" {self._number} ", "bold reverse"), (f" {text}\n", "bold"))
-        )
-
-    def show(self, parts: Iterable[RenderableType]) -> None:
-        from gyrowheel_bringup.render.layout import show
-
-        show(self._console, parts)
-
-    def advancing(self, title: str) -> AbstractContextManager[Callable[[float], None]]:
-        return advancing(title)
-
-    def working(self, title: str) -> AbstractContextManager[Callable[[str], None]]:
-        return working(title)

@@ -63,7 +63,7 @@ def _remarks(result: Calibration) -> Iterator[str]:
     for c in result.constants.values():
         relative = 100.0 * c.after.standard_error / c.after.value
         distance = abs(c.after.value - c.stated.value) / c.stated.standard_error
-        text = f"{c.name}: known to {short(relative, 2)} %, {short(distance, 2)} stated uncertainties from the bench file"
+        text = f"{c.name}: known to {short(relative, 2)} %, {short(distance, 2)} stated uncertainties from that stated"
         if c.limited_by:
             text += f"; the uncertainty of {c.limited_by} is what limits it"
         yield text

@@ -1,0 +1,258 @@
+"""Investigations: which test comes next, when it ends, and what is kept."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gyrowheel_analysis.discovery.verdict import Diagnosis, Estimate, NextTest
+from gyrowheel_analysis.model import Model
+from gyrowheel_analysis.sharpening import Sharpening, relative_error
+from gyrowheel_bringup import investigation
+from gyrowheel_bringup.investigation import (
+    BROAD,
+    Investigation,
+    Step,
+    end_sentence,
+    investigate,
+    what_was_learned,
+)
+from gyrowheel_control.plans import Plan
+from gyrowheel_sim.errors import InputError
+
+from .conftest import Wheel
+from .findings import AMBIGUOUS, UNKNOWN, diagnosis, finding, tie
+from .helpers import DRAG_PLAN, Shell, write
+
+
+class Silent:
+    """A listener that keeps what it is told."""
+
+    def __init__(self) -> None:
+        self.begun: list[tuple[list[str], str]] = []
+        self.steps: list[Step] = []
+
+    def begin(self, number: int, plans: Sequence[str], why: str) -> None:
+        self.begun.append((list(plans), why))
+
+    @contextlib.contextmanager
+    def working(self, title: str) -> Iterator[Callable[[str], None]]:
+        yield lambda text: None
+
+    def learned(self, step: Step) -> None:
+        self.steps.append(step)
+
+
+@pytest.fixture
+def scripted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[..., tuple[Investigation, Silent]]:
+    """Return a function that investigates a machine whose diagnoses are given."""
+
+    def go(
+        answers: Sequence[Diagnosis], *, sharper: Any = None, **options: Any
+    ) -> tuple[Investigation, Silent]:
+        left = list(answers)
+        monkeypatch.setattr("gyrowheel_analysis.recording.Recording.open", lambda path: path)
+        monkeypatch.setattr("gyrowheel_analysis.discovery.verdict.diagnose", lambda *_, **__: left.pop(0))
+        monkeypatch.setattr("gyrowheel_analysis.sharpening.sharpening", lambda *_, **__: sharper)
+        done, listener = Investigation("m.yaml", options.pop("budget", 15.0)), Silent()
+        plans = [Plan.load(name) for name in options.pop("plans", ["check"])]
+        run = options.pop("run", lambda plan, path, number: path.mkdir())
+        investigate(done, Model.new(), tmp_path, run, listener, plans=plans, **options)
+        return done, listener
+
+    return go
+
+
+PRECISE = diagnosis("effect", finding("aero_cross"))
+NOTHING = diagnosis("nothing_missing")
+SEPARATING = replace(
+    AMBIGUOUS, next_test=NextTest("air_density", 88.0, 1.2, "tells aero_cross from flexure_damping")
+)
+
+
+def test_a_tie_is_settled_by_the_test_that_was_named(scripted: Any, tmp_path: Path):
+    done, listener = scripted([SEPARATING, PRECISE])
+    assert done.settled
+    assert [step.plans for step in done.steps] == [["check"], ["air_density"]]
+    assert listener.begun[1] == (["air_density"], "tells aero_cross from flexure_damping")
+    assert "flexure_damping would do as well" in done.steps[0].learned[0]
+    assert done.steps[1].learned[-1] == "flexure_damping is ruled out."
+    assert [path.name for path in done.recordings] == ["1-check", "2-air_density"]
+    content = json.loads((tmp_path / "investigation.json").read_text())
+    assert content["settled"] is True
+    assert content["named"] == ["aero_cross"]
+    assert [step["verdict"] for step in content["steps"]] == ["ambiguous", "effect"]
+    assert "Settled after 1 min" in end_sentence(done)
+
+
+def test_no_test_is_run_a_third_time(scripted: Any):
+    done, _ = scripted([SEPARATING] * 3)
+    assert not done.settled
+    assert "run 2 times and have not told" in done.reason
+    assert [step.plans for step in done.steps] == [["check"], ["air_density"], ["air_density"]]
+
+
+def test_what_nothing_separates_is_said(scripted: Any):
+    stuck = diagnosis("ambiguous", finding("aero_cross", tie("flexure_damping", None)))
+    done, _ = scripted([stuck])
+    assert (done.settled, done.reason) == (False, "no test on this bench separates what is left")
+
+
+def test_too_little_data_asks_for_more(scripted: Any):
+    done, _ = scripted([diagnosis("insufficient_data"), NOTHING])
+    assert [step.plans for step in done.steps] == [["check"], [BROAD]]
+    assert done.settled
+
+
+def test_an_unknown_effect_is_looked_at_more_broadly_once(scripted: Any):
+    done, _ = scripted([UNKNOWN, UNKNOWN])
+    assert [step.plans for step in done.steps] == [["check"], [BROAD]]
+    assert done.settled
+    assert "a formula that does: rotor_torque = a*z^2" in done.steps[-1].learned[0]
+
+
+def test_an_uncertain_coefficient_is_sharpened(scripted: Any):
+    sharper = Sharpening("aero_cross", "cone", 0.25, 0.06, 0.55)
+    done, listener = scripted([PRECISE, PRECISE, PRECISE], sharper=sharper)
+    assert listener.begun[1] == (["cone"], "knows aero_cross to 6 % instead of 25 %")
+    assert [step.plans for step in done.steps] == [["check"], ["cone"], ["cone"]]
+    assert done.settled
+
+
+def test_thorough_goes_on_with_what_could_not_be_seen(scripted: Any):
+    more = replace(NOTHING, next_test=NextTest("inverted", 60.0, 0.7, "would show a usual gravity_offset"))
+    assert len(scripted([more])[0].steps) == 1
+    done, _ = scripted([more, NOTHING], thorough=True, plans=["quick"])
+    assert [step.plans for step in done.steps] == [["quick"], ["inverted"]]
+
+
+def test_the_budget_is_kept(scripted: Any):
+    done, _ = scripted([SEPARATING], budget=0.6)
+    assert not done.settled
+    assert "the time is spent: plan air_density" in done.reason
+    assert done.minutes < 0.6
+    with pytest.raises(InputError, match=r"budget: 0\.1 min is too short; the first plans take 0\.4 min"):
+        scripted([SEPARATING], budget=0.1)
+    with pytest.raises(InputError, match="no plan and no recording"):
+        scripted([SEPARATING], plans=[])
+
+
+def test_what_was_done_survives_an_interruption(scripted: Any, tmp_path: Path):
+    def run(plan: Plan, path: Path, number: int) -> None:
+        if number == 2:
+            raise KeyboardInterrupt
+        path.mkdir()
+
+    with pytest.raises(KeyboardInterrupt):
+        scripted([SEPARATING], run=run)
+    content = json.loads((tmp_path / "investigation.json").read_text())
+    assert [step["plans"] for step in content["steps"]] == [["check"]]
+    assert (tmp_path / "1-check").is_dir()
+
+
+def test_every_verdict_is_told_in_a_sentence_or_two():
+    for found in (PRECISE, NOTHING, SEPARATING, UNKNOWN, diagnosis("insufficient_data")):
+        sentences = what_was_learned(found, None)
+        assert 1 <= len(sentences) <= 2
+        assert all(text.endswith(".") and text[0].isupper() for text in sentences)
+
+
+def test_the_error_of_a_finding_is_that_of_its_best_amplitude():
+    both = finding("fixed_torque")
+    both.coefficients.update(F_x=Estimate(1e-3, 1e-4, "N*m"), F_y=Estimate(1e-5, 1e-4, "N*m"))
+    assert relative_error(both) == pytest.approx(0.1)
+    # an exponent says nothing about the size
+    air = finding("aero_cross")
+    air.coefficients.update(c=Estimate(5e-3, 2.5e-3, "N*m/rad"), n=Estimate(2.0, 0.01, "1"))
+    assert relative_error(air) == pytest.approx(0.5)
+
+
+# ---- the verb
+
+
+def settle(gyrowheel: Shell, tmp_path: Path, *arguments: object) -> Any:
+    model = tmp_path / "model.yaml"
+    gyrowheel.good("model", "new", "--model", model)
+    before = model.read_bytes()
+    options = ["--model", model, "--simulate", "-o", tmp_path / "run", "--json", "-", *arguments]
+    result = gyrowheel.good("investigate", *options).json
+    assert model.read_bytes() == before
+    assert result == json.loads((tmp_path / "run" / "investigation.json").read_text())
+    return result
+
+
+@pytest.mark.slow
+def test_a_wrong_gimbal_inertia_is_settled_from_the_papers_own_plan(gyrowheel: Shell, tmp_path: Path):
+    gimbal = {"gimbal_inertia_x": 8e-6, "gimbal_inertia_y": 8e-6, "gimbal_inertia_z": 1.4e-5}
+    key = {"values": {name: 1.8 * value for name, value in gimbal.items()}, "effects": {}}
+    write(tmp_path / "key.json", json.dumps(key))
+    plans = ["--plan", "paper_tilt", "--plan", "paper_speed"]
+    result = settle(gyrowheel, tmp_path, *plans, "--blind", tmp_path / "key.json")
+    assert result["settled"] is True
+    assert result["named"] == ["gimbal_inertia_error"]
+    assert result["steps"][0]["plans"] == ["paper_tilt", "paper_speed"]
+    # whatever the first look leaves open has the truth in it, and is closed by further tests
+    first = result["steps"][0]["effects"]
+    assert "gimbal_inertia_error" in {name for e in first for name in (e["name"], *e["ties"])}
+    assert not any(e["ties"] for e in result["steps"][-1]["effects"])
+
+
+def test_recordings_at_hand_are_where_it_begins(gyrowheel: Shell, wheel: Wheel, tmp_path: Path):
+    arguments = [wheel.recording, "--effect", "windage:w=0.0013", "--budget", 0]
+    result = settle(gyrowheel, tmp_path, *arguments)
+    assert result["steps"][0]["plans"] == []
+    assert result["named"] == ["windage"]
+    assert result["minutes"] == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--budget", "0.1"], ["budget: 0.1"]),
+        (["--budget", "-1"], ["--budget"]),
+        (["--plan", "quik"], ["quik", "quick"]),
+        (["--effect", "windge"], ["windge", "windage"]),
+        (["--effect", "windage", "--blind", "key.json"], ["--blind"]),
+        (["nowhere"], ["nowhere"]),
+        (["-o", "full"], ["full", "exists"]),
+    ],
+)
+def test_bad_input_is_one_line_and_leaves_nothing(
+    gyrowheel: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], words: list[str]
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "full").mkdir()
+    write(tmp_path / "full" / "file", "")
+    gyrowheel.good("model", "new", "--model", "m.yaml")
+    result = gyrowheel("investigate", "--model", "m.yaml", "--simulate", *arguments)
+    assert result.code == 2
+    assert result.out == ""
+    (line,) = result.err.splitlines()
+    assert all(word in line for word in words), line
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["full", "m.yaml"]
+
+
+def test_ctrl_c_keeps_the_recordings(gyrowheel: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    plan = write(tmp_path / "plan.yaml", DRAG_PLAN)
+    gyrowheel.good("model", "new", "--model", tmp_path / "m.yaml")
+    monkeypatch.setattr("gyrowheel_analysis.discovery.verdict.diagnose", interrupted)
+    arguments = ["--model", tmp_path / "m.yaml", "--simulate", "--plan", plan, "-o", tmp_path / "run"]
+    result = gyrowheel("investigate", *arguments)
+    assert result.code == 130
+    assert "interrupted" in result.out
+    assert (tmp_path / "run" / "1-drag" / "metadata.yaml").exists()
+
+
+def test_the_investigation_knows_nothing_of_the_machine():
+    source = Path(investigation.__file__).read_text(encoding="utf-8")
+    for word in ("scenario", "blind", "gyrowheel_sim.plant", "closed_loop"):
+        assert word not in source
