@@ -141,6 +141,26 @@ def test_a_wrong_gimbal_inertia_is_told_from_the_air_by_its_torque_twice_a_revol
         assert found.verdict == "effect", found.summary
 
 
+def test_look_alikes_are_a_tie_with_the_test_that_separates_them(tmp_path: Path) -> None:
+    """By averages alone, speeds and tilts cannot tell a strong restoring torque of the air from a wrong inertia."""
+    machine = hidden_machine(5, {"aero_restoring": {"k": 0.12, "n": 2.0}})
+    recordings = [
+        record(tmp_path, "s", machine, "paper_speed"),
+        record(tmp_path, "t", machine, "paper_tilt", noise_seed=6),
+    ]
+    found = diagnose(recordings, Model.new(), averages=True)
+    assert found.verdict == "ambiguous", found.summary
+    (effect,) = found.effects
+    ties = {tie.name: tie for tie in effect.ties}
+    assert {effect.name, *ties} >= {"aero_restoring", "gimbal_inertia_error"}
+    assert found.next_test is not None
+    assert found.next_test.plan == "air_density"
+    recordings.append(record(tmp_path, "d", machine, "air_density", noise_seed=7))
+    settled = diagnose(recordings, Model.new(), averages=True)
+    assert settled.verdict == "effect"
+    assert named(settled) == {"aero_restoring"}
+
+
 def with_gimbal_inertia(machine: Scenario, factor: float) -> Scenario:
     names = [f"gimbal_inertia_{axis}" for axis in "xyz"]
     return replace(machine, values={**machine.values, **{n: BENCH.value(n) * factor for n in names}})

@@ -114,10 +114,14 @@ class Balance:
     clean : bool
         Whether to predict from the motion without the harmonics that are noise (`reduction.without_noise`); what those
         need on the bench as stated is then taken from the measured rows instead.
+    harmonics : bool
+        Whether there are rows of what happens within a revolution, or of the averages alone.
     """
 
-    def __init__(self, windows: Windows, bench: Bench, *, clean: bool = True) -> None:
-        raw = Balance(windows, bench, clean=False) if clean else None
+    def __init__(self, windows: Windows, bench: Bench, *, clean: bool = True, harmonics: bool = True) -> None:
+        raw = Balance(windows, bench, clean=False, harmonics=harmonics) if clean else None
+        #: Names of the channels, in the order of the rows.
+        self.channels = ALL_CHANNELS if harmonics else CHANNELS
         windows = without_noise(windows, bench) if clean else windows
         self.windows = windows
         self.bench = bench
@@ -192,7 +196,7 @@ class Balance:
                 w.motor_voltage,
                 *_components(turning.T),
                 *_components([shaft, volts]),
-            ]
+            ][: len(self.channels)]
         )
         if raw is not None and len(self.windows):
             stated = bench.values()
@@ -204,7 +208,7 @@ class Balance:
 
     def channel(self, name: str) -> slice:
         """Return the rows of a channel."""
-        n, index = len(self.windows), ALL_CHANNELS.index(name)
+        n, index = len(self.windows), self.channels.index(name)
         return slice(index * n, (index + 1) * n)
 
     def required(self, values: Mapping[str, float], effects: list[ActiveEffect]) -> tuple[Any, Any]:
@@ -285,7 +289,7 @@ class Balance:
                 voltage,
                 *_components(turning),
                 *_components([shaft, volts]),
-            ]
+            ][: len(self.channels)]
         )
 
     def instants(self, values: Mapping[str, float], effects: list[ActiveEffect]) -> Instants:

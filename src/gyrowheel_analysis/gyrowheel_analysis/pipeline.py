@@ -51,8 +51,14 @@ def samples_of(recording: Recording) -> Samples:
     )
 
 
-def prepare(recordings: Sequence[Recording], model: Model, *, progress: Progress | None = None) -> Prepared:
-    """Reduce recordings and put them together with a model.
+def prepare(
+    recordings: Sequence[Recording],
+    model: Model,
+    *,
+    harmonics: bool = True,
+    progress: Progress | None = None,
+) -> Prepared:
+    """Reduce recordings and put them together with a model; `harmonics` as in `Balance`.
 
     Raises
     ------
@@ -68,7 +74,7 @@ def prepare(recordings: Sequence[Recording], model: Model, *, progress: Progress
             progress(f"reducing {recording.name}")
         windows = reduce(samples_of(recording), bench)
         _check(windows, bench, str(recording.path))
-        balances.append(Balance(windows, bench))
+        balances.append(Balance(windows, bench, harmonics=harmonics))
     problem = Problem(balances, bench, model.effects, model.effect_errors, model.declared)
     return Prepared(problem, [r.name for r in recordings], sum(len(b.windows) for b in balances))
 

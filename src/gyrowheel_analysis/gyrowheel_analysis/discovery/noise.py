@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.optimize import minimize
 
-from gyrowheel_analysis.balance import ALL_CHANNELS, CHANNELS, RIPPLE_CHANNELS, TURNING_CHANNELS, Balance
+from gyrowheel_analysis.balance import CHANNELS, RIPPLE_CHANNELS, TURNING_CHANNELS, Balance
 from gyrowheel_analysis.reduction import FORWARD
 from gyrowheel_sim.effects.sizes import torque_scale
 
@@ -65,7 +65,10 @@ class Noise:
         ]
         self._white = [
             np.sqrt(
-                np.concatenate([_harmonic(balance, rows, name) for name in ALL_CHANNELS[len(CHANNELS) :]])
+                np.concatenate(
+                    [np.zeros(0)]
+                    + [_harmonic(balance, rows, name) for name in balance.channels[len(CHANNELS) :]]
+                )
             )
             for balance, rows in zip(balances, predicted, strict=True)
         ]

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.balance import Balance
+from gyrowheel_analysis.balance import CHANNELS, Balance
 from gyrowheel_analysis.discovery.fit import Fit, Problem, Term
 from gyrowheel_analysis.discovery.selection import threshold
 from gyrowheel_analysis.reduction import planned_windows
@@ -79,8 +79,9 @@ class Planner:
             except InputError:
                 return None  # this bench cannot run it
             self._minutes[name] = plan.duration / 60.0
-            planned = Balance(planned_windows(plan, bench), bench)
             old = self._problem
+            harmonics = all(len(b.channels) > len(CHANNELS) for b in old.balances)
+            planned = Balance(planned_windows(plan, bench), bench, harmonics=harmonics)
             problem = Problem([planned], bench, old.known, old.known_errors, old.library)
             problem.noise.use_scales(self._problem.noise.scales)
             self._problems[name] = problem

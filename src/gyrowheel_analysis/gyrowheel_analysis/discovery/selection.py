@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.balance import ALL_CHANNELS
 from gyrowheel_analysis.discovery.fit import ERRORS, Fit, Problem, Term, candidate_terms
 from gyrowheel_sim.units import DEG
 
@@ -254,7 +253,7 @@ def groups(problem: Problem) -> dict[str, list[NDArray[np.bool_]]]:
     speed, direction = [], []
     for balance in problem.balances:
         w = balance.windows
-        count = len(ALL_CHANNELS)
+        count = len(balance.channels)
         speed.append(np.tile(w.mean_spin, count))
         tilt = w.mean_tilt
         octant = np.round(np.angle(tilt) / (math.pi / 4.0)) % 8

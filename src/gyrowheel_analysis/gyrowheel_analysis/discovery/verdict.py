@@ -265,6 +265,7 @@ def diagnose(
     model: Model,
     *,
     validate: Sequence[Recording] = (),
+    averages: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> Diagnosis:
     """Find out which physical effect is missing in a model.
@@ -278,13 +279,16 @@ def diagnose(
     validate : sequence of Recording
         Further recordings of the machine on which nothing is fitted; the error on them shows whether what was
         found holds.
+    averages : bool
+        Whether to use averages over whole revolutions alone: for recordings in which filters hide what happens within
+        one.
     progress : callable, optional
         Called with a line of text now and then.
     """
     began = clock.monotonic()
     say = progress or (lambda text: None)
-    fitted = prepare(recordings, model, progress=progress)
-    validation = prepare(validate, model, progress=progress) if validate else None
+    fitted = prepare(recordings, model, harmonics=not averages, progress=progress)
+    validation = prepare(validate, model, harmonics=not averages, progress=progress) if validate else None
     paths = [str(r.path) for r in recordings]
     if fitted.windows < FEWEST_WINDOWS:
         text = f"{fitted.windows} steady windows; at least {FEWEST_WINDOWS} are needed to tell anything"

@@ -140,9 +140,20 @@ def mesh_dependence(table: TorqueTable) -> tuple[Figure, str] | None:
                         marker=marker,
                         markerfacecolor=colour if filled else "white",
                         markersize=7,
+                        # the k-epsilon rows differ in more than their number of cells
+                        linestyle="-" if model == "sst" else "none",
                         linewidth=1.0,
                         capsize=3,
                         label=label if filled else None,
+                    )
+                for r in found if model == "paper" and filled else []:
+                    panel.annotate(
+                        f"y⁺ {r.y_plus['rotor'][0]:.0f}",
+                        (r.provenance["cells"] / 1e3, 1e3 * abs(r.torque.mean[i])),
+                        xytext=(7, -12),
+                        textcoords="offset points",
+                        fontsize=9,
+                        color=colour,
                     )
         if i == 2:
             expected = drag(_geometry(table), table.air, speed, regime="II")
@@ -418,11 +429,11 @@ def section(cases: Sequence[Solved], which: str) -> tuple[Figure, str] | None:
     bar = figure.colorbar(patches, cax=figure.add_axes((0.925, 0.2, 0.012, 0.5)), extend="both")
     bar.set_label({"axial": "axial velocity (up), m/s", "radial": "radial velocity (out), m/s"}[which])
     text = {
-        "axial": "without tilt, rings that turn against each other fill the rim gap (Taylor vortices); with tilt, air runs past the rim instead",
+        "axial": "without tilt, Taylor vortices fill the rim gap; with tilt, air runs through it and sweeps them away",
         "radial": "out along the rotor's faces, back in along the case; with tilt one side differs from the other",
     }[which]
     _headline(figure, f"{which.capitalize()} velocity on the section across the axis of the tilt", text)
-    return figure, f"{which.capitalize()} velocity, {text}."
+    return figure, f"{which.capitalize()} velocity: {text}."
 
 
 def _flow_cases(study: Path) -> list[Solved]:

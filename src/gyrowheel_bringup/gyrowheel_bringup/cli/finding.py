@@ -61,6 +61,13 @@ def diagnose(
     directories: Recordings,
     model: ModelFile,
     validate: Validation = None,
+    averages: Annotated[
+        bool,
+        typer.Option(
+            "--averages",
+            help="Use averages over revolutions alone, as where filters hide what happens within one.",
+        ),
+    ] = False,
     fail_on_finding: Annotated[
         bool, typer.Option("--fail-on-finding", help="Exit with 1 unless nothing is missing.")
     ] = False,
@@ -76,7 +83,7 @@ def diagnose(
         from gyrowheel_bringup.machine import bench_place
         from gyrowheel_bringup.render.diagnosis import diagnosis
 
-        result = run(recordings, loaded, validate=unused, progress=say)
+        result = run(recordings, loaded, validate=unused, averages=averages, progress=say)
     if json is not None:
         put_json(json, result.to_json())
     if json != "-":
