@@ -12,7 +12,7 @@ from gyrowheel_sim.air.cfd.case import Result
 from gyrowheel_sim.air.correlations import drag
 from gyrowheel_sim.air.geometry import Geometry
 from gyrowheel_sim.air.surrogate import fit_table
-from gyrowheel_sim.air.table import TorqueTable
+from gyrowheel_sim.air.table import WALL_FUNCTION_Y, TorqueTable
 from gyrowheel_sim.errors import InputError
 from gyrowheel_sim.units import DEG, RPM
 
@@ -154,7 +154,7 @@ def _quality(table: TorqueTable) -> Iterator[Check]:
     averages = [r.y_plus["rotor"][0] for r in rows]
     largest = max(r.y_plus["rotor"][1] for r in rows)
     resolved = not rows[0].provenance["wall_functions"]
-    low, high = (0.0, 2.0) if resolved else (11.0, 300.0)
+    low, high = (0.0, 2.0) if resolved else (WALL_FUNCTION_Y, 300.0)
     yield Check(
         f"y+ of the first cell on the rotor suits the model: {low:g} .. {high:g} on average",
         f"{min(averages):.2f} .. {max(averages):.2f} (largest anywhere {largest:.2f})",

@@ -25,6 +25,8 @@ from gyrowheel_sim.units import DEG, RPM
 
 Array = NDArray[np.float64]
 SCHEMA = 1
+#: Wall functions hold from this y+ on: below it the logarithmic law lies above the linear one.
+WALL_FUNCTION_Y = 11.0
 #: Proportions of rotor and case may differ from the table's by this before it is refused (relative, of every gap).
 PROPORTION_LIMIT = 0.02
 #: Standard uncertainty of the local exponent in Reynolds number beyond the table's range.
@@ -208,7 +210,8 @@ class TorqueTable:
         """Relative spread of the components over meshes, and over models, shape (3,) each.
 
         Over meshes: root mean square difference of the rows with the grid's model on other meshes; over models: of
-        all rows with other models. Both at the largest tilt that has any.
+        all rows with other models, without wall functions in cells that are too thin for them (`WALL_FUNCTION_Y`).
+        Both at the largest tilt that has any.
         """
         pairs = [(row, base) for row, base in self.alternatives() if base.case.tilt > 0.0]
         if not pairs:
@@ -223,7 +226,12 @@ class TorqueTable:
             return np.asarray(np.sqrt(np.mean(np.square(ratio), axis=0)))
 
         same = [(row, base) for row, base in pairs if row.case.model == self.method[1]]
-        other = [(row, base) for row, base in pairs if row.case.model != self.method[1]]
+        other = [
+            (row, base)
+            for row, base in pairs
+            if row.case.model != self.method[1]
+            and (not row.provenance["wall_functions"] or row.y_plus["rotor"][0] >= WALL_FUNCTION_Y)
+        ]
         return size(same), size(other)
 
 
