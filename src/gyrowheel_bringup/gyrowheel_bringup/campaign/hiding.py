@@ -6,6 +6,7 @@ Nothing of this module may reach the finder; only the recordings that `record` w
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
@@ -135,13 +136,15 @@ class Yardstick:
             Other hidden effects: what they can explain is not taken for this one.
         """
         others = [self._response(other, given) for other, given in beside.items()]
-        chi2 = self._left(self._response(name, values), others, drift)
-        return _over_limit(chi2, threshold(self._term(name), 1.0))
+        left = self._left(np.column_stack([*others, self._response(name, values)]), drift)
+        return _over_limit(_apart(left[:, -1], left[:, :-1]), threshold(self._term(name), 1.0))
 
     def size_outside(self, form: OutsideForm, values: dict[str, float], drift: float) -> float:
         """Return the same for an effect outside the library: what no single library effect can explain counts."""
-        own = self._response(form.effect.name, values)
-        chi2 = min(self._left(own, self._columns(term), drift) for term in candidate_terms())
+        terms = [self._columns(term) for term in candidate_terms()]
+        left = self._left(np.column_stack([*terms, self._response(form.effect.name, values)]), drift)
+        edges = np.cumsum([0, *(columns.shape[1] for columns in terms)])
+        chi2 = min(_apart(left[:, -1], left[:, a:b]) for a, b in itertools.pairwise(edges))
         return _over_limit(chi2, THRESHOLD)
 
     def error_limit(self, name: str, drift: float) -> float:
@@ -151,8 +154,9 @@ class Yardstick:
         stated = max(p.relative_uncertainty for group, ps in problem.nuisances if group in groups for p in ps)
         keep = [group not in groups for group, _ in problem.nuisances]
         keep += [True] * (problem.count - len(keep))
-        chi2 = self._left(self._response(name, {"relative_error": 1.0e-3}), [], drift, keep) * 1.0e6
-        error = 1.0 / math.sqrt(chi2) if chi2 > 0.0 else math.inf
+        left = self._left(self._response(name, {"relative_error": 1.0e-3})[:, None] * 1.0e3, drift, keep)
+        size = float(np.linalg.norm(left))
+        error = 1.0 / size if size > 0.0 else math.inf
         return max(ERROR_LIMIT * stated + 2.0 * error, math.sqrt(THRESHOLD) * math.hypot(stated, error))
 
     def _term(self, name: str) -> Term:
@@ -161,30 +165,35 @@ class Yardstick:
     def _response(self, name: str, values: dict[str, float]) -> Array:
         return self._problem.predict(self._zero, {name: values}) - self._problem.base
 
-    def _columns(self, term: Term) -> list[Array]:
+    def _columns(self, term: Term) -> Array:
         if term.name not in self._responses:
             jacobian = self._problem.term_jacobian(term, self._zero, {}, self._problem.base)
             self._responses[term.name] = jacobian[:, : len(term.amplitudes)]
-        return list(self._responses[term.name].T)
+        return self._responses[term.name]
 
-    def _left(
-        self, rows: Array, others: list[Array], drift: float, parameters: list[bool] | None = None
-    ) -> float:
-        """Return chi-squared of a response that bench parameters and `others` cannot explain."""
+    def _left(self, columns: Array, drift: float, parameters: list[bool] | None = None) -> Array:
+        """Return what of some responses the bench parameters cannot explain, in the noise of the readings."""
         problem = self._problem
         # the finder does not believe in drifts smaller than those stated
         problem.noise.use_scales(dict.fromkeys(problem.noise.scales, max(drift, 1.0)))
         keep = np.array([True] * problem.count if parameters is None else parameters)
-        free = np.column_stack([problem.base_jacobian[:, keep], *others])
-        white = problem.noise.whiten(np.column_stack([free, rows]))
-        prior = np.zeros((int(keep.sum()), white.shape[1]))
-        prior[:, : len(prior)] = np.eye(len(prior))
-        design = np.vstack([white, prior])
-        size = np.linalg.norm(design[:, :-1], axis=0)
-        used = size > 0.0
-        basis, _ = np.linalg.qr(design[:, :-1][:, used] / size[used])
-        left = design[:, -1] - basis @ (basis.T @ design[:, -1])
-        return float(left @ left)
+        free = problem.base_jacobian[:, keep]
+        white = problem.noise.whiten(np.column_stack([free, columns]))
+        count = free.shape[1]
+        design = np.vstack([white, np.eye(count, white.shape[1])])
+        basis, _ = np.linalg.qr(design[:, :count] / np.linalg.norm(design[:, :count], axis=0))
+        rest = design[:, count:]
+        return rest - basis @ (basis.T @ rest)
+
+
+def _apart(response: Array, others: Array) -> float:
+    """Return chi-squared of a response that other columns cannot explain."""
+    size = np.linalg.norm(others, axis=0)
+    others = others[:, size > 1.0e-9 * max(size.max(initial=0.0), 1e-300)]
+    if others.shape[1]:
+        solution, *_ = np.linalg.lstsq(others / np.linalg.norm(others, axis=0), response, rcond=1e-9)
+        response = response - (others / np.linalg.norm(others, axis=0)) @ solution
+    return float(response @ response)
 
 
 _made: dict[tuple[str, str], Yardstick] = {}
