@@ -386,9 +386,9 @@ class Problem:
     def refined(self, fit: Fit) -> Fit:
         """Return a fit with every derivative taken at the solution itself.
 
-        While terms are compared, the derivatives by the bench parameters are those without any of them. That finds the
-        terms, but a coefficient that shows far above the noise needs them exactly: there the uncertainty of a resistance
-        or of a heat capacity is what limits it.
+        While terms are compared, the derivatives by the bench parameters are those without any of them. That finds
+        the terms, but a coefficient that shows far above the noise needs them exactly: there the uncertainty of a
+        resistance or of a heat capacity is what limits it.
         """
         at = self.predict(fit.nuisance, fit.coefficients)
         fresh = self._nuisance_jacobian(fit.nuisance, fit.coefficients, at)
