@@ -23,10 +23,12 @@ def calibrate(
     write: Annotated[bool, typer.Option("--write", help="Write the constants into the model file.")] = False,
     json: Json = None,
 ) -> None:
-    """Calibrate coils and motor in place: what a volt and an ampere mean in torque, by cones and sweeps of the speed.
+    """Calibrate coils and motor in place: what a volt and an ampere mean.
 
-    The ruler is the rotor's momentum: turning its tilt, or changing its speed, takes a torque known from its inertia
-    and the motion alone. Without --write the constants are only shown.
+    The ruler of the coils is the rotor's momentum: turning its tilt takes a
+    torque known from its inertia and the motion alone (plan cone). That of the
+    motor is volts over speed (plan coast_down). Without --write the constants
+    are only shown.
     """
     from gyrowheel_analysis.model import Model
 

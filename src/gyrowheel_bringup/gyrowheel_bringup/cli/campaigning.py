@@ -85,11 +85,12 @@ def campaign(
     bench: BenchName = "gyrowheel",
     json: Json = None,
 ) -> None:
-    """Put the discovery to the test: many machines with a secret, found blind, judged by their keys.
+    """Put the discovery to the test by many blind cases, each judged by its key.
 
-    Each case is a machine of its own: parameters within their stated uncertainties, noise, drift and controller
-    varied, and hidden in it nothing, one effect, two, or one that no library has, from 1 to 10 times as large as the
-    detection limit of the plan. Ctrl-C ends it and reports the cases that were finished.
+    Each case is a machine of its own: parameters within their uncertainties,
+    noise, drift and controller varied, and hidden in it nothing, one effect,
+    two, or one that no library has, 1 to 10 times as large as the detection
+    limit of the plan. Ctrl-C ends it and reports the cases that were finished.
     """
     from gyrowheel_bringup.campaign.cases import Campaign
     from gyrowheel_bringup.campaign.cases import cases as all_cases

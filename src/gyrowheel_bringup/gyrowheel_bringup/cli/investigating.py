@@ -31,7 +31,7 @@ def investigate(
     model: ModelFile,
     directories: Annotated[
         list[Path] | None,
-        typer.Argument(metavar="[DIR]...", help="Recordings at hand, to begin with.", show_default=False),
+        typer.Argument(metavar="DIR", help="Recordings at hand, to begin with.", show_default=False),
     ] = None,
     budget: Annotated[
         float,
@@ -69,10 +69,11 @@ def investigate(
     ] = None,
     json: Json = None,
 ) -> None:
-    """Find what a model lacks by the tests that it takes: run, diagnose, run the test that tells, until all is settled.
+    """Find what a model lacks by the tests that it takes, until all is settled.
 
-    The machine is the simulated bench with --effect, --blind and --machine. What was recorded is kept, also after
-    Ctrl-C; the model file stays as it is.
+    Runs a plan, diagnoses, runs the test that the diagnosis names, and so on.
+    The machine is the simulated bench with --effect, --blind and --machine.
+    What was recorded is kept, also after Ctrl-C; the model file stays as it is.
     """
     from gyrowheel_analysis.model import Model
     from gyrowheel_bringup.cli.finding import open_all
