@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,12 +12,15 @@ import numpy as np
 
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.blind import KINDS, Kind, draw_machine, reuse_or_draw
-from gyrowheel_sim.effects import parse_option
+from gyrowheel_sim.effects import Effect, parse_option
 from gyrowheel_sim.errors import InputError
 from gyrowheel_sim.scenario import Scenario
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.model import Model
+
+#: What ``--effect`` takes for all effects that a model of the air has.
+AIR = "aero"
 
 
 def noise_seed(seed: int, plan: str) -> int:
@@ -62,7 +65,8 @@ def scenario(
     plan : str
         Name of the plan.
     effects : sequence of str
-        Effects, each as ``NAME`` or ``NAME:COEF=VALUE,...``.
+        Effects, each as ``NAME`` or ``NAME:COEF=VALUE,...``; ``aero:MODEL`` stands for all that a model of the air
+        has (`gyrowheel_sim.air.MODELS`).
     model : Model, optional
         A model whose effects and learned parameters the machine has, beside `effects`.
     blind : Path, optional
@@ -93,13 +97,25 @@ def scenario(
     declared = {} if model is None else dict(model.declared)
     chosen = {} if model is None else {name: dict(values) for name, values in model.effects.items()}
     for text in effects:
-        name, coefficients = parse_option(text, declared, bench)
-        if model is not None and name in model.effects:
-            raise InputError(f"--effect: {name} is in {model.origin} already")
-        if name in chosen:
-            raise InputError(f"--effect: {name} is given twice")
-        chosen[name] = coefficients
+        for name, coefficients in _effects_of(text, declared, bench):
+            if model is not None and name in model.effects:
+                raise InputError(f"--effect: {name} is in {model.origin} already")
+            if name in chosen:
+                raise InputError(f"--effect: {name} is given twice")
+            chosen[name] = coefficients
     values = {} if machine is None else draw_machine(bench, np.random.default_rng(machine))
     if model is not None:
         values |= {name: override.value for name, override in model.overrides.items()}
     return Scenario(values=values, effects=chosen, noise_seed=noise, declared=declared)
+
+
+def _effects_of(
+    text: str, declared: Mapping[str, Effect], bench: Bench
+) -> list[tuple[str, dict[str, float]]]:
+    """Return the effects that one option stands for, with their coefficients."""
+    first, _, rest = text.partition(":")
+    if first.strip() != AIR:
+        return [parse_option(text, declared, bench)]
+    from gyrowheel_sim.air.effects import air_effects
+
+    return list(air_effects(rest.strip() or "table", bench=bench).values.items())

@@ -25,7 +25,8 @@ Effects: TypeAlias = Annotated[
     typer.Option(
         "--effect",
         metavar="NAME[:C=V,..]",
-        help="Effect of the simulated machine; coefficients not given take their usual size. Repeatable.",
+        help="Effect of the simulated machine; coefficients not given take their usual size. aero:MODEL stands for all "
+        "that a model of the air has (gyrowheel air). Repeatable.",
         show_default=False,
     ),
 ]
