@@ -32,11 +32,13 @@ _EDGE: dict[str, Edge] = {
     "s": Edge("s", 1.0),
     "ohm": Edge("Ω", 1.0),
 }
+#: For values below a hundredth of the SI unit.
+_SLOW: dict[str, Edge] = {"rad/s": Edge("deg/h", DEG / 3600.0), "s": Edge("ms", 1e-3)}
 _SMALL = 2e-6  # noise of a torque below which milli is too coarse [N m]
 _PRETTY = str.maketrans({"*": "·"})
 
 
-def edge(unit: str, *, pure: bool = False) -> Edge:
+def edge(unit: str, *, pure: bool = False, value: float = 1.0) -> Edge:
     """Return the unit in which people read values of an SI unit.
 
     Parameters
@@ -45,10 +47,14 @@ def edge(unit: str, *, pure: bool = False) -> Edge:
         SI unit, with ``*`` or ``·`` between its factors.
     pure : bool
         Whether a number without unit is a pure number (an exponent), not a fraction shown in per cent.
+    value : float
+        A value that is to be shown; a very small one may get another unit.
     """
     plain = unit.replace("·", "*").replace("²", "^2").replace("³", "^3")
     if plain in ("1", "") and pure:
         return Edge("", 1.0)
+    if plain in _SLOW and abs(value) < 0.01:
+        return _SLOW[plain]
     if plain in _EDGE:
         return _EDGE[plain or "1"]
     return Edge(plain.replace("^2", "²").replace("^3", "³").translate(_PRETTY), 1.0)
@@ -69,7 +75,7 @@ def is_pure(effect: str, coefficient: str) -> bool:
 
 def with_error(value: float, error: float, unit: str, *, pure: bool = False) -> str:
     """Return ``22.31 ± 0.27 mN·m/rad``: the error to two digits, the value as far as the error reaches."""
-    shown = edge(unit, pure=pure)
+    shown = edge(unit, pure=pure, value=max(abs(value), abs(error)))
     return f"{pair(value / shown.size, error / shown.size)}{_tail(shown)}"
 
 
@@ -87,13 +93,13 @@ def pair(value: float, error: float) -> str:
 
 def quantity(value: float, unit: str, *, pure: bool = False, digits: int = 3) -> str:
     """Return ``0.213 mN·m``: a value to some digits with its unit."""
-    shown = edge(unit, pure=pure)
+    shown = edge(unit, pure=pure, value=value)
     return f"{short(value / shown.size, digits)}{_tail(shown)}"
 
 
 def span(low: float, high: float, unit: str, *, pure: bool = False) -> str:
     """Return ``0.8 .. 1.3 mN·m``."""
-    shown = edge(unit, pure=pure)
+    shown = edge(unit, pure=pure, value=max(abs(low), abs(high)))
     return f"{short(low / shown.size)} .. {short(high / shown.size)}{_tail(shown)}"
 
 
