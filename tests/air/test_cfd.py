@@ -46,7 +46,7 @@ def upright(tmp_path_factory: pytest.TempPathFactory) -> PolyMesh:
     """Return the recorded mesh of the resolution `tiny` without tilt."""
     folder = tmp_path_factory.mktemp("mesh")
     with tarfile.open(RECORDED / "polyMesh.tar.gz") as archive:
-        archive.extractall(folder / "constant", filter="data")
+        archive.extractall(folder / "constant")
     return PolyMesh.read(folder)
 
 

@@ -272,16 +272,16 @@ def write_run(
         If the directory exists and is not empty, or the disk does not take the recording.
     """
     stamps = np.arange(len(measurement), dtype=np.int64) * round(sample_period * wire.SECOND)
-    readings = _messages(wire.MEASUREMENT, stamps)
-    readings["sequence"] = np.arange(len(readings))
-    for name, column in zip(wire.MEASUREMENT.fields, measurement.T, strict=True):
+    # filled from the start: picking messages out would copy the fields and not what is between them
+    kept = np.arange(len(measurement)) if arrived is None else np.flatnonzero(arrived)
+    readings = _messages(wire.MEASUREMENT, stamps[kept])
+    readings["sequence"] = kept
+    for name, column in zip(wire.MEASUREMENT.fields, measurement[kept].T, strict=True):
         readings[name] = column
     commands = _messages(wire.COMMAND, stamps[: len(command)])
     commands["measurement_sequence"] = np.arange(len(commands))
     for name, column in zip(wire.COMMAND.fields, command.T, strict=True):
         commands[name] = column
-    if arrived is None:
-        arrived = np.ones(len(readings), dtype=bool)
     targets = _messages(wire.SETPOINT, setpoints["stamp_ns"])
     for name in (*wire.SETPOINT.integers, *wire.SETPOINT.fields):
         targets[name] = setpoints[name]
@@ -298,7 +298,7 @@ def write_run(
                     (topics.BENCH, first, [wire.pack_text(bench)]),
                     (topics.ENVIRONMENT, first, [wire.pack_text(environment)]),
                     (topics.SETPOINT, setpoints["stamp_ns"].astype(np.int64), targets),
-                    (topics.MEASUREMENT, stamps[arrived], readings[arrived]),
+                    (topics.MEASUREMENT, stamps[kept], readings),
                     (topics.COMMAND, stamps[: len(command)], commands),
                     (
                         topics.DRAG_ESTIMATE,
