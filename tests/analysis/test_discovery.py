@@ -27,6 +27,7 @@ LARGE: EffectValues = {
     "stiffness_anisotropy": {"k": 0.02},
     "cogging": {"C_x": 0.008, "C_y": -0.006},
     "winding_heating": {"a": 0.012},
+    "windage_tilt": {"w": -0.0005, "n": 1.48},
 }
 #: Of each kind one that is looked for again once it is in the model.
 AGAIN = (
