@@ -378,9 +378,9 @@ def test_the_page_fits_and_names_every_mistake(width: int):
 
 @pytest.fixture(scope="module")
 def alone(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Judged]]:
-    """Three cases done in this process, everything kept."""
+    """Two cases done in this process, everything kept."""
     folder = tmp_path_factory.mktemp("campaign")
-    with workers.judged_cases(cases(CAMPAIGN, 3), jobs=1, keep=str(folder)) as results:
+    with workers.judged_cases(cases(CAMPAIGN, 2), jobs=1, keep=str(folder)) as results:
         return folder, list(results)
 
 
@@ -390,7 +390,7 @@ def timeless(done: list[Judged]) -> list[dict[str, Any]]:
 
 def test_a_case_keeps_what_it_was(alone: tuple[Path, list[Judged]]):
     folder, done = alone
-    assert [c.index for c in done] == [0, 1, 2]
+    assert [c.index for c in done] == [0, 1]
     assert not any(c.outcome == "failed" for c in done), [c.error for c in done]
     for case in done:
         kept = folder / f"case-{case.index:04d}"
@@ -402,7 +402,7 @@ def test_a_case_keeps_what_it_was(alone: tuple[Path, list[Judged]]):
 
 @pytest.mark.slow
 def test_processes_change_nothing(alone: tuple[Path, list[Judged]]):
-    with workers.judged_cases(cases(CAMPAIGN, 3), jobs=2) as results:
+    with workers.judged_cases(cases(CAMPAIGN, 2), jobs=2) as results:
         assert timeless(list(results)) == timeless(alone[1])
 
 
@@ -412,9 +412,9 @@ def test_a_cluster_changes_nothing(alone: tuple[Path, list[Judged]]):
     options = {"host": "127.0.0.1", "dashboard_address": None, "protocol": "tcp", "threads_per_worker": 1}
     with (
         distributed.LocalCluster(n_workers=1, **options) as cluster,
-        workers.judged_cases(cases(CAMPAIGN, 2), jobs=1, dask=cluster.scheduler_address) as results,
+        workers.judged_cases(cases(CAMPAIGN, 1), jobs=1, dask=cluster.scheduler_address) as results,
     ):
-        assert timeless(list(results)) == timeless(alone[1][:2])
+        assert timeless(list(results)) == timeless(alone[1][:1])
 
 
 def test_a_cluster_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch):
@@ -529,7 +529,7 @@ def test_ctrl_c_ends_the_workers_and_leaves_nothing(tmp_path: Path):
     assert "Traceback" not in err
     assert err.splitlines()[-1] == "interrupted"
     assert "of 400 cases were finished" in out
-    assert json.loads((tmp_path / "out.json").read_text())["cases"] >= 2
+    assert json.loads((tmp_path / "out.json").read_text())["cases"] >= 1
     assert not [path for path in scratch.iterdir() if path.name.startswith("campaign-")]
 
 
