@@ -70,15 +70,15 @@ class ReplayNode(BenchNode):
             raise InputError("parameter directory: missing; give the recording to replay")
         self._tape = self.open_tape()
         self._outlets: dict[Topic, Publisher] = {}
-        self._left_out: dict[Topic, str] = {}  # with the reason
+        self.left_out: dict[Topic, str] = {}  # with the reason
         for topic in self._tape.topics:
             if topic == topics.CLOCK and self.parameter("clock"):
-                self._left_out[topic] = "made anew"
+                self.left_out[topic] = "made anew"
                 continue
             try:
                 _ = topic.message_class
             except (ImportError, AttributeError):
-                self._left_out[topic] = f"{topic.type_name} is not installed"
+                self.left_out[topic] = f"{topic.type_name} is not installed"
                 self.get_logger().warning(f"{topic.name} is left out: {topic.type_name} is not installed")
                 continue
             self._outlets[topic] = self.publisher(topic)
@@ -96,8 +96,8 @@ class ReplayNode(BenchNode):
         self._state_clients: dict[str, Client] = {}  # by the node's full name
         self._pace = Pace(self.parameter("rate"), self._tape.start_ns, paused=self.parameter("paused"))
         self._steps = 0  # asked for and not yet made
-        self._rounds = 0
-        self._started = False
+        self.rounds = 0
+        self.started = False
         self.counts = {topic.name: 0 for topic in self._outlets}
         self.finished = False
         self._rewind()
@@ -131,11 +131,11 @@ class ReplayNode(BenchNode):
             "recording": self._tape.path,
             "position": f"{self.position:.4f}",
             "end": f"{self._tape.seconds(self._tape.end_ns):.4f}",
-            "rounds": self._rounds,
+            "rounds": self.rounds,
             "messages": sum(self.counts.values()),
-            "left_out": ", ".join(f"{topic.name}: {why}" for topic, why in self._left_out.items()),
+            "left_out": ", ".join(f"{topic.name}: {why}" for topic, why in self.left_out.items()),
         }
-        if not self._started:
+        if not self.started:
             return Diagnosis("waiting for readers", values)
         if self.finished:
             return Diagnosis("at the end", values)
@@ -189,7 +189,7 @@ class ReplayNode(BenchNode):
 
     def _rewind(self) -> None:
         """Be at the start of the range."""
-        self._messages: Iterator[Message] = self._tape.messages(without=self._left_out)
+        self._messages: Iterator[Message] = self._tape.messages(without=self.left_out)
         self._next = next(self._messages, None)
         self._position = self._clock_due = self._joints_due = self._tape.start_ns
         self._pace.move(self._position)
@@ -200,7 +200,7 @@ class ReplayNode(BenchNode):
 
     def _pump(self) -> None:
         """Give out what is due."""
-        if self.finished or not (self._started or self._may_start()):
+        if self.finished or not (self.started or self._may_start()):
             return
         if self._asked < math.inf and not self._readers_have_all():
             return
@@ -276,7 +276,7 @@ class ReplayNode(BenchNode):
 
     def _pass_end(self) -> None:
         """Begin again, or finish."""
-        self._rounds += 1
+        self.rounds += 1
         if self.parameter("loop"):
             self._rewind()
             return
@@ -304,11 +304,11 @@ class ReplayNode(BenchNode):
                     f"{topic.name} is published by {', '.join(names)}: end that bench, or use another ROS domain",
                 )
                 return False
-            self._left_out[topic] = f"published by {', '.join(names)}"
-            self.get_logger().info(f"{topic.name} is left out: {self._left_out[topic]}")
+            self.left_out[topic] = f"published by {', '.join(names)}"
+            self.get_logger().info(f"{topic.name} is left out: {self.left_out[topic]}")
             self.destroy_publisher(self._outlets.pop(topic))
             del self.counts[topic.name]
-        self._started = True
+        self.started = True
         self._rewind()
         return True
 

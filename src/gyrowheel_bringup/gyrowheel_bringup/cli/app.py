@@ -17,6 +17,7 @@ from gyrowheel_bringup.cli import (
     finding,
     investigating,
     recordings,
+    replaying,
     ros,
     running,
 )
@@ -54,6 +55,7 @@ for module in (
     demonstration,
     running,
     recordings,
+    replaying,
     finding,
     investigating,
     calibrating,
