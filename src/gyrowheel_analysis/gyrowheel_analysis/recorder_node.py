@@ -20,6 +20,8 @@ from gyrowheel_sim.node import BenchNode, Diagnosis, Param, run_node
 from gyrowheel_sim.topics import Topic
 
 SERVICES: Final = "/gyrowheel/recorder"
+#: Time between two instants at which everything goes to the disk [s, wall clock]; a killed recorder loses no more.
+FLUSH_PERIOD: Final = 0.1
 
 
 class SampleCount:
@@ -55,6 +57,10 @@ class Session:
     ----------
     directory : str
         To create.
+    max_size : int
+        Size from which a file is completed and the next one begun [bytes]; 0: no limit.
+    max_duration : float
+        The same by time of the bench [s].
 
     Attributes
     ----------
@@ -64,8 +70,8 @@ class Session:
         The samples that came.
     """
 
-    def __init__(self, directory: str) -> None:
-        self.writer = RecordingWriter(directory)
+    def __init__(self, directory: str, *, max_size: int = 0, max_duration: float = 0.0) -> None:
+        self.writer = RecordingWriter(directory, max_size=max_size, max_duration=max_duration, reserve=True)
         self.count = SampleCount()
         self._now: int | None = None  # stamp of the latest measurement [ns]
         self._early: list[tuple[Topic, bytes]] = []  # came before the first measurement
@@ -103,7 +109,16 @@ class Session:
             If the disk does not take it.
         """
         self._write_early(0)
+        self._state_loss()
         self.writer.close()
+
+    def give_up(self) -> str:
+        """After an error of the disk, complete what was written; return in one line what has become of it."""
+        self._state_loss()
+        path, written = self.writer.path, self.messages
+        if self.writer.rescue():
+            return f"{path} is complete up to there, {self.messages} of {written} messages"
+        return f"what was written is not complete: gyrowheel salvage {path} -o DIR brings it back"
 
     @property
     def messages(self) -> int:
@@ -114,6 +129,13 @@ class Session:
         """Return in one line what was recorded, and what was lost."""
         lost = f"{self.count.missing} missing" if self.count.missing else "none missing"
         return f"{self.writer.path}: {self.messages} messages, {self.count.samples} samples, {lost}"
+
+    def _state_loss(self) -> None:
+        """State in the metadata what was counted on the way."""
+        self.writer.custom_data |= {
+            "gyrowheel.samples": str(self.count.samples),
+            "gyrowheel.missing_samples": str(self.count.missing),
+        }
 
     def _count(self, data: bytes) -> bool:
         try:
@@ -142,6 +164,18 @@ class RecorderNode(BenchNode):
             "directory", "", "Directory to create and record into at once; empty: wait for the service start"
         ),
         Param("record_clock", False, "Record /clock too"),
+        Param(
+            "max_bag_size",
+            0,
+            "Size from which a file is completed and the next one begun [bytes]; 0: no limit",
+            low=0,
+        ),
+        Param(
+            "max_bag_duration",
+            0.0,
+            "Time of the bench after which a file is completed and the next one begun [s]; 0: no limit",
+            low=0.0,
+        ),
     )
     #: What was on its way when the others ended still arrives.
     LINGER = 0.5
@@ -164,7 +198,7 @@ class RecorderNode(BenchNode):
 
     def activate(self) -> None:
         """Begin to record if a directory was given."""
-        self._flushing = self.wall_timer(1.0, self._flush)
+        self._flushing = self.wall_timer(FLUSH_PERIOD, self._flush)
         if self.parameter("directory"):
             self._begin(self.parameter("directory"))
 
@@ -195,7 +229,11 @@ class RecorderNode(BenchNode):
 
     def _begin(self, directory: str) -> None:
         """Begin a recording; InputError if the directory exists or cannot be made."""
-        self._session = Session(directory)
+        self._session = Session(
+            directory,
+            max_size=self.parameter("max_bag_size"),
+            max_duration=self.parameter("max_bag_duration"),
+        )
         # Only now: a plant that counts its subscribers must not begin before there is something to write to.
         self._inputs = [
             self.subscription(topic, self._writer_of(topic), raw=True) for topic in self._recorded
@@ -212,9 +250,8 @@ class RecorderNode(BenchNode):
             return
         try:
             session.close()
-        except InputError:
-            session.writer.abort()
-            raise
+        except InputError as error:
+            raise InputError(f"{error}; {session.give_up()}") from None
         self._report = session.report()
         if session.count.missing:
             self.get_logger().warning(self._report)
@@ -246,11 +283,12 @@ class RecorderNode(BenchNode):
                 self._fail(error)
 
     def _fail(self, error: InputError) -> None:
-        """Give up: what was written stays, incomplete."""
+        """Give up: what was written stays."""
+        text = str(error)
         if self._session is not None:
-            self._session.writer.abort()
-            self._session = None
-        self.fault("recording_failed", str(error))
+            session, self._session = self._session, None
+            text = f"{text}; {session.give_up()}"
+        self.fault("recording_failed", text)
 
     def _on_start(
         self, request: StartRecording.Request, response: StartRecording.Response

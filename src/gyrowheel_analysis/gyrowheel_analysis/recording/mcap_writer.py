@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import os
 import struct
 import zlib
@@ -64,6 +66,8 @@ class McapWriter:
         File to create; must not exist.
     chunk_size : int
         How many bytes are collected before they go to the disk as one chunk.
+    chunk_span : int, optional
+        How far the log times of a chunk may lie apart before it goes to the disk [ns]; no limit if not given.
 
     Attributes
     ----------
@@ -75,21 +79,29 @@ class McapWriter:
     Notes
     -----
     The file is unbuffered: what has been collected into a chunk survives the end of the process. Every byte
-    is covered by a checksum: chunks, data section and summary each have theirs.
+    is covered by a checksum: chunks, data section and summary each have theirs. A chunk that the disk does not
+    take leaves no trace in the file, which ends with the chunk before it. The file is locked (`flock`) for as
+    long as it is written.
     """
 
-    def __init__(self, path: Path, *, chunk_size: int) -> None:
+    def __init__(self, path: Path, *, chunk_size: int, chunk_span: int | None = None) -> None:
         self.counts: dict[int, int] = {}
         self.start = self.end = 0
         self._chunk_size = chunk_size
+        self._chunk_span = chunk_span
+        self._begun: int | None = None  # log time of the first message of the chunk being collected
         self._crc = 0  # of all that was written
         self._position = 0
-        self._schemas: dict[str, tuple[int, bytes]] = {}  # number and record by type name
-        self._channels: list[bytes] = []  # records
+        self._schemas: dict[int, bytes] = {}  # records
+        self._numbers: dict[str, int] = {}  # of the schemas, by type name
+        self._channels: dict[int, bytes] = {}  # records
         self._chunk_indexes: list[bytes] = []  # records
+        self._tail_size = 0  # of the chunk indexes
         self._buffer = bytearray()  # records of the chunk being collected
         self._index: dict[int, array[int]] = {}  # log time and place of its messages in turn, by channel
         self._file = path.open("xb", buffering=0)
+        with contextlib.suppress(OSError):  # not every file system can
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._write(MAGIC + _record(HEADER, _text("ros2"), _text("gyrowheel")))
 
     def add_channel(self, topic: str, type_name: str, definition: str, metadata: Mapping[str, str]) -> int:
@@ -109,20 +121,49 @@ class McapWriter:
         int
             Number of the channel.
         """
-        if type_name not in self._schemas:
+        if type_name not in self._numbers:
             number = len(self._schemas) + 1
             record = _record(
                 SCHEMA, struct.pack("<H", number), _text(type_name), _text("ros2msg"), _text(definition)
             )
-            self._schemas[type_name] = number, record
+            self._schemas[number], self._numbers[type_name] = record, number
             self._buffer += record
         channel = len(self._channels) + 1
-        ids = struct.pack("<HH", channel, self._schemas[type_name][0])
+        ids = struct.pack("<HH", channel, self._numbers[type_name])
         record = _record(CHANNEL, ids, _text(topic), _text("cdr"), _map(metadata))
-        self._channels.append(record)
+        self._channels[channel] = record
         self._buffer += record
         self.counts[channel] = 0
         return channel
+
+    def adopt(self, schemas: Mapping[int, bytes], channels: Mapping[int, bytes]) -> None:
+        """Take over schemas and channels of another file, by number: the contents of their records."""
+        self._schemas = {number: _record(SCHEMA, contents) for number, contents in schemas.items()}
+        self._channels = {number: _record(CHANNEL, contents) for number, contents in channels.items()}
+        self.counts = dict.fromkeys(channels, 0)
+        self._write(b"".join([*self._schemas.values(), *self._channels.values()]))
+
+    def append_chunk(self, records: memoryview, index: Mapping[int, npt.NDArray[np.uint64]]) -> None:
+        """Write the records of a chunk of another file whose schemas and channels were adopted.
+
+        Parameters
+        ----------
+        records : memoryview
+            The records, not compressed.
+        index : mapping of int to ndarray, shape (n, 2)
+            Log time and place of the messages, by channel; not empty.
+
+        Raises
+        ------
+        OSError
+            If the disk does not take it.
+        """
+        times = [pairs[:, 0] for pairs in index.values()]
+        start, end = min(int(part.min()) for part in times), max(int(part.max()) for part in times)
+        places = {channel: pairs.astype("<u8").tobytes() for channel, pairs in index.items()}
+        self._write_chunk(records, places, start, end)
+        for channel, pairs in index.items():
+            self.counts[channel] += len(pairs)
 
     def append(self, channel: int, log_time: int, data: bytes) -> None:
         """Write one message.
@@ -147,7 +188,11 @@ class McapWriter:
             index = self._index[channel] = array("Q")
         index.append(log_time)
         index.append(offset)
-        if len(self._buffer) >= self._chunk_size:
+        if self._begun is None:
+            self._begun = log_time
+        if len(self._buffer) >= self._chunk_size or (
+            self._chunk_span is not None and log_time - self._begun >= self._chunk_span
+        ):
             self.flush()
 
     def append_blocks(self, blocks: Sequence[Block]) -> None:
@@ -198,12 +243,36 @@ class McapWriter:
         if not self._index:  # at most schemas and channels; they go with the first message
             return
         times = [entries[::2] for entries in self._index.values()]
-        for channel, entries in self._index.items():
-            self.counts[channel] += len(entries) // 2
         index = {channel: entries.tobytes() for channel, entries in self._index.items()}
         self._write_chunk(self._buffer, index, min(map(min, times)), max(map(max, times)))
+        for channel, entries in self._index.items():
+            self.counts[channel] += len(entries) // 2
+        self.drop()
+
+    def drop(self) -> None:
+        """Forget what has been collected and not written."""
         self._buffer = bytearray()
         self._index = {}
+        self._begun = None
+
+    @property
+    def size(self) -> int:
+        """Bytes of the file so far, with what has been collected."""
+        return self._position + len(self._buffer)
+
+    @property
+    def tail_size(self) -> int:
+        """About how many bytes `finish` adds, beside the metadata."""
+        records = (*self._schemas.values(), *self._channels.values())
+        return self._tail_size + sum(map(len, records)) + 1024
+
+    def is_there(self, path: Path) -> bool:
+        """Whether the file still lies at this path: writing to a file that was deleted gives no error."""
+        try:
+            there, here = os.stat(path), os.fstat(self._file.fileno())
+        except OSError:
+            return False
+        return (there.st_dev, there.st_ino) == (here.st_dev, here.st_ino)
 
     def finish(self, metadata: str) -> None:
         """Complete the file and close it.
@@ -212,13 +281,20 @@ class McapWriter:
         ----------
         metadata : str
             Contents of rosbag2's metadata for this file (YAML).
+
+        Raises
+        ------
+        OSError
+            If the disk does not take it; the file then ends with its last chunk, and can be finished later.
         """
         self.flush()
-        self._write(self._buffer)  # channels that no message came for
+        if self._buffer:  # channels that no message came for
+            self._write(self._buffer)
+            self.drop()
         metadata_start = self._position
         record = _record(METADATA, _text("rosbag2"), _map({"serialized_metadata": metadata}))
-        self._write(record)
-        self._write(_record(DATA_END, struct.pack("<I", self._crc)))
+        data_end = _record(DATA_END, struct.pack("<I", zlib.crc32(record, self._crc)))
+        head = record + data_end
 
         counts = b"".join(struct.pack("<HQ", channel, count) for channel, count in self.counts.items())
         statistics = struct.pack(
@@ -234,15 +310,15 @@ class McapWriter:
             len(counts),
         )
         groups = {
-            SCHEMA: b"".join(record for _, record in self._schemas.values()),
-            CHANNEL: b"".join(self._channels),
+            SCHEMA: b"".join(self._schemas.values()),
+            CHANNEL: b"".join(self._channels.values()),
             STATISTICS: _record(STATISTICS, statistics, counts),
             CHUNK_INDEX: b"".join(self._chunk_indexes),
             METADATA_INDEX: _record(
                 METADATA_INDEX, struct.pack("<QQ", metadata_start, len(record)), _text("rosbag2")
             ),
         }
-        summary_start = self._position
+        summary_start = self._position + len(head)
         summary = offsets = b""
         for opcode, group in groups.items():
             if group:
@@ -252,7 +328,7 @@ class McapWriter:
                 summary += group
         footer = struct.pack("<BQQQ", FOOTER, 20, summary_start, summary_start + len(summary))
         tail = summary + offsets + footer  # the checksum covers the footer up to itself
-        self._write(tail + struct.pack("<I", zlib.crc32(tail)) + MAGIC)
+        self._write(head + tail + struct.pack("<I", zlib.crc32(tail)) + MAGIC)
         os.fsync(self._file.fileno())
         self._file.close()
 
@@ -266,7 +342,7 @@ class McapWriter:
         """Write a chunk of records and its index (pairs of log time and place, by channel)."""
         if self._buffer and records is not self._buffer:  # channels added since the last chunk
             self._write(self._buffer)
-            self._buffer = bytearray()
+            self.drop()
         size = len(records)
         head = (
             struct.pack("<QQQI", start, end, size, zlib.crc32(records)) + _text("") + struct.pack("<Q", size)
@@ -278,26 +354,32 @@ class McapWriter:
             place = self._position + len(chunk) + size + len(indexes)
             places += struct.pack("<HQ", channel, place)
             indexes += _record(MESSAGE_INDEX, struct.pack("<HI", channel, len(entries)), entries)
-        self._chunk_indexes.append(
-            _record(
-                CHUNK_INDEX,
-                struct.pack("<QQQQI", start, end, self._position, len(chunk) + size, len(places)),
-                places,
-                struct.pack("<Q", len(indexes)),
-                _text(""),
-                struct.pack("<QQ", size, size),
-            )
+        entry = _record(
+            CHUNK_INDEX,
+            struct.pack("<QQQQI", start, end, self._position, len(chunk) + size, len(places)),
+            places,
+            struct.pack("<Q", len(indexes)),
+            _text(""),
+            struct.pack("<QQ", size, size),
         )
         self._write(b"".join((chunk, records, indexes)))
+        self._chunk_indexes.append(entry)
+        self._tail_size += len(entry)
         first = len(self._chunk_indexes) == 1
         self.start = start if first else min(self.start, start)
         self.end = max(self.end, end)
 
     def _write(self, data: bytes | bytearray) -> None:
-        self._crc = zlib.crc32(data, self._crc)
         view = memoryview(data)
-        while view:  # an unbuffered file may take less than it is given
-            view = view[self._file.write(view) :]
+        try:
+            while view:  # an unbuffered file may take less than it is given
+                view = view[self._file.write(view) :]
+        except OSError:
+            with contextlib.suppress(OSError):  # half a record is of no use to anybody
+                self._file.seek(self._position)
+                self._file.truncate()
+            raise
+        self._crc = zlib.crc32(data, self._crc)
         self._position += len(data)
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable, Iterator, Sequence
+import fcntl
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -23,13 +25,26 @@ from gyrowheel_sim.topics import Topic
 METADATA_FILE: Final = "metadata.yaml"
 _VERSION: Final = 9  # of rosbag2's metadata in Jazzy
 _FOREVER: Final = {"sec": 9223372036, "nsec": 854775807}
-_LIVE_CHUNK: Final = 1 << 16  # bytes; what is lost when the process is killed
+_LIVE_CHUNK: Final = 1 << 16  # bytes
+_LIVE_SPAN: Final = 0.1  # s; with the time between two flushes what is lost when the process is killed
+_RESERVE: Final = 1 << 18  # bytes; step in which the reserve grows
+_RESERVE_FILE: Final = ".reserve"
 _COLUMN_CHUNK: Final = 1 << 20
 
 
 @dataclass(frozen=True)
-class _File:
-    """A completed file of a recording."""
+class BagFile:
+    """A completed file of a recording.
+
+    Attributes
+    ----------
+    name : str
+        Its name.
+    start, end : int
+        Smallest and largest log time in it [ns].
+    count : int
+        Messages.
+    """
 
     name: str
     start: int
@@ -47,6 +62,15 @@ class RecordingWriter:
     chunk_size : int
         How many bytes are collected before they go to the disk. What has gone there survives a killed
         process, though not as a complete recording.
+    chunk_span : float
+        How much time of the bench is collected before it goes to the disk [s].
+    max_size : int
+        Size from which a file is completed and the next one begun [bytes]; 0: no limit.
+    max_duration : float
+        Time of the bench after which a file is completed and the next one begun [s]; 0: no limit.
+    reserve : bool
+        Whether to keep room on the disk for completing the recording when the disk is full. The room is a
+        hidden file of some 256 kB in the directory, gone when the recording is complete.
 
     Attributes
     ----------
@@ -54,6 +78,8 @@ class RecordingWriter:
         The directory.
     counts : dict of str to int
         Messages written, by topic.
+    custom_data : dict of str to str
+        What else to state in rosbag2's metadata; may be set until the recording is completed.
 
     Raises
     ------
@@ -64,18 +90,35 @@ class RecordingWriter:
     -----
     As a context manager it completes the recording at the end, and leaves it incomplete (without
     ``metadata.yaml`` and the end of its file) after an exception. Every method raises `InputError` where the
-    disk does not take what is written; then `abort` is all that is left to do.
+    disk does not take what is written; then `rescue` and `abort` are all that is left to do.
     """
 
-    def __init__(self, directory: str | Path, *, chunk_size: int = _LIVE_CHUNK) -> None:
+    def __init__(
+        self,
+        directory: str | Path,
+        *,
+        chunk_size: int = _LIVE_CHUNK,
+        chunk_span: float = _LIVE_SPAN,
+        max_size: int = 0,
+        max_duration: float = 0.0,
+        reserve: bool = False,
+    ) -> None:
         self.path = Path(directory)
         self.counts: dict[str, int] = {}
+        self.custom_data: dict[str, str] = {}
         self._chunk_size = chunk_size
+        self._chunk_span = round(chunk_span * wire.SECOND)
+        self._max_size = max_size
+        self._max_duration = round(max_duration * wire.SECOND)
+        self._begun: int | None = None  # time of the first message of the current file [ns]
+        self._reserved = 0 if reserve else -1  # bytes; -1: no reserve is wanted
         self._topics: dict[str, Topic] = {}
         self._channels: dict[str, int] = {}  # of the current file, by topic
-        self._files: list[_File] = []  # completed
+        self._files: list[BagFile] = []  # completed
+        self._written: dict[str, int] = {}  # messages in them, by topic
         if self.path.exists() and not (self.path.is_dir() and not any(self.path.iterdir())):
-            raise InputError(f"{self.path}: exists; a recording needs a new directory")
+            other = "another recorder is writing into it" if being_written(self.path) else "exists"
+            raise InputError(f"{self.path}: {other}; a recording needs a new directory")
         with _disk_errors(self.path):
             self.path.mkdir(parents=True, exist_ok=True)
         self._open()
@@ -92,6 +135,13 @@ class RecordingWriter:
         stamp_ns : int
             Time of the message on the clock of the bench [ns]; not negative.
         """
+        if self._begun is None:
+            self._begun = stamp_ns
+        elif (self._max_duration and stamp_ns - self._begun >= self._max_duration) or (
+            self._max_size and self._mcap.size >= self._max_size
+        ):
+            self.split()
+            self._begun = stamp_ns
         channel = self._channels.get(topic.name) or self._add(topic)
         with _disk_errors(self.path):
             self._mcap.append(channel, stamp_ns, data)
@@ -127,9 +177,11 @@ class RecordingWriter:
             self._mcap.append_blocks(blocks)
 
     def flush(self) -> None:
-        """Send to the disk what has been collected."""
+        """Send to the disk what has been collected, and see that the file is still there."""
         with _disk_errors(self.path):
             self._mcap.flush()
+        self._check_place()
+        self._keep_reserve()
 
     def split(self) -> None:
         """Complete the current file and go on in a new one of the same recording."""
@@ -138,15 +190,35 @@ class RecordingWriter:
 
     def close(self) -> None:
         """Complete the recording."""
-        self._complete_file()
-        text = _yaml({"rosbag2_bagfile_information": self._metadata(self._files)})
-        temporary = self.path / f".{METADATA_FILE}"
+        self._drop_reserve()
+        if not self._file_complete:
+            self._complete_file()
         with _disk_errors(self.path):
-            temporary.write_text(text, encoding="utf-8")
-            temporary.replace(self.path / METADATA_FILE)
+            write_metadata(self.path, self._metadata(self._files))
+
+    def rescue(self) -> bool:
+        """After an error of the disk: complete the recording as far as it was written.
+
+        Returns
+        -------
+        bool
+            Whether this could be done; else the recording is left incomplete, as by `abort`.
+        """
+        self._drop_reserve()
+        try:
+            if not self._file_complete:
+                self._mcap.drop()
+                self._check_place()
+                self.counts = {name: self._in_files(name) for name in self.counts}
+            self.close()
+        except InputError:
+            self.abort()
+            return False
+        return True
 
     def abort(self) -> None:
         """Close the files and leave the recording incomplete."""
+        self._drop_reserve()
         self._mcap.abort()
 
     def __enter__(self) -> RecordingWriter:
@@ -167,8 +239,40 @@ class RecordingWriter:
     def _open(self) -> None:
         self._channels.clear()
         self._name = f"{self.path.absolute().name}_{len(self._files)}.mcap"
+        self._begun = None
         with _disk_errors(self.path):
-            self._mcap = McapWriter(self.path / self._name, chunk_size=self._chunk_size)
+            self._mcap = McapWriter(
+                self.path / self._name, chunk_size=self._chunk_size, chunk_span=self._chunk_span
+            )
+        self._keep_reserve()
+
+    def _check_place(self) -> None:
+        if not self._mcap.is_there(self.path / self._name):
+            raise InputError(f"{self.path / self._name}: was moved or deleted while it was recorded")
+
+    def _keep_reserve(self) -> None:
+        """Hold as much room as it takes to complete the recording."""
+        if self._reserved < 0 or self._mcap.tail_size + _RESERVE // 2 <= self._reserved:
+            return
+        size = -(-(self._mcap.tail_size + _RESERVE) // _RESERVE) * _RESERVE
+        with _disk_errors(self.path), (self.path / _RESERVE_FILE).open("ab", buffering=0) as file:
+            os.posix_fallocate(file.fileno(), 0, size)
+        self._reserved = size
+
+    def _drop_reserve(self) -> None:
+        if self._reserved > 0:
+            (self.path / _RESERVE_FILE).unlink(missing_ok=True)
+            self._reserved = -1
+
+    @property
+    def _file_complete(self) -> bool:
+        """Whether the current file is complete, and no next one could be begun."""
+        return bool(self._files) and self._files[-1].name == self._name
+
+    def _in_files(self, name: str) -> int:
+        """Return how many messages of a topic have gone to the disk."""
+        channel = self._channels.get(name)
+        return self._written.get(name, 0) + (0 if channel is None else self._mcap.counts[channel])
 
     def _add(self, topic: Topic) -> int:
         known = definition(topic.type_name)
@@ -183,49 +287,110 @@ class RecordingWriter:
         mcap = self._mcap
         with _disk_errors(self.path):
             mcap.flush()
-            file = _File(self._name, mcap.start, mcap.end, sum(mcap.counts.values()))
+            file = BagFile(self._name, mcap.start, mcap.end, sum(mcap.counts.values()))
             mcap.finish(_yaml(self._metadata([*self._files, file])))
+        self._written = {name: self._in_files(name) for name in self.counts}
+        self._channels.clear()
         self._files.append(file)
 
-    def _metadata(self, files: Sequence[_File]) -> dict[str, Any]:
+    def _metadata(self, files: Sequence[BagFile]) -> dict[str, Any]:
         """Return rosbag2's description of the recording as it is after `files`."""
-        filled = [file for file in files if file.count]
-        start = min((file.start for file in filled), default=0)
-        end = max((file.end for file in filled), default=0)
-        return {
-            "version": _VERSION,
-            "storage_identifier": "mcap",
-            "duration": {"nanoseconds": end - start},
-            "starting_time": {"nanoseconds_since_epoch": start},
-            "message_count": sum(file.count for file in files),
-            "topics_with_message_count": [
-                {
-                    "topic_metadata": {
+        return bag_metadata(
+            files,
+            [
+                (
+                    {
                         "name": topic.name,
                         "type": topic.type_name,
                         "serialization_format": "cdr",
                         "offered_qos_profiles": _qos(topic),
                         "type_description_hash": definition(topic.type_name).type_hash,
                     },
-                    "message_count": self.counts[topic.name],
-                }
+                    self.counts[topic.name],
+                )
                 for topic in self._topics.values()
             ],
-            "compression_format": "",
-            "compression_mode": "",
-            "relative_file_paths": [file.name for file in files],
-            "files": [
-                {
-                    "path": file.name,
-                    "starting_time": {"nanoseconds_since_epoch": file.start},
-                    "duration": {"nanoseconds": file.end - file.start},
-                    "message_count": file.count,
-                }
-                for file in files
-            ],
-            "custom_data": None,
-            "ros_distro": "jazzy",
-        }
+            self.custom_data,
+        )
+
+
+def bag_metadata(
+    files: Sequence[BagFile], topics: Sequence[tuple[dict[str, Any], int]], custom_data: Mapping[str, str]
+) -> dict[str, Any]:
+    """Return the contents of ``metadata.yaml``.
+
+    Parameters
+    ----------
+    files : sequence of BagFile
+        The files.
+    topics : sequence of (dict, int)
+        rosbag2's ``topic_metadata`` and the number of messages of every topic.
+    custom_data : mapping of str to str
+        What else to state.
+    """
+    filled = [file for file in files if file.count]
+    start = min((file.start for file in filled), default=0)
+    end = max((file.end for file in filled), default=0)
+    return {
+        "version": _VERSION,
+        "storage_identifier": "mcap",
+        "duration": {"nanoseconds": end - start},
+        "starting_time": {"nanoseconds_since_epoch": start},
+        "message_count": sum(file.count for file in files),
+        "topics_with_message_count": [
+            {"topic_metadata": topic, "message_count": count} for topic, count in topics
+        ],
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": [file.name for file in files],
+        "files": [
+            {
+                "path": file.name,
+                "starting_time": {"nanoseconds_since_epoch": file.start},
+                "duration": {"nanoseconds": file.end - file.start},
+                "message_count": file.count,
+            }
+            for file in files
+        ],
+        "custom_data": dict(custom_data) or None,
+        "ros_distro": "jazzy",
+    }
+
+
+def metadata_text(metadata: dict[str, Any]) -> str:
+    """Return rosbag2's description of a recording as YAML; the same stands inside its files, but for the heading."""
+    return _yaml(metadata)
+
+
+def write_metadata(directory: Path, metadata: dict[str, Any]) -> None:
+    """Write ``metadata.yaml``, whole or not at all.
+
+    Raises
+    ------
+    OSError
+        If the disk does not take it.
+    """
+    temporary = directory / f".{METADATA_FILE}"
+    try:
+        temporary.write_text(_yaml({"rosbag2_bagfile_information": metadata}), encoding="utf-8")
+        temporary.replace(directory / METADATA_FILE)
+    except OSError:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+def being_written(path: Path) -> bool:
+    """Whether a process on this machine is writing this recording: a directory or one of its files."""
+    files = path.glob("*.mcap") if path.is_dir() else [path]
+    for file in files:
+        try:
+            with file.open("rb") as stream:
+                fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        except OSError:  # it cannot be read, or the file system has no locks
+            continue
+    return False
 
 
 def write_run(
