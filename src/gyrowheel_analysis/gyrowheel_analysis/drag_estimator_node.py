@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
 from gyrowheel_msgs.msg import DragEstimate
 from rclpy.time import Time
 
@@ -72,16 +73,23 @@ class DragEstimatorNode(BenchNode):
         """Return counts."""
         values = {
             "samples": self._samples,
+            "first_sample": self._first,
+            "missing_samples": self._missing,
             "estimates": self._estimates,
             "malformed_messages": self._malformed,
         }
+        if self._missing or self._malformed:
+            return Diagnosis("running; samples are missing or malformed", values, DiagnosticStatus.WARN)
+        if self._first > 0:
+            return Diagnosis(f"running; joined late, at sample {self._first}", values)
         return Diagnosis("running" if self._samples else "waiting for samples", values)
 
     def _begin(self) -> None:
         """Begin with the first sample of a run."""
         self._estimator = DragEstimator(self._model)
         self._block: list[bytes] = []
-        self._samples = self._malformed = 0
+        self._samples = self._missing = self._malformed = 0
+        self._first = self._sequence = -1  # numbers of the first and the last sample
         self._sample_ns = self._setpoint_ns = -1  # stamps of the last ones
 
     def _end(self) -> None:
@@ -127,6 +135,12 @@ class DragEstimatorNode(BenchNode):
         rows = np.frombuffer(b"".join(self._block), wire.MEASUREMENT.dtype)
         self._samples += len(rows)
         self._block = []
+        first, last = int(rows["sequence"][0]), int(rows["sequence"][-1])
+        if self._first < 0:
+            self._first, self._sequence = first, first - 1
+        # those that come later than their successors are rare, and were counted as missing
+        self._missing += max(last - self._sequence - len(rows), 0)
+        self._sequence = last
         values = np.stack([rows[name] for name in wire.MEASUREMENT.fields], axis=1)
         self._publish(self._estimator.add_block(wire.MEASUREMENT.stamps(rows), values))
 

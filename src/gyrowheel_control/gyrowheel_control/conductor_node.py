@@ -1,24 +1,34 @@
 """The node ``conductor``: walks test plans on request of the action ``/gyrowheel/run_plan``.
 
-It publishes the setpoints of a plan ahead of the simulated clock, and before them what the operator changes
-on the rig. A plan starts at the simulated time at which it was asked for, so at 0 in a graph that was just
-started.
+It publishes the setpoints of a plan ahead of the time of the bench, and before them what the operator changes
+on the rig. That time comes from ``/clock`` where somebody publishes it, as the plant does in lock-step, and from the
+stamps of the samples elsewhere. A plan starts at the time at which it was asked for, so at 0 in a lock-step graph that
+was just started.
+
+A plan ends early, and says why, when the clock jumps or a node of the bench reports an error, such as a guard that has
+tripped. The tilt limit that a plan needs is set in the controller before it starts.
 """
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from gyrowheel_msgs.action import RunPlan
 from numpy.typing import NDArray
+from rcl_interfaces.srv import SetParameters
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
+from rclpy.parameter import Parameter as RosParameter
+from rclpy.subscription import Subscription
 from std_msgs.msg import String
 
+from gyrowheel_control.limits import plan_tilt_limit, tilt_limit
 from gyrowheel_control.plans import HOLD, SETPOINT_PERIOD, Plan
 from gyrowheel_sim import topics, wire
 from gyrowheel_sim.bench import Bench
@@ -32,6 +42,12 @@ SETPOINT_PERIOD_NS = round(SETPOINT_PERIOD * 1e9)
 CLOCK_PERIOD_NS = 10_000_000
 #: How long a goal waits for somebody who listens to the setpoints [s].
 MATCHING_TIMEOUT = 120.0
+#: How long the controller may take to accept a tilt limit [s].
+LIMIT_TIMEOUT = 10.0
+#: How long a publisher of the clock is looked for before the samples tell the time [s].
+CLOCK_TIMEOUT = 0.5
+#: A step of the clock beyond this is a jump [ns].
+JUMP_NS = 1_000_000_000
 _MOTION = ("tilt_rate_x", "tilt_rate_y", "spin_acceleration")
 
 
@@ -42,6 +58,9 @@ class Walk:
     goal: ServerGoalHandle
     plan: Plan
     setpoints: NDArray[Any]
+    tilt_limit: float  # [rad]
+    limit_set: bool = False  # whether the controller has it, or needs not be asked
+    asked: Any = None  # the answer to come of the controller
     start_ns: int | None = None  # set once somebody listens
     deadline: float = 0.0  # for that, by the clock of `time.monotonic`
     told: tuple[int, int] = (-1, -1)  # segment and second of the last feedback
@@ -72,20 +91,42 @@ class ConductorNode(BenchNode):
         Param("hold_after_plan", True, "After a plan go on publishing its last setpoint"),
         Param("lead", 0.5, "How far the setpoints run ahead of the clock [s]", low=0.02, high=10.0),
         Param("wait_for_subscribers", 1, "Subscribers needed for the first setpoint", low=0, high=100),
+        Param(
+            "tilt_limit",
+            0.0,
+            "Largest tilt of plans that do not say that they need more [rad]; 0: three fifths of the bench's hard stop",
+            low=0.0,
+            high=1.0,
+            live=True,
+        ),
+        Param("controller", "controller", "Node that is given the tilt limit of each plan; empty: none"),
     )
 
     def configure(self) -> None:
         """Read the bench, create topics and action."""
         self._bench = Bench.load(self.parameter("bench"))
+        self._tilt_limit = self._limit(self.parameter("tilt_limit"))
         self._lead_ns = round(self.parameter("lead") * 1e9)
-        self._now = 0  # simulated time [ns]
+        self._now = 0  # time of the bench [ns]
+        self._told_time = False  # whether it is known
+        self._samples: Subscription | None = None  # tell the time where there is no clock
+        self._samples_due = 0  # time from which on the next sample does [ns]
         self._walk: Walk | None = None
         self._reserved = False  # a goal was accepted and has not begun yet
         self._held: NDArray[Any] | None = None  # one setpoint, published after the plan
         self._next = 0  # stamp of the next setpoint to publish [ns]
         self._setpoints = self.publisher(topics.SETPOINT)
         self._environment = self.publisher(topics.ENVIRONMENT)
-        self._input = self.subscription(topics.CLOCK, self._on_clock, raw=True)
+        self._inputs = [
+            self.subscription(topics.CLOCK, self._on_clock, raw=True),
+            self.subscription(topics.DIAGNOSTICS, self._on_diagnostics),
+        ]
+        controller = self.parameter("controller")
+        self._limits = (
+            self.create_client(SetParameters, f"/{controller.strip('/')}/set_parameters")
+            if controller
+            else None
+        )
         self._server = PlanServer(
             self,
             RunPlan,
@@ -110,13 +151,30 @@ class ConductorNode(BenchNode):
     def cleanup(self) -> None:
         """Give up topics and action."""
         self._server.destroy()
-        self.destroy_subscription(self._input)
+        for subscription in (*self._inputs, self._samples):
+            if subscription is not None:
+                self.destroy_subscription(subscription)
+        if self._limits is not None:
+            self.destroy_client(self._limits)
         self.destroy_publisher(self._setpoints)
         self.destroy_publisher(self._environment)
 
+    def check_tuning(self, values: Mapping[str, Any]) -> None:
+        """Refuse a tilt limit beyond that of the bench."""
+        self._limit(values["tilt_limit"])
+
+    def tune(self) -> None:
+        """Take over the tilt limit, for the next plan."""
+        self._tilt_limit = self._limit(self.parameter("tilt_limit"))
+
     def diagnose(self) -> Diagnosis:
         """Return what is being walked."""
-        values = {"simulated_time": f"{self._now * 1e-9:.3f}"}
+        limit = self._tilt_limit if self._walk is None else self._walk.tilt_limit
+        values = {
+            "simulated_time": f"{self._now * 1e-9:.3f}",
+            "time_from": "samples" if self._samples is not None else "clock",
+            "tilt_limit_deg": f"{math.degrees(limit):g}",
+        }
         if self._walk is None:
             return Diagnosis("holding" if self._held is not None else "waiting for a plan", values)
         values["plan"] = self._walk.plan.name
@@ -144,13 +202,14 @@ class ConductorNode(BenchNode):
         try:
             plan = Plan.load(goal.request.plan)
             plan.check(self._bench)
+            limit = plan_tilt_limit(plan, self._bench, self._tilt_limit)
             setpoints = plan.setpoints()
         except InputError as error:
             self._conclude(goal, RunPlan.Result(success=False, message=str(error)))
             return
         if len(setpoints) * SETPOINT_PERIOD_NS % CLOCK_PERIOD_NS:
             setpoints = np.concatenate([setpoints, self._after(setpoints, plan)])
-        self._walk = Walk(goal, plan, setpoints, deadline=time.monotonic() + MATCHING_TIMEOUT)
+        self._walk = Walk(goal, plan, setpoints, limit, deadline=time.monotonic() + MATCHING_TIMEOUT)
         self._on_poll()
 
     def _on_poll(self) -> None:
@@ -165,12 +224,53 @@ class ConductorNode(BenchNode):
             listeners = self._setpoints.get_subscription_count()
             rigs = self._environment.get_subscription_count()
             if listeners >= needed and rigs >= min(needed, 1):
-                self._start(walk)
+                if self._limit_is_set(walk) and self._time_is_known(walk):
+                    self._start(walk)
             elif time.monotonic() > walk.deadline:
                 self._finish(
                     f"nobody listens: after {MATCHING_TIMEOUT:g} s {topics.SETPOINT.name} has {listeners} of "
                     f"{needed} subscribers, {topics.ENVIRONMENT.name} has {rigs} of {min(needed, 1)}"
                 )
+
+    def _limit(self, wanted: float) -> float:
+        return tilt_limit(self._bench, wanted, "parameter tilt_limit")
+
+    def _limit_is_set(self, walk: Walk) -> bool:
+        """Return whether the controller has the tilt limit of the plan; asks for it."""
+        if walk.limit_set or self._limits is None:
+            return True
+        if walk.asked is None:
+            if not self._limits.service_is_ready():
+                if (
+                    walk.tilt_limit <= self._tilt_limit
+                ):  # there may be another controller, with its own limits
+                    return True
+                if time.monotonic() > walk.deadline - MATCHING_TIMEOUT + LIMIT_TIMEOUT:
+                    self._finish(
+                        f"plan {walk.plan.name} needs a tilt limit of {math.degrees(walk.tilt_limit):.2f} deg, "
+                        f"and there is no node '{self.parameter('controller')}' to set it in"
+                    )
+                return False
+            wanted = RosParameter("tilt_limit", value=walk.tilt_limit).to_parameter_msg()
+            walk.asked = self._limits.call_async(SetParameters.Request(parameters=[wanted]))
+            walk.asked.add_done_callback(lambda _: self._on_poll())
+            return False
+        if not walk.asked.done():
+            return False
+        (answer,) = walk.asked.result().results
+        if not answer.successful:
+            self._finish(f"plan {walk.plan.name}: the controller refuses its tilt limit: {answer.reason}")
+            return False
+        walk.limit_set = True
+        return True
+
+    def _time_is_known(self, walk: Walk) -> bool:
+        """Return whether there is a time to start from: that of the clock, or else of the samples."""
+        if self._told_time or self.count_publishers(topics.CLOCK.name):
+            return True
+        if self._samples is None and time.monotonic() > walk.deadline - MATCHING_TIMEOUT + CLOCK_TIMEOUT:
+            self._samples = self.subscription(topics.MEASUREMENT, self._on_sample, raw=True)
+        return False
 
     def _start(self, walk: Walk) -> None:
         start = self._now if self._held is None else max(self._now, self._next)
@@ -218,13 +318,39 @@ class ConductorNode(BenchNode):
     # ---- setpoints
 
     def _on_clock(self, raw: bytes) -> None:
-        (now,) = wire.CLOCK.unpack(raw)
-        if now < self._now:
-            self._now, self._held = now, None
-            self._finish("aborted: the simulated time went back, the plant was started again")
+        self._advance(wire.CLOCK.unpack(raw)[0])
+
+    def _on_sample(self, raw: bytes) -> None:
+        try:
+            now = wire.stamp(raw)
+        except ValueError:
             return
+        if not self._now <= now < self._samples_due:
+            self._samples_due = now - now % CLOCK_PERIOD_NS + CLOCK_PERIOD_NS
+            self._advance(now)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        """End a plan when a node of the bench says that it has failed."""
+        for status in message.status:
+            # such as a guard that has tripped: the wheel no longer is where the plan has it
+            names = {pair.key for pair in status.values}
+            if status.level == DiagnosticStatus.ERROR and names & {"guard", "fault"}:
+                self._finish(f"aborted: {status.name}: {status.message}")
+
+    def _advance(self, now: int) -> None:
+        """Go on to the time `now` [ns]."""
+        walk, step = self._walk, now - self._now
+        if step < 0 or (step > JUMP_NS and walk is not None and walk.start_ns is not None):
+            then = f"from {self._now * 1e-9:.3f} s to {now * 1e-9:.3f} s"
+            self._now, self._held = now, None
+            if step < 0:
+                reason = "the simulated time went back, the plant was started again"
+                self._finish(f"aborted: clock_jump: {reason} ({then})")
+            else:
+                self._finish(f"aborted: clock_jump: the time went {then}")
+            return
+        self._told_time = True
         self._now = now
-        walk = self._walk
         if walk is not None and walk.start_ns is not None:
             if now >= walk.start_ns + len(walk.setpoints) * SETPOINT_PERIOD_NS:
                 self._held = (

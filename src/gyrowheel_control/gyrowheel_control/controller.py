@@ -119,9 +119,14 @@ class Controller:
 
     def __init__(self, bench: Bench, gains: Gains | None = None) -> None:
         self._update: Any = loop_code().controller_update
-        # the compiled module has a class of its own for the constants; the compiler tells the two apart
-        self._parameters = loop_code().ControllerParameters(*controller_parameters(bench, gains or Gains()))
+        self._bench = bench
+        self.tune(gains or Gains())
         self._state = np.zeros(N_CONTROLLER)
+
+    def tune(self, gains: Gains) -> None:
+        """Go on with other gains from the next sample on; filters and integrals stay as they are."""
+        # the compiled module has a class of its own for the constants; the compiler tells the two apart
+        self._parameters = loop_code().ControllerParameters(*controller_parameters(self._bench, gains))
 
     def reset(self) -> None:
         """Forget everything; the next sample starts the filters."""

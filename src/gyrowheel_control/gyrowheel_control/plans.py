@@ -94,6 +94,7 @@ class PlanFile(BaseModel):
     tilt_rate_deg_s: Annotated[Number, Field(gt=0.0)] = 8.0
     spin_acceleration_rpm_s: Annotated[Number, Field(gt=0.0)] = 1000.0
     hold_s: Annotated[Number, Field(gt=0.0)] = 1.5
+    tilt_limit_deg: Annotated[Number, Field(gt=0.0)] | None = None
     segments: Annotated[list[Block], Field(min_length=1)]
 
 
@@ -138,7 +139,8 @@ class Segment:
 class Plan:
     """A test plan: a list of segments in time.
 
-    Use `Plan.load`; the attributes are `name`, `title`, `description`, `segments` and `duration` [s].
+    Use `Plan.load`; the attributes are `name`, `title`, `description`, `segments`, `duration` [s] and `tilt_limit`, the
+    tilt that the guards of the bench must allow [rad], or None where the usual one will do.
     """
 
     def __init__(self, content: PlanFile, text: str, origin: str) -> None:
@@ -146,6 +148,7 @@ class Plan:
         self.title = content.title
         self.description = content.description
         self.origin = origin
+        self.tilt_limit = None if content.tilt_limit_deg is None else content.tilt_limit_deg * DEG
         self._text = text
         self.segments: tuple[Segment, ...] = tuple(_segments(content, origin))
 

@@ -1,30 +1,23 @@
-"""Starts the nodes of the bench as processes of their own, runs a test plan in them and ends them again.
-
->>> with Graph("quick", record="run1") as graph:          # doctest: +SKIP
-...     result = graph.run(progress=lambda p: print(f"{p.elapsed:.0f} of {p.duration:.0f} s"))
->>> result.recording, result.samples                      # doctest: +SKIP
-"""
+"""The graph as a context manager: starts the nodes, runs plans in them, ends them."""
 
 from __future__ import annotations
 
 import contextlib
 import os
+import re
 import shutil
 import signal
 import subprocess
-import sys
 import tempfile
-import threading
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NoReturn, Self
 
 import rclpy
 import yaml
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from gyrowheel_msgs.action import RunPlan
 from gyrowheel_msgs.srv import StopRecording
 from lifecycle_msgs.msg import Transition
@@ -35,146 +28,25 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from gyrowheel_analysis.recording import info
+from gyrowheel_bringup.graph.children import Child, remove_left, uninterrupted
+from gyrowheel_bringup.graph.nodes import EXECUTABLES, find_executable, node_parameters
+from gyrowheel_bringup.graph.results import GraphError, GraphResult, Progress
+from gyrowheel_control.limits import plan_tilt_limit, tilt_limit
 from gyrowheel_control.plans import Plan
 from gyrowheel_sim import topics
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.environment import to_json
 from gyrowheel_sim.errors import InputError
 from gyrowheel_sim.node import PARENT_VARIABLE, ExitCode, make_executor, prepare_environment
 from gyrowheel_sim.scenario import Scenario
 
-#: Package and executable of each node, by the node's name.
-EXECUTABLES: Mapping[str, tuple[str, str]] = {
-    "plant": ("gyrowheel_sim", "plant_node"),
-    "controller": ("gyrowheel_control", "controller_node"),
-    "conductor": ("gyrowheel_control", "conductor_node"),
-    "recorder": ("gyrowheel_analysis", "recorder_node"),
-    "drag_estimator": ("gyrowheel_analysis", "drag_estimator_node"),
-}
 _STOP_TIMEOUT = 20.0  # for a node to end by itself [s]
 _SETTLE_TIMEOUT = 30.0  # for a node to take what was sent to it [s]
 _FINISH_TIMEOUT = 120.0  # for the recorder to complete its files [s]
 _CLOCK_PERIOD_NS = 10_000_000  # plans end at whole multiples of it
 _LISTEN = 2.0  # for what nodes of another graph say [s]
-
-
-class GraphError(RuntimeError):
-    """A node failed, or the graph does not get on.
-
-    Attributes
-    ----------
-    node : str
-        The node that failed; empty if it was none of them alone.
-    fault : str
-        Name of what happened: the fault that the node itself named, ``node_died``, ``start_timeout``,
-        ``stalled``, ``samples_lost``, ``plan_refused`` or ``plan_aborted``.
-    report : str
-        Exit code and last words of every node that ended otherwise than it should, in several lines.
-    """
-
-    def __init__(self, fault: str, message: str, *, node: str = "", report: str = "") -> None:
-        super().__init__(message)
-        self.fault = fault
-        self.node = node
-        self.report = report
-
-
-@dataclass(frozen=True)
-class Progress:
-    """How far a plan is.
-
-    Attributes
-    ----------
-    segment, segments : int
-        The current segment, counted from 0, and how many there are.
-    label : str
-        Label of the current segment.
-    elapsed, duration : float
-        Simulated time since the start of the plan, and its length [s].
-    """
-
-    segment: int
-    segments: int
-    label: str
-    elapsed: float
-    duration: float
-
-
-@dataclass(frozen=True)
-class GraphResult:
-    """What a run of a plan gave.
-
-    Attributes
-    ----------
-    plan : str
-        Name of the plan.
-    segments : int
-        Segments completed.
-    simulated_seconds, wall_seconds : float
-        Simulated time that the plan took, and real time from its acceptance to its end [s].
-    recording : Path or None
-        Directory of the recording.
-    samples : int
-        Samples recorded; 0 without a recording.
-    counts : dict of str to int
-        Messages recorded, by topic; empty without a recording, and while it goes on.
-    pids : dict of str to int
-        Process ids of the nodes.
-    """
-
-    plan: str
-    segments: int
-    simulated_seconds: float
-    wall_seconds: float
-    recording: Path | None
-    samples: int
-    counts: Mapping[str, int]
-    pids: Mapping[str, int]
-
-    @property
-    def ratio(self) -> float:
-        """Simulated seconds per second of real time."""
-        return self.simulated_seconds / self.wall_seconds
-
-
-@dataclass
-class _Child:
-    """A node's process."""
-
-    name: str
-    process: subprocess.Popen[bytes]
-    log: Path
-    expected: bool = False  # whether it was told to end
-    shown: int = 0  # bytes of its log that were shown
-
-    def show_log(self) -> None:
-        """Copy to stderr what it has written since the last time."""
-        with contextlib.suppress(OSError), self.log.open("rb") as log:
-            log.seek(self.shown)
-            new = log.read()
-            self.shown += len(new)
-            sys.stderr.write(new.decode("utf-8", errors="replace"))
-
-    @property
-    def last_words(self) -> str:
-        """The end of what it wrote to stderr."""
-        with contextlib.suppress(OSError):
-            return self.log.read_text(encoding="utf-8", errors="replace")[-4000:].strip()
-        return ""
-
-    @property
-    def ended_well(self) -> bool:
-        """Whether it ended as it should; before a node handles signals, SIGINT is what ends it."""
-        code = self.process.returncode
-        return code == 0 or (self.expected and code == -signal.SIGINT)
-
-    @property
-    def ending(self) -> str:
-        """How it ended, in words."""
-        code = self.process.returncode
-        if code is not None and code < 0:
-            return f"killed by {signal.Signals(-code).name}"
-        return f"exit code {code}"
+_EXPLAIN = 3.0  # for a node to end, or to say why a plan was aborted [s]
+_WIND_DOWN = 60.0  # for the guard to bring the motor to rest [s]
+_PACE = ("late_commands", "missing_commands", "held_samples", "late_samples", "worst_delay_ms", "behind_s")
 
 
 class Graph:
@@ -196,6 +68,8 @@ class Graph:
     hold_after_plan : bool
         Whether the bench goes on running after a plan, until the graph is closed. If not (the default), the
         end of the plan ends the graph and completes the recording.
+    realtime : bool
+        Whether the bench goes by the clock on the wall instead of lock-step.
     domain_id : int, optional
         ROS domain, 0 .. 101; that of the environment if not given.
     parameters : mapping, optional
@@ -208,6 +82,9 @@ class Graph:
         How long the nodes may take to become active [s]; much of it is compiling where nothing is cached yet.
     stall_timeout : float
         How long a plan may go on without any progress [s].
+    on_trouble : callable, optional
+        Called with the name of a node and one line when the node says on ``/diagnostics`` that something is not as it
+        should be, and with ``"all well"`` when it no longer does.
 
     Raises
     ------
@@ -224,12 +101,14 @@ class Graph:
         record: str | Path | None = None,
         initial_spin_rate: float | None = None,
         hold_after_plan: bool = False,
+        realtime: bool = False,
         domain_id: int | None = None,
         parameters: Mapping[str, Mapping[str, object]] | None = None,
         without: Collection[str] = (),
         show_logs: bool = False,
         start_timeout: float = 300.0,
         stall_timeout: float = 60.0,
+        on_trouble: Callable[[str, str], None] | None = None,
     ) -> None:
         if domain_id is not None and not 0 <= domain_id <= 101:
             raise InputError(f"domain_id: {domain_id} is out of range; allowed: 0 .. 101")
@@ -237,6 +116,7 @@ class Graph:
             if name not in EXECUTABLES:
                 raise InputError(f"node '{name}': no such node; allowed: {', '.join(EXECUTABLES)}")
         self._bench = Bench.load(bench)
+        self._parameters = {name: dict(values) for name, values in (parameters or {}).items()}
         self._plan = None if plan is None else self._checked(plan)
         self._record = None if record is None else Path(record).absolute()
         if self._record is not None and self._record.exists():
@@ -245,15 +125,19 @@ class Graph:
         self._bench_source = str(bench if str(bench) in Bench.shipped() else Path(bench).absolute())
         self._initial_spin_rate = initial_spin_rate
         self._hold = hold_after_plan
+        self._realtime = realtime
         self._domain_id = domain_id
-        self._parameters = {name: dict(values) for name, values in (parameters or {}).items()}
         self._names = [name for name in EXECUTABLES if name not in without]
         self._show_logs = show_logs
         self._start_timeout = start_timeout
         self._stall_timeout = stall_timeout
-        self._children: dict[str, _Child] = {}
+        self._on_trouble = on_trouble
+        self._children: dict[str, Child] = {}
         self._pids: dict[str, int] = {}
         self._diagnoses: dict[str, str] = {}
+        self._values: dict[str, dict[str, str]] = {}  # what came with the last diagnosis of an active node
+        self._troubles: dict[str, str] = {}
+        self._alarm: GraphError | None = None  # a guard that has tripped
         self._active: set[str] = set()
         self._starting = True
         self._strangers: dict[str, str] = {}  # nodes of the same name that are not of this graph
@@ -294,10 +178,11 @@ class Graph:
         GraphError, InputError
             If a node did not end as it should.
         """
-        with _uninterrupted():
+        with uninterrupted():
             try:
                 if self._children:
                     if not self._strangers:  # who would answer, too
+                        self._wind_down()
                         self._settle()
                     self._stop()
                 failed = [child for child in self._children.values() if not child.ended_well]
@@ -308,8 +193,10 @@ class Graph:
                         child.process.kill()
                         child.process.wait()
                 self._show()
+                killed = [child for child in self._children.values() if (child.process.returncode or 0) < 0]
                 self._children.clear()
                 self._cleanup.close()
+                remove_left({name for child in killed for name in child.memory})
         if error is not None:
             raise error
 
@@ -355,6 +242,7 @@ class Graph:
             samples=samples,
             counts=counts,
             pids=self.pids,
+            pace=self._pace(),
         )
 
     def wait(self) -> None:
@@ -393,7 +281,7 @@ class Graph:
                     env=environment,
                     start_new_session=True,  # a Ctrl-C of the terminal is for this process alone
                 )
-            self._children[name] = _Child(name, process, log)
+            self._children[name] = Child(name, process, log)
             self._pids[name] = process.pid
         self._wait_until_active()
 
@@ -435,6 +323,7 @@ class Graph:
             scenario=scenario,
             record="" if self._record is None else str(self._record),
             hold_after_plan=self._hold,
+            realtime=self._realtime,
             nodes=self._names,
         )
         if self._initial_spin_rate is not None:
@@ -501,8 +390,17 @@ class Graph:
             raise GraphError("plan_refused", "the conductor refused the plan: it walks another one")
         answer = wait(goal.get_result_async())
         if not answer.result.success:
-            raise GraphError("plan_aborted", f"plan {plan.name}: {answer.result.message}")
+            self._explain(plan, answer.result.message)
         return answer.result
+
+    def _explain(self, plan: Plan, message: str) -> NoReturn:
+        """Raise the error that tells why a plan was aborted: that of a node, where there is one."""
+        end = time.monotonic() + _EXPLAIN
+        while "aborted" in message and "clock_jump" not in message and time.monotonic() < end:
+            self._spin()
+        named = re.match(r"aborted: (\w+): ", message)
+        fault = named[1] if named and named[1] not in EXECUTABLES else "plan_aborted"
+        raise GraphError(fault, f"plan {plan.name}: {message}", node="conductor")
 
     def _spin(self, seconds: float = 0.05) -> None:
         """Take part in the graph for a moment; raise if a node has ended."""
@@ -513,6 +411,8 @@ class Graph:
         ended = [c for c in self._children.values() if c.process.poll() is not None and not c.expected]
         if ended:
             raise self._failure(ended)
+        if self._alarm is not None:
+            raise self._alarm
 
     def _show(self) -> None:
         if self._show_logs:
@@ -541,10 +441,40 @@ class Graph:
                     self._strangers[status.name] = values.get("pid", "unknown")
                 continue
             self._diagnoses[status.name] = status.message
+            self._children[status.name].note_memory()
             if values["state"] == "active":
                 self._active.add(status.name)
+                self._values[status.name] = values
+                self._note_trouble(status)
+                if status.level == DiagnosticStatus.ERROR and "guard" in values and self._alarm is None:
+                    self._alarm = GraphError(
+                        values["guard"], f"{status.name}: {status.message}", node=status.name
+                    )
+
+    def _note_trouble(self, status: DiagnosticStatus) -> None:
+        """Pass on what a node says when all is not well, once, and when it is again."""
+        trouble = "" if status.level == DiagnosticStatus.OK else status.message.partition(":")[0]
+        if trouble == self._troubles.get(status.name, ""):
+            return
+        self._troubles[status.name] = trouble
+        if self._on_trouble is not None:
+            self._on_trouble(status.name, status.message if trouble else "all well")
 
     # ---- ending
+
+    def _wind_down(self) -> None:
+        """In real time, when the loop is broken: let the guard of the plant bring the motor to rest, recorded."""
+        broken = self._alarm or any(c.process.poll() is not None for c in self._children.values())
+        if not self._realtime or not broken or "plant" not in self._active:
+            return
+        end = time.monotonic() + _WIND_DOWN
+        plant = self._children["plant"].process
+        while plant.poll() is None and time.monotonic() < end:
+            # where nothing was commanded yet, nothing is lost, and the motor goes on
+            values = self._values.get("plant", {})
+            if values.get("outputs") == "off" or values.get("guard") in ("waiting", "stopped"):
+                return
+            self._executor.spin_once(timeout_sec=0.05)
 
     def _settle(self) -> None:
         """Bring the flow of messages to its end, so that every node has what was sent to it.
@@ -572,7 +502,7 @@ class Graph:
                 child.process.kill()
                 child.process.wait()
 
-    def _failure(self, children: Collection[_Child]) -> Exception:
+    def _failure(self, children: Collection[Child]) -> Exception:
         """Return the error that tells why nodes ended; a fault that a node names comes first."""
         ranks = (ExitCode.BAD_INPUT, ExitCode.FAULT)
         first = min(children, key=lambda c: (*ranks, c.process.returncode).index(c.process.returncode))
@@ -588,6 +518,15 @@ class Graph:
         """Return the counts of the completed recording; raise if it lacks a sample of the plan."""
         assert self._record is not None
         found = info(self._record)
+        if self._realtime:
+            needed = round(plan.duration / self._bench.sample_period)
+            if found.integrity.missing or found.integrity.samples < needed:
+                raise GraphError(
+                    "samples_lost",
+                    f"{self._record}: {found.integrity.missing} of {found.integrity.samples} samples are missing, "
+                    f"or there are less than {needed}",
+                )
+            return dict(found.topics), found.integrity.samples
         end_ns = round(plan.duration * 1e9)
         end_ns += -end_ns % _CLOCK_PERIOD_NS
         published = end_ns // round(self._bench.sample_period * 1e9) + 1
@@ -601,101 +540,12 @@ class Graph:
     def _checked(self, plan: Plan | str | Path) -> Plan:
         result = plan if isinstance(plan, Plan) else Plan.load(plan)
         result.check(self._bench)
+        wanted = float(str(self._parameters.get("conductor", {}).get("tilt_limit", 0.0)))
+        plan_tilt_limit(result, self._bench, tilt_limit(self._bench, wanted, "parameter tilt_limit"))
         return result
 
-
-@contextlib.contextmanager
-def _uninterrupted() -> Iterator[None]:
-    """Let nothing but SIGKILL come in between; only the main thread gets signals."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = {n: signal.signal(n, signal.SIG_IGN) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-def node_parameters(
-    plan: Plan | None,
-    *,
-    bench: str = "gyrowheel",
-    scenario: str = "",
-    record: str = "",
-    hold_after_plan: bool = True,
-    nodes: Collection[str] = tuple(EXECUTABLES),
-) -> dict[str, dict[str, object]]:
-    """Return the parameters with which nodes run a plan together: {node: {parameter: value}}.
-
-    Every node waits until those that it has to reach listen, so that no sample is lost.
-
-    Parameters
-    ----------
-    plan : Plan or None
-        The bench starts at its spin rate and in its first environment; at rest and upright without a plan.
-    bench : str
-        Name of a shipped bench, or path of a bench file.
-    scenario, record : str
-        Scenario file, and directory to record into; empty: none.
-    hold_after_plan : bool
-        Whether the bench goes on running after the plan.
-    nodes : collection of str
-        The nodes that take part.
-    """
-    events = [] if plan is None else [event for event in plan.environment() if event.time == 0.0]
-    recorders = int("recorder" in nodes and bool(record))
-    estimators = int("drag_estimator" in nodes)
-    return {
-        "plant": {
-            "bench": bench,
-            "scenario_file": scenario and str(Path(scenario).absolute()),
-            "environment": to_json(events) if events else "",
-            "initial_spin_rate": 0.0 if plan is None else float(plan.initial_spin_rate),
-            "wait_for_subscribers": 1 + recorders + estimators,
-        },
-        "controller": {"bench": bench, "wait_for_subscribers": 1 + recorders},
-        "conductor": {
-            "bench": bench,
-            "hold_after_plan": hold_after_plan,
-            "wait_for_subscribers": 1 + recorders + estimators,
-        },
-        "recorder": {"directory": record},
-        "drag_estimator": {"bench": bench},
-    }
-
-
-def find_executable(package: str, executable: str) -> Path:
-    """Return the path of a node's executable.
-
-    Looked for in the environment of this Python first, then in the prefixes of ``AMENT_PREFIX_PATH``.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-    """
-    prefixes = [sys.prefix, *filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))]
-    folders = [Path(prefix) / "lib" / package for prefix in prefixes]
-    for folder in folders:
-        path = folder / executable
-        if path.is_file() and os.access(path, os.X_OK):
-            return path
-    there = sorted({path.name for folder in folders if folder.is_dir() for path in folder.iterdir()})
-    if there:
-        raise InputError(f"package {package} has no executable '{executable}'; it has: {', '.join(there)}")
-    raise InputError(f"package '{package}' is not installed, or has no executables")
-
-
-def run_executable(package: str, executable: str, arguments: Collection[str] = ()) -> NoReturn:
-    """Replace this process by a node's executable, as ``ros2 run`` does.
-
-    Raises
-    ------
-    InputError
-        If there is no such executable.
-    """
-    path = find_executable(package, executable)
-    prepare_environment()
-    os.execv(path, [str(path), *arguments])
+    def _pace(self) -> dict[str, float]:
+        if not self._realtime:
+            return {}
+        values = self._values.get("plant", {})
+        return {name: float(values[name]) for name in _PACE if name in values}

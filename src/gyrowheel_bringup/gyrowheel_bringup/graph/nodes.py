@@ -1,0 +1,110 @@
+"""The nodes that make the graph: their executables and the parameters with which they work together."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import NoReturn
+
+from gyrowheel_control.plans import Plan
+from gyrowheel_sim.environment import to_json
+from gyrowheel_sim.errors import InputError
+from gyrowheel_sim.node import prepare_environment
+
+#: Package and executable of each node, by the node's name.
+EXECUTABLES: Mapping[str, tuple[str, str]] = {
+    "plant": ("gyrowheel_sim", "plant_node"),
+    "controller": ("gyrowheel_control", "controller_node"),
+    "conductor": ("gyrowheel_control", "conductor_node"),
+    "recorder": ("gyrowheel_analysis", "recorder_node"),
+    "drag_estimator": ("gyrowheel_analysis", "drag_estimator_node"),
+}
+
+
+def node_parameters(
+    plan: Plan | None,
+    *,
+    bench: str = "gyrowheel",
+    scenario: str = "",
+    record: str = "",
+    hold_after_plan: bool = True,
+    realtime: bool = False,
+    nodes: Collection[str] = tuple(EXECUTABLES),
+) -> dict[str, dict[str, object]]:
+    """Return the parameters with which nodes run a plan together: {node: {parameter: value}}.
+
+    Every node waits until those that it has to reach listen, so that no sample is lost.
+
+    Parameters
+    ----------
+    plan : Plan or None
+        The bench starts at its spin rate and in its first environment; at rest and upright without a plan.
+    bench : str
+        Name of a shipped bench, or path of a bench file.
+    scenario, record : str
+        Scenario file, and directory to record into; empty: none.
+    hold_after_plan : bool
+        Whether the bench goes on running after the plan; in real time the loop is closed until the plant stops.
+    realtime : bool
+        Whether the plant goes by the clock on the wall instead of lock-step.
+    nodes : collection of str
+        The nodes that take part.
+    """
+    events = [] if plan is None else [event for event in plan.environment() if event.time == 0.0]
+    recorders = int("recorder" in nodes and bool(record))
+    estimators = int("drag_estimator" in nodes)
+    return {
+        "plant": {
+            "bench": bench,
+            "clock": "realtime" if realtime else "lockstep",
+            "scenario_file": scenario and str(Path(scenario).absolute()),
+            "environment": to_json(events) if events else "",
+            "initial_spin_rate": 0.0 if plan is None else float(plan.initial_spin_rate),
+            "wait_for_subscribers": 1 + recorders + estimators,
+        },
+        "controller": {"bench": bench, "wait_for_subscribers": 1 + recorders},
+        "conductor": {
+            "bench": bench,
+            "hold_after_plan": hold_after_plan or realtime,
+            "wait_for_subscribers": 1 + recorders + estimators,
+        },
+        "recorder": {"directory": record},
+        "drag_estimator": {"bench": bench},
+    }
+
+
+def find_executable(package: str, executable: str) -> Path:
+    """Return the path of a node's executable.
+
+    Looked for in the environment of this Python first, then in the prefixes of ``AMENT_PREFIX_PATH``.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    prefixes = [sys.prefix, *filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))]
+    folders = [Path(prefix) / "lib" / package for prefix in prefixes]
+    for folder in folders:
+        path = folder / executable
+        if path.is_file() and os.access(path, os.X_OK):
+            return path
+    there = sorted({path.name for folder in folders if folder.is_dir() for path in folder.iterdir()})
+    if there:
+        raise InputError(f"package {package} has no executable '{executable}'; it has: {', '.join(there)}")
+    raise InputError(f"package '{package}' is not installed, or has no executables")
+
+
+def run_executable(package: str, executable: str, arguments: Collection[str] = ()) -> NoReturn:
+    """Replace this process by a node's executable, as ``ros2 run`` does.
+
+    Raises
+    ------
+    InputError
+        If there is no such executable.
+    """
+    path = find_executable(package, executable)
+    prepare_environment()
+    os.execv(path, [str(path), *arguments])

@@ -1,0 +1,91 @@
+"""What a graph tells of itself: how far a plan is, what came of it, what went wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+
+class GraphError(RuntimeError):
+    """A node failed, or the graph does not get on.
+
+    Attributes
+    ----------
+    node : str
+        The node that failed; empty if it was none of them alone.
+    fault : str
+        Name of what happened: the fault or the state of a guard that the node itself named (``controller_silent``,
+        ``tilt_stop``, ``clock_jump`` ...), ``node_died``, ``start_timeout``, ``stalled``, ``samples_lost``,
+        ``plan_refused`` or ``plan_aborted``.
+    report : str
+        Exit code and last words of every node that ended otherwise than it should, in several lines.
+    """
+
+    def __init__(self, fault: str, message: str, *, node: str = "", report: str = "") -> None:
+        super().__init__(message)
+        self.fault = fault
+        self.node = node
+        self.report = report
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a plan is.
+
+    Attributes
+    ----------
+    segment, segments : int
+        The current segment, counted from 0, and how many there are.
+    label : str
+        Label of the current segment.
+    elapsed, duration : float
+        Simulated time since the start of the plan, and its length [s].
+    """
+
+    segment: int
+    segments: int
+    label: str
+    elapsed: float
+    duration: float
+
+
+@dataclass(frozen=True)
+class GraphResult:
+    """What a run of a plan gave.
+
+    Attributes
+    ----------
+    plan : str
+        Name of the plan.
+    segments : int
+        Segments completed.
+    simulated_seconds, wall_seconds : float
+        Simulated time that the plan took, and real time from its acceptance to its end [s].
+    recording : Path or None
+        Directory of the recording.
+    samples : int
+        Samples recorded; 0 without a recording.
+    counts : dict of str to int
+        Messages recorded, by topic; empty without a recording, and while it goes on.
+    pids : dict of str to int
+        Process ids of the nodes.
+    pace : dict of str to float
+        In real time, what the plant counted: ``late_commands``, ``missing_commands``, ``held_samples``,
+        ``late_samples``, ``worst_delay_ms``, ``behind_s``; empty in lock-step.
+    """
+
+    plan: str
+    segments: int
+    simulated_seconds: float
+    wall_seconds: float
+    recording: Path | None
+    samples: int
+    counts: Mapping[str, int]
+    pids: Mapping[str, int]
+    pace: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def ratio(self) -> float:
+        """Simulated seconds per second of real time."""
+        return self.simulated_seconds / self.wall_seconds
