@@ -1,21 +1,27 @@
-"""The messages of any ROS 2 bag, as they are serialized."""
+"""The messages of any ROS 2 bag, as rows or as they are serialized."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import contextlib
+import sqlite3
+import tempfile
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path, PurePath
-from typing import Any
+from typing import Final
 
 import numpy as np
 import yaml
+import zstandard
 from rosbags.interfaces import ConnectionExtRosbag2, MessageDefinitionFormat
 from rosbags.rosbag2 import Reader
 
-from gyrowheel_analysis.recording.mcap_reader import TopicData, read_mcap
+from gyrowheel_analysis.recording.mcap_reader import Damaged, TopicData, Wanted, read_mcap
 from gyrowheel_analysis.recording.writer import METADATA_FILE
 from gyrowheel_sim.errors import InputError
 
-Wanted = Mapping[str, np.dtype[Any] | None]
+_BATCH: Final = 1 << 14  # messages that are looked at together
+_MESSAGE_LIMIT: Final = 1 << 28  # bytes of a decompressed message; more is taken for damage
 
 
 def read_bag(path: Path, wanted: Wanted) -> dict[str, TopicData]:
@@ -25,8 +31,8 @@ def read_bag(path: Path, wanted: Wanted) -> dict[str, TopicData]:
     ----------
     path : Path
         A rosbag2 directory, or one ``.mcap`` or ``.db3`` file.
-    wanted : mapping of str to dtype or None
-        Names of the topics to read; with the dtype of one serialized message where its length is fixed.
+    wanted : mapping of str to Want or None
+        Names of the topics to read, and how.
 
     Returns
     -------
@@ -47,42 +53,100 @@ def read_bag(path: Path, wanted: Wanted) -> dict[str, TopicData]:
         begun = any(path.glob("*.mcap")) or any(path.glob("*.db3"))
         what = "the recording was not completed" if begun else "this is no recording"
         raise InputError(f"{path}: no {METADATA_FILE}: {what}")
-    files, count, plain = _parse_metadata(file)
-    if plain:
-        channels = [topic for name in files for topic in read_mcap(path / name, wanted)]
+    metadata = _parse_metadata(file)
+    if metadata.storage == "mcap":
+        channels = [topic for name in metadata.files for topic in _read_file(path / name, metadata, wanted)]
     else:
         channels = _read_other(path, wanted)
     found = sum(topic.count for topic in channels)
-    if found != count:
-        raise InputError(f"{path}: {METADATA_FILE} counts {count} messages, but the files hold {found}")
+    if found != metadata.count:
+        raise InputError(
+            f"{path}: {METADATA_FILE} counts {metadata.count} messages, but the files hold {found}"
+        )
     return _merge(path, channels)
 
 
-def _parse_metadata(file: Path) -> tuple[list[str], int, bool]:
-    """Return the names of the files, the number of messages, and whether they are MCAP and not compressed."""
+@dataclass(frozen=True)
+class _Metadata:
+    """What ``metadata.yaml`` says of the files."""
+
+    files: list[str]
+    count: int
+    storage: str
+    compression: str  # "none", "file", "message" or, by the storage itself, "storage"
+
+
+def _parse_metadata(file: Path) -> _Metadata:
     try:
         metadata = yaml.safe_load(file.read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
-        files = [PurePath(name).name for name in metadata["relative_file_paths"]]
-        count = metadata["message_count"]
-        mode = str(metadata.get("compression_mode") or "none").lower()
-        return files, int(count), metadata["storage_identifier"] == "mcap" and mode == "none"
+        result = _Metadata(
+            [PurePath(name).name for name in metadata["relative_file_paths"]],
+            int(metadata["message_count"]),
+            str(metadata["storage_identifier"]),
+            str(metadata.get("compression_mode") or "none").lower(),
+        )
+        form = str(metadata.get("compression_format") or "")
     except OSError as error:
         raise InputError(f"{file}: cannot be read: {error.strerror or error}") from None
     except yaml.YAMLError as error:
         raise InputError(f"{file}: not valid YAML: {_line(error)}") from None
     except KeyError as error:
         raise InputError(f"{file}: {error.args[0]}: missing") from None
-    except (TypeError, ValueError, AttributeError) as error:
+    except (TypeError, ValueError, AttributeError, OverflowError, RecursionError) as error:
         raise InputError(f"{file}: not the metadata of a recording ({_line(error)})") from None
+    if len(set(result.files)) != len(result.files):
+        raise InputError(f"{file}: relative_file_paths: a file is named twice")
+    if result.compression not in ("none", "file", "message", "storage"):
+        raise InputError(f"{file}: compression_mode: {result.compression!r}; allowed: none, file, message")
+    if result.compression in ("file", "message") and form != "zstd":
+        raise InputError(f"{file}: compression_format: {form!r}; only zstd is known")
+    return result
+
+
+def _read_file(file: Path, metadata: _Metadata, wanted: Wanted) -> list[TopicData]:
+    """Read one MCAP file of a bag."""
+    if metadata.compression == "file":
+        with _decompressed(file) as plain:
+            try:
+                return read_mcap(plain, wanted)
+            except InputError as error:
+                raise InputError(str(error).replace(str(plain), str(file))) from None
+    return read_mcap(file, wanted, _decompress if metadata.compression == "message" else None)
+
+
+@contextlib.contextmanager
+def _decompressed(file: Path) -> Iterator[Path]:
+    """Give a file decompressed, for as long as the block lasts."""
+    with tempfile.TemporaryDirectory(prefix="gyrowheel-") as folder:
+        plain = Path(folder) / file.stem
+        try:
+            with file.open("rb") as source, plain.open("wb") as target:
+                zstandard.ZstdDecompressor().copy_stream(source, target)
+        except OSError as error:
+            raise InputError(f"{file}: cannot be read: {error.strerror or error}") from None
+        except zstandard.ZstdError as error:
+            raise InputError(f"{file}: damaged: cannot be decompressed ({_line(error)})") from None
+        yield plain
+
+
+def _decompress(message: bytes) -> bytes:
+    try:
+        if zstandard.frame_content_size(message) > _MESSAGE_LIMIT:
+            raise Damaged("damaged: a message claims more bytes than it can have")
+        return zstandard.ZstdDecompressor().decompress(message, max_output_size=_MESSAGE_LIMIT)
+    except (zstandard.ZstdError, MemoryError) as error:
+        raise Damaged(f"damaged: a message cannot be decompressed ({error})") from None
 
 
 def _read_other(path: Path, wanted: Wanted) -> list[TopicData]:
-    """Read whatever rosbags can read."""
+    """Read whatever rosbags can read: bags of sqlite3."""
     encodings = {
         MessageDefinitionFormat.MSG: "ros2msg",
         MessageDefinitionFormat.IDL: "ros2idl",
         MessageDefinitionFormat.NONE: "",
     }
+    for file in [path] if path.is_file() else sorted(path.glob("*.db3")):
+        _check_database(file)
     try:
         with Reader(path) as reader:
             channels: dict[int, TopicData] = {}
@@ -95,25 +159,51 @@ def _read_other(path: Path, wanted: Wanted) -> list[TopicData]:
                     encodings[connection.msgdef.format],
                     connection.msgdef.data,
                     connection.msgcount,
+                    connection.msgcount,
                 )
             read = [connection for connection in reader.connections if connection.topic in wanted]
             messages: dict[int, list[bytes]] = {connection.id: [] for connection in read}
             times: dict[int, list[int]] = {connection.id: [] for connection in read}
-            if read:
-                for connection, time, data in reader.messages(read):
-                    messages[connection.id].append(bytes(data))
-                    times[connection.id].append(time)
+            counts = dict.fromkeys(messages, 0)
+
+            def hand_over(number: int) -> None:
+                topic, batch = channels[number], messages[number]
+                want = wanted[topic.name]
+                if batch:
+                    topic.add(want, batch)
+                    if want is None:
+                        topic.times.append(np.array(times[number], dtype=np.int64))
+                messages[number], times[number] = [], []
+
+            for connection, time, data in reader.messages(read) if read else ():
+                number = connection.id
+                messages[number].append(bytes(data))
+                times[number].append(time)
+                counts[number] += 1
+                if len(messages[number]) >= _BATCH:
+                    hand_over(number)
+            for number in messages:
+                hand_over(number)
+    except InputError:
+        raise
     except Exception as error:  # rosbags lets through what its parsers and sqlite3 raise on damaged files
         raise InputError(f"{path}: cannot be read: {_line(error) or type(error).__name__}") from None
-    for number, piece in messages.items():
+    for number, count in counts.items():
         topic = channels[number]
-        if len(piece) != topic.count:
-            raise InputError(
-                f"{path}: {topic.name} has {len(piece)} messages where {topic.count} are counted"
-            )
-        topic.pieces.append(piece)
-        topic.times.append(np.array(times[number], dtype=np.int64))
+        if count != topic.count:
+            raise InputError(f"{path}: {topic.name} has {count} messages where {topic.count} are counted")
     return list(channels.values())
+
+
+def _check_database(file: Path) -> None:
+    """Have SQLite look for damage: its files have no checksums, but their structure shows most of it."""
+    try:
+        with contextlib.closing(sqlite3.connect(f"{file.absolute().as_uri()}?mode=ro", uri=True)) as database:
+            found = [str(row[0]) for row in database.execute("PRAGMA integrity_check(1)")]
+    except sqlite3.Error as error:
+        raise InputError(f"{file}: cannot be read: {_line(error)}") from None
+    if found != ["ok"]:
+        raise InputError(f"{file}: damaged: {' '.join(' '.join(found).split())}")
 
 
 def _merge(path: Path, channels: Iterable[TopicData]) -> dict[str, TopicData]:
@@ -126,6 +216,7 @@ def _merge(path: Path, channels: Iterable[TopicData]) -> dict[str, TopicData]:
         if topic.type_name != channel.type_name or topic.definition != channel.definition:
             raise InputError(f"{path}: {topic.name} has messages of several types")
         topic.count += channel.count
+        topic.unchecked += channel.unchecked
         topic.times += channel.times
         topic.pieces += channel.pieces
     return merged

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 from rosbags.typesys.store import Typestore
 
 from gyrowheel_analysis.recording.definitions import typestore
-from gyrowheel_analysis.recording.mcap_reader import TopicData
+from gyrowheel_analysis.recording.mcap_reader import Rows, TopicData, Want
 from gyrowheel_sim import wire
 from gyrowheel_sim.errors import InputError
 from gyrowheel_sim.wire import Layout
@@ -26,16 +27,39 @@ def column_dtype(layout: Layout) -> np.dtype[Any]:
     return np.dtype([("stamp_ns", np.int64), *((name, layout.dtype[name]) for name in names)], align=True)
 
 
-def columns(topic: TopicData | None, layout: Layout, where: str) -> npt.NDArray[Any]:
-    """Return the messages of a topic as columns.
+def wanted(layout: Layout) -> Want:
+    """Return how to read a topic whose messages should have a layout: for `columns`.
 
     Messages that have the layout are taken as they lie; others (another frame_id, other byte order, further
-    fields) are decoded one by one.
+    fields) are left for `columns` to decode.
+
+    Parameters
+    ----------
+    layout : Layout
+        The layout.
+    """
+    known: dict[int, bool] = {}  # whether a channel has this layout
+
+    def take(topic: TopicData, messages: npt.NDArray[Any]) -> npt.NDArray[Any] | None:
+        if id(topic) not in known:
+            try:
+                known[id(topic)] = _declares(topic, layout, topic.name)
+            except InputError:  # first the checksums, which may say why; then `columns` meets it again
+                known[id(topic)] = False
+        if not known[id(topic)] or not layout.matches(messages).all():
+            return None
+        return _rows(messages, layout)
+
+    return Want(layout.dtype, take)
+
+
+def columns(topic: TopicData | None, layout: Layout, where: str) -> npt.NDArray[Any]:
+    """Return the messages of a topic as columns; what is not laid out as it should be is decoded one by one.
 
     Parameters
     ----------
     topic : TopicData or None
-        The messages; None for a topic that the recording does not have.
+        The messages, which are let go; None for a topic that the recording does not have.
     layout : Layout
         Layout that they should have, and the fields to return.
     where : str
@@ -57,10 +81,26 @@ def columns(topic: TopicData | None, layout: Layout, where: str) -> npt.NDArray[
     where = f"{where}: {topic.name}"
     if topic.message_encoding != "cdr":
         raise InputError(f"{where}: messages are encoded as {topic.message_encoding!r}; only cdr is known")
-    messages = _as_laid_out(topic, layout, where)
-    if messages is None:
-        messages = _decoded(topic, layout, where)
-    result = np.empty(len(messages), dtype)
+    pieces, topic.pieces = topic.pieces[::-1], []
+    if len(pieces) == 1 and isinstance(pieces[0], Rows):
+        return pieces[0].filled
+    result = np.empty(topic.count, dtype)
+    decode = None
+    k = 0
+    while pieces:
+        piece = pieces.pop()  # so that never all is there twice
+        if isinstance(piece, Rows):
+            rows = piece.filled
+        else:
+            decode = decode or _decoder(topic, layout, where)
+            rows = decode(piece, k)
+        result[k : k + len(rows)] = rows
+        k += len(rows)
+    return result
+
+
+def _rows(messages: npt.NDArray[Any], layout: Layout) -> npt.NDArray[Any]:
+    result = np.empty(len(messages), column_dtype(layout))
     result["stamp_ns"] = layout.stamps(messages)
     for name in (*layout.integers, *layout.fields):
         result[name] = messages[name]
@@ -80,43 +120,39 @@ def texts(topic: TopicData | None, where: str) -> list[str]:
     if topic.type_name != "std_msgs/msg/String":
         raise InputError(f"{where}: {topic.name}: type {topic.type_name}; std_msgs/msg/String is expected")
     try:
-        return [wire.unpack_text(bytes(message)) for piece in topic.pieces for message in piece]
+        return [
+            wire.unpack_text(message)
+            for piece in topic.pieces
+            if isinstance(piece, list)
+            for message in piece
+        ]
     except ValueError as error:
         raise InputError(f"{where}: {topic.name}: {error}") from None
 
 
-def _as_laid_out(topic: TopicData, layout: Layout, where: str) -> npt.NDArray[Any] | None:
-    """Return the messages as they lie, or None if they do not have the layout."""
+def _declares(topic: TopicData, layout: Layout, where: str) -> bool:
+    """Whether the messages of a topic are declared to have a layout."""
+    if topic.message_encoding != "cdr":
+        return False
     if topic.definition:
         declared = _declaration(_types(topic, where), topic.type_name) or {}
-        if [*declared.items()] != [*layout.declaration.items()]:
-            return None
-    elif topic.type_name != layout.type_name:
-        return None
-    arrays = []
-    for piece in topic.pieces:
-        if not isinstance(piece, np.ndarray):
-            if any(len(message) != layout.size for message in piece):
-                return None
-            piece = np.frombuffer(b"".join(piece), layout.dtype)
-        arrays.append(piece)
-    messages = np.concatenate(arrays)
-    return messages if layout.matches(messages).all() else None
+        return [*declared.items()] == [*layout.declaration.items()]
+    return topic.type_name == layout.type_name
 
 
-def _decoded(topic: TopicData, layout: Layout, where: str) -> npt.NDArray[Any]:
-    """Return the messages put into the layout, each decoded by its definition."""
+def _decoder(topic: TopicData, layout: Layout, where: str) -> Callable[[list[bytes], int], npt.NDArray[Any]]:
+    """Return what decodes messages by the definition of their topic; it is given the number of the first too."""
     store = _store(topic, where)
-    result = layout.array(topic.count)
     names = (*layout.integers, *layout.fields)
-    k = 0
-    for piece in topic.pieces:
-        for message in piece:
+
+    def decode(messages: list[bytes], first: int) -> npt.NDArray[Any]:
+        result = layout.array(len(messages))
+        for k, message in enumerate(messages):
             try:
-                decoded: Any = store.deserialize_cdr(bytes(message), topic.type_name)
+                decoded: Any = store.deserialize_cdr(message, topic.type_name)
             except Exception as error:  # rosbags lets through what its generated code raises on bad data
                 text = " ".join(str(error).split())
-                raise InputError(f"{where}: message {k} cannot be decoded ({text})") from None
+                raise InputError(f"{where}: message {first + k} cannot be decoded ({text})") from None
             try:
                 stamp = decoded.header.stamp
                 layout.set_stamps(result[k : k + 1], stamp.sec * wire.SECOND + stamp.nanosec)
@@ -127,8 +163,9 @@ def _decoded(topic: TopicData, layout: Layout, where: str) -> npt.NDArray[Any]:
                     f"{where}: messages of type {topic.type_name} do not have the fields of"
                     f" {layout.type_name} ({error})"
                 ) from None
-            k += 1
-    return result
+        return _rows(result, layout)
+
+    return decode
 
 
 def _types(topic: TopicData, where: str) -> Typesdict:

@@ -1,18 +1,18 @@
 """Reading of MCAP files by whole chunks: fixed-layout messages go to numpy arrays without a loop over them.
 
 Every length, place and number in a file is checked before it is used, and so is every checksum that the file
-has: a damaged file is either refused or read exactly.
+has: a damaged file is either refused or read exactly. No more than one chunk of a file is in memory at a time.
 """
 
 from __future__ import annotations
 
-import mmap
+import os
 import struct
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, BinaryIO, Final, TypeAlias
 
 import lz4.frame
 import numpy as np
@@ -38,6 +38,7 @@ from gyrowheel_sim.errors import InputError
 
 _HEAD: Final = MESSAGE_HEAD_DTYPE.itemsize
 _LIMIT: Final = 1 << 31  # bytes in a chunk; a larger number is taken for damage, not for a reason to allocate
+_BATCH: Final = 1 << 20  # bytes of messages outside of chunks that are looked at together
 
 
 class Damaged(Exception):
@@ -58,10 +59,12 @@ class TopicData:
         Definition of the type and its encoding, ``ros2msg`` or ``ros2idl``; empty where there is none.
     count : int
         Number of messages.
+    unchecked : int
+        Those of them that no checksum covers.
     times : list of ndarray of int64
-        Log times [ns] in the order of the file, piece by piece; empty for a topic that was not asked for.
-    pieces : list of ndarray or list of bytes
-        The messages likewise: arrays of the dtype that was asked for, or serialized messages.
+        Log times [ns] in the order of the file, of topics that were asked for as serialized messages.
+    pieces : list of Rows or list of bytes
+        The messages in the order of the file: as rows where they could be taken so, else as they are serialized.
     """
 
     name: str
@@ -70,19 +73,99 @@ class TopicData:
     definition_encoding: str = ""
     definition: str = ""
     count: int = 0
+    unchecked: int = 0
     times: list[npt.NDArray[np.int64]] = field(default_factory=list)
-    pieces: list[npt.NDArray[Any] | list[bytes]] = field(default_factory=list)
+    pieces: list[Rows | list[bytes]] = field(default_factory=list)
+
+    def add(self, want: Want | None, messages: list[bytes]) -> None:
+        """Append messages, as rows if they can be taken so."""
+        if (
+            want is None
+            or any(len(message) != want.dtype.itemsize for message in messages)
+            or not self.take(want, np.frombuffer(b"".join(messages), want.dtype))
+        ):
+            self.pieces.append(messages)
+
+    def take(self, want: Want, messages: npt.NDArray[Any]) -> bool:
+        """Append messages of the length that is wanted as rows; return False if they are not such."""
+        rows = want.take(self, messages)
+        if rows is None:
+            return False
+        while len(rows):
+            last = self.pieces[-1] if self.pieces else None
+            if not isinstance(last, Rows) or last.full:
+                last = Rows(rows.dtype)
+                self.pieces.append(last)
+            rows = last.fill(rows)
+        return True
 
 
-def read_mcap(path: Path, wanted: Mapping[str, np.dtype[Any] | None]) -> list[TopicData]:
+class Rows:
+    """A block of rows that fills up. Only what is filled takes memory.
+
+    Parameters
+    ----------
+    dtype : dtype
+        Of a row.
+    """
+
+    # larger than what the allocator keeps for later use: a block that is let go is really gone
+    _BYTES: Final = 48 << 20
+
+    def __init__(self, dtype: np.dtype[Any]) -> None:
+        self._data = np.empty(self._BYTES // dtype.itemsize, dtype)
+        self._count = 0
+
+    @property
+    def full(self) -> bool:
+        """Whether no row has room."""
+        return self._count == len(self._data)
+
+    @property
+    def filled(self) -> npt.NDArray[Any]:
+        """The rows."""
+        return self._data[: self._count]
+
+    def fill(self, rows: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """Append rows; return those that have no room."""
+        room = len(self._data) - self._count
+        part = rows[:room]
+        self._data[self._count : self._count + len(part)] = part
+        self._count += len(part)
+        return rows[room:]
+
+
+@dataclass(frozen=True)
+class Want:
+    """How the messages of a topic are wanted as rows.
+
+    Attributes
+    ----------
+    dtype : dtype
+        Of one serialized message; its itemsize is the length that they must have.
+    take : callable
+        Makes rows of such messages; returns None if they cannot be taken so.
+    """
+
+    dtype: np.dtype[Any]
+    take: Callable[[TopicData, npt.NDArray[Any]], npt.NDArray[Any] | None]
+
+
+#: Names of the topics to read; with None as serialized messages.
+Wanted: TypeAlias = Mapping[str, Want | None]
+
+
+def read_mcap(path: Path, wanted: Wanted, unpack: Callable[[bytes], bytes] | None = None) -> list[TopicData]:
     """Read the messages of some topics of an MCAP file, and count those of the others.
 
     Parameters
     ----------
     path : Path
         The file.
-    wanted : mapping of str to dtype or None
-        Names of the topics to read; with the dtype of one serialized message where its length is fixed.
+    wanted : mapping of str to Want or None
+        Names of the topics to read, and how.
+    unpack : callable, optional
+        Decompresses a message, where each is compressed by itself; raises `Damaged`.
 
     Returns
     -------
@@ -95,11 +178,11 @@ def read_mcap(path: Path, wanted: Mapping[str, np.dtype[Any] | None]) -> list[To
         If the file cannot be read, is incomplete or damaged.
     """
     try:
-        if path.stat().st_size == 0:
-            raise Damaged("the file is empty")
-        with path.open("rb") as file:
-            data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
-        return list(_File(data, wanted).read().values())
+        with path.open("rb", buffering=1 << 20) as file:
+            size = os.fstat(file.fileno()).st_size
+            if size == 0:
+                raise Damaged("the file is empty")
+            return list(_File(file, size, wanted, unpack).read().values())
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
     except Damaged as error:
@@ -109,59 +192,91 @@ def read_mcap(path: Path, wanted: Mapping[str, np.dtype[Any] | None]) -> list[To
 class _File:
     """One pass through a file."""
 
-    def __init__(self, data: memoryview, wanted: Mapping[str, np.dtype[Any] | None]) -> None:
-        self._data = data
+    def __init__(
+        self, file: BinaryIO, size: int, wanted: Wanted, unpack: Callable[[bytes], bytes] | None
+    ) -> None:
+        self._unpack = unpack
+        self._file = file
+        self._size = size
         self._wanted = wanted
+        self._position = 0
+        self._crc = 0  # of all that was read
         self._schemas: dict[int, tuple[str, str, str]] = {}  # type, encoding and text by number
         self._topics: dict[int, TopicData] = {}  # by channel
+        self._outside = bytearray()  # records of messages that are in no chunk
+        self._places: list[int] = []  # of them
 
     def read(self) -> dict[int, TopicData]:
         """Return the topics by channel."""
-        data = self._data
-        if bytes(data[: len(MAGIC)]) != MAGIC:
+        if self._read(min(len(MAGIC), self._size)) != MAGIC:
             raise Damaged("not an MCAP file")
-        end = len(data) - FOOTER_FORM.size
-        if end < len(MAGIC) or bytes(data[-len(MAGIC) :]) != MAGIC:
+        end = self._size - FOOTER_FORM.size
+        tail = b""
+        if end >= len(MAGIC):
+            self._file.seek(end)
+            tail = self._file.read(FOOTER_FORM.size)
+            self._file.seek(self._position)
+        if len(tail) < FOOTER_FORM.size or not tail.endswith(MAGIC):
             raise Damaged("the file breaks off before its end: the recording was not completed")
         self._read_data(end)
-        self._check_summary(end)
+        self._check_summary(tail)
         return self._topics
+
+    def _read(self, length: int) -> bytes:
+        data = self._file.read(length)
+        if len(data) < length:
+            raise Damaged("the file has become shorter while it was read")
+        self._crc = zlib.crc32(data, self._crc)
+        self._position += length
+        return data
 
     def _read_data(self, end: int) -> None:
         """Read all up to the end of the data section; `end` is where the footer begins."""
-        data = self._data
-        position = len(MAGIC)
-        outside: list[int] = []  # places of messages that are in no chunk
-        chunk: tuple[int, int] | None = None
-        index: list[memoryview] = []  # of that chunk
-        while position < end:
-            opcode, start, stop = _record(data, position, end)
+        chunk: tuple[int, bytes] | None = None
+        index: list[bytes] = []  # of that chunk
+        while self._position < end:
+            position, before = self._position, self._crc
+            if end - position < RECORD_HEAD.size:
+                raise Damaged(f"damaged: the record at byte {position} is cut off")
+            head = self._read(RECORD_HEAD.size)
+            opcode, length = RECORD_HEAD.unpack(head)
+            if length > end - self._position:
+                raise Damaged(f"damaged: the record at byte {position} is cut off")
+            body = self._read(length)
             if opcode == MESSAGE_INDEX:
-                index.append(data[start:stop])
+                index.append(body)
+                continue
+            if chunk is not None:
+                self._read_chunk(chunk, index)
+                chunk = None
+            index = []
+            if opcode == CHUNK:
+                chunk = position, body
+            elif opcode == MESSAGE:
+                self._places.append(len(self._outside))
+                self._outside += head + body
+                if len(self._outside) > _BATCH:
+                    self._take_outside()
+            elif opcode == DATA_END:
+                checksum = Fields(memoryview(body)).number("<I")
+                if checksum and before != checksum:
+                    raise Damaged("damaged: the checksum of the data is wrong")
+                self._take_outside(checked=bool(checksum))
+                return
             else:
-                if chunk is not None:
-                    self._read_chunk(chunk, index)
-                    chunk = None
-                index = []
-                if opcode == CHUNK:
-                    chunk = start, stop
-                elif opcode == MESSAGE:
-                    outside.append(position)
-                elif opcode == DATA_END:
-                    checksum = _Fields(data, start, stop).number("<I")
-                    if checksum and zlib.crc32(data[:position]) != checksum:
-                        raise Damaged("damaged: the checksum of the data is wrong")
-                    break
-                else:
-                    self._read_declaration(opcode, data, start, stop)
-            position = stop
-        if outside:
-            places = np.array(outside)
-            self._take(data, places, _heads(data, places, "the file"))
+                self._read_declaration(opcode, memoryview(body))
+        raise Damaged("damaged: the data have no end where they must have")
 
-    def _read_declaration(self, opcode: int, data: memoryview, start: int, stop: int) -> None:
+    def _take_outside(self, *, checked: bool = False) -> None:
+        if self._places:
+            records, places = memoryview(bytes(self._outside)), np.array(self._places)
+            self._take(records, places, _heads(records, places, "the file"), checked=checked)
+            self._outside.clear()
+            self._places.clear()
+
+    def _read_declaration(self, opcode: int, contents: memoryview) -> None:
         """Take note of a schema or channel; other records are passed over."""
-        fields = _Fields(data, start, stop)
+        fields = Fields(contents)
         if opcode == SCHEMA:
             number = fields.number("<H")
             self._schemas[number] = (fields.text(), fields.text(), fields.text())
@@ -173,20 +288,10 @@ class _File:
             if (known.name, known.type_name) != (topic.name, topic.type_name):
                 raise Damaged(f"damaged: channel {number} is both {known.name} and {topic.name}")
 
-    def _read_chunk(self, chunk: tuple[int, int], index: list[memoryview]) -> None:
-        fields = _Fields(self._data, *chunk)
-        fields.number("<Q"), fields.number("<Q")  # times, which the messages have too
-        size, checksum = fields.number("<Q"), fields.number("<I")
-        compression = fields.text()
+    def _read_chunk(self, chunk: tuple[int, bytes], index: list[bytes]) -> None:
         where = f"the chunk at byte {chunk[0]}"
-        if size > _LIMIT:
-            raise Damaged(f"damaged: {where} claims {size} bytes")
-        records = _decompress(fields.data(fields.number("<Q")), compression, size, where)
-        if len(records) != size:
-            raise Damaged(f"damaged: {where} has {len(records)} bytes instead of {size}")
-        if checksum and zlib.crc32(records) != checksum:
-            raise Damaged(f"damaged: the checksum of {where} is wrong")
-
+        opened = open_chunk(memoryview(chunk[1]), where)
+        records = opened.records
         channels, times, places = _index(index, where)
         heads = _heads(records, places, where)
         if not np.array_equal(heads["channel"], channels) or not np.array_equal(heads["log_time"], times):
@@ -195,7 +300,7 @@ class _File:
         if others:
             places = np.sort(np.concatenate([places, np.array(others)]))
             heads = _heads(records, places, where)
-        self._take(records, places, heads)
+        self._take(records, places, heads, checked=opened.checked)
 
     def _read_gaps(
         self,
@@ -217,67 +322,121 @@ class _File:
                 if opcode == MESSAGE:
                     others.append(position)
                 else:
-                    self._read_declaration(opcode, records, start, stop)
+                    self._read_declaration(opcode, records[start:stop])
                 position = stop
         return others
 
-    def _take(self, records: memoryview, places: npt.NDArray[np.int64], heads: npt.NDArray[Any]) -> None:
+    def _take(
+        self, records: memoryview, places: npt.NDArray[np.int64], heads: npt.NDArray[Any], *, checked: bool
+    ) -> None:
         """Give the messages at `places` to their topics."""
         for channel in np.unique(heads["channel"]).tolist():
             topic = self._topics.get(channel)
             if topic is None:
                 raise Damaged(f"damaged: a message on channel {channel}, which is not declared")
             mine = heads["channel"] == channel
-            topic.count += int(np.count_nonzero(mine))
+            count = int(np.count_nonzero(mine))
+            topic.count += count
+            topic.unchecked += 0 if checked else count
             if topic.name not in self._wanted:
                 continue
             begins = places[mine] + _HEAD
             sizes = heads["length"][mine].astype(np.int64) - MESSAGE_OVERHEAD
-            dtype = self._wanted[topic.name]
-            topic.times.append(heads["log_time"][mine].astype(np.int64))
-            if dtype is not None and np.all(sizes == dtype.itemsize):
-                topic.pieces.append(_gather(records, begins, dtype))
+            want = self._wanted[topic.name]
+            if want is None:
+                topic.times.append(heads["log_time"][mine].astype(np.int64))
+            elif (
+                self._unpack is None
+                and np.all(sizes == want.dtype.itemsize)
+                and topic.take(want, _gather(records, begins, want.dtype))
+            ):
+                continue
+            pairs = zip(begins.tolist(), sizes.tolist(), strict=True)
+            messages = [records[a : a + n].tobytes() for a, n in pairs]
+            if self._unpack is None:
+                topic.pieces.append(messages)
             else:
-                pairs = zip(begins.tolist(), sizes.tolist(), strict=True)
-                topic.pieces.append([records[a : a + n].tobytes() for a, n in pairs])
+                topic.add(want, [self._unpack(message) for message in messages])
 
-    def _check_summary(self, end: int) -> None:
-        """Compare with the summary, which ends at `end`, what was read."""
-        _, length, start, _, checksum, _ = FOOTER_FORM.unpack_from(self._data, end)
-        if self._data[end] != FOOTER or length != FOOTER_FORM.size - RECORD_HEAD.size - len(MAGIC):
+    def _check_summary(self, tail: bytes) -> None:
+        """Compare with the summary what was read; `tail` is the end of the file."""
+        opcode, length, start, _, checksum, _ = FOOTER_FORM.unpack(tail)
+        if opcode != FOOTER or length != FOOTER_FORM.size - RECORD_HEAD.size - len(MAGIC):
             raise Damaged("damaged: no footer where it must be")
         if start == 0:
             return
-        if not len(MAGIC) <= start <= end:
+        if start != self._position:
             raise Damaged(f"damaged: the summary is said to begin at byte {start}")
-        if checksum and zlib.crc32(self._data[start : len(self._data) - len(MAGIC) - 4]) != checksum:
+        summary = memoryview(self._read(self._size - self._position))
+        end = len(summary) - FOOTER_FORM.size
+        if checksum and zlib.crc32(summary[: -len(MAGIC) - 4]) != checksum:
             raise Damaged("damaged: the checksum of the summary is wrong")
-        position = int(start)
+        position = 0
         while position < end:
-            opcode, begin, stop = _record(self._data, position, end)
+            opcode, begin, stop = _record(summary, position, end)
             if opcode == STATISTICS:
-                total = _Fields(self._data, begin, stop).number("<Q")
+                total = Fields(summary[begin:stop]).number("<Q")
                 count = sum(topic.count for topic in self._topics.values())
                 if total != count:
                     raise Damaged(f"damaged: {count} messages where the summary counts {total}")
             elif opcode in (SCHEMA, CHANNEL):  # a topic without messages may be declared here only
-                self._read_declaration(opcode, self._data, begin, stop)
+                self._read_declaration(opcode, summary[begin:stop])
             position = stop
 
 
-class _Fields:
+@dataclass(frozen=True)
+class Chunk:
+    """The contents of a chunk.
+
+    Attributes
+    ----------
+    start, end : int
+        Smallest and largest log time that it states [ns].
+    records : memoryview
+        Its records.
+    checked : bool
+        Whether a checksum covers them.
+    """
+
+    start: int
+    end: int
+    records: memoryview
+    checked: bool
+
+
+def open_chunk(contents: memoryview, where: str) -> Chunk:
+    """Read the contents of the record of a chunk.
+
+    Raises
+    ------
+    Damaged
+        If they are not what they claim to be; the message begins with `where`.
+    """
+    fields = Fields(contents)
+    start, end, size, checksum = (fields.number(form) for form in ("<Q", "<Q", "<Q", "<I"))
+    compression = fields.text()
+    if size > _LIMIT:
+        raise Damaged(f"damaged: {where} claims {size} bytes")
+    records = _decompress(fields.data(fields.number("<Q")), compression, size, where)
+    if len(records) != size:
+        raise Damaged(f"damaged: {where} has {len(records)} bytes instead of {size}")
+    if checksum and zlib.crc32(records) != checksum:
+        raise Damaged(f"damaged: the checksum of {where} is wrong")
+    return Chunk(start, end, records, checksum != 0)
+
+
+class Fields:
     """Reads the fields of a record one after the other."""
 
-    def __init__(self, data: memoryview, start: int, stop: int) -> None:
+    def __init__(self, data: memoryview) -> None:
         self._data = data
-        self._position = start
-        self._stop = stop
+        self._position = 0
 
     def data(self, size: int) -> memoryview:
         """Return the next `size` bytes."""
         start = self._position
-        if size > self._stop - start:
-            raise Damaged(f"damaged: a record at byte {start} ends within a field")
+        if size > len(self._data) - start:
+            raise Damaged("damaged: a record ends within a field")
         self._position += size
         return self._data[start : start + size]
 
@@ -302,12 +461,12 @@ def _record(data: memoryview, position: int, end: int) -> tuple[int, int, int]:
 
 
 def _index(
-    parts: list[memoryview], where: str
+    parts: list[bytes], where: str
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Return channels, times and places from the index records of a chunk, in the order of places."""
     channels, pairs = [np.empty(0, dtype=np.int64)], [np.empty((0, 2), dtype=np.int64)]
     for part in parts:
-        fields = _Fields(part, 0, len(part))
+        fields = Fields(memoryview(part))
         channel, length = fields.number("<H"), fields.number("<I")
         if length % 16:
             raise Damaged(f"damaged: the index of {where}")
@@ -345,9 +504,11 @@ def _decompress(data: memoryview, compression: str, size: int, where: str) -> me
         if compression == "":
             return data
         if compression == "zstd":
+            if zstandard.frame_content_size(data) > size:
+                raise Damaged(f"damaged: {where} holds more than {size} bytes")
             return memoryview(zstandard.ZstdDecompressor().decompress(data, max_output_size=size))
         if compression == "lz4":
-            return memoryview(lz4.frame.decompress(data))
+            return memoryview(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1))
     except (zstandard.ZstdError, RuntimeError, MemoryError) as error:
         raise Damaged(f"damaged: {where} cannot be decompressed ({error})") from None
     raise Damaged(f"{where} has the compression {compression!r}, which is not known; known: zstd, lz4")

@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from gyrowheel_analysis.recording.bags import read_bag
-from gyrowheel_analysis.recording.columns import columns, texts
+from gyrowheel_analysis.recording.columns import columns, texts, wanted
+from gyrowheel_analysis.recording.mcap_reader import Want
 from gyrowheel_sim import environment as environments
 from gyrowheel_sim import topics, wire
 from gyrowheel_sim.environment import Environment
@@ -99,10 +100,10 @@ class Recording:
             If it does not exist, is incomplete or damaged, or has no measurements.
         """
         path = Path(directory)
-        wanted: dict[str, np.dtype[Any] | None] = {topic.name: None for topic in _TEXTS}
-        wanted |= {topic.name: topic.layout.dtype for topic in _COLUMNS if topic.layout}
-        found = read_bag(path, wanted)
         where = str(path)
+        asked: dict[str, Want | None] = {topic.name: None for topic in _TEXTS}
+        asked |= {topic.name: wanted(topic.layout) for topic in _COLUMNS if topic.layout}
+        found = read_bag(path, asked)
         read = {
             topic: columns(found.get(topic.name), topic.layout, where) for topic in _COLUMNS if topic.layout
         }
@@ -146,8 +147,10 @@ class Recording:
 
     @cached_property
     def readings(self) -> npt.NDArray[np.float64]:
-        """Readings [SI], shape (n, 11), columns as in the Measurement message."""
-        return np.stack([self.measurement[name] for name in wire.MEASUREMENT.fields], axis=1)
+        """Readings [SI], shape (n, 11), columns as in the Measurement message; a view of `measurement`."""
+        # every field has eight bytes, the readings are the last ones
+        rows = np.ascontiguousarray(self.measurement).view(np.float64).reshape(len(self.measurement), -1)
+        return rows[:, -len(wire.MEASUREMENT.fields) :]
 
     def seconds(self, stamp_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
         """Return stamps [ns] as times from the start of the recording [s]."""
