@@ -34,7 +34,7 @@ from gyrowheel_sim import topics, wire
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import to_json
 from gyrowheel_sim.errors import InputError
-from gyrowheel_sim.node import BenchNode, Diagnosis, Param, run_node
+from gyrowheel_sim.node import PRIORITY, BenchNode, Diagnosis, Param, run_node
 
 ACTION = "/gyrowheel/run_plan"
 SETPOINT_PERIOD_NS = round(SETPOINT_PERIOD * 1e9)
@@ -100,6 +100,7 @@ class ConductorNode(BenchNode):
             live=True,
         ),
         Param("controller", "controller", "Node that is given the tilt limit of each plan; empty: none"),
+        PRIORITY,
     )
 
     def configure(self) -> None:
@@ -139,6 +140,7 @@ class ConductorNode(BenchNode):
 
     def activate(self) -> None:
         """Accept plans."""
+        self.prioritise()
         self._poll = self.wall_timer(0.05, self._on_poll)
 
     def deactivate(self) -> None:

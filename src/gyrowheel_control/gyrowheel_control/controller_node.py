@@ -23,7 +23,7 @@ from gyrowheel_control.limits import SetpointGuard, tilt_limit
 from gyrowheel_control.plans import SETPOINT_PERIOD
 from gyrowheel_sim import topics, wire
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.node import BenchNode, Diagnosis, Param, run_node
+from gyrowheel_sim.node import PRIORITY, BenchNode, Diagnosis, Param, run_node
 
 SETPOINT_PERIOD_NS = round(SETPOINT_PERIOD * 1e9)
 _USUAL = Gains()
@@ -62,6 +62,7 @@ class ControllerNode(BenchNode):
             live=True,
         ),
         *GAINS,
+        PRIORITY,
     )
 
     def configure(self) -> None:
@@ -92,6 +93,7 @@ class ControllerNode(BenchNode):
 
     def activate(self) -> None:
         """Answer samples as soon as enough subscribers listen."""
+        self.prioritise()
         self._releasing = False
         self._matching = self.wall_timer(0.02, self._check_subscribers)
 

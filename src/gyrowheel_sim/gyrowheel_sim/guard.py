@@ -123,7 +123,8 @@ class Guard:
         self._running = self._commanded = self._fresh = False
         self._idle = 0  # samples in a row without a new command
         self._beyond = 0  # samples in a row beyond the hard stop
-        self._told = (0, 0, 0)  # limited, refused, held at the last report
+        self._told = (0, 0, 0, 0)  # limited, refused, held, and all samples at the last report
+        self._samples = 0
 
     def start(self) -> None:
         """Begin, or begin anew after a trip: wait for the first command."""
@@ -196,6 +197,7 @@ class Guard:
 
     def output(self) -> tuple[float, float, float]:
         """Return coil x, coil y and motor voltage up to the next sample [V]; call once a sample."""
+        self._samples += 1
         if self._fresh:
             self._fresh, self._idle = False, 0
         elif self.trip is not None:
@@ -231,17 +233,22 @@ class Guard:
             return GuardState.STOPPED
         if not self._commanded:
             return GuardState.WAITING
-        limited, refused, held = self._told
+        limited, refused, held, _ = self._told
         if self.held > held:
             return GuardState.HOLDING
         if sum(self.refused.values()) > refused:
             return GuardState.COMMAND_REFUSED
         return GuardState.VOLTAGE_LIMITED if self.limited > limited else GuardState.NORMAL
 
+    @property
+    def held_share(self) -> float:
+        """Share of the samples since the last `report` for which the last voltages were held."""
+        return (self.held - self._told[2]) / max(self._samples - self._told[3], 1)
+
     def report(self) -> GuardState:
         """Return the state, and begin anew to note what happens."""
         state = self.state
-        self._told = (self.limited, sum(self.refused.values()), self.held)
+        self._told = (self.limited, sum(self.refused.values()), self.held, self._samples)
         return state
 
     def _trip(self, state: GuardState, reason: str) -> None:

@@ -22,6 +22,11 @@ EXECUTABLES: Mapping[str, tuple[str, str]] = {
     "drag_estimator": ("gyrowheel_analysis", "drag_estimator_node"),
 }
 
+#: Of those that the loop needs, where the system allows it.
+REALTIME_PRIORITY = 10
+#: How far the setpoints run ahead of the bench [s].
+LOCKSTEP_LEAD, REALTIME_LEAD = 0.5, 1.0
+
 
 def node_parameters(
     plan: Plan | None,
@@ -53,21 +58,25 @@ def node_parameters(
         The nodes that take part.
     """
     events = [] if plan is None else [event for event in plan.environment() if event.time == 0.0]
+    priority = REALTIME_PRIORITY if realtime else 0
     recorders = int("recorder" in nodes and bool(record))
     estimators = int("drag_estimator" in nodes)
     return {
         "plant": {
             "bench": bench,
             "clock": "realtime" if realtime else "lockstep",
+            "priority": priority,
             "scenario_file": scenario and str(Path(scenario).absolute()),
             "environment": to_json(events) if events else "",
             "initial_spin_rate": 0.0 if plan is None else float(plan.initial_spin_rate),
             "wait_for_subscribers": 1 + recorders + estimators,
         },
-        "controller": {"bench": bench, "wait_for_subscribers": 1 + recorders},
+        "controller": {"bench": bench, "wait_for_subscribers": 1 + recorders, "priority": priority},
         "conductor": {
             "bench": bench,
             "hold_after_plan": hold_after_plan or realtime,
+            "lead": REALTIME_LEAD if realtime else LOCKSTEP_LEAD,
+            "priority": priority,
             "wait_for_subscribers": 1 + recorders + estimators,
         },
         "recorder": {"directory": record},

@@ -45,6 +45,7 @@ What this gives each node:
 
 from gyrowheel_sim.node.base import PARENT_VARIABLE, BenchNode, Diagnosis, Fault
 from gyrowheel_sim.node.parameters import AUTOSTART, Param
+from gyrowheel_sim.node.priority import PRIORITY
 from gyrowheel_sim.node.process import (
     ExitCode,
     StopSignals,
@@ -57,6 +58,7 @@ from gyrowheel_sim.node.process import (
 __all__ = [
     "AUTOSTART",
     "PARENT_VARIABLE",
+    "PRIORITY",
     "BenchNode",
     "Diagnosis",
     "ExitCode",

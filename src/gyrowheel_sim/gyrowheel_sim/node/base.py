@@ -23,6 +23,7 @@ from rclpy.timer import Timer
 from gyrowheel_sim import topics
 from gyrowheel_sim.errors import InputError
 from gyrowheel_sim.node.parameters import AUTOSTART, Param
+from gyrowheel_sim.node.priority import PRIORITY, raise_priority
 
 #: Environment variable with the process id of the process that a node ends with (see `BenchNode`).
 PARENT_VARIABLE = "GYROWHEEL_PARENT"
@@ -182,6 +183,14 @@ class BenchNode(LifecycleNode):
             Called without arguments.
         """
         return self.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def prioritise(self) -> None:
+        """Take the priority that the parameter `PRIORITY` asks for, or say that the system does not allow it."""
+        wanted = self.parameter(PRIORITY.name)
+        if not raise_priority(wanted):
+            self.get_logger().warning(
+                f"priority {wanted} is not allowed on this system: the usual one is kept"
+            )
 
     def stop(self) -> None:
         """End the process, exit code 0, after the current callback."""
