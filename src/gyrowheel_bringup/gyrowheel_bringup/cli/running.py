@@ -49,6 +49,12 @@ def up(
         Path | None,
         typer.Option("--record", metavar="DIR", help="Record into this new directory.", show_default=False),
     ] = None,
+    realtime: Annotated[
+        bool,
+        typer.Option(
+            "--realtime", help="Pace the bench by the clock on the wall instead of as fast as it can go."
+        ),
+    ] = False,
     effect: Effects = None,
     model: Truth = None,
     blind: Blind = None,
@@ -58,7 +64,10 @@ def up(
     logs: Annotated[bool, typer.Option("--logs", help="Show what the nodes log.")] = False,
     json: Json = None,
 ) -> None:
-    """Start the bench: plant, controller, conductor, drag estimator and recorder as processes that talk over ROS."""
+    """Start the bench: plant, controller, conductor, drag estimator and recorder as processes that talk over ROS.
+
+    A plan that tilts further than usual says so in its file; the guards of the bench then allow it.
+    """
     from gyrowheel_bringup.files import require_new
     from gyrowheel_bringup.machine import scenario
 
@@ -84,7 +93,9 @@ def up(
         scenario=hidden,
         record=record,
         hold_after_plan=chosen is None,
+        realtime=realtime,
         show_logs=logs,
+        on_trouble=lambda node, text: notes().print(f"{node}: {text}", soft_wrap=True, highlight=False),
         initial_spin_rate=loaded.value("spin_rate_reference") if chosen is None else None,
     )
     with contextlib.ExitStack() as stack:
@@ -192,12 +203,18 @@ def _report(result: GraphResult, json: str | None) -> None:
             result.simulated_seconds,
             result.wall_seconds,
         )
-        put_json(json, content | {"samples": result.samples, "processes": dict(result.pids)})
+        content |= {"samples": result.samples, "processes": dict(result.pids)}
+        put_json(json, content | ({"pace": dict(result.pace)} if result.pace else {}))
     if json != "-":
         out().print(
             f"{result.simulated_seconds:.1f} s simulated in {result.wall_seconds:.1f} s, "
             f"{result.ratio:.2f} times real time"
         )
+        if result.pace:
+            out().print(
+                f"{result.pace['late_commands']:.0f} commands late, {result.pace['missing_commands']:.0f} missing; the "
+                f"last one was held for {result.pace['held_samples']:.0f} samples"
+            )
         if result.recording is not None:
             out().print(f"{result.samples} samples recorded, none missing")
             out().print(f"recording: {result.recording}", soft_wrap=True)

@@ -84,7 +84,7 @@ class Graph:
         How long a plan may go on without any progress [s].
     on_trouble : callable, optional
         Called with the name of a node and one line when the node says on ``/diagnostics`` that something is not as it
-        should be, and with ``"all well"`` when it no longer does.
+        should be; once for each kind of trouble.
 
     Raises
     ------
@@ -136,7 +136,7 @@ class Graph:
         self._pids: dict[str, int] = {}
         self._diagnoses: dict[str, str] = {}
         self._values: dict[str, dict[str, str]] = {}  # what came with the last diagnosis of an active node
-        self._troubles: dict[str, str] = {}
+        self._troubles: set[tuple[str, str]] = set()
         self._alarm: GraphError | None = None  # a guard that has tripped
         self._active: set[str] = set()
         self._starting = True
@@ -452,13 +452,13 @@ class Graph:
                     )
 
     def _note_trouble(self, status: DiagnosticStatus) -> None:
-        """Pass on what a node says when all is not well, once, and when it is again."""
-        trouble = "" if status.level == DiagnosticStatus.OK else status.message.partition(":")[0]
-        if trouble == self._troubles.get(status.name, ""):
+        """Pass on what a node says when all is not well, each kind once."""
+        if status.level == DiagnosticStatus.OK or self._on_trouble is None:
             return
-        self._troubles[status.name] = trouble
-        if self._on_trouble is not None:
-            self._on_trouble(status.name, status.message if trouble else "all well")
+        trouble = (status.name, status.message.partition(":")[0])
+        if trouble not in self._troubles:
+            self._troubles.add(trouble)
+            self._on_trouble(status.name, status.message)
 
     # ---- ending
 
