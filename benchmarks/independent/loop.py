@@ -1,0 +1,136 @@
+"""Machine, controller, sensors and their noise put together: from a secret to the columns of a recording."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.independent.controller import Controller
+from benchmarks.independent.machine import Machine, Secret, bench_file
+from benchmarks.independent.sequence import References
+
+Array = NDArray[np.float64]
+
+#: Columns of the readings.
+COLUMNS = (
+    "tilt_x", "tilt_y", "spin_angle", "spin_rate", "coil_voltage_x", "coil_voltage_y", "motor_voltage",
+    "motor_current", "coil_temperature", "air_temperature", "air_pressure",
+)  # fmt: skip
+_NOISE = (
+    "tilt_noise", "tilt_noise", "spin_angle_noise", "spin_rate_noise", "coil_voltage_noise", "coil_voltage_noise",
+    "motor_voltage_noise", "motor_current_noise", "temperature_noise", "temperature_noise", "pressure_noise",
+)  # fmt: skip
+_DRIFT = {
+    4: "coil_voltage_drift",
+    5: "coil_voltage_drift",
+    6: "motor_voltage_drift",
+    7: "motor_current_drift",
+}
+_KNOT = 0.05  # s between the values of a drift, which is straight between them
+
+
+@dataclass(frozen=True)
+class Run:
+    """What was read and commanded.
+
+    Attributes
+    ----------
+    readings : ndarray (n, 11)
+        Columns as `COLUMNS` says [SI].
+    commands : ndarray (n, 3)
+        Voltages that answer each sample; they act from the next one on [V].
+    """
+
+    readings: Array
+    commands: Array
+
+
+def run(
+    secret: Secret,
+    asked: References,
+    rng: np.random.Generator | None,
+    *,
+    gain: float = 1.0,
+    noise: float = 1.0,
+    drift: float = 1.0,
+    substeps: int = 4,
+) -> Run:
+    """Run a sequence on a machine.
+
+    Parameters
+    ----------
+    secret : Secret
+        The machine.
+    asked : References
+        What is asked for.
+    rng : Generator or None
+        Source of the noise; None for readings without any.
+    gain : float
+        Gains of the controller over its usual ones.
+    noise, drift : float
+        White noise and slow drift over those of the bench file.
+    substeps : int
+        Steps of the integrator a sample.
+    """
+    n = len(asked.spin)
+    stated = {name: line.value for name, line in bench_file().items()}
+    white = _white(stated, n, rng, noise)
+    slow = _slow(stated, n, rng, drift)
+    machine, controller = Machine(secret, substeps), Controller(stated, gain)
+    machine.start(float(asked.spin[0]))
+    readings, commands = np.empty((n, len(COLUMNS))), np.empty((n, 3))
+    air, pressure = secret.numbers["air_temperature"], secret.numbers["air_pressure"]
+    held = (0.0, 0.0, secret.numbers["motor_constant"] * float(asked.spin[0]))
+    waiting = held
+    more = white + slow
+    for k in range(n):
+        if k:
+            machine.advance(*waiting)
+            held, waiting = waiting, tuple(commands[k - 1])
+        x, y, angle, spin, current = machine.read(held[2])
+        row = readings[k]
+        row[:] = x, y, angle, spin, *held, current, machine.coil_temperature, air, pressure
+        row += more[k]
+        if k == 0:
+            controller.start(row[0], row[1], row[3])
+        commands[k] = controller.answer(
+            row[0],
+            row[1],
+            row[3],
+            asked.tilt[k],
+            asked.tilt_rate[k],
+            asked.spin[k],
+            asked.spin_rate[k],
+        )
+    readings[:, 2] %= 2.0 * math.pi
+    readings[:, 8] += secret.numbers["temperature_bias"]
+    readings[:, 10] += secret.numbers["pressure_bias"]
+    return Run(readings, commands)
+
+
+def _white(stated: dict[str, float], n: int, rng: np.random.Generator | None, level: float) -> Array:
+    if rng is None:
+        return np.zeros((n, len(COLUMNS)))
+    return rng.standard_normal((n, len(COLUMNS))) * [level * stated[name] for name in _NOISE]
+
+
+def _slow(stated: dict[str, float], n: int, rng: np.random.Generator | None, level: float) -> Array:
+    """Return slow drifts: what follows white noise with a first-order lag of the stated time."""
+    result = np.zeros((n, len(COLUMNS)))
+    if rng is None:
+        return result
+    h = stated["sample_period"]
+    count = math.ceil(n * h / _KNOT) + 2
+    left = math.exp(-_KNOT / stated["drift_time"])
+    for column, name in _DRIFT.items():
+        knots = np.empty(count)
+        knots[0] = rng.standard_normal()
+        for k in range(1, count):
+            knots[k] = left * knots[k - 1] + math.sqrt(1.0 - left * left) * rng.standard_normal()
+        result[:, column] = (
+            level * stated[name] * np.interp(np.arange(n) * h, np.arange(count) * _KNOT, knots)
+        )
+    return result
