@@ -2,6 +2,17 @@
 
 from gyrowheel_analysis.recording.info import RecordingInfo, info
 from gyrowheel_analysis.recording.reader import Integrity, Recording
+from gyrowheel_analysis.recording.salvage import Loss, Salvaged, salvage
 from gyrowheel_analysis.recording.writer import RecordingWriter, write_run
 
-__all__ = ["Integrity", "Recording", "RecordingInfo", "RecordingWriter", "info", "write_run"]
+__all__ = [
+    "Integrity",
+    "Loss",
+    "Recording",
+    "RecordingInfo",
+    "RecordingWriter",
+    "Salvaged",
+    "info",
+    "salvage",
+    "write_run",
+]

@@ -68,6 +68,8 @@ class RecordingInfo:
         Smallest and largest tilt measured, whatever its direction [rad].
     rigs : tuple of str
         Attitudes of the rig that were planned, in order.
+    unchecked : int
+        Messages that no checksum covers.
     """
 
     path: str
@@ -81,6 +83,7 @@ class RecordingInfo:
     spin_rate: tuple[float, float]
     tilt: tuple[float, float]
     rigs: tuple[str, ...]
+    unchecked: int = 0
 
     def to_json(self) -> str:
         """Return everything as JSON text, SI units."""
@@ -93,15 +96,9 @@ class RecordingInfo:
             f"{self.path}  ({self.size / 1e6:.1f} MB)",
             f"  {self.duration:.2f} s, {faults.samples} samples at {self.rate:.1f} Hz",
         ]
-        counts = {
-            "missing": faults.missing,
-            "duplicate": faults.duplicates,
-            "out of order": faults.out_of_order,
-            "not finite": faults.not_finite,
-        }
-        lines.append(
-            "  samples: " + (", ".join(f"{n} {what}" for what, n in counts.items() if n) or "all there")
-        )
+        lines.append(f"  {faults.render()}")
+        if self.unchecked:
+            lines.append(f"  {self.unchecked} messages have no checksum: damage within them would not show")
         lines.append(f"  spin rate {_range(self.spin_rate, RPM)} rpm, tilt {_range(self.tilt, DEG)} deg")
         if self.holds:
             speeds = sorted({round(hold.spin_rate / RPM) for hold in self.holds})
@@ -143,6 +140,7 @@ def info(directory: str | Path) -> RecordingInfo:
         spin_rate=_extremes(samples["spin_rate"]),
         tilt=_extremes(tilt),
         rigs=tuple(dict.fromkeys(event.rig for event in recording.environment)),
+        unchecked=recording.unchecked,
     )
 
 

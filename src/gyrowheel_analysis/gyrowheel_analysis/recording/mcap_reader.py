@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import struct
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO, Final, TypeAlias
@@ -291,40 +291,10 @@ class _File:
     def _read_chunk(self, chunk: tuple[int, bytes], index: list[bytes]) -> None:
         where = f"the chunk at byte {chunk[0]}"
         opened = open_chunk(memoryview(chunk[1]), where)
-        records = opened.records
-        channels, times, places = _index(index, where)
-        heads = _heads(records, places, where)
-        if not np.array_equal(heads["channel"], channels) or not np.array_equal(heads["log_time"], times):
-            raise Damaged(f"damaged: {where} and its index differ")
-        others = self._read_gaps(records, places, heads, where)
-        if others:
-            places = np.sort(np.concatenate([places, np.array(others)]))
-            heads = _heads(records, places, where)
-        self._take(records, places, heads, checked=opened.checked)
-
-    def _read_gaps(
-        self,
-        records: memoryview,
-        places: npt.NDArray[np.int64],
-        heads: npt.NDArray[Any],
-        where: str,
-    ) -> list[int]:
-        """Read what lies between the messages that the index names; return the places of further messages."""
-        others: list[int] = []
-        begins = np.concatenate([[0], places + RECORD_HEAD.size + heads["length"].astype(np.int64)])
-        ends = np.concatenate([places, [len(records)]])
-        if np.any(begins > ends):
-            raise Damaged(f"damaged: messages overlap in {where}")
-        for gap in np.flatnonzero(begins < ends):
-            position = int(begins[gap])
-            while position < ends[gap]:
-                opcode, start, stop = _record(records, position, int(ends[gap]))
-                if opcode == MESSAGE:
-                    others.append(position)
-                else:
-                    self._read_declaration(opcode, records[start:stop])
-                position = stop
-        return others
+        found = find_messages(opened.records, index, where)
+        for opcode, contents in found.others:
+            self._read_declaration(opcode, contents)
+        self._take(opened.records, found.places, found.heads, checked=opened.checked)
 
     def _take(
         self, records: memoryview, places: npt.NDArray[np.int64], heads: npt.NDArray[Any], *, checked: bool
@@ -425,6 +395,67 @@ def open_chunk(contents: memoryview, where: str) -> Chunk:
     return Chunk(start, end, records, checksum != 0)
 
 
+@dataclass(frozen=True)
+class Found:
+    """The records in a chunk.
+
+    Attributes
+    ----------
+    places : ndarray of int64, shape (n,)
+        Where its messages are, ascending.
+    heads : structured ndarray, shape (n,)
+        Their heads, `MESSAGE_HEAD_DTYPE`.
+    others : list of (int, memoryview)
+        Opcode and contents of the other records.
+    """
+
+    places: npt.NDArray[np.int64]
+    heads: npt.NDArray[Any]
+    others: list[tuple[int, memoryview]]
+
+
+def find_messages(records: memoryview, index: Sequence[bytes], where: str) -> Found:
+    """Find the messages in a chunk by its index, and whatever lies between them.
+
+    Parameters
+    ----------
+    records : memoryview
+        The records of the chunk.
+    index : sequence of bytes
+        Contents of its index records; messages that they do not name are found too.
+    where : str
+        What to name in an error.
+
+    Raises
+    ------
+    Damaged
+        If the index does not fit, or a record is cut off.
+    """
+    channels, times, places = _index(index, where)
+    heads = _heads(records, places, where)
+    if not np.array_equal(heads["channel"], channels) or not np.array_equal(heads["log_time"], times):
+        raise Damaged(f"damaged: {where} and its index differ")
+    begins = np.concatenate([[0], places + RECORD_HEAD.size + heads["length"].astype(np.int64)])
+    ends = np.concatenate([places, [len(records)]])
+    if np.any(begins > ends):
+        raise Damaged(f"damaged: messages overlap in {where}")
+    further: list[int] = []
+    others: list[tuple[int, memoryview]] = []
+    for gap in np.flatnonzero(begins < ends):
+        position = int(begins[gap])
+        while position < ends[gap]:
+            opcode, start, stop = _record(records, position, int(ends[gap]))
+            if opcode == MESSAGE:
+                further.append(position)
+            else:
+                others.append((opcode, records[start:stop]))
+            position = stop
+    if further:
+        places = np.sort(np.concatenate([places, np.array(further)]))
+        heads = _heads(records, places, where)
+    return Found(places, heads, others)
+
+
 class Fields:
     """Reads the fields of a record one after the other."""
 
@@ -439,6 +470,11 @@ class Fields:
             raise Damaged("damaged: a record ends within a field")
         self._position += size
         return self._data[start : start + size]
+
+    @property
+    def left(self) -> int:
+        """How many bytes have not been read."""
+        return len(self._data) - self._position
 
     def number(self, form: str) -> int:
         """Return the next number, of a format of `struct`."""
@@ -461,7 +497,7 @@ def _record(data: memoryview, position: int, end: int) -> tuple[int, int, int]:
 
 
 def _index(
-    parts: list[bytes], where: str
+    parts: Sequence[bytes], where: str
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Return channels, times and places from the index records of a chunk, in the order of places."""
     channels, pairs = [np.empty(0, dtype=np.int64)], [np.empty((0, 2), dtype=np.int64)]

@@ -19,6 +19,7 @@ from gyrowheel_sim.environment import Environment
 from gyrowheel_sim.errors import InputError
 
 _COLUMNS = (topics.MEASUREMENT, topics.COMMAND, topics.SETPOINT, topics.DRAG_ESTIMATE)
+_GAPS_SHOWN = 4
 _TEXTS = (topics.ENVIRONMENT, topics.BENCH)
 
 
@@ -54,6 +55,21 @@ class Integrity:
         """Whether no sample is missing and every reading is finite."""
         return self.missing == 0 and self.not_finite == 0
 
+    def render(self) -> str:
+        """Return it as one line of text for people."""
+        counts = {
+            "missing": self.missing,
+            "duplicate": self.duplicates,
+            "out of order": self.out_of_order,
+            "not finite": self.not_finite,
+        }
+        text = ", ".join(f"{n} {what}" for what, n in counts.items() if n) or "all there"
+        if self.gaps:
+            shown = ", ".join(f"{n} from {first}" for first, n in self.gaps[:_GAPS_SHOWN])
+            more = ", ..." if len(self.gaps) > _GAPS_SHOWN else ""
+            text += f" (sequence: {shown}{more})"
+        return f"samples: {text}"
+
 
 @dataclass(frozen=True)
 class Recording:
@@ -73,6 +89,8 @@ class Recording:
         What was planned for the rig; times in seconds from the start of the recording. Empty where unknown.
     bench_text : str
         The description of the bench; empty where the recording has none.
+    unchecked : int
+        Messages that no checksum covers.
     """
 
     path: Path
@@ -84,6 +102,7 @@ class Recording:
     environment: list[Environment]
     bench_text: str
     _integrity: Integrity = field(repr=False)
+    unchecked: int = 0
 
     @classmethod
     def open(cls, directory: str | Path) -> Recording:
@@ -123,6 +142,7 @@ class Recording:
             environment=_environment(texts(found.get(topics.ENVIRONMENT.name), where), start, where),
             bench_text=descriptions[-1] if descriptions else "",
             _integrity=integrity,
+            unchecked=sum(topic.unchecked for topic in found.values()),
         )
 
     @property

@@ -8,12 +8,13 @@ from typing import Annotated
 import typer
 
 from gyrowheel_bringup.cli.options import Json, example
-from gyrowheel_bringup.cli.shell import out, put_json
+from gyrowheel_bringup.cli.shell import advancing, out, put_json
 
 
 def register(app: typer.Typer) -> None:
     """Add the verbs."""
     app.command(epilog=example("gyrowheel info runs/monday"))(info)
+    app.command(epilog=example("gyrowheel salvage runs/monday -o runs/monday_saved"))(salvage)
 
 
 def info(
@@ -26,6 +27,30 @@ def info(
     from gyrowheel_analysis.recording import info as read
 
     found = read(directory)
+    if json is not None:
+        put_json(json, {"schema": 1, **asdict(found)})
+    if json != "-":
+        out().print(found.render(), soft_wrap=True)
+
+
+def salvage(
+    source: Annotated[
+        Path,
+        typer.Argument(metavar="DIR|FILE", help="Broken recording; it is not touched.", show_default=False),
+    ],
+    target: Annotated[
+        Path,
+        typer.Option("-o", "--output", metavar="DIR", help="Recording to create.", show_default=False),
+    ],
+    json: Json = None,
+) -> None:
+    """Make a complete recording of what can be read of a broken one (MCAP), and say what is missing."""
+    from dataclasses import asdict
+
+    from gyrowheel_analysis.recording import salvage as save
+
+    with advancing("salvaging") as advance:
+        found = save(source, target, progress=advance)
     if json is not None:
         put_json(json, {"schema": 1, **asdict(found)})
     if json != "-":

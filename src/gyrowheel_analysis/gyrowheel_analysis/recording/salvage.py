@@ -1,0 +1,855 @@
+"""Salvage: from a broken MCAP file, or a directory of them, to a complete recording, with an account of the losses.
+
+A file is walked through twice: first every record is looked at, every chunk against its checksum; then the chunks
+that are whole are written into a new file as they are (not compressed), with a new index and summary.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import shutil
+import struct
+import tempfile
+import zlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path, PurePath
+from typing import Any, BinaryIO, Final
+
+import numpy as np
+import numpy.typing as npt
+import yaml
+import zstandard
+
+from gyrowheel_analysis.recording.bags import read_bag
+from gyrowheel_analysis.recording.mcap_format import (
+    CHANNEL,
+    CHUNK,
+    DATA_END,
+    FOOTER,
+    FOOTER_FORM,
+    HEADER,
+    MAGIC,
+    MESSAGE,
+    MESSAGE_INDEX,
+    MESSAGE_OVERHEAD,
+    METADATA,
+    RECORD_HEAD,
+    SCHEMA,
+    STATISTICS,
+    SUMMARY_OFFSET,
+)
+from gyrowheel_analysis.recording.mcap_reader import Chunk, Damaged, Fields, Found, find_messages, open_chunk
+from gyrowheel_analysis.recording.mcap_writer import McapWriter
+from gyrowheel_analysis.recording.reader import Integrity, Recording
+from gyrowheel_analysis.recording.writer import (
+    METADATA_FILE,
+    BagFile,
+    bag_metadata,
+    being_written,
+    metadata_text,
+    write_metadata,
+)
+from gyrowheel_sim.errors import InputError
+
+Fraction = Callable[[float], None]
+
+_SECOND: Final = 1_000_000_000
+_WINDOW: Final = 1 << 22  # bytes that are searched at a time
+_SPAN: Final = 1 << 20  # bytes of loose messages that become one chunk
+# the begin of a chunk; looked for with a look-ahead, so that what only looks like one hides none
+_CHUNK: Final = re.compile(
+    rb"\x06(?=(?P<length>.{8}).{16}(?P<size>.{8}).{4}"
+    rb"(?:(?P<plain>\x00{4})|\x04\x00{3}zstd|\x03\x00{3}lz4)(?P<stored>.{8}))",
+    re.DOTALL,
+)
+
+
+@dataclass(frozen=True)
+class Loss:
+    """A stretch of a file that could not be saved.
+
+    Attributes
+    ----------
+    file : str
+        Name of the file.
+    reason : str
+        What is wrong.
+    byte, size : int
+        Where it begins, and how long it is [bytes].
+    messages : int or None
+        Messages in it, where its index tells.
+    start, end : float or None
+        Times of its messages from the first one of the recording [s], where they are stated.
+    """
+
+    file: str
+    reason: str
+    byte: int
+    size: int
+    messages: int | None = None
+    start: float | None = None
+    end: float | None = None
+
+
+@dataclass(frozen=True)
+class Salvaged:
+    """What was saved, and what was not.
+
+    Attributes
+    ----------
+    source, target : str
+        The broken recording, and the complete one made of it.
+    files : tuple of str
+        Names of the files that were read.
+    complete : bool
+        Whether nothing at all was missing.
+    messages : dict of str to int
+        Messages saved, by topic.
+    unchecked : int
+        Those of them that no checksum covers.
+    missing : int or None
+        Messages that were recorded and not saved; None where it is not known how many there were.
+    duration : float
+        From the first to the last message saved [s].
+    lost_at_end : float or None
+        Time from the last message saved to the last one recorded [s]; None where this is not known.
+    broken_off : bool
+        Whether a file has no end.
+    losses : tuple of Loss
+        What could not be saved.
+    integrity : Integrity or None
+        Samples that are missing by their sequence numbers; None where there are no measurements.
+    notes : tuple of str
+        What else there is to say.
+    """
+
+    source: str
+    target: str
+    files: tuple[str, ...]
+    complete: bool
+    messages: dict[str, int]
+    unchecked: int
+    missing: int | None
+    duration: float
+    lost_at_end: float | None
+    broken_off: bool
+    losses: tuple[Loss, ...]
+    integrity: Integrity | None
+    notes: tuple[str, ...]
+
+    def render(self) -> str:
+        """Return everything as lines of text for people."""
+        count = sum(self.messages.values())
+        lines = [
+            f"{self.target}  (from {self.source})",
+            f"  {self.duration:.2f} s, {count} messages saved"
+            + ("; nothing was missing" if self.complete else ""),
+        ]
+        lines += [f"  {note}" for note in self.notes]
+        lines += [f"  {_told(loss)}" for loss in self.losses[:_SHOWN]]
+        if len(self.losses) > _SHOWN:
+            lines.append(f"  and {len(self.losses) - _SHOWN} more places like these")
+        if self.missing:
+            lines.append(f"  {self.missing} messages that were recorded are missing")
+        if self.lost_at_end:
+            lines.append(f"  the last {_seconds(self.lost_at_end)} are missing")
+        if self.unchecked:
+            lines.append(f"  {self.unchecked} messages have no checksum: damage within them would not show")
+        if self.integrity is not None:
+            lines.append(f"  {self.integrity.render()}")
+        width = max(map(len, self.messages), default=0)
+        lines += [f"  {name:<{width}}  {count}" for name, count in self.messages.items()]
+        return "\n".join(lines)
+
+
+_SHOWN: Final = 8
+
+
+def salvage(source: str | Path, target: str | Path, *, progress: Fraction | None = None) -> Salvaged:
+    """Make a complete recording of what can be read of a broken one.
+
+    Parameters
+    ----------
+    source : str or Path
+        An MCAP file, or a directory with such files; it is not touched.
+    target : str or Path
+        Directory to create; it must not exist, or be empty. It appears when everything is in it.
+    progress : callable, optional
+        Called with the fraction done.
+
+    Raises
+    ------
+    InputError
+        If there is nothing that can be saved, the recording is still being written, or the disk does not take
+        the new one.
+    """
+    source, target = Path(source), Path(target)
+    files, stated = _sources(source)
+    if being_written(source):
+        raise InputError(f"{source}: is being recorded; stop the recorder first")
+    if target.exists() and not (target.is_dir() and not any(target.iterdir())):
+        raise InputError(f"{target}: exists; a recording needs a new directory")
+    if source.is_dir() and source.resolve() in target.resolve().parents:
+        raise InputError(f"{target}: lies in {source}, which is not to be touched")
+    place = target.absolute()
+    try:
+        place.parent.mkdir(parents=True, exist_ok=True)
+        workshop = Path(tempfile.mkdtemp(dir=place.parent, prefix=f".{place.name}."))
+    except OSError as error:
+        raise InputError(f"{target}: cannot be written: {error.strerror or error}") from None
+    try:
+        job = _Job(source, workshop / place.name, progress or (lambda _: None))
+        (workshop / place.name).mkdir()
+        result = job.run(files, stated, str(target))
+        if place.exists():
+            place.rmdir()
+        os.replace(workshop / place.name, place)
+    except OSError as error:
+        raise InputError(
+            f"{error.filename or target}: cannot be written: {error.strerror or error}"
+        ) from None
+    finally:
+        shutil.rmtree(workshop, ignore_errors=True)
+    return result
+
+
+@dataclass(frozen=True)
+class _Stated:
+    """What ``metadata.yaml`` says, as far as it can be read."""
+
+    names: list[str] = field(default_factory=list)
+    count: int | None = None
+    end: int | None = None  # [ns]
+    compression: tuple[str, str] = ("", "")  # format and mode
+
+
+def _sources(source: Path) -> tuple[list[Path], _Stated]:
+    """Return the files in order, and what is said of them."""
+    if source.is_file():
+        if _is_other(source):
+            raise InputError(f"{source}: only MCAP files can be salvaged")
+        return [source], _Stated()
+    if not source.is_dir():
+        raise InputError(f"{source}: no such file or directory")
+    found = {file.name: file for file in source.iterdir() if re.search(r"\.mcap(\.zstd)?$", file.name)}
+    if not found:
+        what = "only MCAP files can be salvaged" if any(map(_is_other, source.iterdir())) else "no MCAP file"
+        raise InputError(f"{source}: {what}")
+    stated = _read_stated(source / METADATA_FILE)
+    natural = sorted(found, key=lambda name: [int(p) if p.isdigit() else p for p in re.split(r"(\d+)", name)])
+    order = [name for name in stated.names if name in found]
+    order += [name for name in natural if name not in order]
+    return [found[name] for name in order], stated
+
+
+def _is_other(file: Path) -> bool:
+    return ".db3" in file.suffixes
+
+
+def _read_stated(file: Path) -> _Stated:
+    try:
+        metadata = yaml.safe_load(file.read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
+        mode = str(metadata.get("compression_mode") or "").lower()
+        return _Stated(
+            names=[PurePath(str(name)).name for name in metadata["relative_file_paths"]],
+            count=int(metadata["message_count"]),
+            end=int(metadata["starting_time"]["nanoseconds_since_epoch"])
+            + int(metadata["duration"]["nanoseconds"]),
+            compression=(str(metadata.get("compression_format") or ""), mode)
+            if mode == "message"
+            else ("", ""),
+        )
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError):
+        return _Stated()
+    except yaml.YAMLError:
+        return _Stated()
+
+
+@dataclass
+class _Gap:
+    """A loss, with times on the clock of the log [ns]."""
+
+    reason: str
+    byte: int
+    size: int
+    messages: int | None = None
+    start: int | None = None
+    end: int | None = None
+
+
+@dataclass
+class _Piece:
+    """Records that are whole: a chunk, or messages outside of chunks."""
+
+    byte: int
+    size: int  # with its head
+    index: list[bytes] | None  # None: loose messages
+
+
+@dataclass
+class _Survey:
+    """What the first pass finds in a file."""
+
+    pieces: list[_Piece] = field(default_factory=list)
+    gaps: list[_Gap] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    sure: dict[tuple[int, int], bytes] = field(default_factory=dict)  # covered by a checksum
+    unsure: dict[tuple[int, int], bytes] = field(default_factory=dict)  # by opcode and number
+    ended: bool = False
+    data_checked: bool = False
+    count: int | None = None  # stated by the summary
+    end: int | None = None  # the same, of the log times
+
+    def declare(self, opcode: int, contents: memoryview, *, sure: bool) -> None:
+        """Take note of a schema or a channel."""
+        if opcode in (SCHEMA, CHANNEL) and len(contents) >= 2:
+            (number,) = struct.unpack_from("<H", contents)
+            (self.sure if sure else self.unsure).setdefault((opcode, number), bytes(contents))
+
+    @property
+    def declared(self) -> dict[tuple[int, int], bytes]:
+        """Schemas and channels; those that a checksum covers go first."""
+        return self.unsure | self.sure
+
+
+class _Job:
+    """One salvage."""
+
+    def __init__(self, source: Path, target: Path, progress: Fraction) -> None:
+        self._source = source
+        self._target = target
+        self._progress = progress
+        self._losses: list[tuple[str, _Gap]] = []
+        self._notes: list[str] = []
+        self._files: list[BagFile] = []
+        self._topics: dict[str, tuple[dict[str, Any], int]] = {}
+        self._unchecked = 0
+
+    def run(self, files: Sequence[Path], stated: _Stated, name: str) -> Salvaged:
+        """Save the files into the target, and return what became of them."""
+        ended, counts, ends = True, [stated.count], [stated.end]
+        for name_stated in stated.names:
+            if name_stated not in {file.name for file in files}:
+                self._notes.append(f"the file {name_stated} is not there")
+                counts.append(None)
+        expected: int | None = 0
+        for number, file in enumerate(files):
+            share = number / len(files), 1.0 / len(files)
+            with _opened(file) as (stream, whole):
+                survey = _Walk(stream, self._part(share[0], 0.5 * share[1])).run()
+                if not whole:
+                    survey.notes.append("it cannot be decompressed to its end")
+                    survey.ended = False
+                self._write(
+                    file.name,
+                    survey,
+                    stream,
+                    self._part(share[0] + 0.5 * share[1], 0.5 * share[1]),
+                )
+            ended &= survey.ended
+            expected = None if expected is None or survey.count is None else expected + survey.count
+            ends.append(survey.end)
+            self._losses += [(file.name, gap) for gap in survey.gaps]
+            self._notes += [f"{file.name}: {note}" for note in survey.notes]
+            if not survey.ended:
+                self._notes.append(
+                    f"{file.name}: has no end: it was not completed, or is cut off; what was recorded after its last"
+                    " whole chunk is not in it"
+                )
+        saved = sum(file.count for file in self._files)
+        if not saved:
+            raise InputError(f"{self._source}: holds no message that can be saved")
+        custom = {
+            "gyrowheel.salvaged_from": self._source.absolute().name,
+            "gyrowheel.unchecked_messages": str(self._unchecked),
+        }
+        metadata = bag_metadata(self._files, list(self._topics.values()), custom)
+        metadata["compression_format"], metadata["compression_mode"] = (
+            stated.compression[0],
+            stated.compression[1].upper(),
+        )
+        write_metadata(self._target, metadata)
+        integrity = self._verify()
+        start = min(file.start for file in self._files if file.count)
+        end = max(file.end for file in self._files if file.count)
+        expected = stated.count if stated.count is not None else expected
+        last = [e for e in ends if e is not None]
+        last += [gap.end for _, gap in self._losses if gap.end is not None]
+        missing = None if expected is None else max(expected - saved, 0)
+        known_end = max(last) if last else None
+        lost_at_end = None if known_end is None else max(known_end - end, 0) / _SECOND
+        if not ended and not any(e is not None for e in ends):
+            missing = None
+            lost_at_end = lost_at_end or None
+        origin = min([start, *(gap.start for _, gap in self._losses if gap.start is not None)])
+        losses = tuple(
+            Loss(
+                file,
+                gap.reason,
+                gap.byte,
+                gap.size,
+                gap.messages,
+                *(None if t is None else (t - origin) / _SECOND for t in (gap.start, gap.end)),
+            )
+            for file, gap in self._losses
+        )
+        return Salvaged(
+            source=str(self._source),
+            target=name,
+            files=tuple(file.name for file in files),
+            complete=ended and not losses and not missing and not self._notes,
+            messages={topic: count for topic, (_, count) in sorted(self._topics.items())},
+            unchecked=self._unchecked,
+            missing=missing,
+            duration=(end - start) / _SECOND,
+            lost_at_end=lost_at_end,
+            broken_off=not ended,
+            losses=losses,
+            integrity=integrity,
+            notes=tuple(self._notes),
+        )
+
+    def _part(self, begin: float, size: float) -> Fraction:
+        return lambda part: self._progress(begin + size * part)
+
+    def _verify(self) -> Integrity | None:
+        """Read back what was written; return which samples are missing."""
+        try:
+            return Recording.open(self._target).integrity()
+        except InputError as error:
+            text = str(error).replace(str(self._target), str(self._target.name))
+        read_bag(self._target, {})
+        if "no messages on" not in text:
+            self._notes.append(text)
+        return None
+
+    def _write(self, source: str, survey: _Survey, stream: BinaryIO, progress: Fraction) -> None:
+        """Write the pieces of one file into a new one."""
+        schemas, channels = _usable(survey.declared)
+        name = f"{self._target.name}_{len(self._files)}.mcap"
+        writer = McapWriter(self._target / name, chunk_size=_SPAN)
+        try:
+            writer.adopt(schemas, channels)
+            for number, piece in enumerate(survey.pieces):
+                records, found, checked = _load(stream, piece)
+                checked |= survey.data_checked
+                known = np.isin(found.heads["channel"], np.array(list(channels), dtype=np.int64))
+                if not known.all():
+                    survey.gaps.append(
+                        _Gap(
+                            "messages of a channel whose declaration is lost",
+                            piece.byte,
+                            0,
+                            int(np.count_nonzero(~known)),
+                        )
+                    )
+                    records, found = _only(records, found, known)
+                if len(found.places):
+                    writer.append_chunk(records, _new_index(found))
+                    self._unchecked += 0 if checked else len(found.places)
+                progress((number + 1) / len(survey.pieces))
+            count = sum(writer.counts.values())
+            if not count:
+                writer.abort()
+                (self._target / name).unlink()
+                return
+            file = BagFile(name, writer.start, writer.end, count)
+            topics = {c: _topic(schemas, contents) for c, contents in channels.items()}
+            for channel, described in topics.items():
+                key = described["name"]
+                before = self._topics[key][1] if key in self._topics else 0
+                self._topics[key] = described, before + writer.counts[channel]
+            writer.finish(metadata_text(bag_metadata([file], list(self._topics.values()), {})))
+        except BaseException:
+            writer.abort()
+            raise
+        unsure = sorted({opcode for opcode, _ in survey.unsure.keys() - survey.sure.keys()})
+        if unsure and not survey.data_checked:
+            survey.notes.append("declarations of its topics are covered by no checksum")
+        self._files.append(file)
+
+
+class _Walk:
+    """The first pass through a file."""
+
+    def __init__(self, stream: BinaryIO, progress: Fraction) -> None:
+        self._stream = stream
+        self._progress = progress
+        self._size = stream.seek(0, os.SEEK_END)
+        self._survey = _Survey()
+        self._crc = 0
+        self._steady = True  # no damage so far, so that the checksum of the data can be right
+        self._chunk: tuple[int, int, bytes] | None = (
+            None  # place, length and contents of the chunk that is open
+        )
+        self._index: list[bytes] = []
+        self._orphans: list[tuple[int, bytes]] = []  # index records whose chunk is not there
+
+    def run(self) -> _Survey:
+        """Return what is in the file."""
+        survey = self._survey
+        at: int | None = len(MAGIC)
+        if self._read(0, len(MAGIC)) != MAGIC:
+            survey.notes.append("does not begin as an MCAP file does")
+            self._steady = False
+            at = self._next_chunk(0)
+        else:
+            self._crc = zlib.crc32(MAGIC)
+        while at is not None and at < self._size:
+            at = self._step(at)
+            self._progress((at or self._size) / self._size)
+        self._close_chunk()
+        self._close_orphans()
+        return survey
+
+    def _read(self, position: int, length: int) -> bytes:
+        self._stream.seek(position)
+        return self._stream.read(length)
+
+    def _step(self, position: int) -> int | None:
+        """Look at the record at `position`; return where the next one is, or None at the end."""
+        head = self._read(position, RECORD_HEAD.size)
+        opcode, length = RECORD_HEAD.unpack(head) if len(head) == RECORD_HEAD.size else (0, 0)
+        stop = position + RECORD_HEAD.size + length
+        if not (HEADER <= opcode <= DATA_END and opcode != FOOTER) or stop > self._size:
+            return self._lose(position, opcode, length)
+        body = self._read(position + RECORD_HEAD.size, length)
+        if opcode == MESSAGE_INDEX:
+            if self._chunk is None:
+                self._orphans.append((position, body))
+            else:
+                self._index.append(body)
+        else:
+            self._close_chunk()
+            self._close_orphans()
+            if opcode == CHUNK:
+                self._chunk = position, stop - position, body
+            elif opcode == MESSAGE:
+                if length < MESSAGE_OVERHEAD:
+                    return self._lose(position, opcode, length)
+                self._loose(position, stop)
+            elif opcode == DATA_END:
+                return self._finish(stop, body)
+            elif opcode in (SCHEMA, CHANNEL):
+                self._survey.declare(opcode, memoryview(body), sure=False)
+        self._crc = zlib.crc32(body, zlib.crc32(head, self._crc))
+        return stop
+
+    def _loose(self, position: int, stop: int) -> None:
+        pieces = self._survey.pieces
+        last = pieces[-1] if pieces else None
+        if (
+            last is not None
+            and last.index is None
+            and last.byte + last.size == position
+            and last.size < _SPAN
+        ):
+            last.size += stop - position
+        else:
+            pieces.append(_Piece(position, stop - position, None))
+
+    def _close_chunk(self) -> None:
+        """Check the chunk that is open, whose index is complete now."""
+        if self._chunk is None:
+            return
+        (position, size, body), self._chunk = self._chunk, None
+        index, self._index = self._index, []
+        survey = self._survey
+        try:
+            _, found, checked, note = _examine(body, index, f"the chunk at byte {position}")
+            if note:
+                survey.notes.append(note)
+                index = []
+            for opcode, contents in found.others:
+                survey.declare(opcode, contents, sure=checked)
+            survey.pieces.append(_Piece(position, size, index))
+        except Damaged as error:
+            self._steady = False
+            start, end = _times(body)
+            survey.gaps.append(_Gap(_reason(error, position), position, size, _indexed(index), start, end))
+            for opcode, contents in _declarations(body):
+                survey.declare(opcode, contents, sure=False)
+
+    def _close_orphans(self) -> None:
+        """Take note of an index that follows no chunk: the chunk is there no more."""
+        if not self._orphans:
+            return
+        orphans, self._orphans = self._orphans, []
+        start, end = _indexed_times([body for _, body in orphans])
+        self._steady = False
+        last = self._survey.gaps[-1] if self._survey.gaps else None
+        count = _indexed([body for _, body in orphans])
+        if last is not None and last.messages is None and last.byte + last.size >= orphans[0][0]:
+            last.messages, last.start, last.end = (
+                count,
+                start,
+                end,
+            )  # the chunk that was passed over just before
+            return
+        self._survey.gaps.append(
+            _Gap("an index whose chunk is not there", orphans[0][0], 0, count, start, end)
+        )
+
+    def _lose(self, position: int, opcode: int, length: int) -> int | None:
+        """Go to the next whole chunk; what lies between is lost."""
+        self._close_chunk()
+        self._close_orphans()
+        self._steady = False
+        following = self._next_chunk(position + 1)
+        rest = (self._size if following is None else following) - position
+        start = end = None
+        if opcode == CHUNK:
+            start, end = _times(self._read(position + RECORD_HEAD.size, 16))
+        if following is not None:
+            self._survey.gaps.append(_Gap("bytes that make no sense", position, rest, None, start, end))
+        elif opcode in (MESSAGE_INDEX, METADATA) and rest > RECORD_HEAD.size and length > rest:
+            pass  # cut off within what can be made anew
+        elif HEADER <= opcode <= DATA_END and length > rest:
+            known = opcode == CHUNK
+            self._survey.gaps.append(
+                _Gap(
+                    "a chunk that is cut off" if known else "a record that is cut off",
+                    position,
+                    rest,
+                    None,
+                    start,
+                    end,
+                )
+            )
+        else:
+            self._survey.gaps.append(_Gap("bytes that make no sense", position, rest))
+        return following
+
+    def _next_chunk(self, position: int) -> int | None:
+        """Return where the next chunk with the right checksum begins, or None."""
+        overlap = 128
+        while position < self._size:
+            window = self._read(position, _WINDOW + overlap)
+            for match in _CHUNK.finditer(window):
+                if match.start() >= _WINDOW:
+                    break
+                place = position + match.start()
+                length, size, stored = (
+                    int.from_bytes(match[name], "little") for name in ("length", "size", "stored")
+                )
+                head = match.end("stored") - match.start() - RECORD_HEAD.size
+                if length != head + stored or (match["plain"] is not None and size != stored):
+                    continue
+                if place + RECORD_HEAD.size + length > self._size:
+                    continue
+                body = self._read(place + RECORD_HEAD.size, length)
+                with contextlib.suppress(Damaged):
+                    _examine(body, [], "")
+                    return place
+            position += _WINDOW
+        return None
+
+    def _finish(self, position: int, body: bytes) -> int | None:
+        """Read what follows the data section; the file ends there."""
+        survey = self._survey
+        checksum = int.from_bytes(body[:4], "little") if len(body) == 4 else 0
+        if self._steady and checksum:
+            survey.data_checked = self._crc == checksum
+            if not survey.data_checked and not survey.gaps:
+                survey.notes.append("the checksum of its data is wrong, though every chunk is right")
+        tail = self._read(position, self._size - position)
+        if len(tail) < FOOTER_FORM.size or not tail.endswith(MAGIC):
+            survey.notes.append("its summary is cut off")
+            return None
+        opcode, _, start, _, checksum, _ = FOOTER_FORM.unpack(tail[-FOOTER_FORM.size :])
+        right = not checksum or zlib.crc32(tail[: -len(MAGIC) - 4]) == checksum
+        survey.ended = True
+        if opcode != FOOTER or not right:
+            survey.notes.append("the checksum of its summary is wrong")
+            return None
+        # where bytes have gone, the summary does not begin where it says, but its checksum tells that it is right
+        if start:
+            with contextlib.suppress(Damaged, struct.error):
+                self._read_summary(memoryview(tail)[: -FOOTER_FORM.size], sure=checksum != 0)
+        return None
+
+    def _read_summary(self, summary: memoryview, *, sure: bool) -> None:
+        position = 0
+        while position < len(summary):
+            opcode, length = RECORD_HEAD.unpack_from(summary, position)
+            contents = summary[position + RECORD_HEAD.size :][:length]
+            if opcode == STATISTICS:
+                fields = Fields(contents)
+                self._survey.count = fields.number("<Q")
+                fields.data(2 + 4 * 4 + 8)
+                self._survey.end = fields.number("<Q")
+            elif opcode == SUMMARY_OFFSET:
+                return
+            else:
+                self._survey.declare(opcode, contents, sure=sure)
+            position += RECORD_HEAD.size + length
+
+
+def _examine(body: bytes, index: Sequence[bytes], where: str) -> tuple[Chunk, Found, bool, str]:
+    """Open a chunk and find its messages; also return whether a checksum covers it, and a note.
+
+    Raises
+    ------
+    Damaged
+        If it cannot be relied on.
+    """
+    try:
+        chunk = open_chunk(memoryview(body), where)
+    except (MemoryError, struct.error) as error:
+        raise Damaged(f"damaged: {where} ({error})") from None
+    try:
+        return chunk, find_messages(chunk.records, index, where), chunk.checked, ""
+    except Damaged:
+        if not chunk.checked:
+            raise
+    # the chunk is right, so it is its index that is not
+    return chunk, find_messages(chunk.records, [], where), chunk.checked, f"the index of {where} was wrong"
+
+
+def _load(stream: BinaryIO, piece: _Piece) -> tuple[memoryview, Found, bool]:
+    stream.seek(piece.byte)
+    data = stream.read(piece.size)
+    where = f"byte {piece.byte}"
+    if piece.index is None:
+        records = memoryview(data)
+        return records, find_messages(records, [], where), False
+    chunk, found, checked, _ = _examine(data[RECORD_HEAD.size :], piece.index, where)
+    return chunk.records, found, checked
+
+
+def _only(records: memoryview, found: Found, keep: npt.NDArray[np.bool_]) -> tuple[memoryview, Found]:
+    """Return the messages to keep, and nothing else."""
+    stops = found.places + RECORD_HEAD.size + found.heads["length"].astype(np.int64)
+    parts = [
+        bytes(records[a:b]) for a, b in zip(found.places[keep].tolist(), stops[keep].tolist(), strict=True)
+    ]
+    kept = memoryview(b"".join(parts))
+    return kept, find_messages(kept, [], "")
+
+
+def _new_index(found: Found) -> dict[int, npt.NDArray[np.uint64]]:
+    pairs = np.stack([found.heads["log_time"], found.places.astype(np.uint64)], axis=1)
+    channels = found.heads["channel"]
+    return {channel: pairs[channels == channel] for channel in np.unique(channels).tolist()}
+
+
+def _usable(
+    declared: Mapping[tuple[int, int], bytes],
+) -> tuple[dict[int, bytes], dict[int, bytes]]:
+    """Return the schemas, and the channels that can be understood, by number."""
+    schemas, channels = {}, {}
+    for (opcode, number), contents in declared.items():
+        if opcode == SCHEMA:
+            schemas[number] = contents
+    for (opcode, number), contents in declared.items():
+        if opcode == CHANNEL:
+            with contextlib.suppress(Damaged, UnicodeDecodeError):
+                _topic(schemas, contents)
+                channels[number] = contents
+    return schemas, channels
+
+
+def _topic(schemas: Mapping[int, bytes], contents: bytes) -> dict[str, Any]:
+    """Return rosbag2's ``topic_metadata`` of a channel."""
+    fields = Fields(memoryview(contents))
+    _, schema, name, encoding = fields.number("<H"), fields.number("<H"), fields.text(), fields.text()
+    entries = Fields(fields.data(fields.number("<I")))
+    metadata: dict[str, str] = {}
+    while entries.left:
+        key = entries.text()
+        metadata[key] = entries.text()
+    type_name = ""
+    if schema in schemas:
+        of_schema = Fields(memoryview(schemas[schema]))
+        of_schema.number("<H")
+        type_name = of_schema.text()
+    qos: Any = []
+    with contextlib.suppress(yaml.YAMLError, ValueError, RecursionError):
+        qos = yaml.safe_load(metadata.get("offered_qos_profiles", "")) or []
+    return {
+        "name": name,
+        "type": type_name,
+        "serialization_format": encoding,
+        "offered_qos_profiles": qos if isinstance(qos, list) else [],
+        "type_description_hash": metadata.get("topic_type_hash", ""),
+    }
+
+
+def _declarations(body: bytes) -> Iterator[tuple[int, memoryview]]:
+    """Yield the schemas and channels at the begin of a chunk that is damaged elsewhere."""
+    fields = Fields(memoryview(body))
+    with contextlib.suppress(Damaged, struct.error):
+        fields.data(8 + 8 + 8 + 4)
+        if fields.text():
+            return
+        records = fields.data(min(fields.number("<Q"), fields.left))
+        position = 0
+        while position + RECORD_HEAD.size <= len(records):
+            opcode, length = RECORD_HEAD.unpack_from(records, position)
+            if opcode not in (SCHEMA, CHANNEL):
+                return
+            yield opcode, records[position + RECORD_HEAD.size :][:length]
+            position += RECORD_HEAD.size + length
+
+
+def _indexed(index: Sequence[bytes]) -> int | None:
+    """Return how many messages an index names; None if there is none, or it makes no sense."""
+    sizes = [int.from_bytes(part[2:6], "little") for part in index]
+    right = all(size == len(part) - 6 and size % 16 == 0 for size, part in zip(sizes, index, strict=True))
+    return sum(sizes) // 16 if index and right else None
+
+
+def _indexed_times(index: Sequence[bytes]) -> tuple[int | None, int | None]:
+    if _indexed(index):
+        times = np.concatenate([np.frombuffer(part[6:], "<u8")[::2] for part in index])
+        if len(times) and int(times.max()) < 1 << 63:
+            return int(times.min()), int(times.max())
+    return None, None
+
+
+def _times(body: bytes) -> tuple[int | None, int | None]:
+    """Return the times that a chunk states, if they can be such."""
+    if len(body) < 16:
+        return None, None
+    start, end = struct.unpack_from("<QQ", body)
+    return (start, end) if start <= end < min(start + 3600 * _SECOND, 1 << 63) else (None, None)
+
+
+def _reason(error: Damaged, position: int) -> str:
+    text = str(error).removeprefix("damaged: ")
+    return text.replace(f"the chunk at byte {position}", "a chunk")
+
+
+@contextlib.contextmanager
+def _opened(file: Path) -> Iterator[tuple[BinaryIO, bool]]:
+    """Open a file for reading, decompressed as far as that goes; also whether it went to the end."""
+    try:
+        with file.open("rb", buffering=1 << 20) as stream:
+            if file.suffix != ".zstd":
+                yield stream, True
+                return
+            with tempfile.TemporaryFile() as plain:
+                whole = True
+                try:
+                    zstandard.ZstdDecompressor().copy_stream(stream, plain)
+                except zstandard.ZstdError:
+                    whole = False
+                yield plain, whole
+    except IsADirectoryError:
+        raise InputError(f"{file}: is a directory") from None
+
+
+def _told(loss: Loss) -> str:
+    text = f"{loss.file}, byte {loss.byte}: {loss.reason}"
+    if loss.messages is not None:
+        text += f"; {loss.messages} messages"
+    if loss.start is not None and loss.end is not None:
+        text += f" from {loss.start:.4f} to {loss.end:.4f} s"
+    return text
+
+
+def _seconds(time: float) -> str:
+    return f"{time * 1e3:.3g} ms" if time < 1.0 else f"{time:.4g} s"
