@@ -31,6 +31,7 @@ from gyrowheel_sim.bench import Bench, unit_registry
 from gyrowheel_sim.environment import Environment
 from gyrowheel_sim.errors import InputError
 from gyrowheel_sim.units import DEG
+from gyrowheel_sim.yaml_text import read_yaml
 
 Array = NDArray[np.float64]
 
@@ -150,14 +151,10 @@ class ColumnMap:
         """
         path = Path(file)
         try:
-            raw = yaml.safe_load(path.read_text(encoding="utf-8"))
+            raw = read_yaml(path.read_text(encoding="utf-8"), str(path))
         except (OSError, UnicodeDecodeError) as error:
             reason = getattr(error, "strerror", None) or "it is no text"
             raise InputError(f"{path}: cannot be read: {reason}") from None
-        except yaml.YAMLError as error:
-            raise InputError(f"{path}: not valid YAML: {_line(error)}") from None
-        except RecursionError:
-            raise InputError(f"{path}: not valid YAML: nested too deeply") from None
         return cls.from_mapping(raw, str(path))
 
     @classmethod

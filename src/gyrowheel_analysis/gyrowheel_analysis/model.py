@@ -23,6 +23,7 @@ from gyrowheel_sim.effects import (
 )
 from gyrowheel_sim.effects.user import check_name
 from gyrowheel_sim.errors import InputError
+from gyrowheel_sim.yaml_text import read_yaml
 
 SCHEMA = 1
 
@@ -136,11 +137,7 @@ class Model:
             raise InputError(f"model '{path}': cannot be read: {error.strerror}") from None
         except UnicodeDecodeError:
             raise InputError(f"model '{path}': not a text file") from None
-        try:
-            raw = yaml.safe_load(text)
-        except (yaml.YAMLError, RecursionError) as error:
-            raise InputError(f"{file}: not valid YAML: {' '.join(str(error).split())[:200]}") from None
-        return cls.from_mapping(raw, str(file))
+        return cls.from_mapping(read_yaml(text, str(file)), str(file))
 
     @classmethod
     def from_mapping(cls, raw: Any, origin: str) -> Model:

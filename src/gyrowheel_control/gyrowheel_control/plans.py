@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -21,6 +20,7 @@ from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import Environment
 from gyrowheel_sim.errors import InputError
 from gyrowheel_sim.units import DEG, RPM
+from gyrowheel_sim.yaml_text import read_yaml
 
 #: Interval of the setpoints [s]; the controller continues each by its rates until the next.
 SETPOINT_PERIOD = 0.005
@@ -176,10 +176,7 @@ class Plan:
 
     @classmethod
     def _from_text(cls, text: str, origin: str) -> Plan:
-        try:
-            raw: Any = yaml.safe_load(text)
-        except (yaml.YAMLError, RecursionError) as error:
-            raise InputError(f"{origin}: not valid YAML: {' '.join(str(error).split())[:200]}") from None
+        raw = read_yaml(text, origin)
         if not isinstance(raw, Mapping):
             raise InputError(f"{origin}: not a plan (a mapping with schema, name and segments is expected)")
         try:

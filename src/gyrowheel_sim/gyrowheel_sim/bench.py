@@ -16,6 +16,7 @@ import pint
 import yaml
 
 from gyrowheel_sim.errors import InputError
+from gyrowheel_sim.yaml_text import read_yaml
 
 SCHEMA = 1
 #: Files of the benches that come with the project, by name.
@@ -179,10 +180,7 @@ class Bench:
     @classmethod
     def from_text(cls, text: str, *, origin: str) -> Bench:
         """Read a bench from the text of a bench file (see `load`)."""
-        try:
-            raw = yaml.safe_load(text)
-        except yaml.YAMLError as error:
-            raise InputError(f"{origin}: not valid YAML: {_one_line(error)}") from None
+        raw = read_yaml(text, origin)
         if not isinstance(raw, dict) or not isinstance(raw.get("parameters"), dict):
             raise InputError(f"{origin}: not a bench file (a mapping with 'parameters' is expected)")
         if raw.get("schema") != SCHEMA:

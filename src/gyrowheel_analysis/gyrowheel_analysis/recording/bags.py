@@ -11,7 +11,6 @@ from pathlib import Path, PurePath
 from typing import Final
 
 import numpy as np
-import yaml
 import zstandard
 from rosbags.interfaces import ConnectionExtRosbag2, MessageDefinitionFormat
 from rosbags.rosbag2 import Reader
@@ -19,6 +18,7 @@ from rosbags.rosbag2 import Reader
 from gyrowheel_analysis.recording.mcap_reader import Damaged, TopicData, Wanted, read_mcap
 from gyrowheel_analysis.recording.writer import METADATA_FILE
 from gyrowheel_sim.errors import InputError
+from gyrowheel_sim.yaml_text import read_yaml
 
 _BATCH: Final = 1 << 14  # messages that are looked at together
 _MESSAGE_LIMIT: Final = 1 << 28  # bytes of a decompressed message; more is taken for damage
@@ -78,7 +78,7 @@ class _Metadata:
 
 def _parse_metadata(file: Path) -> _Metadata:
     try:
-        metadata = yaml.safe_load(file.read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
+        metadata = read_yaml(file.read_text(encoding="utf-8"), str(file))["rosbag2_bagfile_information"]
         result = _Metadata(
             [PurePath(name).name for name in metadata["relative_file_paths"]],
             int(metadata["message_count"]),
@@ -88,8 +88,8 @@ def _parse_metadata(file: Path) -> _Metadata:
         form = str(metadata.get("compression_format") or "")
     except OSError as error:
         raise InputError(f"{file}: cannot be read: {error.strerror or error}") from None
-    except yaml.YAMLError as error:
-        raise InputError(f"{file}: not valid YAML: {_line(error)}") from None
+    except InputError:
+        raise
     except KeyError as error:
         raise InputError(f"{file}: {error.args[0]}: missing") from None
     except (TypeError, ValueError, AttributeError, OverflowError, RecursionError) as error:

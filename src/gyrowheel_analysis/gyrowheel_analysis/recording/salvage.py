@@ -20,7 +20,6 @@ from typing import Any, BinaryIO, Final
 
 import numpy as np
 import numpy.typing as npt
-import yaml
 import zstandard
 
 from gyrowheel_analysis.recording.bags import read_bag
@@ -53,6 +52,7 @@ from gyrowheel_analysis.recording.writer import (
     write_metadata,
 )
 from gyrowheel_sim.errors import InputError
+from gyrowheel_sim.yaml_text import read_yaml
 
 Fraction = Callable[[float], None]
 
@@ -251,7 +251,7 @@ def _is_other(file: Path) -> bool:
 
 def _read_stated(file: Path) -> _Stated:
     try:
-        metadata = yaml.safe_load(file.read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
+        metadata = read_yaml(file.read_text(encoding="utf-8"), str(file))["rosbag2_bagfile_information"]
         mode = str(metadata.get("compression_mode") or "").lower()
         return _Stated(
             names=[PurePath(str(name)).name for name in metadata["relative_file_paths"]],
@@ -263,8 +263,6 @@ def _read_stated(file: Path) -> _Stated:
             else ("", ""),
         )
     except (OSError, ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError):
-        return _Stated()
-    except yaml.YAMLError:
         return _Stated()
 
 
@@ -767,8 +765,8 @@ def _topic(schemas: Mapping[int, bytes], contents: bytes) -> dict[str, Any]:
         of_schema.number("<H")
         type_name = of_schema.text()
     qos: Any = []
-    with contextlib.suppress(yaml.YAMLError, ValueError, RecursionError):
-        qos = yaml.safe_load(metadata.get("offered_qos_profiles", "")) or []
+    with contextlib.suppress(InputError):
+        qos = read_yaml(metadata.get("offered_qos_profiles", ""), "") or []
     return {
         "name": name,
         "type": type_name,

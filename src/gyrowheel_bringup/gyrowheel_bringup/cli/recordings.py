@@ -36,7 +36,11 @@ def info(
 def salvage(
     source: Annotated[
         Path,
-        typer.Argument(metavar="DIR|FILE", help="Broken recording; it is not touched.", show_default=False),
+        typer.Argument(
+            metavar="PATH",
+            help="Broken recording, directory or .mcap file; it is not touched.",
+            show_default=False,
+        ),
     ],
     target: Annotated[
         Path,

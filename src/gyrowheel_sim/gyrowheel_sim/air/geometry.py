@@ -9,9 +9,8 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from gyrowheel_sim.errors import InputError
+from gyrowheel_sim.yaml_text import read_yaml
 
 SCHEMA = 1
 LENGTHS = ("rotor_radius", "rotor_height", "case_radius", "case_height")
@@ -74,10 +73,7 @@ class Geometry:
     @classmethod
     def from_text(cls, text: str, *, origin: str) -> Geometry:
         """Read a geometry from the text of a file (see `load`)."""
-        try:
-            raw = yaml.safe_load(text)
-        except yaml.YAMLError as error:
-            raise InputError(f"{origin}: not valid YAML: {' '.join(str(error).split())}") from None
+        raw = read_yaml(text, origin)
         if not isinstance(raw, dict) or not isinstance(raw.get("lengths"), dict):
             raise InputError(f"{origin}: not a geometry file (a mapping with 'lengths' is expected)")
         if raw.get("schema") != SCHEMA:
