@@ -12,4 +12,5 @@ SUBJECTS = {
     "simulation": "simulated seconds per second, beside SciPy and MuJoCo on the same mechanism",
     "integrator": "false torque that the integrator makes",
     "start_up": "time from the command to the first step",
+    "diagnosis": "time and memory of a diagnosis, minutes and an hour of samples, stage by stage",
 }

@@ -1,0 +1,207 @@
+"""What a diagnosis costs: time of the processor and memory, stage by stage, for minutes and for an hour of samples.
+
+Every diagnosis runs in a process of its own, ``python -m benchmarks.diagnosis RECORDING``, which prints as JSON what it
+took; so the largest memory is that of the diagnosis alone.
+"""
+
+from __future__ import annotations
+
+import importlib
+import io
+import json
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from functools import wraps
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from benchmarks.results import Bar, Figure, MeasurementError, Report
+from gyrowheel_bringup.render.layout import figures_table
+
+#: Functions that are stages: module, name, and what the stage is called. What none of them takes is the last one.
+STAGES = (
+    ("gyrowheel_analysis.recording.reader", "Recording.open", "reading"),
+    ("gyrowheel_analysis.pipeline", "reduce", "reduction"),
+    ("gyrowheel_analysis.discovery.verdict", "prepare", "balance"),
+    ("gyrowheel_analysis.discovery.fit", "Problem.estimate_noise", "noise and drift"),
+    ("gyrowheel_analysis.discovery.verdict", "select", "selection"),
+    ("gyrowheel_analysis.discovery.verdict", "search", "free forms"),
+    ("gyrowheel_analysis.discovery.verdict", "errors_of", "error table"),
+)
+_REST, _REPORT = "ties, limits, next test", "report"
+_HIDDEN = {"aero_cross": {"c": 0.0055, "n": 1.98}}
+_MINUTES = "4 minutes"
+_HOUR = "1 hour"
+#: Holds [s] and repetitions that make the survey as long as that.
+_LENGTHS = {_MINUTES: (3.25, 1), _HOUR: (2.2, 20)}
+_BARS = {_MINUTES: (10.0, 1.0), _HOUR: (90.0, 3.0)}
+_RUNS = {_MINUTES: 3, _HOUR: 1}
+
+
+def plan(name: str) -> str:
+    """Return the text of the plan: the survey, its holds longer or all of it repeated in other orders."""
+    text = resources.files("gyrowheel_control").joinpath("plans/survey.yaml").read_text(encoding="utf-8")
+    survey = yaml.safe_load(text)
+    hold, times = _LENGTHS[name]
+    segments = [
+        {**segment, "shuffle_seed": segment["shuffle_seed"] + 100 * k}
+        if "shuffle_seed" in segment
+        else segment
+        for k in range(times)
+        for segment in survey["segments"]
+    ]
+    return yaml.safe_dump({**survey, "name": "measured", "hold_s": hold, "segments": segments})
+
+
+def record(folder: Path, text: str, progress: Callable[[float], None]) -> int:
+    """Record a machine with something to find and return the number of samples."""
+    from gyrowheel_analysis.recording import write_run
+    from gyrowheel_control.closed_loop import simulate
+    from gyrowheel_control.plans import Plan
+    from gyrowheel_sim.bench import Bench
+    from gyrowheel_sim.blind import draw_machine
+    from gyrowheel_sim.environment import to_json
+    from gyrowheel_sim.scenario import Scenario
+
+    bench = Bench.load()
+    machine = Scenario(draw_machine(bench, np.random.default_rng(6)), _HIDDEN, 6)
+    run = simulate(bench, machine, Plan.load(text), progress=progress)
+    write_run(
+        folder, run.measurement, run.command, run.setpoints, to_json(run.environment), bench.describe(),
+        sample_period=bench.sample_period,
+    )  # fmt: skip
+    return len(run.measurement)
+
+
+def diagnosed(recording: Path) -> dict[str, Any]:
+    """Return what another process took to diagnose a recording.
+
+    Raises
+    ------
+    MeasurementError
+        If it fails.
+    """
+    command = [sys.executable, "-m", "benchmarks.diagnosis", str(recording)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise MeasurementError(f"the diagnosis failed: {' '.join(done.stderr.split())[-300:]}")
+    result: dict[str, Any] = json.loads(done.stdout)
+    return result
+
+
+def measure(progress: Callable[[float], None]) -> list[Report]:
+    """Measure a recording of four minutes and one of an hour."""
+    found: dict[str, dict[str, Any]] = {}
+    samples = {}
+    with tempfile.TemporaryDirectory(prefix="gyrowheel-bench-") as name:
+        for part, length in enumerate(_LENGTHS):
+            recording = Path(name) / f"recording{part}"
+
+            def advance(fraction: float, done: int = part) -> None:
+                progress(0.5 * done + 0.2 * fraction)
+
+            samples[length] = record(recording, plan(length), advance)
+            runs = []
+            for k in range(_RUNS[length]):
+                runs.append(diagnosed(recording))
+                progress(0.5 * part + 0.2 + 0.3 * (k + 1) / _RUNS[length])
+            found[length] = min(runs, key=lambda run: sum(run["stages"].values()))
+    figures = []
+    for length, run in found.items():
+        seconds, gigabytes = _BARS[length]
+        figures.append(Figure(f"{length}, time", sum(run["stages"].values()), "s", bar=Bar("<", seconds)))
+        figures.append(Figure(f"{length}, memory", run["memory"], "GB", bar=Bar("<", gigabytes)))
+    table = figures_table("share of the time, %", *found)
+    for stage in next(iter(found.values()))["stages"]:
+        shares = (100.0 * run["stages"][stage] / sum(run["stages"].values()) for run in found.values())
+        table.add_row(stage, *(f"{share:.1f}" for share in shares))
+    counts = " and ".join(
+        f"{samples[length] / 1e6:.2g} million samples in {run['windows']} windows"
+        for length, run in found.items()
+    )
+    starts = ", ".join(f"{run['start']:.1f} s" for run in found.values())
+    return [
+        Report(
+            "Diagnosis",
+            figures,
+            notes=[
+                f"Survey plan with longer holds, and twenty surveys in a row: {counts}. Hidden: a cross torque of"
+                f" the air; found: {'; '.join(', '.join(run['named']) or run['verdict'] for run in found.values())}.",
+                "Time of the processor from the opening of the recording to the printed report, best of"
+                f" {_RUNS[_MINUTES]} and of {_RUNS[_HOUR]}; the start of Python and its libraries takes {starts} more."
+                " Memory: the most that the whole process had.",
+            ],
+            details=[table],
+        )
+    ]
+
+
+def main(recording: str) -> None:
+    """Diagnose a recording and print what it took as JSON."""
+    from rich.console import Console
+
+    begun = time.process_time()
+    stages = dict.fromkeys([*(stage for _, _, stage in STAGES), _REST, _REPORT], 0.0)
+    for module_name, path, stage in STAGES:
+        _watch(module_name, path, stage, stages)
+    from gyrowheel_analysis.discovery import verdict
+    from gyrowheel_analysis.model import Model
+    from gyrowheel_analysis.recording import Recording
+    from gyrowheel_bringup.render import diagnosis as render
+    from gyrowheel_sim.bench import Bench
+
+    model = Model(Bench.load())
+    start = time.process_time()
+    result = verdict.diagnose([Recording.open(recording)], model)
+    found = time.process_time()
+    stages[_REST] = found - start - sum(stages.values())
+    console = Console(file=io.StringIO(), width=100)
+    for part in render.diagnosis(result):
+        console.print(part)
+    stages[_REPORT] = time.process_time() - found
+    own = resource.getrusage(resource.RUSAGE_SELF)
+    json.dump(
+        {
+            "stages": stages,
+            "start": start - begun,
+            "memory": own.ru_maxrss * 1024 / 1e9,
+            "verdict": result.verdict,
+            "named": [finding.name for finding in result.effects],
+            "windows": sum(len(item.time) for item in result.residuals),
+        },
+        sys.stdout,
+    )
+
+
+def _watch(module_name: str, path: str, stage: str, stages: dict[str, float]) -> None:
+    """Let a function add its time of the processor to its stage, but for that of a stage within it."""
+    owner: Any = importlib.import_module(module_name)
+    *outer, name = path.split(".")
+    for part in outer:
+        owner = getattr(owner, part)
+    found = getattr(owner, name, None)
+    if found is None:
+        raise SystemExit(f"{module_name} has no {path}: the stages of a diagnosis have changed")
+
+    @wraps(found)
+    def timed(*arguments: Any, **named: Any) -> Any:
+        begin, before = time.process_time(), sum(stages.values())
+        try:
+            return found(*arguments, **named)
+        finally:
+            within = sum(stages.values()) - before
+            stages[stage] += time.process_time() - begin - within
+
+    setattr(owner, name, timed)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])
