@@ -9,20 +9,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_analysis.dependence import Dependence, Whiteness, dependences, sentences, whiteness
 from gyrowheel_analysis.discovery.fit import Fit, Problem
 from gyrowheel_analysis.errors import (
-    TORQUE_CHANNELS,
+    CHANNELS,
     ErrorRow,
     Residuals,
-    channel_parts,
     channel_rms,
+    channel_values,
+    channels_of,
     error_row,
 )
+from gyrowheel_analysis.maps import ResidualMap, all_maps, maps_json
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.pipeline import FEWEST_WINDOWS, Prepared, Progress, errors_of, one_thread, prepare
 from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.reduction import concatenate
-from gyrowheel_analysis.where import Region, TiltSpin, dependence, regions, tilt_and_spin
+from gyrowheel_analysis.where import Region, WindowResiduals, regions, window_residuals
 from gyrowheel_sim.errors import InputError
 
 Array = NDArray[np.float64]
@@ -35,9 +38,9 @@ class ChannelMetrics:
     Attributes
     ----------
     rms : float
-        Root mean square of the residual [N m].
+        Root mean square of the residual, of an amplitude its modulus [unit of the channel, see `errors.CHANNELS`].
     noise_floor_rms : float
-        What a complete model would leave [N m].
+        What a complete model would leave [the same unit].
     fit_percent : float
         100 (1 - |residual| / |measured - mean|); 100 is perfect.
     theil : float
@@ -65,15 +68,21 @@ class Comparison:
     Attributes
     ----------
     channels : dict of str to ChannelMetrics
-        By channel, with the bench's parameters fitted along within their stated uncertainties.
+        By channel of `errors.CHANNELS`, with the bench's parameters fitted along within their stated uncertainties.
     raw_rms : dict of str to float
-        Root mean square of the residual of the model exactly as the file stands [N m].
+        Root mean square of the residual of the model exactly as the file stands [unit of the channel].
     error_before : ErrorRow
         The error in the form of the error table.
     where : list of Region
         Where most of the misfit sits.
     dependence : list of str
-        On which variables the residual depends.
+        On which variables the residual depends, in sentences.
+    tests : list of Dependence
+        The tests behind these sentences, every part of the residual against every variable.
+    whiteness : list of Whiteness
+        Whether the residuals are noise.
+    data : WindowResiduals
+        All residuals with their windows: what further maps are made of.
     residuals : list of Residuals
         Window by window.
     recordings : list of str
@@ -87,18 +96,32 @@ class Comparison:
     error_before: ErrorRow
     where: list[Region]
     dependence: list[str]
+    tests: list[Dependence]
+    whiteness: list[Whiteness]
+    data: WindowResiduals
     residuals: list[Residuals]
     recordings: list[str]
     model: str
+
+    @property
+    def maps(self) -> list[ResidualMap]:
+        """The residual over every variable, and over speed and tilt."""
+        return all_maps(self.data)
 
     def to_json(self) -> dict[str, Any]:
         """Return the comparison as a JSON object."""
         return {
             "schema": 1,
             "error": {"unit": "N·m", "before": self.error_before.to_json(), "raw": {"rms": self.raw_rms}},
-            "channels": {name: asdict(metrics) for name, metrics in self.channels.items()},
+            "channels": {
+                name: {"unit": CHANNELS[name].unit, **asdict(metrics)}
+                for name, metrics in self.channels.items()
+            },
             "where": [region.to_json() for region in self.where],
             "dependence": self.dependence,
+            "tests": [test.to_json() for test in self.tests],
+            "whiteness": [test.to_json() for test in self.whiteness],
+            "maps": maps_json(self.maps),
             "recordings": self.recordings,
             "model": self.model,
         }
@@ -132,37 +155,45 @@ def compare(recordings: Sequence[Recording], model: Model, *, progress: Progress
             for b in problem.balances
         ]
     )
+    white = problem.noise.whiten(fit.residual)
+    tests = dependences(data, problem.balances, fit.residual, problem.noise.whiten)
+    noise = whiteness(data, problem.balances, white)
+    raw_row = error_row(problem.balances, raw, problem.noise.whiten(raw))
     return Comparison(
-        channels={name: _metrics(problem, fit, name) for name in TORQUE_CHANNELS},
-        raw_rms=error_row(problem.balances, raw, problem.noise.whiten(raw)).rms,
+        channels={name: _metrics(problem, fit, white, name) for name in channels_of(problem.balances)},
+        raw_rms={name: channel.rms for name, channel in raw_row.channels.items()},
         error_before=errors.table.before,
         where=regions(data, problem.bench),
-        dependence=dependence(data),
+        dependence=sentences(tests, noise),
+        tests=tests,
+        whiteness=noise,
+        data=data,
         residuals=errors.residuals,
         recordings=[str(r.path) for r in recordings],
         model=model.origin,
     )
 
 
-def residual_data(prepared: Prepared, fit: Fit) -> TiltSpin:
+def residual_data(prepared: Prepared, fit: Fit) -> WindowResiduals:
     """Return the residuals of a fit with the windows they belong to."""
     problem = prepared.problem
     windows = concatenate([b.windows for b in problem.balances])
-    return tilt_and_spin(problem.balances, windows, fit.residual, problem.noise.deviation())
+    return window_residuals(problem.balances, windows, fit.residual, problem.noise.deviation())
 
 
-def _metrics(problem: Problem, fit: Fit, name: str) -> ChannelMetrics:
-    def joined(rows: Array) -> Array:
-        return np.concatenate(channel_parts(problem.balances, rows, name))
+def _metrics(problem: Problem, fit: Fit, whitened: Array, name: str) -> ChannelMetrics:
+    def joined(rows: Array) -> NDArray[Any]:
+        own = [channel_values(problem.balances, rows, row) for row in CHANNELS[name].rows]
+        return own[0] if len(own) == 1 else np.asarray(own[0] + 1j * own[1])
 
     measured, residual = joined(problem.measured), joined(fit.residual)
     predicted = measured - residual
-    white = joined(problem.noise.whiten(fit.residual))
-    mse = float(np.mean(residual**2))
+    white = joined(whitened)
+    mse = _square(residual)
     swing = float(np.linalg.norm(measured - measured.mean()))
-    size = float(np.sqrt(np.mean(measured**2)) + np.sqrt(np.mean(predicted**2)))
+    size = _square(measured) ** 0.5 + _square(predicted) ** 0.5
     sm, sp = float(np.std(measured)), float(np.std(predicted))
-    bias = float(measured.mean() - predicted.mean()) ** 2 / mse if mse else 0.0
+    bias = float(abs(measured.mean() - predicted.mean())) ** 2 / mse if mse else 0.0
     variance = (sm - sp) ** 2 / mse if mse else 0.0
     return ChannelMetrics(
         rms=channel_rms(problem.balances, fit.residual, name),
@@ -172,5 +203,10 @@ def _metrics(problem: Problem, fit: Fit, name: str) -> ChannelMetrics:
         theil_bias=bias,
         theil_variance=variance,
         theil_covariance=max(1.0 - bias - variance, 0.0),
-        chi2_per_n=float(np.mean(white**2)),
+        chi2_per_n=_square(white) / len(CHANNELS[name].rows),
     )
+
+
+def _square(values: NDArray[Any]) -> float:
+    """Return the mean square of real or complex values."""
+    return float(np.mean(np.abs(values) ** 2))

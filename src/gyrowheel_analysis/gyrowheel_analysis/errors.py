@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -13,8 +13,57 @@ from gyrowheel_analysis.balance import Balance
 
 Array = NDArray[np.float64]
 
-#: The channels whose error is given, all in N m.
+
+@dataclass(frozen=True)
+class Channel:
+    """What is measured and predicted: the rows of the balance that belong to it.
+
+    Attributes
+    ----------
+    rows : tuple of str
+        Channels of `Balance`; two are real and imaginary part of an amplitude.
+    title : str
+        Its name for people.
+    unit : str
+        ``N·m`` or ``V``.
+    """
+
+    rows: tuple[str, ...]
+    title: str
+    unit: str = "N·m"
+
+
+#: Averages of coils and motor, torque of the coils once and twice a revolution, ripple and voltages of the motor.
+CHANNELS: dict[str, Channel] = {
+    "tilt_x": Channel(("tilt_x",), "tilt x"),
+    "tilt_y": Channel(("tilt_y",), "tilt y"),
+    "spin": Channel(("spin",), "spin"),
+    "tilt_1n": Channel(("tilt_1n_x", "tilt_1n_y"), "tilt 1N"),
+    "tilt_2n": Channel(("tilt_2n_x", "tilt_2n_y"), "tilt 2N"),
+    "spin_ripple": Channel(("spin_ripple_x", "spin_ripple_y"), "spin ripple"),
+    "motor_voltage": Channel(("motor_voltage",), "voltage", "V"),
+    "voltage_ripple": Channel(("voltage_ripple_x", "voltage_ripple_y"), "volt. ripple", "V"),
+}
+#: Those of the averaged torques.
 TORQUE_CHANNELS = ("tilt_x", "tilt_y", "spin")
+#: All others.
+FURTHER_CHANNELS = tuple(name for name in CHANNELS if name not in TORQUE_CHANNELS)
+
+
+@dataclass(frozen=True)
+class ChannelError:
+    """Error of one channel.
+
+    Attributes
+    ----------
+    rms : float
+        Root mean square of the residual, of an amplitude its modulus [unit of the channel].
+    chi2_per_n : float
+        Mean square of the residual in units of its noise.
+    """
+
+    rms: float
+    chi2_per_n: float
 
 
 @dataclass(frozen=True)
@@ -24,24 +73,42 @@ class ErrorRow:
     Attributes
     ----------
     rms : dict of str to float
-        Root mean square of the residual by channel [N m]; every window counts by its duration.
+        Root mean square of the residual of the averaged torques by channel [N m]; every window counts by its duration.
     chi2_per_n : float
         Mean square of all residuals in units of their noise; about 1 for a complete model.
+    channels : dict of str to ChannelError
+        All channels that the recordings have, those of `rms` and of `FURTHER_CHANNELS`.
     """
 
     rms: dict[str, float]
     chi2_per_n: float
+    channels: dict[str, ChannelError] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
         """Return the row as a JSON object."""
-        return {"rms": dict(self.rms), "chi2_per_n": self.chi2_per_n}
+        return {
+            "rms": dict(self.rms),
+            "chi2_per_n": self.chi2_per_n,
+            "channels": {
+                name: {"rms": e.rms, "unit": CHANNELS[name].unit, "chi2_per_n": e.chi2_per_n}
+                for name, e in self.channels.items()
+            },
+        }
 
 
 @dataclass(frozen=True)
 class ErrorTable:
-    """How the error falls: before and after a change of the model, on fitted and on unused recordings.
+    """How the error falls.
 
-    The noise floors are what a complete model would leave: noise, drift and the accuracy of the balance.
+    Attributes
+    ----------
+    before, after : ErrorRow
+        On the recordings that were fitted: without and with what was added. Before, the bench's parameters stay
+        within their stated uncertainties, as far as a model may be bent that lacks something.
+    validation_before, validation_after : ErrorRow or None
+        The same on recordings that were not used to fit.
+    noise_floor, validation_noise_floor : ErrorRow
+        What a complete model would leave: noise, drift and the accuracy of the balance.
     """
 
     before: ErrorRow
@@ -82,6 +149,8 @@ class Residuals:
         Mean tilt angles phi_x + i phi_y [rad].
     channels : dict of str to tuple of ndarray
         Before, after, and standard deviation of the noise, of every torque channel [N m].
+    further : dict of str to tuple of ndarray
+        The same of those of `FURTHER_CHANNELS` that there are; amplitudes are complex, their noise is that of one part.
     """
 
     name: str
@@ -90,35 +159,66 @@ class Residuals:
     spin_rate: Array
     tilt: NDArray[np.complex128]
     channels: dict[str, tuple[Array, Array, Array]]
+    further: dict[str, tuple[Any, Any, Any]] = field(default_factory=dict)
 
 
 def error_row(balances: Sequence[Balance], rows: Array, white: Array) -> ErrorRow:
     """Return the error row of residual `rows` [units of the rows] whose whitened values are `white`."""
-    return ErrorRow(_rms(balances, rows), float(white @ white) / max(len(white), 1))
+    channels = {
+        name: ChannelError(
+            channel_rms(balances, rows, name),
+            float(
+                np.mean(
+                    np.concatenate([channel_values(balances, white, row) for row in CHANNELS[name].rows]) ** 2
+                )
+            )
+            if len(white)
+            else 0.0,
+        )
+        for name in channels_of(balances)
+    }
+    return ErrorRow(_torques(channels), float(white @ white) / max(len(white), 1), channels)
 
 
 def floor_row(balances: Sequence[Balance], deviation: Array) -> ErrorRow:
     """Return the noise floor belonging to the standard deviations of the rows."""
-    return ErrorRow(_rms(balances, deviation), 1.0)
+    channels = {
+        name: ChannelError(channel_rms(balances, deviation, name), 1.0) for name in channels_of(balances)
+    }
+    return ErrorRow(_torques(channels), 1.0, channels)
 
 
-def _rms(balances: Sequence[Balance], rows: Array) -> dict[str, float]:
-    return {name: channel_rms(balances, rows, name) for name in TORQUE_CHANNELS}
+def _torques(channels: dict[str, ChannelError]) -> dict[str, float]:
+    return {name: channels[name].rms for name in TORQUE_CHANNELS}
+
+
+def channels_of(balances: Sequence[Balance]) -> list[str]:
+    """Return the channels that all recordings have: some are reduced to averages alone."""
+    return [
+        name
+        for name, channel in CHANNELS.items()
+        if all(row in balance.channels for row in channel.rows for balance in balances)
+    ]
 
 
 def channel_rms(balances: Sequence[Balance], rows: Array, name: str) -> float:
     """Return the root mean square of one channel over time: every window counts by its duration."""
-    values = np.concatenate(channel_parts(balances, rows, name))
+    squares = sum(channel_values(balances, rows, row) ** 2 for row in CHANNELS[name].rows)
     duration = np.concatenate([balance.windows.duration for balance in balances])
-    return float(np.sqrt(np.average(values**2, weights=duration))) if values.size else 0.0
+    return float(np.sqrt(np.average(squares, weights=duration))) if duration.size else 0.0
 
 
-def channel_parts(balances: Sequence[Balance], rows: Array, name: str) -> list[Array]:
-    """Return the rows of one channel, an array a recording."""
+def channel_values(balances: Sequence[Balance], rows: Array, row: str) -> Array:
+    """Return the rows of one channel of `Balance`, all recordings together."""
+    return np.concatenate(channel_parts(balances, rows, row))
+
+
+def channel_parts(balances: Sequence[Balance], rows: Array, row: str) -> list[Array]:
+    """Return the rows of one channel of `Balance`, an array a recording."""
     parts, at = [], 0
     for balance in balances:
         own = rows[at : at + len(balance)]
-        parts.append(own[balance.channel(name)])
+        parts.append(own[balance.channel(row)])
         at += len(balance)
     return parts
 
@@ -132,10 +232,15 @@ def residuals(
     deviation: Array,
 ) -> list[Residuals]:
     """Return the residuals of every recording."""
-    channels = {
-        name: [channel_parts(balances, rows, name) for rows in (before, after, deviation)]
-        for name in TORQUE_CHANNELS
+    parts = {
+        name: [_joined(balances, rows, name) for rows in (before, after)]
+        + [_noise(balances, deviation, name)]
+        for name in channels_of(balances)
     }
+
+    def own(index: int, names: Sequence[str]) -> dict[str, tuple[Any, Any, Any]]:
+        return {n: (parts[n][0][index], parts[n][1][index], parts[n][2][index]) for n in names if n in parts}
+
     return [
         Residuals(
             name=recording,
@@ -143,9 +248,20 @@ def residuals(
             time=balance.windows.middle,
             spin_rate=balance.windows.mean_spin,
             tilt=balance.windows.mean_tilt,
-            channels={
-                name: (parts[0][index], parts[1][index], parts[2][index]) for name, parts in channels.items()
-            },
+            channels=own(index, TORQUE_CHANNELS),
+            further=own(index, FURTHER_CHANNELS),
         )
         for index, (balance, recording) in enumerate(zip(balances, names, strict=True))
     ]
+
+
+def _joined(balances: Sequence[Balance], rows: Array, name: str) -> list[Any]:
+    """Return a channel, an array a recording; real and imaginary part put together."""
+    parts: list[list[Any]] = [list(channel_parts(balances, rows, row)) for row in CHANNELS[name].rows]
+    return parts[0] if len(parts) == 1 else [a + 1j * b for a, b in zip(*parts, strict=True)]
+
+
+def _noise(balances: Sequence[Balance], deviation: Array, name: str) -> list[Any]:
+    """Return the standard deviation of one part of a channel, an array a recording."""
+    own = [channel_parts(balances, deviation, row) for row in CHANNELS[name].rows]
+    return [np.sqrt(np.mean(np.square(parts), axis=0)) for parts in zip(*own, strict=True)]

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import os
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.errors import TORQUE_CHANNELS, ErrorRow, ErrorTable, Residuals
-from gyrowheel_sim.errors import InputError
+from gyrowheel_analysis.errors import CHANNELS, TORQUE_CHANNELS, ErrorRow, ErrorTable, Residuals
+from gyrowheel_analysis.report.files import write_figure
+from gyrowheel_analysis.wording import number, unit_for
 from gyrowheel_sim.units import RPM
 
 if TYPE_CHECKING:
@@ -29,10 +28,12 @@ _DOTS = 100
 # of the palette of Okabe and Ito, which people tell apart whatever their colour vision
 _BEFORE, _AFTER = "#D55E00", "#0072B2"
 _NOISE, _INK, _FAINT = "#9A9A9A", "#222222", "#E4E4E4"
-_TITLES = {"tilt_x": "tilt x", "tilt_y": "tilt y", "spin": "spin"}
 _ROLES = {"fit": "fitted", "validation": "not used to fit"}
 _SAME_SPEED = 0.04  # relative
 _WIDE = 12.0  # range of sizes from which on an axis is logarithmic
+_LONG = 7  # letters of a name that needs two lines
+_WORTH_A_NUMBER = 1.3  # noise floors
+_CLEAR = 1.5  # noise floors that the error of a further channel must have to be drawn window by window
 _GAP = 2.0  # between two recordings in one panel [s]
 _STYLE: Any = {  # typed by matplotlib key by key
     "font.family": "sans-serif",
@@ -81,7 +82,7 @@ def save_picture(
 
     with mpl.rc_context(_STYLE):
         figure = draw(residuals, error, title=title, subtitle=subtitle)
-        _write(figure, Path(path))
+        write_figure(figure, Path(path))
 
 
 def draw(residuals: Sequence[Residuals], error: ErrorTable, *, title: str, subtitle: str = "") -> Figure:
@@ -94,11 +95,12 @@ def draw(residuals: Sequence[Residuals], error: ErrorTable, *, title: str, subti
         figure.text(0.045, 0.913, subtitle, fontsize=13, color="#555555", va="center")
     roles = [role for role in _ROLES if any(r.role == role for r in residuals)]
     widths = [math.sqrt(sum(r.time[-1] for r in residuals if r.role == role) + 5.0) for role in roles]
+    shown = [*TORQUE_CHANNELS, *_telling(error)]
     left = figure.add_gridspec(
-        3,
+        len(shown),
         len(roles),
         left=0.07,
-        right=0.665,
+        right=0.605,
         top=0.815,
         bottom=0.075,
         hspace=0.16,
@@ -109,24 +111,26 @@ def draw(residuals: Sequence[Residuals], error: ErrorTable, *, title: str, subti
         not np.array_equal(before, after) for r in residuals for before, after, _ in r.channels.values()
     )
     labelled = []
-    for row, channel in enumerate(TORQUE_CHANNELS):
+    for row, channel in enumerate(shown):
         first: Axes | None = None
+        last = row == len(shown) - 1
         for column, role in enumerate(roles):
             axes = figure.add_subplot(left[row, column], sharey=first)
-            _residual_panel(
-                axes, [r for r in residuals if r.role == role], channel, named=row == 0, changed=changed
-            )
+            own = [r for r in residuals if r.role == role]
+            scale, unit = _MILLI, "mN·m" if CHANNELS[channel].unit == "N·m" else "mV"
+            _residual_panel(axes, own, channel, scale, named=row == 0, changed=changed)
             if first is None:
                 first = axes
                 labelled.append(axes)
-                axes.set_ylabel(f"residual, {_TITLES[channel]}\nmN·m")
+                size = "residual" if len(CHANNELS[channel].rows) == 1 else "|residual|"
+                axes.set_ylabel(f"{size}, {CHANNELS[channel].title}\n{unit}")
             else:
                 axes.tick_params(labelleft=False)
             if row == 0:
                 names = ", ".join(r.name for r in residuals if r.role == role)
                 axes.set_title(f"{_ROLES[role]}: {names}", pad=26)
-            axes.tick_params(labelbottom=row == 2)
-            if row == 2:
+            axes.tick_params(labelbottom=last)
+            if last:
                 axes.set_xlabel("time in the recording, s")
     figure.align_ylabels(labelled)
     _size_panels(figure, error, changed=changed)
@@ -134,8 +138,31 @@ def draw(residuals: Sequence[Residuals], error: ErrorTable, *, title: str, subti
     return figure
 
 
+def _telling(error: ErrorTable) -> list[str]:
+    """Return the channel beyond the averaged torques in which the error was largest, where it was clearly there."""
+    floors = {
+        name: before.rms / floor.rms
+        for name, before in error.before.channels.items()
+        if name not in TORQUE_CHANNELS
+        and (floor := error.noise_floor.channels.get(name)) is not None
+        and floor.rms > 0.0
+    }
+    largest = max(floors, key=lambda name: floors[name], default=None)
+    return [largest] if largest is not None and floors[largest] > _CLEAR else []
+
+
+def _rows(residual: Residuals, channel: str) -> tuple[Array, Array, Array]:
+    """Return before, after and noise of a channel; of an amplitude its modulus."""
+    if channel in residual.channels:
+        return residual.channels[channel]
+    before, after, sigma = residual.further[channel]
+    if not np.iscomplexobj(before):
+        return before, after, sigma
+    return np.abs(before), np.abs(after), math.sqrt(2.0) * sigma
+
+
 def _residual_panel(
-    axes: Axes, residuals: Sequence[Residuals], channel: str, *, named: bool, changed: bool
+    axes: Axes, residuals: Sequence[Residuals], channel: str, scale: float, *, named: bool, changed: bool
 ) -> None:
     """Draw residuals over time, the noise about zero, and where which speed was."""
     offset = 0.0
@@ -143,7 +170,7 @@ def _residual_panel(
     for residual in residuals:
         order = np.argsort(residual.time)
         time = residual.time[order] + offset
-        before, after, sigma = (np.asarray(part)[order] / _MILLI for part in residual.channels[channel])
+        before, after, sigma = (np.asarray(part)[order] / scale for part in _rows(residual, channel))
         _speeds(axes, time, residual.spin_rate[order], named=named)
         axes.fill_between(time, -sigma, sigma, color=_NOISE, alpha=0.45, linewidth=0.0, zorder=2, step="mid")
         if changed:
@@ -152,6 +179,8 @@ def _residual_panel(
         axes.plot(time, after, "D", markersize=4.6, color=_AFTER, markeredgewidth=0.0, zorder=5)
         offset = float(time[-1]) + _GAP
     axes.margins(x=0.02, y=0.12)
+    if len(CHANNELS[channel].rows) > 1:
+        axes.set_ylim(bottom=0.0)
     axes.grid(axis="y", color=_FAINT, linewidth=0.8)
     axes.set_axisbelow(True)
 
@@ -180,17 +209,22 @@ def _speeds(axes: Axes, time: Array, spin_rate: Array, *, named: bool) -> None:
 
 
 def _size_panels(figure: Figure, error: ErrorTable, *, changed: bool) -> None:
-    """Draw the sizes of the residuals before and after as bars, with the noise floor."""
+    """Draw the errors before and after in noise floors, channel by channel; the floor is where no model gets below."""
     parts = [("fitted", error.before, error.after, error.noise_floor)]
     if error.validation_before is not None and error.validation_after is not None:
         floor = error.validation_noise_floor or error.noise_floor
         parts.append(("not used to fit", error.validation_before, error.validation_after, floor))
-    grid = figure.add_gridspec(len(parts), 1, left=0.735, right=0.975, top=0.815, bottom=0.075, hspace=0.28)
-    rows = [row for part in parts for row in part[1:]]
-    sizes = [row.rms[name] / _MILLI for row in rows for name in TORQUE_CHANNELS if row.rms[name] > 0.0]
-    smallest, largest = (min(sizes), max(sizes)) if sizes else (1.0, 1.0)
-    logarithmic = largest > _WIDE * smallest
-    low, high = (smallest / 2.5, largest * 2.2) if logarithmic else (0.0, 1.18 * largest)
+    grid = figure.add_gridspec(len(parts), 1, left=0.675, right=0.98, top=0.815, bottom=0.1, hspace=0.42)
+    sizes = [
+        size
+        for _, *rows, floor in parts
+        for row in rows
+        for size in _in_floors(row, floor).values()
+        if size > 0.0
+    ]
+    largest = max(sizes, default=1.0)
+    logarithmic = largest > _WIDE
+    low, high = (min(0.5, 0.8 * min(sizes)), largest * 2.5) if logarithmic else (0.0, max(1.2 * largest, 1.5))
     for index, (name, before, after, floor) in enumerate(parts):
         axes = figure.add_subplot(grid[index])
         change = f"χ²/N {_short(before.chi2_per_n)} → " if changed else "χ²/N "
@@ -202,31 +236,53 @@ def _size_panels(figure: Figure, error: ErrorTable, *, changed: bool) -> None:
             axes.minorticks_off()
         axes.set_ylim(low, high)
         _bars(axes, [(before, _BEFORE), (after, _AFTER)] if changed else [(after, _AFTER)], floor, low)
-        axes.set_ylabel("mN·m")
+        axes.set_ylabel("noise floors")
+
+
+def _in_floors(row: ErrorRow, floor: ErrorRow) -> dict[str, float]:
+    """Return the error of every channel over its noise floor."""
+    level = {name: _size(floor, name) for name in CHANNELS if _has(row, name) and _has(floor, name)}
+    return {name: _size(row, name) / own if own > 0.0 else 0.0 for name, own in level.items()}
+
+
+def _has(row: ErrorRow, name: str) -> bool:
+    return name in row.rms or name in row.channels
+
+
+def _size(row: ErrorRow, name: str) -> float:
+    return row.rms[name] if name in row.rms else row.channels[name].rms
 
 
 def _bars(axes: Axes, rows: Sequence[tuple[ErrorRow, str]], floor: ErrorRow, low: float) -> None:
+    names = list(_in_floors(rows[0][0], floor))
     width = 0.4
-    for place, name in enumerate(TORQUE_CHANNELS):
-        level = floor.rms[name] / _MILLI
-        for side, (row, colour) in enumerate(rows):
-            size = row.rms[name] / _MILLI
+    for side, (row, colour) in enumerate(rows):
+        for place, size in enumerate(_in_floors(row, floor).values()):
             at = place + (side - 0.5 * (len(rows) - 1)) * (width + 0.02)
             axes.bar(at, max(size - low, 0.0), width, bottom=low, color=colour, zorder=2)
+            if size < _WORTH_A_NUMBER and side == 0 and len(rows) > 1:
+                continue  # what was noise before needs no number
             # a label that would lie on the noise floor goes above it
-            hidden = 0.0 <= _height(axes, level) - _height(axes, size) < 0.08
+            hidden = 0.0 <= _height(axes, 1.0) - _height(axes, size) < 0.08
             axes.annotate(
                 _short(size),
-                (at, level if hidden else max(size, low)),
+                (at, 1.0 if hidden else max(size, low)),
                 xytext=(0, 4),
                 textcoords="offset points",
                 ha="center",
-                fontsize=10,
+                fontsize=9.5,
                 color=colour,
                 fontweight="bold",
             )
-        axes.plot([place - 0.45, place + 0.45], [level, level], color=_INK, linewidth=1.8, zorder=3)
-    axes.set_xticks(range(len(TORQUE_CHANNELS)), [_TITLES[name] for name in TORQUE_CHANNELS])
+    axes.axhline(1.0, color=_INK, linewidth=1.8, zorder=3)
+    labels = []
+    for name in names:
+        level = _size(floor, name)
+        unit, scale = unit_for(level, CHANNELS[name].unit)
+        title = CHANNELS[name].title
+        title = title.replace(" ", "\n") if len(title) > _LONG else title
+        labels.append(f"{title}\n{number(level / scale)}\n{unit}")
+    axes.set_xticks(range(len(names)), labels, fontsize=9.5)
     axes.tick_params(axis="x", length=0)
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
     axes.grid(axis="y", color=_FAINT, linewidth=0.8)
@@ -245,7 +301,7 @@ def _legend(figure: Figure, *, changed: bool) -> None:
     handles = [
         Line2D([], [], marker="D", linestyle="", color=_AFTER, markersize=6.5, label="model after"),
         Patch(color=_NOISE, alpha=0.45, linewidth=0.0, label="noise, ±1σ"),
-        Line2D([], [], color=_INK, linewidth=1.8, label="noise floor"),
+        Line2D([], [], color=_INK, linewidth=1.8, label="noise floor (its size below)"),
     ]
     if changed:
         before = Line2D([], [], marker="o", linestyle="", color=_BEFORE, markersize=8, label="model before")
@@ -272,19 +328,3 @@ def _short(value: float) -> str:
         return "0"
     places = max(1 - math.floor(math.log10(value)), 0)
     return f"{value:.{places}f}"
-
-
-def _write(figure: Figure, path: Path) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".png")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            figure.savefig(stream, format="png", dpi=_DOTS)
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gyrowheel_bringup.cli.options import Json, ModelFile, Recordings, Validation, example
-from gyrowheel_bringup.cli.shell import finding, put_json, put_text, working
+from gyrowheel_bringup.cli.shell import finding, out, put_json, put_text, working
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.discovery.verdict import Diagnosis
@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
 def register(app: typer.Typer) -> None:
     """Add the verbs."""
-    app.command(epilog=example("gyrowheel compare runs/monday --model wheel.yaml"))(compare)
+    app.command(epilog=example("gyrowheel compare runs/monday --model wheel.yaml --map speed,azimuth"))(
+        compare
+    )
     app.command(epilog=example("gyrowheel diagnose runs/monday --model wheel.yaml"))(diagnose)
     app.command(epilog=example("gyrowheel rate runs/rate_table --model wheel.yaml"))(rate)
 
@@ -37,11 +39,26 @@ def compare(
             show_default=False,
         ),
     ] = None,
+    map_over: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--map",
+            metavar="VAR[,VAR]",
+            help="Show a map of the residual over one or two of tilt, azimuth, speed, time, temperature. Repeatable.",
+            show_default="speed,tilt where the model fails",
+        ),
+    ] = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option("--picture", metavar="FILE.png", help="Draw where the model fails.", show_default=False),
+    ] = None,
     json: Json = None,
 ) -> None:
     """Show how far a model is from recordings: where, and on what the error depends."""
+    from gyrowheel_analysis.maps import residual_map, variables_of
     from gyrowheel_analysis.model import Model
 
+    over = None if map_over is None else [variables_of(text) for text in map_over]
     loaded = Model.load(model)
     recordings = open_all(directories)
     with working("comparing") as say:
@@ -52,7 +69,15 @@ def compare(
     if json is not None:
         put_json(json, result.to_json())
     if json != "-":
-        put_text(comparison(result))
+        put_text(
+            comparison(result, None if over is None else [residual_map(result.data, own) for own in over])
+        )
+    if picture is not None:
+        from gyrowheel_analysis.report.failure import save_failures
+
+        save_failures(picture, result)
+        if json != "-":
+            out().print(f"\npicture: {picture}", soft_wrap=True)
     worst = max(metrics.chi2_per_n for metrics in result.channels.values())
     finding(fail_above is not None and worst > fail_above)
 

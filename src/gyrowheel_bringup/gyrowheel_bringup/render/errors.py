@@ -2,59 +2,107 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from rich.console import Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 
+from gyrowheel_analysis.errors import CHANNELS, TORQUE_CHANNELS
 from gyrowheel_bringup.render.layout import figures_table
 from gyrowheel_bringup.render.quantities import Edge, fixed, torque_edge
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.errors import ErrorRow, ErrorTable
 
-CHANNELS = {"tilt_x": "tilt x", "tilt_y": "tilt y", "spin": "spin"}
+_MILLIVOLT = Edge("mV", 1e-3)
+_FALLEN = 1.3  # noise floors that count as having come down to it
+
+
+def unit_of(noise: Mapping[str, float]) -> dict[str, Edge]:
+    """Return the unit in which each channel is shown, given its noise [SI]; the averaged torques share one."""
+    averages = torque_edge(value for name, value in noise.items() if _unit(name) == "N·m" and _average(name))
+    return {
+        name: _MILLIVOLT if _unit(name) == "V" else averages if _average(name) else torque_edge([value])
+        for name, value in noise.items()
+    }
+
+
+def _unit(name: str) -> str:
+    return CHANNELS[name].unit if name in CHANNELS else "N·m"
+
+
+def _average(name: str) -> bool:
+    return name in (*TORQUE_CHANNELS, "tilt")
 
 
 def error_table(table: ErrorTable) -> RenderableType:
-    """Return the errors before and after, on fitted and unused recordings, with the noise floor."""
-    shown = torque_edge(table.noise_floor.rms.values())
-    result = figures_table(
-        "\nRMS of the residual", *(f"{title}\n{shown.label}" for title in CHANNELS.values()), "χ²/N\n"
-    )
-    _part(result, "fitted", table.before, table.after, table.noise_floor, shown)
-    rows = (table.validation_before, table.validation_after, table.validation_noise_floor)
-    if rows[0] is not None and rows[1] is not None:
-        result.add_section()
-        _part(result, "not used to fit", rows[0], rows[1], rows[2], shown)
-        return Group(result, Text(fall(rows[0], rows[1], rows[2], "a recording that was not used to fit")))
-    return Group(result, Text(fall(table.before, table.after, table.noise_floor, "the fitted recordings")))
+    """Return the errors before and after, channel by channel, fitted and unused recordings side by side.
+
+    The noise floor stands beside them: what no model gets below.
+    """
+    parts = [("fitted", table.before, table.after, table.noise_floor)]
+    if table.validation_before is not None and table.validation_after is not None:
+        floor = table.validation_noise_floor or table.noise_floor
+        parts.append(("not used to fit", table.validation_before, table.validation_after, floor))
+    titles = [f"{part[0] if not k else ''}\n{what}" for part in parts for k, what in enumerate(_COLUMNS)]
+    result = figures_table("RMS of the\nresidual", "\nunit", *titles)
+    result.columns[1].justify = "left"
+    channels = [name for name in CHANNELS if all(_has(row, name) for part in parts for row in part[1:])]
+    shown = unit_of({name: _rms(table.noise_floor, name) for name in channels})
+    for name in channels:
+        cells: list[str | Text] = []
+        for _, before, after, floor in parts:
+            sizes = [_rms(row, name) for row in (before, after, floor)]
+            # readings that drift together may lie off by chance: the whitened residual says whether it is noise
+            own = after.channels.get(name)
+            left = math.sqrt(own.chi2_per_n) if own is not None else sizes[1] / (sizes[2] or 1.0)
+            style = "green" if left <= _FALLEN else "bold red"
+            texts = [fixed(size / shown[name].size) for size in sizes]
+            cells += [texts[0], Text(texts[1], style=style), Text(texts[2], style="dim")]
+        result.add_row(CHANNELS[name].title, Text(shown[name].label, style="dim"), *cells)
+    result.add_section()
+    chi2 = [
+        cell
+        for _, before, after, _floor in parts
+        for cell in (
+            fixed(before.chi2_per_n),
+            Text(fixed(after.chi2_per_n), style="bold"),
+            Text("1", style="dim"),
+        )
+    ]
+    result.add_row("χ²/N of all", "", *chi2)
+    where = "a recording that was not used to fit" if len(parts) == 2 else "the fitted recordings"
+    return Group(result, Text(fall(*parts[-1][1:], where)))
 
 
-def _part(
-    result: Table, title: str, before: ErrorRow, after: ErrorRow, floor: ErrorRow | None, shown: Edge
-) -> None:
-    for label, row, style in (("before", before, ""), ("after", after, "bold"), ("noise", floor, "dim")):
-        if row is not None:
-            result.add_row(
-                f"{title}, {label}",
-                *(fixed(row.rms[name] / shown.size) for name in CHANNELS),
-                fixed(row.chi2_per_n) if label != "noise" else "",
-                style=style,
-            )
+_COLUMNS = ("before", "after", "noise")
+
+
+def _has(row: ErrorRow, name: str) -> bool:
+    return name in row.rms or name in row.channels
+
+
+def _rms(row: ErrorRow, name: str) -> float:
+    return row.rms[name] if name in row.rms else row.channels[name].rms
 
 
 def fall(before: ErrorRow, after: ErrorRow, floor: ErrorRow | None, where: str) -> str:
     """Return in a sentence how the error falls, and where it falls most; or rises, where it falls nowhere."""
     text = f"On {where} χ²/N goes from {fixed(before.chi2_per_n)} to {fixed(after.chi2_per_n)}"
-    gain = {name: before.rms[name] ** 2 - after.rms[name] ** 2 for name in CHANNELS}
+    names = [name for name in CHANNELS if _has(before, name) and _has(after, name)]
+    # errors of several units are compared in noise floors
+    level = {name: _rms(floor, name) if floor is not None and _has(floor, name) else 1.0 for name in names}
+    gain = {
+        name: (_rms(before, name) ** 2 - _rms(after, name) ** 2) / (level[name] ** 2 or 1.0) for name in names
+    }
     falls = max(gain.values()) > 0.0
     most = (max if falls else min)(gain, key=lambda name: gain[name])
-    shown = torque_edge((floor or after).rms.values())
-    was, now = (fixed(row.rms[most] / shown.size) for row in (before, after))
+    shown = unit_of({name: _rms(floor or after, name) for name in names})[most]
+    was, now = (fixed(_rms(row, most) / shown.size) for row in (before, after))
     verb = "falls" if falls else "rises"
-    text += f"; {CHANNELS[most]}, where the error {verb} most, from {was} to {now} {shown.label}"
+    text += f"; {CHANNELS[most].title}, where the error {verb} most, from {was} to {now} {shown.label}"
     if floor is not None:
-        text += f" (noise {fixed(floor.rms[most] / shown.size)})"
+        text += f" (noise {fixed(_rms(floor, most) / shown.size)})"
     return f"{text}."
