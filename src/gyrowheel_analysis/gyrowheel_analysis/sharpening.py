@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.balance import Balance
+from gyrowheel_analysis.balance import CHANNELS, Balance
 from gyrowheel_analysis.discovery.fit import ERRORS, Fit, Problem, Term
 from gyrowheel_analysis.discovery.planning import SEPARATING_PLANS
 from gyrowheel_analysis.discovery.verdict import Diagnosis, EffectFinding
@@ -70,6 +70,7 @@ def sharpening(
     diagnosis: Diagnosis,
     *,
     wanted: float = PRECISE,
+    averages: bool = False,
     progress: Progress | None = None,
 ) -> Sharpening | None:
     """Return the test that brings the least certain finding to the wanted precision soonest; None if none helps.
@@ -84,12 +85,14 @@ def sharpening(
         What was found in them.
     wanted : float
         Relative standard error that is good enough.
+    averages : bool
+        Whether to use averages over whole revolutions alone, as the diagnosis did.
     """
     loose = [f for f in diagnosis.effects if relative_error(f) > wanted]
     if not loose:
         return None
     weakest = max(loose, key=relative_error)
-    prepared = prepare(recordings, model, progress=progress)
+    prepared = prepare(recordings, model, harmonics=not averages, progress=progress)
     problem = prepared.problem
     if progress:
         progress("judging which test would sharpen what was found")
@@ -135,8 +138,9 @@ def _with_plan(problem: Problem, fit: Fit, name: str) -> tuple[NDArray[np.float6
     windows = planned_windows(plan, problem.bench)
     if not len(windows):
         return None
+    harmonics = all(len(b.channels) > len(CHANNELS) for b in problem.balances)
     planned = Problem(
-        [Balance(windows, problem.bench)],
+        [Balance(windows, problem.bench, harmonics=harmonics)],
         problem.bench,
         problem.known,
         problem.known_errors,

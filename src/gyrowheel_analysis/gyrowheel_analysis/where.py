@@ -98,11 +98,20 @@ class Part:
         Residual, complex for a kind of two rows: the averages in case axes x + i y, amplitudes in axes that turn.
     sigma : ndarray (n,)
         Standard deviation of its noise, of one of two rows.
+    load : ndarray (n,) or None
+        What the model asks for [unit of the kind]; None where that is not known.
     """
 
     kind: Kind
     values: NDArray[Any]
     sigma: Array
+    load: NDArray[Any] | None = None
+
+    def at(self, mask: NDArray[np.bool_]) -> Part:
+        """Return the part in some of the windows."""
+        return Part(
+            self.kind, self.values[mask], self.sigma[mask], None if self.load is None else self.load[mask]
+        )
 
     @property
     def rows(self) -> int:
@@ -160,7 +169,12 @@ def window_residuals(
         own: list[Any] = [channel_values(balances, rows, row) for row in kind.rows]
         noise = [channel_values(balances, deviation, row) for row in kind.rows]
         values = own[0] + 1j * own[1] if len(own) == 2 else own[0]
-        parts[name] = Part(kind, values, np.sqrt(np.mean(np.square(noise), axis=0)))
+        load = None
+        if name == "tilt" and np.any(windows.coil_voltage):
+            # not what was measured, which has the residual in it
+            x, y = (np.concatenate([b.measured[b.channel(row)] for b in balances]) for row in kind.rows)
+            load = x + 1j * y - values
+        parts[name] = Part(kind, values, np.sqrt(np.mean(np.square(noise), axis=0)), load)
     recording = np.repeat(np.arange(len(balances)), [len(balance.windows) for balance in balances])
     return WindowResiduals(windows, recording, parts)
 
@@ -387,7 +401,7 @@ def _where_usual(best: _Description, part: Part, w: Windows, weight: Array) -> _
     usual = _usual(w)
     if usual.all():
         return best
-    alike = Part(part.kind, part.values[usual], part.sigma[usual])
+    alike = part.at(usual)
     groups = speed_groups(w.mean_spin[usual])
     found = next(_described(best.pattern, alike, w.select(usual), weight[usual], groups), best)
     return found if len(found.speed) == len(best.speed) else best
@@ -404,7 +418,7 @@ def _described(
     name: str, part: Part, w: Windows, weight: Array, speeds: Sequence[NDArray[np.int64]]
 ) -> Iterator[_Description]:
     """Yield a pattern with its amplitude at every speed; nothing where the windows do not have it."""
-    p = _pattern(name, w)
+    p = _pattern(name, w, part.load)
     if not np.any(np.abs(p) > 0.0):
         return
     real = not np.iscomplexobj(part.values)
@@ -420,12 +434,12 @@ def _described(
         yield _Description(name, speed, amplitude, norm_, float(np.sum(np.abs(amplitude) ** 2 * norm_)))
 
 
-def _pattern(name: str, w: Windows) -> NDArray[Any]:
+def _pattern(name: str, w: Windows, load: NDArray[Any] | None = None) -> NDArray[Any]:
     """Return a way in which a residual may depend on the motion, for an amplitude of one; zero where it is not there.
 
     ``tilt``: the tilt [rad]; ``mirror``: its mirror image; ``square``: its square; ``cube``: its cube;
     ``rate``: its rate [rad/s];
-    ``load``: what the coils give anyway, as their voltage [V]; ``still``: one; ``acceleration``: of the spin [rad/s^2];
+    ``load``: what the model asks of the coils [N m]; ``still``: one; ``acceleration``: of the spin [rad/s^2];
     ``table``: rate of the table about the axes of the case [rad/s]; ``room``: a direction that stands in the room while
     the rig turns.
     """
@@ -441,7 +455,7 @@ def _pattern(name: str, w: Windows) -> NDArray[Any]:
     if name == "rate":
         return np.where(np.abs(w.mean_tilt_rate) > 0.5 * DEG, w.mean_tilt_rate, 0.0)
     if name == "load":
-        return w.coil_voltage
+        return np.zeros(len(w)) if load is None else load
     if name == "acceleration":
         return np.where(np.abs(w.mean_spin_acceleration) > 1.0, w.mean_spin_acceleration, 0.0)
     if name == "table":
@@ -458,7 +472,7 @@ _WORDS = {
     "square": "grows with the tilt squared",
     "cube": "grows with the cube of the tilt",
     "rate": "goes with the rate of the tilt",
-    "load": "is in proportion to their own",
+    "load": "is in proportion to what they have to give",
     "acceleration": "goes with the acceleration of the spin",
     "table": "goes with the rate of the table",
     "room": "stands in the room while the rig is turned",
@@ -466,8 +480,15 @@ _WORDS = {
 }
 _PER = {
     "tilt": "/rad", "mirror": "/rad", "square": "/rad²", "cube": "/rad³", "rate": " per rad/s",
-    "acceleration": " per rad/s²", "table": " per rad/s", "load": " per volt",
+    "acceleration": " per rad/s²", "table": " per rad/s",
 }  # fmt: skip
+
+
+def _amounts(values: Sequence[float], kind: Kind, pattern: str) -> tuple[list[str], str]:
+    """Return amplitudes of a pattern as numbers, and the unit of them all."""
+    name, scale = ("%", 1e-2) if pattern == "load" else unit_for(max(abs(v) for v in values), kind.unit)
+    signed = min(values) < 0.0
+    return [number(v / scale, sign=signed) for v in values], f"{name}{_PER.get(pattern, '')}"
 
 
 def _who(kind: Kind, pattern: str, direction: complex) -> str:
@@ -496,7 +517,9 @@ def _beyond(kind: Kind, pattern: str, mean: complex, *, alone: bool = False) -> 
     text = _who(kind, pattern, mean)
     if pattern == "still" and kind.rows[0] == "tilt_x":
         return text + _axes(mean, kind)
-    return f"{text}, {size(abs(mean), kind.unit)}{per}{'' if alone else ' on average'}"
+    (amount,), unit = _amounts([abs(mean)], kind, pattern)
+    sign = "−" if pattern == "load" and mean.real < 0.0 else ""
+    return f"{text}, {sign}{amount} {unit}{'' if alone else ' on average'}"
 
 
 def _growing(speed: Array, sizes: Array, weight: Array, kind: Kind, pattern: str) -> str:
@@ -512,10 +535,8 @@ def _growing(speed: Array, sizes: Array, weight: Array, kind: Kind, pattern: str
     low, high = float(sizes[0]), float(sizes[-1])
     if max(abs(low), abs(high)) == 0.0 or np.ptp(sizes) < 0.15 * float(np.abs(sizes).max()):
         return ""
-    name, scale = unit_for(max(abs(low), abs(high)), kind.unit)
-    a, b = (number(v / scale, sign=min(low, high) < 0.0) for v in (low, high))
-    ends = f"from {a} to {b} {name}{_PER.get(pattern, '')} between {speed[0] / RPM:.0f} and {speed[-1] / RPM:.0f} rpm"
-    return f", {ends}"
+    (a, b), unit = _amounts([low, high], kind, pattern)
+    return f", from {a} to {b} {unit} between {speed[0] / RPM:.0f} and {speed[-1] / RPM:.0f} rpm"
 
 
 def _power(value: float, error: float) -> str:
@@ -537,14 +558,12 @@ class _Change:
 
     def text(self, kind: Kind, pattern: str, *, first: bool = False) -> str:
         """Return the change as the end of a sentence."""
-        name, scale = unit_for(max(abs(self.at_low), abs(self.at_high)), kind.unit)
-        signed = min(self.at_low, self.at_high) < 0.0
-        a, b = (number(v / scale, sign=signed) for v in (self.at_low, self.at_high))
+        (a, b), unit = _amounts([self.at_low, self.at_high], kind, pattern)
         ends = _VARIABLES[self.name][1].format(
             low=_shown(self.name, self.low), high=_shown(self.name, self.high)
         )
         comma = " and goes" if len(kind.rows) == 2 or pattern != "still" else " goes"
-        return f"{comma if first else '; it goes'} from {a} to {b} {name}{_PER.get(pattern, '')} {ends}"
+        return f"{comma if first else '; it goes'} from {a} to {b} {unit} {ends}"
 
 
 #: Variables, beside speed and tilt, with which an amplitude may change: smallest range that says anything, and words.
@@ -571,7 +590,7 @@ def _variable_values(w: Windows) -> dict[str, Array]:
 
 def _linear(name: str, part: Part, w: Windows, weight: Array) -> Iterator[tuple[str, _Change]]:
     """Yield a pattern whose amplitude is a straight line in a variable, for each variable; its gain is the whole."""
-    p = _pattern(name, w)
+    p = _pattern(name, w, part.load)
     if not np.any(np.abs(p) > 0.0):
         return
     root = np.sqrt(weight)
@@ -604,7 +623,7 @@ def _along_variable(
     """Return with which variable the amplitude changes at a given speed, where that explains much of the residual."""
     values = _variable_values(w)
     total = float(np.sum(part.squares))
-    p = _pattern(best.pattern, w)
+    p = _pattern(best.pattern, w, part.load)
     mean = complex(np.sum(best.weight * best.amplitude))
     found: list[_Change] = []
     for name, v in values.items():

@@ -64,6 +64,12 @@ class Step:
         What all recordings so far say.
     learned : list of str
         The same in a sentence or two.
+    before : str or None
+        The verdict before this step; None for the first.
+    separated : list of str
+        What could have been before this step and cannot any more.
+    left : float
+        Time on the bench that is left after it [min].
     """
 
     number: int
@@ -73,6 +79,9 @@ class Step:
     minutes: float
     diagnosis: Diagnosis
     learned: list[str]
+    before: str | None = None
+    separated: list[str] = field(default_factory=list)
+    left: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -95,6 +104,8 @@ class Investigation:
         Time on the bench that may be spent [min].
     steps : list of Step
         What was done.
+    averages : bool
+        Whether the recordings are reduced to averages over revolutions alone.
     settled : bool
         Whether nothing is open any more.
     reason : str
@@ -104,6 +115,7 @@ class Investigation:
     model: str
     budget: float
     steps: list[Step] = field(default_factory=list)
+    averages: bool = False
     settled: bool = False
     reason: str = ""
 
@@ -126,6 +138,7 @@ class Investigation:
             "reason": self.reason,
             "minutes": self.minutes,
             "budget_minutes": self.budget,
+            "averages": self.averages,
             "verdict": self.steps[-1].diagnosis.verdict if self.steps else None,
             "named": [f.name for f in self.steps[-1].diagnosis.effects] if self.steps else [],
             "steps": [
@@ -134,7 +147,10 @@ class Investigation:
                     "why": step.why,
                     "recordings": [str(path) for path in step.recordings],
                     "minutes": step.minutes,
+                    "minutes_left": step.left,
+                    "verdict_before": step.before,
                     "verdict": step.diagnosis.verdict,
+                    "separated": step.separated,
                     "effects": [
                         {"name": f.name, "ties": [tie.name for tie in f.ties]} for f in step.diagnosis.effects
                     ],
@@ -178,6 +194,11 @@ def investigate(
     thorough : bool
         Whether to go on until every known effect would have shown at its usual size.
 
+    Notes
+    -----
+    `Investigation.averages` says whether to look at averages alone, as where filters hide what happens within a
+    revolution.
+
     Raises
     ------
     InputError
@@ -207,23 +228,32 @@ def investigate(
         listener.begin(number, [plan.name for plan in following], why)
         made: list[Path] = []
         for plan in following:
-            path = folder / f"{len(done.recordings) + len(made) + 1}-{plan.name}"
-            run(plan, path, len(done.recordings) + len(made) + 1)
+            # counted on from the recordings at hand: a run of its own has noise of its own
+            place = len(recordings) + 1
+            path = folder / f"{place}-{plan.name}"
+            run(plan, path, place)
             made.append(path)
             recordings.append(Recording.open(path))
         before = done.steps[-1].diagnosis if done.steps else None
         with listener.working("diagnosing") as say:
-            found = diagnose(recordings, model, progress=say)
+            found = diagnose(recordings, model, averages=done.averages, progress=say)
             wanted = _next(found, recordings, model, done, following, thorough, say)
+            learned = what_was_learned(found, before)
+            if before is None and not done.averages:
+                learned += _why_so_soon(found, recordings, model, say)
+        took = sum(_minutes(plan) for plan in following)
         done.steps.append(
             Step(
                 number,
                 [plan.name for plan in following],
                 why,
                 made,
-                sum(_minutes(plan) for plan in following),
+                took,
                 found,
-                what_was_learned(found, before),
+                learned,
+                before=None if before is None else before.verdict,
+                separated=[] if before is None else _ruled_out(found, before),
+                left=max(done.budget - done.minutes - took, 0.0),
             )
         )
         if isinstance(wanted, Wanted):
@@ -287,7 +317,7 @@ def _next(
     if found.verdict == "effect":
         from gyrowheel_analysis.sharpening import sharpening
 
-        sharper = sharpening(recordings, model, found, progress=progress)
+        sharper = sharpening(recordings, model, found, averages=done.averages, progress=progress)
         if sharper is not None and fresh(sharper.plan):
             return Wanted(
                 sharper.plan,
@@ -301,7 +331,6 @@ def _next(
 def what_was_learned(found: Diagnosis, before: Diagnosis | None) -> list[str]:
     """Return in a sentence or two what a diagnosis says, and what it says now that it could not say before."""
     sentences = []
-    ruled_out = _alternatives(before) - _alternatives(found) if before is not None else set()
     names = [f.name for f in found.effects]
     if found.verdict == "nothing_missing":
         sentences.append("The model explains everything recorded so far; nothing is missing.")
@@ -321,10 +350,42 @@ def what_was_learned(found: Diagnosis, before: Diagnosis | None) -> list[str]:
                 sentences.append(f"{finding.name} is there: {_size(finding)}.")
     else:
         sentences += [f"It is {f.name}: {f.title}, {_size(f)}." for f in found.effects]
-    gone = sorted(ruled_out - set(names))
+    gone = _ruled_out(found, before) if before is not None else []
     if gone and names:
         sentences.append(f"{_and(gone)} {'is' if len(gone) == 1 else 'are'} ruled out.")
     return sentences
+
+
+def _ruled_out(found: Diagnosis, before: Diagnosis) -> list[str]:
+    return sorted(_alternatives(before) - _alternatives(found))
+
+
+def _why_so_soon(
+    found: Diagnosis, recordings: Sequence[Recording], model: Model, progress: Callable[[str], None]
+) -> list[str]:
+    """Return why the first recordings settle what averages over revolutions leave open; nothing where they do not."""
+    if found.verdict != "effect" or len(found.effects) != 1:
+        return []
+    from gyrowheel_analysis.discovery.verdict import diagnose
+    from gyrowheel_analysis.telling import telling_channels
+
+    (finding,) = found.effects
+    progress("comparing with averages over revolutions alone")
+    plain = diagnose(recordings, model, averages=True)
+    if plain.verdict != "ambiguous" or len(plain.effects) != 1:
+        return []
+    others = [
+        n for n in (plain.effects[0].name, *(t.name for t in plain.effects[0].ties)) if n != finding.name
+    ]
+    if len(others) != len(plain.effects[0].ties):
+        return []  # averages lead elsewhere
+    rival = others[0]
+    first, *_ = telling_channels(recordings, model, finding.name, rival)
+    open_ = _or([finding.name, *others])
+    return [
+        f"Averages over revolutions alone would leave open whether it is {open_}; {first.title} tells "
+        f"(Δχ² {first.delta_chi2:.0f} against {rival})."
+    ]
 
 
 def _alternatives(found: Diagnosis) -> set[str]:
@@ -352,4 +413,5 @@ def end_sentence(done: Investigation) -> str:
     """Return how an investigation ended, in a sentence."""
     took = seconds(60.0 * done.minutes)
     state = "Settled" if done.settled else "Not settled"
-    return f"{state} after {took} of bench time: {done.reason or 'interrupted'}."
+    left = seconds(60.0 * max(done.budget - done.minutes, 0.0))
+    return f"{state} after {took} of bench time, {left} left: {done.reason or 'interrupted'}."

@@ -52,7 +52,12 @@ def add(
         typer.Option("--fit", metavar="DIR", help="Recording to fit. Repeatable.", show_default=False),
     ],
     effects: Annotated[
-        list[str] | None, typer.Argument(metavar="EFFECT...", help="Effects to add.", show_default=False)
+        list[str] | None,
+        typer.Argument(
+            metavar="EFFECT...",
+            help="Effects to add; aero:MODEL adds all that a model of the air has, fitted within its uncertainties.",
+            show_default=False,
+        ),
     ] = None,
     formula: Annotated[
         list[str] | None,
@@ -186,11 +191,12 @@ def _typed(formulas: Sequence[str], name: str | None, target: str | None, model:
 
 
 def _require_known(name: str) -> None:
-    """Refuse what is neither an effect nor the error of a bench parameter."""
+    """Refuse what is neither an effect, nor a model of the air, nor the error of a bench parameter."""
+    from gyrowheel_analysis.adding import is_air
     from gyrowheel_analysis.discovery.fit import ERRORS
     from gyrowheel_sim.effects import get
 
-    if name not in ERRORS:
+    if name not in ERRORS and not is_air(name):
         get(name)
 
 

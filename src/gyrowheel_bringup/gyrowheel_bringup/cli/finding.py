@@ -113,7 +113,8 @@ def diagnose(
         put_json(json, result.to_json())
     if json != "-":
         bench = bench_place(loaded, model)
-        put_text(diagnosis(result, following=following(result, directories, validate or (), model, bench)))
+        command = following(result, directories, validate or (), model, bench, averages=averages)
+        put_text(diagnosis(result, following=command))
     finding(fail_on_finding and result.verdict != "nothing_missing")
 
 
@@ -155,6 +156,8 @@ def following(
     validate: Sequence[Path],
     model: Path,
     bench: str = "gyrowheel",
+    *,
+    averages: bool = False,
 ) -> str | None:
     """Return the command to type after a diagnosis; None where there is nothing to do."""
     named = " ".join(shlex.quote(str(directory)) for directory in directories)
@@ -171,5 +174,5 @@ def following(
     other = "" if bench == "gyrowheel" else f" --bench {shlex.quote(bench)}"
     return (
         f"gyrowheel up --plan {shlex.quote(plan)}{other} --record {new} && "
-        f"gyrowheel diagnose {named} {new} --model {shlex.quote(str(model))}"
+        f"gyrowheel diagnose {named} {new} --model {shlex.quote(str(model))}{' --averages' if averages else ''}"
     )

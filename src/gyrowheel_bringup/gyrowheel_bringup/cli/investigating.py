@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -49,6 +50,13 @@ def investigate(
     thorough: Annotated[
         bool,
         typer.Option("--thorough", help="Go on until every known effect would have shown at a usual size."),
+    ] = False,
+    averages: Annotated[
+        bool,
+        typer.Option(
+            "--averages",
+            help="Use averages over revolutions alone, as where filters hide what happens within one.",
+        ),
     ] = False,
     simulate: Annotated[
         bool, typer.Option("--simulate", help="Simulate the plans at once, without the graph of nodes.")
@@ -105,7 +113,7 @@ def investigate(
     # with JSON on stdout the tour goes to stderr
     stage = Terminal(notes() if json == "-" else out())
     runner = _simulation(stage, bench, hidden) if simulate else _graph(stage, source, hidden)
-    done = Investigation(str(model), budget)
+    done = Investigation(str(model), budget, averages=averages)
     interrupted = False
     try:
         run(done, loaded, folder, runner, _Teller(stage), plans=plans, at_hand=at_hand, thorough=thorough)
@@ -134,7 +142,21 @@ class _Teller:
     def learned(self, step: Step) -> None:
         from rich.text import Text
 
+        from gyrowheel_bringup.render.quantities import seconds
+
         self._stage.show([Text(sentence) for sentence in step.learned])
+        change = _verdicts(step)
+        left = f"{seconds(60.0 * step.left)} of bench time left" if step.minutes or step.left else ""
+        self._stage.show([Text("; ".join(part for part in (change, left) if part), style="dim")])
+
+
+def _verdicts(step: Step) -> str:
+    """Return the verdict, and what it was before."""
+    now = step.diagnosis.verdict.replace("_", " ")
+    if step.before is None:
+        return f"verdict: {now}"
+    before = step.before.replace("_", " ")
+    return f"verdict: still {now}" if before == now else f"verdict: {before} → {now}"
 
 
 def _simulation(stage: Terminal, bench: Bench, hidden: Callable[[Plan, int], Scenario]) -> Run:
@@ -176,8 +198,12 @@ def _finish(
         last = done.steps[-1].diagnosis
         stage.step("What is known now")
         stage.show([*findings(last), *detection_limits(last.detection_limits)])
-        if next_command := following(last, recordings, (), model):
+        if done.settled and (next_command := following(last, recordings, (), model)):
             stage.show([heading("Next"), command(next_command)])
+    if done.steps and not done.settled and recordings:
+        again = " ".join(shlex.quote(str(path)) for path in recordings)
+        more = f"gyrowheel investigate {again} --model {shlex.quote(str(model))}"
+        stage.show([heading("To go on from here"), command(more + (" --averages" if done.averages else ""))])
     colour = "green" if done.settled else "yellow"
     stage.show([Text(f"\n{end_sentence(done)}", style=f"bold {colour}"), Unbroken(f"recordings: {folder}")])
 

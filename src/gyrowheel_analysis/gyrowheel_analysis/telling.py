@@ -1,0 +1,78 @@
+"""Which rows of a recording tell two explanations apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gyrowheel_analysis.discovery.fit import ERRORS, Fit, Problem, Term
+from gyrowheel_analysis.errors import channel_values
+from gyrowheel_analysis.model import Model
+from gyrowheel_analysis.pipeline import one_thread, prepare
+from gyrowheel_analysis.recording import Recording
+from gyrowheel_analysis.where import PARTS
+
+_TITLES = {
+    "tilt": "the mean torque of the coils",
+    "spin": "the mean torque of the motor",
+    "tilt_1n": "the torque of the coils once a revolution",
+    "tilt_2n": "the torque of the coils twice a revolution",
+    "spin_ripple": "the ripple of the motor's torque",
+    "motor_voltage": "the mean voltage of the motor",
+    "voltage_ripple": "the ripple of the motor's voltage",
+}
+
+
+@dataclass(frozen=True)
+class Telling:
+    """How much one kind of row tells two explanations apart.
+
+    Attributes
+    ----------
+    part : str
+        Which rows, see `where.PARTS`.
+    title : str
+        The same in words.
+    delta_chi2 : float
+        By how much the second explanation is worse there than the first.
+    """
+
+    part: str
+    title: str
+    delta_chi2: float
+
+
+@one_thread()
+def telling_channels(recordings: Sequence[Recording], model: Model, name: str, rival: str) -> list[Telling]:
+    """Return which rows tell an effect from another, those that tell most first.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Recordings that tell them apart.
+    model : Model
+        The model without them.
+    name, rival : str
+        The effect, or error of a bench parameter, that explains the recordings, and the one that does not.
+    """
+    problem = prepare(recordings, model).problem
+    problem.estimate_noise()
+    best, worse = (problem.fit([_term(problem, own)]) for own in (name, rival))
+    found = [
+        Telling(part, _TITLES[part], _chi2(problem, worse, part) - _chi2(problem, best, part))
+        for part, kind in PARTS.items()
+        if all(row in b.channels for row in kind.rows for b in problem.balances)
+    ]
+    return sorted(found, key=lambda t: -t.delta_chi2)
+
+
+def _term(problem: Problem, name: str) -> Term:
+    return Term(name) if name in ERRORS else Term(name, problem.library[name])
+
+
+def _chi2(problem: Problem, fit: Fit, part: str) -> float:
+    white = problem.noise.whiten(fit.residual)
+    own = [channel_values(problem.balances, white, row) for row in PARTS[part].rows]
+    return float(np.sum(np.square(own)))
