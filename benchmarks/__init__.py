@@ -13,4 +13,5 @@ SUBJECTS = {
     "integrator": "false torque that the integrator makes",
     "start_up": "time from the command to the first step",
     "diagnosis": "time and memory of a diagnosis, minutes and an hour of samples, stage by stage",
+    "mutations": "damaged recordings and YAML files: refused, or read exactly",
 }

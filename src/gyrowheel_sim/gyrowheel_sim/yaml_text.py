@@ -13,6 +13,7 @@ from gyrowheel_sim.errors import InputError
 _MOST: Final = 1_000_000
 
 
+# The loader in C is quicker, but a text that is nested deeply enough crashes it.
 class _Loader(yaml.SafeLoader):
     """Refuses a key that stands twice in a mapping, of which YAML libraries keep the last."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -135,7 +136,7 @@ def _declares(topic: TopicData, layout: Layout, where: str) -> bool:
     if topic.message_encoding != "cdr":
         return False
     if topic.definition:
-        declared = _declaration(_types(topic, where), topic.type_name) or {}
+        declared = _declared(topic.type_name, topic.definition_encoding, topic.definition, where)
         return [*declared.items()] == [*layout.declaration.items()]
     return topic.type_name == layout.type_name
 
@@ -166,6 +167,13 @@ def _decoder(topic: TopicData, layout: Layout, where: str) -> Callable[[list[byt
         return _rows(result, layout)
 
     return decode
+
+
+@functools.lru_cache(maxsize=64)
+def _declared(type_name: str, encoding: str, definition: str, where: str) -> dict[str, str]:
+    """Return the fields that a definition declares, or none; parsing it takes longer than reading many a recording."""
+    topic = TopicData(where, type_name, "cdr", encoding, definition)
+    return _declaration(_types(topic, where), type_name) or {}
 
 
 def _types(topic: TopicData, where: str) -> Typesdict:

@@ -7,6 +7,7 @@ that are whole are written into a new file as they are (not compressed), with a 
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 import re
 import shutil
@@ -764,16 +765,22 @@ def _topic(schemas: Mapping[int, bytes], contents: bytes) -> dict[str, Any]:
         of_schema = Fields(memoryview(schemas[schema]))
         of_schema.number("<H")
         type_name = of_schema.text()
-    qos: Any = []
-    with contextlib.suppress(InputError):
-        qos = read_yaml(metadata.get("offered_qos_profiles", ""), "") or []
     return {
         "name": name,
         "type": type_name,
         "serialization_format": encoding,
-        "offered_qos_profiles": qos if isinstance(qos, list) else [],
+        "offered_qos_profiles": _qos(metadata.get("offered_qos_profiles", "")),
         "type_description_hash": metadata.get("topic_type_hash", ""),
     }
+
+
+@functools.lru_cache(maxsize=64)
+def _qos(text: str) -> list[Any]:
+    try:
+        qos = read_yaml(text, "")
+    except InputError:
+        return []
+    return qos if isinstance(qos, list) else []
 
 
 def _declarations(body: bytes) -> Iterator[tuple[int, memoryview]]:

@@ -71,7 +71,7 @@ class TorqueTable:
         """Read a table from the text of a file (see `load`)."""
         try:
             raw = json.loads(text)
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise InputError(f"{origin}: not valid JSON: {error}") from None
         if not isinstance(raw, dict) or not isinstance(raw.get("rows"), list):
             raise InputError(f"{origin}: not a torque table (a mapping with 'rows' is expected)")
