@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from gyrowheel_msgs.msg import DragEstimate
+from rclpy.subscription import Subscription
 from rclpy.time import Time
 
 from gyrowheel_analysis.drag_estimator import DragEstimator, Estimate
@@ -48,14 +49,18 @@ class DragEstimatorNode(BenchNode):
         self._estimates = 0
         self._begin()
         self._publisher = self.publisher(topics.DRAG_ESTIMATE)
-        self._inputs = (
-            self.subscription(topics.MEASUREMENT, self._on_measurement, raw=True),
-            self.subscription(topics.SETPOINT, self._on_setpoint, raw=True),
-        )
+        self._inputs: tuple[Subscription, ...] = ()
 
     def activate(self) -> None:
         """Take samples."""
         self._active = True
+        if (
+            not self._inputs
+        ):  # only now: a plant that counts its subscribers must not begin before they are heard
+            self._inputs = (
+                self.subscription(topics.MEASUREMENT, self._on_measurement, raw=True),
+                self.subscription(topics.SETPOINT, self._on_setpoint, raw=True),
+            )
 
     def deactivate(self) -> None:
         """Publish the estimate of the hold under way, and take no more samples."""
@@ -67,6 +72,7 @@ class DragEstimatorNode(BenchNode):
         """Give up the topics."""
         for subscription in self._inputs:
             self.destroy_subscription(subscription)
+        self._inputs = ()
         self.destroy_publisher(self._publisher)
 
     def diagnose(self) -> Diagnosis:

@@ -74,6 +74,8 @@ class Graph:
         ROS domain, 0 .. 101; that of the environment if not given.
     parameters : mapping, optional
         Further node parameters: {node: {parameter: value}}.
+    remap : mapping, optional
+        Other names of topics and services for single nodes: {node: {name: other name}}.
     without : collection of str
         Nodes not to start (`EXECUTABLES`).
     show_logs : bool
@@ -104,6 +106,7 @@ class Graph:
         realtime: bool = False,
         domain_id: int | None = None,
         parameters: Mapping[str, Mapping[str, object]] | None = None,
+        remap: Mapping[str, Mapping[str, str]] | None = None,
         without: Collection[str] = (),
         show_logs: bool = False,
         start_timeout: float = 300.0,
@@ -112,7 +115,7 @@ class Graph:
     ) -> None:
         if domain_id is not None and not 0 <= domain_id <= 101:
             raise InputError(f"domain_id: {domain_id} is out of range; allowed: 0 .. 101")
-        for name in (*without, *(parameters or {})):
+        for name in (*without, *(parameters or {}), *(remap or {})):
             if name not in EXECUTABLES:
                 raise InputError(f"node '{name}': no such node; allowed: {', '.join(EXECUTABLES)}")
         self._bench = Bench.load(bench)
@@ -125,6 +128,7 @@ class Graph:
         self._bench_source = str(bench if str(bench) in Bench.shipped() else Path(bench).absolute())
         self._initial_spin_rate = initial_spin_rate
         self._hold = hold_after_plan
+        self._remap = {name: dict(names) for name, names in (remap or {}).items()}
         self._realtime = realtime
         self._domain_id = domain_id
         self._names = [name for name in EXECUTABLES if name not in without]
@@ -271,10 +275,17 @@ class Graph:
             file = work / f"{name}.yaml"
             content = {f"/{name}": {"ros__parameters": parameters[name]}}
             file.write_text(yaml.safe_dump(content), encoding="utf-8")
+            renamed = [f"{old}:={new}" for old, new in self._remap.get(name, {}).items()]
             log = work / f"{name}.log"
             with log.open("wb") as output:
                 process = subprocess.Popen(
-                    [str(find_executable(*EXECUTABLES[name])), "--ros-args", "--params-file", str(file)],
+                    [
+                        str(find_executable(*EXECUTABLES[name])),
+                        "--ros-args",
+                        "--params-file",
+                        str(file),
+                        *(argument for rename in renamed for argument in ("-r", rename)),
+                    ],
                     stdin=subprocess.DEVNULL,
                     stdout=output,
                     stderr=output,
@@ -367,31 +378,44 @@ class Graph:
     def _walk(self, plan: Plan, progress: Callable[[Progress], None] | None) -> RunPlan.Result:
         """Send the plan to the conductor and wait for the result."""
         last = time.monotonic()
+        raised: list[BaseException] = []
+        walking = True
 
         def report(message: Any) -> None:
             nonlocal last
             last = time.monotonic()
             f = message.feedback
-            if progress is not None:
+            if progress is None or not walking:
+                return
+            try:
                 progress(Progress(f.segment, f.segments, f.label, f.elapsed, f.duration))
+            except BaseException as error:  # the executor would end the process over it
+                raised.append(error)
 
         def wait(future: Any) -> Any:
             while not future.done():
                 self._spin()
+                if raised:
+                    raise raised[0]
                 if time.monotonic() - last > self._stall_timeout:
                     states = "; ".join(f"{name}: {text}" for name, text in sorted(self._diagnoses.items()))
                     raise GraphError("stalled", f"no progress for {self._stall_timeout:g} s ({states})")
             return future.result()
 
-        while not self._plans.server_is_ready():
-            self._spin()
-        goal = wait(self._plans.send_goal_async(RunPlan.Goal(plan=plan.to_yaml()), feedback_callback=report))
-        if not goal.accepted:
-            raise GraphError("plan_refused", "the conductor refused the plan: it walks another one")
-        answer = wait(goal.get_result_async())
-        if not answer.result.success:
-            self._explain(plan, answer.result.message)
-        return answer.result
+        try:
+            while not self._plans.server_is_ready():
+                self._spin()
+            goal = wait(
+                self._plans.send_goal_async(RunPlan.Goal(plan=plan.to_yaml()), feedback_callback=report)
+            )
+            if not goal.accepted:
+                raise GraphError("plan_refused", "the conductor refused the plan: it walks another one")
+            answer = wait(goal.get_result_async())
+            if not answer.result.success:
+                self._explain(plan, answer.result.message)
+            return answer.result
+        finally:
+            walking = False
 
     def _explain(self, plan: Plan, message: str) -> NoReturn:
         """Raise the error that tells why a plan was aborted: that of a node, where there is one."""
@@ -468,6 +492,7 @@ class Graph:
         if not self._realtime or not broken or "plant" not in self._active:
             return
         end = time.monotonic() + _WIND_DOWN
+        self._values.pop("plant", None)  # up to a second old
         plant = self._children["plant"].process
         while plant.poll() is None and time.monotonic() < end:
             # where nothing was commanded yet, nothing is lost, and the motor goes on
