@@ -1,9 +1,10 @@
 """The node ``replay``: gives a recording back to the graph, at any pace, with ``/clock``.
 
-Messages go out as the bytes that were recorded, in the order of their times. After every `WINDOW` messages the
-node waits until its readers have them all, however slow they are: what the middleware has delivered is
-acknowledged, and a node of the bench that answers a service has taken what came before. So nothing is lost at
-any pace; a slow reader slows the replay down.
+Messages go out as the bytes that were recorded, in the order of their times. Before more of a topic is on its way
+than its readers keep, the node waits until they have it all, however slow they are: what the middleware has
+delivered is acknowledged, and a node of the bench that answers a service has taken what came before. So nothing is
+lost at any pace; a slow reader slows the replay down. /clock and the topics that keep only the
+last few messages, such as /joint_states, are not waited for: there the newest counts.
 """
 
 from __future__ import annotations
@@ -28,8 +29,10 @@ from gyrowheel_sim.node import BenchNode, Diagnosis, Param, run_node
 from gyrowheel_sim.topics import Topic
 
 SERVICES: Final = "/gyrowheel/replay"
-#: Messages after which the readers are waited for: a tenth of what the high-rate topics keep for a slow one.
+#: Messages of a topic after which the readers are waited for: a tenth of what is kept on the high-rate ones. On topics
+#: that keep fewer it is half of what they keep, and on those that keep less than `_KEPT` nobody is waited for.
 WINDOW: Final = 5_000
+_KEPT: Final = 50
 _PATIENCE: Final = 10.0  # with a reader that does not answer [s]
 _TICK: Final = 0.001  # [s]
 _TURN: Final = 0.005  # how long messages may go out before other callbacks have their turn [s]
@@ -46,12 +49,26 @@ class ReplayNode(BenchNode):
     NODE_NAME = "replay"
     PARAMETERS = (
         Param("directory", "", "Recording: a rosbag2 directory or one of its files"),
-        Param("rate", 1.0, "Recorded seconds per second; 0: as fast as the readers take", low=0.0, high=1e6),
+        Param(
+            "rate",
+            1.0,
+            "Recorded seconds per second; 0: as fast as the readers take",
+            low=0.0,
+            high=1e6,
+            live=True,
+        ),
         Param("start", 0.0, "From when on [s from the first sample]", low=0.0, high=1e9),
         Param("end", 0.0, "Until when [s from the first sample]; 0: to the end", low=0.0, high=1e9),
-        Param("loop", False, "Begin again at the end"),
+        Param("loop", False, "Begin again at the end", live=True),
         Param("paused", False, "Stand still at first; the services step and pause go on"),
-        Param("step", 0.0, "How far one step goes [s]; 0: to the next sample", low=0.0, high=3600.0),
+        Param(
+            "step",
+            0.0,
+            "How far one step goes [s]; 0: to the next sample",
+            low=0.0,
+            high=3600.0,
+            live=True,
+        ),
         Param("topics", "", "Topics to give back, with commas between them; empty: all"),
         Param("without", "", "Topics to leave out, with commas between them"),
         Param("clock", True, "Publish /clock, every 10 ms of the recording"),
@@ -143,6 +160,12 @@ class ReplayNode(BenchNode):
             return Diagnosis("waiting for a slow reader", values, DiagnosticStatus.WARN)
         return Diagnosis("paused" if self._pace.paused else "running", values)
 
+    def tune(self) -> None:
+        """Go on at another rate."""
+        self._pace.rate = self.parameter("rate")
+        if not self._pace.paused:
+            self._pace.go(self._position)
+
     # ---- for a program that shows the replay
 
     def open_tape(self) -> Tape:
@@ -193,7 +216,7 @@ class ReplayNode(BenchNode):
         self._next = next(self._messages, None)
         self._position = self._clock_due = self._joints_due = self._tape.start_ns
         self._pace.move(self._position)
-        self._out = 0  # given out since the readers were waited for
+        self._room = self._room_of_readers()
         self._awaited: list[tuple[str, Any]] | None = None  # answers of readers
         self._asked = math.inf  # when they were asked
         self._slow = False
@@ -210,14 +233,17 @@ class ReplayNode(BenchNode):
         if self._steps:
             self._make_step()
             return
-        limit = self._pace.limit(time.monotonic())
-        turn = time.monotonic() + _TURN
+        if self._pace.paused:
+            return
+        now = time.monotonic()
+        limit, turn = self._pace.limit(now), now + _TURN
+        count = 0
         while self._next is not None and self._next[0] <= limit:
-            self._give_next()
-            if self._out >= WINDOW:
+            if not self._room[self._give_next()]:
                 self._ask_readers()
                 return
-            if self._out % 64 == 0 and time.monotonic() > turn:
+            count += 1
+            if count % 64 == 0 and time.monotonic() > turn:
                 return
         if self._next is None:
             self._tick_to(self._tape.end_ns)
@@ -231,7 +257,7 @@ class ReplayNode(BenchNode):
         self._tick_to(due)
         self._outlets[topic].publish(data)
         self.counts[topic.name] += 1
-        self._out += 1
+        self._room[topic] -= 1
         if self._joint_outlet is not None and topic == topics.MEASUREMENT and due >= self._joints_due:
             self._joints_due = max(self._joints_due + _JOINT_STATE_PERIOD_NS, due - _JOINT_STATE_PERIOD_NS)
             self._publish_joints(self._joint_outlet, data)
@@ -271,7 +297,7 @@ class ReplayNode(BenchNode):
         if self._clock_outlet is not None:  # where it stands now, between two ticks
             self._clock_outlet.publish(wire.CLOCK.pack(self._position))
         self._pace.hold(self._position)
-        if end or self._out >= WINDOW:
+        if end or min(self._room.values()) <= 0:
             self._ask_readers()
 
     def _pass_end(self) -> None:
@@ -293,6 +319,8 @@ class ReplayNode(BenchNode):
         measurements = self._outlets.get(topics.MEASUREMENT)
         if measurements is not None and measurements.get_subscription_count() < need:
             return False
+        if not self._readers_are_active():
+            return False
         taken = {topic: self._others(topic) for topic in (*self._outlets, *_OF_A_BENCH)}
         taken.pop(topics.DIAGNOSTICS, None)
         for topic, names in taken.items():
@@ -312,6 +340,22 @@ class ReplayNode(BenchNode):
         self._rewind()
         return True
 
+    def _readers_are_active(self) -> bool:
+        """Return whether the nodes of the bench that read are active; one that is not for long is left behind."""
+        if time.monotonic() - self._since > self.parameter("wait") + _PATIENCE:
+            return True
+        if self._awaited is not None:
+            if not all(answer.done() for _, answer in self._awaited):
+                return False
+            labels = [answer.result().current_state.label for _, answer in self._awaited]
+            self._awaited = None
+            if all(label == "active" for label in labels):
+                return True
+        self._awaited = [
+            (name, client.call_async(GetState.Request())) for name, client in self._bench_readers()
+        ]
+        return False
+
     def _others(self, topic: Topic) -> list[str]:
         """Return the nodes beside this one that publish a topic."""
         found = self.get_publishers_info_by_topic(topic.name)
@@ -320,7 +364,6 @@ class ReplayNode(BenchNode):
     def _ask_readers(self) -> None:
         self._asked = time.monotonic()
         self._awaited = None
-        self._out = 0
 
     def _readers_have_all(self) -> bool:
         """Return whether all that was given out has been taken; a reader that does not answer is left behind."""
@@ -344,7 +387,17 @@ class ReplayNode(BenchNode):
         if self._slow and not self._pace.paused:  # such a wait is not made up for
             self._pace.go(self._position)
         self._asked, self._awaited, self._slow = math.inf, None, False
+        self._room = self._room_of_readers()
         return True
+
+    def _room_of_readers(self) -> dict[Topic, int]:
+        """Return how many messages of each topic may go out before the readers are waited for."""
+        return {
+            topic: min(topic.depth // 2, WINDOW)
+            if topic.depth >= _KEPT and outlet.get_subscription_count()
+            else WINDOW
+            for topic, outlet in self._outlets.items()
+        }
 
     def _bench_readers(self) -> list[tuple[str, Client]]:
         """Return the nodes with a lifecycle that read what is given out, each with a client of its state."""
