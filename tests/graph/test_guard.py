@@ -29,19 +29,19 @@ def started(limits: GuardLimits = LIMITS) -> Guard:
 
 def test_nothing_acts_before_the_start_and_after_the_stop():
     guard = Guard(LIMITS, motor_voltage=11.0)
-    assert guard.state is GuardState.STOPPED
+    assert guard.report() is GuardState.STOPPED
     assert guard.output() == (0.0, 0.0, 0.0)
     guard.start()
-    assert guard.state is GuardState.WAITING
+    assert guard.report() is GuardState.WAITING
     assert guard.output() == (0.0, 0.0, 11.0)  # as the machine is found
     assert guard.take(0, 0, 1.0, 2.0, 12.0) is None
     assert guard.output() == (1.0, 2.0, 12.0)
-    assert guard.state is GuardState.NORMAL
+    assert guard.report() is GuardState.NORMAL
     guard.stop()
     assert guard.off
     guard.take(1, 1, 1.0, 2.0, 12.0)
     assert guard.output() == (0.0, 0.0, 0.0)
-    assert guard.state is GuardState.STOPPED
+    assert guard.report() is GuardState.STOPPED
 
 
 @pytest.mark.parametrize(
@@ -57,12 +57,14 @@ def test_nothing_acts_before_the_start_and_after_the_stop():
         ((9, 13, 0.0, 0.0, 1.0), Refusal.STALE),  # too old
     ],
 )
-def test_commands_that_make_no_sense_are_refused_and_the_last_one_holds(command, why):
+def test_commands_that_make_no_sense_are_refused_and_the_last_one_holds(
+    command: tuple[int, int, float, float, float], why: Refusal
+) -> None:
     guard = started()
     guard.take(4, 4, 1.0, -2.0, 9.0)
     guard.output()
     assert guard.take(*command) is why
-    assert guard.refused[why] == 1
+    assert guard.refused[Refusal(why)] == 1
     assert guard.output() == (1.0, -2.0, 9.0)
     assert guard.held == 1
     assert guard.report() is GuardState.HOLDING

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -91,6 +92,60 @@ def test_a_lifecycle_manager_can_run_a_node(bystander: Bystander, start_node: St
     assert "Traceback" not in conductor.output
 
 
+def test_gains_and_limits_change_while_a_node_works(bystander: Bystander, start_node: Start):
+    start_node("controller")
+    bystander.spin_until(lambda: bystander.values("controller").get("state") == "active")
+    client = bystander.node.create_client(SetParameters, "/controller/set_parameters")
+    bystander.spin_until(client.service_is_ready)
+
+    def set_parameter(name: str, value: Any) -> Any:
+        parameter = Parameter(name, value=value).to_parameter_msg()
+        future = client.call_async(SetParameters.Request(parameters=[parameter]))
+        bystander.spin_until(future.done)
+        return future.result().results[0]
+
+    assert bystander.values("controller")["tilt_limit_deg"] == "3"
+    assert set_parameter("tilt_bandwidth", 10.0).successful
+    assert "allowed: a number 0 .. 60" in set_parameter("tilt_bandwidth", 1e3).reason
+    assert set_parameter("tilt_limit", math.radians(4.0)).successful
+    bystander.spin_until(lambda: bystander.values("controller")["tilt_limit_deg"] == "4")
+    refused = set_parameter("tilt_limit", math.radians(4.9))
+    assert refused.reason.endswith("too near to the hard stop at 5.00 deg; allowed: up to 4.75 deg")
+    assert "fixed" in set_parameter("bench", "dtg").reason
+
+
+def test_setpoints_are_limited_or_refused_and_a_deactivated_controller_lets_go(
+    bystander: Bystander, start_node: Start
+):
+    commands: list[tuple[Any, ...]] = []
+    controller = start_node("controller", wait_for_subscribers=1)
+    samples, setpoints = bystander.publisher(topics.MEASUREMENT), bystander.publisher(topics.SETPOINT)
+    bystander.listen(topics.COMMAND, lambda raw: commands.append(wire.COMMAND.unpack(raw)), raw=True)
+    bystander.spin_until(lambda: samples.get_subscription_count() and setpoints.get_subscription_count())
+    bystander.spin_until(lambda: bystander.diagnoses["controller"].message == "waiting for a sample")
+
+    def answer(sequence: int, tilt: float, *, reading: float = 0.0) -> None:
+        now = sequence * 500_000
+        setpoints.publish(wire.SETPOINT.pack(now, 0, 1, tilt, 0.0, 0.0, 0.0, 200.0, 0.0))
+        samples.publish(wire.MEASUREMENT.pack(now, sequence, reading, 0.0, 0.0, 200.0, *[0.0] * 7))
+
+    answer(0, 0.01)
+    bystander.spin_until(lambda: len(commands) == 1)
+    answer(10, math.radians(20.0))
+    bystander.spin_until(lambda: len(commands) == 2)
+    answer(20, 0.01, reading=math.nan)
+    bystander.spin_until(lambda: bystander.values("controller")["refused_samples"] == "1")
+    answer(30, math.nan)  # its sample waits for another setpoint
+    bystander.spin_until(lambda: bystander.values("controller")["refused_setpoints"] == "1")
+    assert bystander.values("controller")["limited_setpoints"] == "1"
+    assert "input_refused" in bystander.diagnoses["controller"].message
+    controller.process.send_signal(2)
+    bystander.spin_until(lambda: len(commands) == 3)
+    assert controller.process.wait(15.0) == 0
+    assert [command[1] for command in commands] == [0, 10, 30]
+    assert commands[-1][2:] == (0.0, 0.0, commands[1][4])
+
+
 class Answers:
     """Takes samples and sends the commands that a test wants."""
 
@@ -151,6 +206,37 @@ def test_plant_publishes_counts_and_names_a_silent_controller(bystander: Bystand
     assert plant.process.wait(15.0) == 3
     assert "plant: controller_silent: no command for 2 s after sample 101" in plant.output
     assert answers.samples == list(range(102))
+
+
+def test_in_real_time_samples_come_unasked_and_the_guard_names_what_it_sees(
+    bystander: Bystander, start_node: Start
+):
+    stamps: list[tuple[int, int]] = []
+    bystander.listen(
+        topics.MEASUREMENT, lambda raw: stamps.append(wire.MEASUREMENT.unpack(raw)[:2]), raw=True
+    )
+    plant = start_node(
+        "plant", initial_spin_rate=200.0, clock="realtime", watchdog=1.0, spin_down_rate=2000.0
+    )
+    commands = bystander.publisher(topics.COMMAND)
+    bystander.spin_until(lambda: len(stamps) > 200 and commands.get_subscription_count())
+    first, sequence = stamps[0]
+    assert stamps == [(first + 500_000 * k, sequence + k) for k in range(len(stamps))]
+    assert abs(first * 1e-9 - time.time()) < 60.0
+    assert bystander.node.count_publishers("/clock") == 0
+    assert bystander.values("plant").get("guard", "waiting") == "waiting"
+
+    now = time.time()
+    commands.publish(wire.COMMAND.pack(stamps[-1][0], stamps[-1][1], 0.1, 0.0, 7.0))
+    bystander.spin_until(lambda: bystander.values("plant").get("guard") == "controller_lost")
+    assert time.time() - now > 0.5
+    status = bystander.diagnoses["plant"]
+    assert status.level == DiagnosticStatus.ERROR
+    assert status.hardware_id == "gyrowheel"
+    bystander.spin_until(lambda: bystander.values("plant")["outputs"] == "off")
+    assert plant.interrupt() == 0  # a trip is a state, not the end of the node
+    assert "controller_lost: no valid command for 2000 samples" in plant.output
+    assert "Traceback" not in plant.output
 
 
 class Client:

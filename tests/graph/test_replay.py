@@ -99,8 +99,11 @@ class Replay:
         """Wait for its end; return the exit code."""
         assert self.process is not None
         self.bystander.spin_until(lambda: self.process.poll() is not None, 60.0)  # type: ignore[union-attr]
-        for _ in range(20):  # what has been delivered and not yet taken
+        quiet = 0  # what has been delivered and not yet taken
+        while quiet < 50:
+            count = len(self.order)
             self.bystander.executor.spin_once(timeout_sec=0.01)
+            quiet = quiet + 1 if len(self.order) == count else 0
         return int(self.process.returncode)
 
     def samples(self) -> list[int]:

@@ -336,7 +336,8 @@ class ConductorNode(BenchNode):
         for status in message.status:
             # such as a guard that has tripped: the wheel no longer is where the plan has it
             names = {pair.key for pair in status.values}
-            if status.level == DiagnosticStatus.ERROR and names & {"guard", "fault"}:
+            ended = "fault" in names and status.name in ("plant", self.parameter("controller"))
+            if status.level == DiagnosticStatus.ERROR and ("guard" in names or ended):
                 self._finish(f"aborted: {status.name}: {status.message}")
 
     def _advance(self, now: int) -> None:
