@@ -12,6 +12,8 @@ SUBJECTS = {
     "simulation": "simulated seconds per second, beside SciPy and MuJoCo on the same mechanism",
     "integrator": "false torque that the integrator makes",
     "start_up": "time from the command to the first step",
+    "graph": "the nodes in lock-step beside a bare ping-pong, and their pace in real time",
     "diagnosis": "time and memory of a diagnosis, minutes and an hour of samples, stage by stage",
+    "recording": "columns read per second, beside rosbags and mcap_ros2; the recorder at 10 000 messages/s, killed",
     "mutations": "damaged recordings and YAML files: refused, or read exactly",
 }

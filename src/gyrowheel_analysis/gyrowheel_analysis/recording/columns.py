@@ -22,6 +22,7 @@ from gyrowheel_sim.wire import Layout
 _SEPARATOR = "=" * 80 + "\n"
 
 
+@functools.cache
 def column_dtype(layout: Layout) -> np.dtype[Any]:
     """Return the dtype of columns: ``stamp_ns`` and the fields of a message after its header."""
     names = [*layout.integers, *layout.fields]

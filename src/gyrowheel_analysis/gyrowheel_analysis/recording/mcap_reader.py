@@ -205,6 +205,8 @@ class _File:
         self._topics: dict[int, TopicData] = {}  # by channel
         self._outside = bytearray()  # records of messages that are in no chunk
         self._places: list[int] = []  # of them
+        self._chunks: list[tuple[str, Chunk, list[bytes]]] = []  # that wait, with name and index
+        self._waiting = 0  # bytes in them
 
     def read(self) -> dict[int, TopicData]:
         """Return the topics by channel."""
@@ -252,7 +254,9 @@ class _File:
             index = []
             if opcode == CHUNK:
                 chunk = position, body
-            elif opcode == MESSAGE:
+                continue
+            self._take_chunks()
+            if opcode == MESSAGE:
                 self._places.append(len(self._outside))
                 self._outside += head + body
                 if len(self._outside) > _BATCH:
@@ -291,10 +295,31 @@ class _File:
     def _read_chunk(self, chunk: tuple[int, bytes], index: list[bytes]) -> None:
         where = f"the chunk at byte {chunk[0]}"
         opened = open_chunk(memoryview(chunk[1]), where)
-        found = find_messages(opened.records, index, where)
+        if self._chunks and self._chunks[0][1].checked != opened.checked:
+            self._take_chunks()
+        self._chunks.append((where, opened, index))
+        self._waiting += len(opened.records)
+        if self._waiting > _BATCH:
+            self._take_chunks()
+
+    def _take_chunks(self) -> None:
+        """Take the messages of the chunks that wait: small chunks together are quicker than each by itself."""
+        chunks, self._chunks, self._waiting = self._chunks, [], 0
+        if len(chunks) > 1:
+            try:
+                found = find_messages([(c.records, index) for _, c, index in chunks], "")
+            except Damaged:
+                pass  # which of them it is comes to light when they are taken one by one
+            else:
+                self._take_found(found, checked=chunks[0][1].checked)
+                return
+        for where, chunk, index in chunks:
+            self._take_found(find_messages([(chunk.records, index)], where), checked=chunk.checked)
+
+    def _take_found(self, found: Found, *, checked: bool) -> None:
         for opcode, contents in found.others:
             self._read_declaration(opcode, contents)
-        self._take(opened.records, found.places, found.heads, checked=opened.checked)
+        self._take(found.records, found.places, found.heads, checked=checked)
 
     def _take(
         self, records: memoryview, places: npt.NDArray[np.int64], heads: npt.NDArray[Any], *, checked: bool
@@ -397,47 +422,54 @@ def open_chunk(contents: memoryview, where: str) -> Chunk:
 
 @dataclass(frozen=True)
 class Found:
-    """The records in a chunk.
+    """The records in chunks.
 
     Attributes
     ----------
+    records : memoryview
+        The records, one chunk after the other.
     places : ndarray of int64, shape (n,)
-        Where its messages are, ascending.
+        Where the messages are, ascending.
     heads : structured ndarray, shape (n,)
         Their heads, `MESSAGE_HEAD_DTYPE`.
     others : list of (int, memoryview)
         Opcode and contents of the other records.
     """
 
+    records: memoryview
     places: npt.NDArray[np.int64]
     heads: npt.NDArray[Any]
     others: list[tuple[int, memoryview]]
 
 
-def find_messages(records: memoryview, index: Sequence[bytes], where: str) -> Found:
-    """Find the messages in a chunk by its index, and whatever lies between them.
+def find_messages(chunks: Sequence[tuple[memoryview, Sequence[bytes]]], where: str) -> Found:
+    """Find the messages in chunks by their index, and whatever lies between them.
 
     Parameters
     ----------
-    records : memoryview
-        The records of the chunk.
-    index : sequence of bytes
-        Contents of its index records; messages that they do not name are found too.
+    chunks : sequence of (memoryview, sequence of bytes)
+        The records of each chunk and the contents of its index records; messages that they do not name are found too.
     where : str
         What to name in an error.
 
     Raises
     ------
     Damaged
-        If the index does not fit, or a record is cut off.
+        If an index does not fit, or a record is cut off.
     """
-    channels, times, places = _index(index, where)
+    records = chunks[0][0] if len(chunks) == 1 else memoryview(b"".join(part for part, _ in chunks))
+    starts = np.cumsum([0, *(len(part) for part, _ in chunks)])
+    channels, times, places = _index(
+        [(part, *starts[k : k + 2].tolist()) for k, (_, index) in enumerate(chunks) for part in index], where
+    )
     heads = _heads(records, places, where)
     if not np.array_equal(heads["channel"], channels) or not np.array_equal(heads["log_time"], times):
         raise Damaged(f"damaged: {where} and its index differ")
     begins = np.concatenate([[0], places + RECORD_HEAD.size + heads["length"].astype(np.int64)])
     ends = np.concatenate([places, [len(records)]])
-    if np.any(begins > ends):
+    # the last message before the begin of a chunk
+    crossing = begins[np.searchsorted(places, starts[1:-1])] > starts[1:-1]
+    if np.any(begins > ends) or np.any(crossing):
         raise Damaged(f"damaged: messages overlap in {where}")
     further: list[int] = []
     others: list[tuple[int, memoryview]] = []
@@ -453,7 +485,7 @@ def find_messages(records: memoryview, index: Sequence[bytes], where: str) -> Fo
     if further:
         places = np.sort(np.concatenate([places, np.array(further)]))
         heads = _heads(records, places, where)
-    return Found(places, heads, others)
+    return Found(records, places, heads, others)
 
 
 class Fields:
@@ -497,17 +529,23 @@ def _record(data: memoryview, position: int, end: int) -> tuple[int, int, int]:
 
 
 def _index(
-    parts: Sequence[bytes], where: str
+    parts: Sequence[tuple[bytes, int, int]], where: str
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return channels, times and places from the index records of a chunk, in the order of places."""
+    """Return channels, times and places from index records, in the order of places.
+
+    With each record comes where its chunk begins and ends.
+    """
     channels, pairs = [np.empty(0, dtype=np.int64)], [np.empty((0, 2), dtype=np.int64)]
-    for part in parts:
+    for part, start, end in parts:
         fields = Fields(memoryview(part))
         channel, length = fields.number("<H"), fields.number("<I")
         if length % 16:
             raise Damaged(f"damaged: the index of {where}")
-        pairs.append(np.frombuffer(fields.data(length), "<i8").reshape(-1, 2))
-        channels.append(np.full(length // 16, channel))
+        mine = np.frombuffer(fields.data(length), "<i8").reshape(-1, 2)
+        if len(mine) and not 0 <= mine[:, 1].min() <= mine[:, 1].max() < end - start:
+            raise Damaged(f"damaged: the index of {where} points outside it")
+        pairs.append(mine if start == 0 else np.stack([mine[:, 0], mine[:, 1] + start], axis=1))
+        channels.append(np.full(len(mine), channel))
     times, places = np.concatenate(pairs).T
     order = np.argsort(places, kind="stable")
     return np.concatenate(channels)[order], times[order], places[order]

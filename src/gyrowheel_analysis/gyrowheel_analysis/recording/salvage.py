@@ -700,12 +700,17 @@ def _examine(body: bytes, index: Sequence[bytes], where: str) -> tuple[Chunk, Fo
     except (MemoryError, struct.error) as error:
         raise Damaged(f"damaged: {where} ({error})") from None
     try:
-        return chunk, find_messages(chunk.records, index, where), chunk.checked, ""
+        return chunk, find_messages([(chunk.records, index)], where), chunk.checked, ""
     except Damaged:
         if not chunk.checked:
             raise
     # the chunk is right, so it is its index that is not
-    return chunk, find_messages(chunk.records, [], where), chunk.checked, f"the index of {where} was wrong"
+    return (
+        chunk,
+        find_messages([(chunk.records, [])], where),
+        chunk.checked,
+        f"the index of {where} was wrong",
+    )
 
 
 def _load(stream: BinaryIO, piece: _Piece) -> tuple[memoryview, Found, bool]:
@@ -714,7 +719,7 @@ def _load(stream: BinaryIO, piece: _Piece) -> tuple[memoryview, Found, bool]:
     where = f"byte {piece.byte}"
     if piece.index is None:
         records = memoryview(data)
-        return records, find_messages(records, [], where), False
+        return records, find_messages([(records, [])], where), False
     chunk, found, checked, _ = _examine(data[RECORD_HEAD.size :], piece.index, where)
     return chunk.records, found, checked
 
@@ -726,7 +731,7 @@ def _only(records: memoryview, found: Found, keep: npt.NDArray[np.bool_]) -> tup
         bytes(records[a:b]) for a, b in zip(found.places[keep].tolist(), stops[keep].tolist(), strict=True)
     ]
     kept = memoryview(b"".join(parts))
-    return kept, find_messages(kept, [], "")
+    return kept, find_messages([(kept, [])], "")
 
 
 def _new_index(found: Found) -> dict[int, npt.NDArray[np.uint64]]:

@@ -1,0 +1,303 @@
+"""Recordings: columns read per second beside other readers, the recorder at 10 000 messages a second, and killed.
+
+The recorder is the node itself in a process of its own; this process publishes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import random
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rclpy
+from mcap_ros2.reader import read_ros2_messages
+from rclpy.publisher import Publisher
+from rosbags.highlevel import AnyReader
+
+from benchmarks.results import Bar, Figure, MeasurementError, Report
+from benchmarks.timing import by_turns
+from gyrowheel_analysis.recording import Recording, RecordingWriter, Salvaged, salvage
+from gyrowheel_sim import topics, wire
+from gyrowheel_sim.node import prepare_environment
+
+Fraction = Callable[[float], None]
+
+PAIRS = 150_000  # a measurement and a command each
+ROUNDS = 2
+RATE, SECONDS = 10_000.0, 30.0
+KILLS = 20
+LIMIT = 0.25  # s that a killed recorder may lose
+PERIOD_NS = 500_000
+#: How long a node may take to start and to be found [s].
+PATIENCE = 60.0
+
+_RECORDER = "from gyrowheel_analysis.recorder_node import main; raise SystemExit(main())"
+
+
+def write(directory: Path, pairs: int, *, compress: bool = False) -> Path:
+    """Write a recording of random measurements and commands that alternate; return its file."""
+    rng = np.random.default_rng(1)
+    stamps = np.arange(pairs) * PERIOD_NS
+    readings, commands = wire.MEASUREMENT.array(pairs), wire.COMMAND.array(pairs)
+    for layout, rows, number in (
+        (wire.MEASUREMENT, readings, "sequence"),
+        (wire.COMMAND, commands, "measurement_sequence"),
+    ):
+        layout.set_stamps(rows, stamps)
+        rows[number] = np.arange(pairs)
+        for name in layout.fields:
+            rows[name] = rng.normal(size=pairs)
+    with RecordingWriter(directory) as writer:
+        writer.write_columns([(topics.MEASUREMENT, stamps, readings), (topics.COMMAND, stamps, commands)])
+    return directory / f"{directory.name}_0.mcap"
+
+
+def _reading(progress: Fraction) -> Report:
+    with tempfile.TemporaryDirectory(prefix="gyrowheel-bench-") as name:
+        directory = Path(name) / "run"
+        file = write(directory, PAIRS)
+
+        def ours() -> float:
+            recording = Recording.open(directory)
+            return float(recording.readings[:, 0].sum() + recording.command["motor_voltage"].sum())
+
+        def by_rosbags() -> float:
+            total = 0.0
+            with AnyReader([directory]) as reader:
+                for connection, _, data in reader.messages():
+                    message: Any = reader.deserialize(data, connection.msgtype)
+                    total += (
+                        message.tilt_x
+                        if connection.topic == topics.MEASUREMENT.name
+                        else message.motor_voltage
+                    )
+            return total
+
+        def by_mcap_ros2() -> float:
+            total = 0.0
+            for item in read_ros2_messages(file):
+                message = item.ros_msg
+                total += (
+                    message.tilt_x if item.channel.topic == topics.MEASUREMENT.name else message.motor_voltage
+                )
+            return total
+
+        truth = ours()
+        for other in (by_rosbags, by_mcap_ros2):
+            if not np.isclose(other(), truth, rtol=1e-9):
+                raise MeasurementError("the readers do not agree")
+        progress(0.25)
+        contestants: dict[str, Callable[[], object]] = {
+            "ours": ours,
+            "rosbags": by_rosbags,
+            "mcap_ros2": by_mcap_ros2,
+        }
+        times = by_turns(contestants, ROUNDS, progress=lambda part: progress(0.25 + 0.75 * part))
+        size = file.stat().st_size
+    speed = {who: 2 * PAIRS / timing.best for who, timing in times.items()}
+    return Report(
+        "Reading a recording",
+        [
+            Figure("messages read", speed["ours"], "1/s", bar=Bar(">=", 1e6)),
+            Figure(
+                "messages read", speed["ours"], "1/s", "rosbags", speed["rosbags"], Bar(">=", 10.0, "ratio")
+            ),
+            Figure("messages read", speed["ours"], "1/s", "mcap_ros2", speed["mcap_ros2"]),
+        ],
+        notes=[
+            f"{2 * PAIRS} messages of two topics that alternate in every chunk, {size / 1e6:.0f} MB, not compressed, "
+            "in the cache of the system; by the processor's time. Ours ends with the columns of both topics and has "
+            "checked every checksum and the sequence; the others decode every message and check nothing."
+        ],
+    )
+
+
+class Recorder:
+    """The recorder node in a process of its own, and publishers beside it.
+
+    Parameters
+    ----------
+    directory : Path
+        Where to record.
+    domain : int
+        ROS domain of both.
+    parameters : str
+        Parameters of the node, ``name:=value``.
+    """
+
+    def __init__(self, directory: Path, domain: int, *parameters: str) -> None:
+        prepare_environment()
+        self.directory = directory
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context, domain_id=domain)
+        self._node = rclpy.create_node("source", context=self._context)
+        self.publishers: dict[topics.Topic, Publisher] = {
+            topic: self._node.create_publisher(topic.message_class, topic.name, topic.qos)
+            for topic in (topics.MEASUREMENT, topics.COMMAND)
+        }
+        given = [part for text in (f"directory:={directory}", *parameters) for part in ("-p", text)]
+        self.words = tempfile.TemporaryFile("w+")  # noqa: SIM115
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", _RECORDER, "--ros-args", *given],
+            env={**os.environ, "ROS_DOMAIN_ID": str(domain)},
+            stderr=self.words,
+        )
+
+    def __enter__(self) -> Recorder:
+        end = time.monotonic() + PATIENCE
+        while any(p.get_subscription_count() < 1 for p in self.publishers.values()):
+            if self.process.poll() is not None or time.monotonic() > end:
+                self.words.seek(0)
+                said = " ".join(self.words.read().split())
+                self.__exit__()
+                raise MeasurementError(f"the recorder does not start: {said}")
+            time.sleep(0.02)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.wait()
+        self.words.close()
+        self._node.destroy_node()
+        rclpy.try_shutdown(context=self._context)
+
+    def publish(self, rate: float, seconds: float) -> Iterator[int]:
+        """Publish a measurement and a command in turn, so many messages a second; yield how many pairs went out."""
+        measurement, command = self.publishers.values()
+        begin = time.monotonic()
+        sent = 0
+        while (now := time.monotonic() - begin) < seconds:
+            due = int(now * rate / 2.0)
+            for k in range(sent, due):
+                stamp = k * PERIOD_NS
+                measurement.publish(wire.MEASUREMENT.pack(stamp, k, *[float(k)] * 11))
+                command.publish(wire.COMMAND.pack(stamp, k, 1.0, 2.0, 3.0))
+            sent = due
+            yield sent
+            time.sleep(0.001)
+
+    def processor_time(self) -> float:
+        """Return the time of the processor that the node has taken [s]."""
+        fields = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+    def stop(self) -> None:
+        """End the node as Ctrl-C does, and wait for it."""
+        for publisher in self.publishers.values():
+            publisher.wait_for_all_acked(rclpy.duration.Duration(seconds=10))
+        self.process.send_signal(signal.SIGINT)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self.process.wait(timeout=PATIENCE)
+
+
+def kill_once(directory: Path, domain: int, after: float, rate: float = 4000.0) -> tuple[float, Salvaged]:
+    """Kill a recorder while it records, and salvage.
+
+    Parameters
+    ----------
+    directory : Path
+        Where to record; what is saved goes to a directory beside it.
+    domain : int
+        ROS domain.
+    after : float
+        How long it records until it is killed [s].
+    rate : float
+        Messages a second, of both topics together.
+
+    Returns
+    -------
+    lost : float
+        Time from the last sample saved to the last one published [s].
+    saved : Salvaged
+        What was saved.
+    """
+    with Recorder(directory, domain) as recorder:
+        sent = 0
+        for sent in recorder.publish(rate, after):  # noqa: B007
+            pass
+        recorder.process.kill()
+        recorder.process.wait()
+    saved = salvage(directory, directory.with_name(f"{directory.name}_saved"))
+    last = int(Recording.open(saved.target).measurement["sequence"][-1])
+    # in the time in which they were published: two messages a sample
+    return (sent - 1 - last) / (rate / 2.0), saved
+
+
+def _recording(progress: Fraction) -> Report:
+    with tempfile.TemporaryDirectory(prefix="gyrowheel-bench-") as name:
+        directory = Path(name) / "run"
+        with Recorder(directory, _domain()) as recorder:
+            before, own = recorder.processor_time(), resource.getrusage(resource.RUSAGE_SELF)
+            begin = time.monotonic()
+            sent = 0
+            for sent in recorder.publish(RATE, SECONDS):
+                progress(min(sent / (RATE / 2.0 * SECONDS), 1.0))
+            took = time.monotonic() - begin
+            busy = recorder.processor_time() - before
+            recorder.stop()
+            ours = resource.getrusage(resource.RUSAGE_SELF)
+        recording = Recording.open(directory)
+        came = len(recording.measurement) + len(recording.command)
+        whole = recording.integrity().complete and bool(
+            np.array_equal(recording.command["measurement_sequence"], np.arange(len(recording.command)))
+        )
+    published = (ours.ru_utime - own.ru_utime) / took
+    return Report(
+        "Recorder at 10 000 messages per second",
+        [
+            Figure("messages published", 2 * sent / took, "1/s", bar=Bar(">=", 0.99 * RATE)),
+            Figure("messages lost", float(2 * sent - came), "", bar=Bar("<=", 0.0)),
+            Figure("load of one core", 100.0 * busy / took, "%"),
+        ],
+        notes=[
+            f"{SECONDS:g} s; {2 * sent} messages, half of them measurements, from a process of its own "
+            f"({100 * published:.0f} % of a core). The recorder's files are {'whole' if whole else 'NOT whole'}."
+        ],
+    )
+
+
+def _killing(progress: Fraction) -> Report:
+    rng = random.Random(1)
+    losses, unsaved = [], 0
+    for k in range(KILLS):
+        with tempfile.TemporaryDirectory(prefix="gyrowheel-bench-") as name:
+            lost, saved = kill_once(Path(name) / "run", _domain(k), rng.uniform(0.5, 2.5))
+            losses.append(lost)
+            unsaved += saved.integrity is None or not saved.integrity.complete
+        progress((k + 1) / KILLS)
+    return Report(
+        "Recorder killed",
+        [
+            Figure("longest time lost", max(losses), "s", bar=Bar("<=", LIMIT)),
+            Figure("time lost, mean", float(np.mean(losses)), "s"),
+            Figure("salvaged with a gap", float(unsaved), "", bar=Bar("<=", 0.0)),
+        ],
+        notes=[
+            f"Killed (signal 9) {KILLS} times at a random instant while it records a measurement and a command each "
+            "0.5 ms. Lost is what was published after the last sample that gyrowheel salvage brings back."
+        ],
+    )
+
+
+def _domain(k: int = 0) -> int:
+    return 20 + (7 * os.getpid() + k) % 80
+
+
+def measure(progress: Fraction) -> list[Report]:
+    """Measure reading, recording and killing."""
+    return [
+        _reading(lambda part: progress(0.4 * part)),
+        _recording(lambda part: progress(0.4 + 0.2 * part)),
+        _killing(lambda part: progress(0.6 + 0.4 * part)),
+    ]
