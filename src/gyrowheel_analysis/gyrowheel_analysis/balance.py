@@ -122,7 +122,7 @@ class Balance:
         raw = Balance(windows, bench, clean=False, harmonics=harmonics) if clean else None
         #: Names of the channels, in the order of the rows.
         self.channels = ALL_CHANNELS if harmonics else CHANNELS
-        windows = without_noise(windows, bench) if clean else windows
+        windows = without_noise(windows) if clean else windows
         self.windows = windows
         self.bench = bench
         self._ripple: Any = None

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal.windows import blackmanharris
 
 from gyrowheel_control.plans import HOLD, Plan
 from gyrowheel_sim.bench import Bench
@@ -28,15 +29,18 @@ Array = NDArray[np.float64]
 #: Time given to the loops to settle at the start of a steady motion [s]; the spin loop is the slower one.
 SETTLING = 0.5
 SPIN_SETTLING = 1.0
+_CONE_SETTLING = (
+    0.5  # s more after a change of speed: windows of a cone are too short to follow the spin loop
+)
 _SPEED_CHANGE = 2.0  # rad/s; a change of speed beyond this gets SPIN_SETTLING
 _LONGEST = 2.0  # s; longer holds are split, so that drift within a window stays small
 _SHORTEST = 0.16  # s
 _MIN_REVOLUTIONS = 3
 _ARC = 35.0 * DEG  # of a cone within one window
 _DEGREE = 5  # of the polynomials in time
-_SHORT = (
-    0.5  # s; in windows shorter than this the spin angle is a cubic, which knows the acceleration far better
-)
+#: Terms of the polynomial of the spin angle in windows shorter than so many seconds: the short ones know the
+#: acceleration far better by a cubic, the long ones hold what the spin loop does after every change of the tilt.
+_SPIN_TERMS = ((0.5, 4), (1.0, 8), (math.inf, 12))
 _MODULATION = 3  # terms of the polynomial in time of a harmonic's amplitude
 HARMONICS = (-2, -1, 1, 2)
 #: Those of the coils' voltages that are compared: an effect that turns with the rotor acts forward.
@@ -50,6 +54,29 @@ MOTOR_THERMAL = (
 )
 _THERMAL_STEP = 0.1  # s
 _CLEAR = 10.0  # times its noise that a harmonic must be to count
+#: What the noise of the readings is called in the bench file, in the order of `Windows.reading_noise`.
+READING_NOISES = (
+    "tilt_noise",
+    "spin_angle_noise",
+    "spin_rate_noise",
+    "coil_voltage_noise",
+    "motor_voltage_noise",
+    "motor_current_noise",
+)
+_NOISE_BLOCKS = (256, 64)  # samples; the short ones where many samples are lost
+_MOST_BLOCKS = 400
+_FEWEST_BLOCKS = 20
+_NOISE_BAND = (0.4, 0.97)  # of half the sampling rate: above every motion, below what a filter may cut away
+_NOISE_RANGE = (0.5, 50.0)  # times the stated noise that is believed
+_SPIKE = 8.0  # robust standard deviations
+_MOST_SPIKES = 0.02  # of the samples; more of them are no spikes
+#: Mean square, in its noise, of four more terms of the polynomials: beyond it the motion is not settled.
+_UNSETTLED_TILT, _UNSETTLED_ANGLE = 10.0, 20.0
+_FURTHER = 4
+#: What a window leaves of the motor's current beside harmonics and ripple, in its noise: beyond it something goes on
+#: that averages do not describe, as a supply that fails.
+_RESTLESS = 30.0
+_SETTLES_BY = 0.2  # s; by so much later a window begins if its motion has not settled
 
 
 @dataclass(frozen=True)
@@ -101,6 +128,8 @@ class Windows:
         Variance of the mean tilt rate, one axis, from white noise of the tilt readings [rad^2/s^2].
     spin_acceleration_variance : ndarray (n,)
         Variance of the mean spin acceleration from white noise of the angle readings [rad^2/s^4].
+    reading_noise : ndarray (n, 6)
+        Standard deviation of the white noise of the readings of `READING_NOISES`, as the recording has it [SI].
     """
 
     start: Array
@@ -132,6 +161,11 @@ class Windows:
     table_rate: Array
     tilt_rate_variance: Array
     spin_acceleration_variance: Array
+    reading_noise: Array
+
+    def noise(self, name: str) -> Array:
+        """Return the white noise of a reading, by its name in the bench file, (n,) [SI]."""
+        return np.asarray(self.reading_noise[:, READING_NOISES.index(name)])
 
     def __len__(self) -> int:
         """Return the number of windows."""
@@ -177,21 +211,28 @@ _MEAN = np.array([1.0 / (k + 1) if k % 2 == 0 else 0.0 for k in range(_DEGREE + 
 _RISE = np.array([2.0 if k % 2 else 0.0 for k in range(_DEGREE + 1)])
 
 
-def without_noise(windows: Windows, bench: Bench) -> Windows:
+#: From a Legendre series of `_DEGREE` terms to powers of x.
+_TO_POWERS = np.zeros((_DEGREE, _DEGREE))
+for _term in range(_DEGREE):
+    _TO_POWERS[: _term + 1, _term] = np.polynomial.legendre.leg2poly(np.eye(_DEGREE)[_term])[: _term + 1]
+
+
+def without_noise(windows: Windows) -> Windows:
     """Return the windows without those harmonics that are not well above the noise of the readings.
 
     Where a harmonic is noise, so is every torque reckoned from it, and whatever multiplies such a torque (a gain, a
     scale, a damping) would be fitted to the noise.
     """
-    v, n = bench.value, windows.samples
+    v, n = windows.noise, windows.samples
     modulation = np.array([[_MEAN[j + k] for k in range(_MODULATION)] for j in range(_MODULATION)])
 
-    def kept(amplitudes: Any, noise: float) -> Any:
+    def kept(amplitudes: Any, noise: Array) -> Any:
         """Amplitudes (n, harmonics, terms) that are above the noise of a reading, both parts together."""
         power = np.einsum("nhj,jk,nhk->nh", amplitudes.conj(), modulation, amplitudes).real
-        return np.where((power > _CLEAR**2 * 2.0 * noise**2 / n[:, None])[:, :, None], amplitudes, 0.0)
+        clear = power > _CLEAR**2 * 2.0 * (noise**2 / n)[:, None]
+        return np.where(clear[:, :, None], amplitudes, 0.0)
 
-    def above(amplitude: Any, noise: float) -> Any:
+    def above(amplitude: Any, noise: Array) -> Any:
         return np.where(np.abs(amplitude) > _CLEAR * noise / np.sqrt(n), amplitude, 0.0)
 
     return replace(
@@ -261,6 +302,8 @@ def _spans_from_setpoints(data: Samples) -> list[tuple[float, float, int, float]
         speed = math.hypot(sp["tilt_rate_x"][a], sp["tilt_rate_y"][a])
         radius = math.hypot(sp["tilt_x"][a], sp["tilt_y"][a])
         turn = speed / radius if radius > 0.0 else 0.0
+        if changed and turn > 0.0:
+            settling += _CONE_SETTLING
         spans.append((float(time[a]) + settling, float(time[b - 1]) + step, int(sp["segment"][a]), turn))
     return spans
 
@@ -307,6 +350,8 @@ def reduce(data: Samples, bench: Bench) -> Windows:
     """
     h = bench.sample_period
     rows: list[dict[str, Any]] = []
+    noise = reading_noise(data, bench)
+    clipped = _clipped(data)
     heat = motor_temperatures(data, bench)
     for start, stop, segment, turn in steady_spans(data):
         longest = _LONGEST
@@ -326,9 +371,16 @@ def reduce(data: Samples, bench: Bench) -> Windows:
         )
         edges = np.linspace(start, stop, count + 1)
         for a, b in itertools.pairwise(edges):
-            i, j = np.searchsorted(data.time, (a - 1e-9, b - 1e-9))
-            row = _window(data, int(i), int(j), h, bench, heat)
-            if row is not None:
+            row = None
+            while row is None and b - a >= _SHORTEST:
+                i, j = (int(k) for k in np.searchsorted(data.time, (a - 1e-9, b - 1e-9)))
+                if clipped[i:j].any():
+                    break
+                row = _window(data, i, j, h, bench, heat, noise)
+                if turn or row is None or not row.pop("unsettled"):
+                    break
+                row, a = None, a + _SETTLES_BY
+            if row is not None and not row.pop("unsettled", False):
                 row["segment"] = segment
                 rows.append(row)
     names = [item.name for item in fields(Windows)]
@@ -344,9 +396,70 @@ def reduce(data: Samples, bench: Bench) -> Windows:
             "motor_temperatures": (0, 2),
             "motor_temperature_rates": (0, 2),
             "temperature_sensitivity": (0, 2, len(MOTOR_THERMAL)),
+            "reading_noise": (0, len(READING_NOISES)),
         }
         columns = {name: np.zeros(shapes.get(name, 0)) for name in names}
     return Windows(**columns)
+
+
+def reading_noise(data: Samples, bench: Bench) -> Array:
+    """Return the standard deviation of the white noise of the readings of `READING_NOISES` [SI], (6,).
+
+    It is that of the upper part of the spectrum, where nothing moves; the median there passes over lines, as those of
+    the motor's ripple. What the controller makes of its readings reaches up to there in the coils' voltages, so that
+    the stated noise is kept for these; so it is where too many samples are lost, or the spectrum is empty.
+    """
+    stated = np.array([bench.value(name) for name in READING_NOISES])
+    columns = [(0, 1), (2,), (3,), (), (6,), (7,)]
+    wanted = sorted({c for group in columns for c in group})
+    whole = np.flatnonzero(np.abs(np.diff(data.time) - bench.sample_period) > 0.5 * bench.sample_period) + 1
+    edges = np.r_[0, whole, len(data.time)]
+    for block in _NOISE_BLOCKS:
+        starts = np.concatenate(
+            [np.arange(a, b - block + 1, block) for a, b in itertools.pairwise(edges)] or [np.zeros(0, int)]
+        ).astype(np.int64)
+        if len(starts) >= _FEWEST_BLOCKS:
+            break
+    else:
+        return stated
+    starts = starts[np.linspace(0, len(starts) - 1, min(len(starts), _MOST_BLOCKS)).astype(np.int64)]
+    values = data.values[starts[:, None] + np.arange(block)][:, :, wanted]
+    values[:, :, wanted.index(2)] = np.unwrap(values[:, :, wanted.index(2)], axis=1)
+    x = np.linspace(-1.0, 1.0, block)
+    basis, _ = np.linalg.qr(x[:, None] ** np.arange(3))
+    values = values - basis @ (basis.T @ values)
+    window = blackmanharris(block, sym=False)
+    power = np.abs(np.fft.rfft(values * window[:, None], axis=1)) ** 2 / np.sum(window**2)
+    low, high = (round(edge * block / 2) for edge in _NOISE_BAND)
+    level = np.median(np.median(power[:, low:high], axis=1), axis=0) / math.log(2.0)
+    found = [np.sqrt(np.mean([level[wanted.index(c)] for c in group])) if group else 0.0 for group in columns]
+    return np.array(
+        [
+            own if ratio == 0.0 else own * min(max(ratio, _NOISE_RANGE[0]), _NOISE_RANGE[1])
+            for own, ratio in zip(stated, np.array(found) / stated, strict=True)
+        ]
+    )
+
+
+def _clipped(data: Samples) -> NDArray[np.bool_]:
+    """Return where a reading of tilt, speed or current stands at the end of its range, as a clipped one does."""
+    result = np.zeros(len(data.time), dtype=bool)
+    if not len(data.time):
+        return result
+    for column in (0, 1, 3, 7):
+        values = data.values[:, column]
+        for end in (values.min(), values.max()):
+            at = values == end
+            # noise reaches its extreme once; a reading without any noise stands anywhere for long
+            if at.sum() > 20 and not _quantised(values):
+                result |= at
+    return result
+
+
+def _quantised(values: Array) -> bool:
+    """Whether a reading takes so few values that it reaches its extreme often without being clipped."""
+    some = values[:: max(len(values) // 5000, 1)]
+    return len(np.unique(some)) < 0.2 * len(some)
 
 
 def motor_temperatures(data: Samples, bench: Bench) -> tuple[Array, Array, Array]:
@@ -412,9 +525,18 @@ def _fading(step: float, before: float, more: float) -> float:
 
 
 def _window(
-    data: Samples, i: int, j: int, h: float, bench: Bench, heat: tuple[Array, Array, Array]
+    data: Samples,
+    i: int,
+    j: int,
+    h: float,
+    bench: Bench,
+    heat: tuple[Array, Array, Array],
+    noise: Array,
 ) -> dict[str, Any] | None:
-    """Reduce samples i .. j-1, shortened to whole revolutions; None if there is too little of them."""
+    """Reduce samples i .. j-1, shortened to whole revolutions; None if there is too little of them.
+
+    ``unsettled`` in the result says whether the motion is beyond what the polynomials can follow.
+    """
     if j - i < 3 * _MIN_REVOLUTIONS:
         return None
     angle = np.unwrap(data.values[i:j, 2])
@@ -451,52 +573,109 @@ def _window(
     )
     gram = np.linalg.inv(design.conj().T @ design)
     fit = (gram @ (design.conj().T @ readings)).T
-    smooth = degree if duration > _SHORT else 4
-    ripple = _ripple(readings[:, (3, 1, 4)].real - (design @ fit[[3, 1, 4]].T).real, angle, bench)
-    turning = np.hstack([powers[:, :smooth], waves])
+    left = readings - design @ fit.T
+    spikes = _spikes(left)
+    if spikes.any():
+        readings = np.where(spikes, readings - left, readings)
+        fit = (gram @ (design.conj().T @ readings)).T
+        left = readings - design @ fit.T
+    smooth = next(terms for length, terms in _SPIN_TERMS if duration <= length)
+    ripple = _ripple(left[:, (3, 1, 4)].real, angle, bench)
+    legendre = np.polynomial.legendre.legvander(x, smooth - 1)
+    turning = np.hstack([legendre, waves])
     turning_gram = np.linalg.inv(turning.conj().T @ turning)
-    turning_fit = np.zeros(degree)
-    turning_fit[:smooth] = (turning_gram @ (turning.conj().T @ angle))[:smooth].real
+    turned = turning_gram @ (turning.conj().T @ angle)
+    jumps = _spikes((angle - (turning @ turned).real)[:, None])[:, 0]
+    if jumps.any():
+        angle = np.where(jumps, (turning @ turned).real, angle)
+        turned = turning_gram @ (turning.conj().T @ angle)
+    tilt_noise, angle_noise, current_noise = (
+        noise[READING_NOISES.index(name)]
+        for name in ("tilt_noise", "spin_angle_noise", "motor_current_noise")
+    )
+    unsettled = (
+        _more(x, design, gram, left[:, 0], degree) > 2.0 * _UNSETTLED_TILT * tilt_noise**2
+        or _more(x, turning, turning_gram, angle - (turning @ turned).real, smooth)
+        > _UNSETTLED_ANGLE * angle_noise**2
+        or np.mean(np.abs(left[:, 1]) ** 2) - 2.0 * abs(ripple[1]) ** 2 > (_RESTLESS * current_noise) ** 2
+    )
     modulation = (len(HARMONICS), _MODULATION)
     inverse = gram[:degree, :degree].real
     rise = _RISE / duration
-    # mean of the second derivative of the angle: difference of its slope between the ends
-    slope = (
-        np.array([0.0 if k < 2 else k * (1.0 - (-1.0) ** (k - 1)) for k in range(smooth)]) * 2.0 / duration**2
-    )
-    warm = np.polynomial.polynomial.polyfit(x, values[:, 8], 1)
+    # mean of the second derivative of the angle: difference of its slope, n (n + 1) / 2 at the end, between the ends
+    slope = np.array([k * (k + 1) * (1 - k % 2) for k in range(smooth)]) * 2.0 / duration**2
+    slow = _without_spikes(values[:, 8:11])
+    warm = np.polynomial.polynomial.polyfit(x, slow[:, 0], 1)
     last = [e for e in data.environment if e.time <= begin + 1e-6]
     surroundings = last[-1] if last else Environment()
-    means = values.mean(axis=0)
+    means = readings.mean(axis=0)
+    air = slow.mean(axis=0)
+    speed = float(means[3].real)
     coils = fit[2, degree:].reshape(modulation)[[HARMONICS.index(order) for order in FORWARD]]
-    held = _held(np.array(FORWARD), float(means[3]) * h)
+    held = _held(np.array(FORWARD), speed * h)
     return {
+        "unsettled": unsettled,
         "start": begin,
         "duration": duration,
         "samples": float(len(time)),
         "tilt": fit[0, :degree],
         "tilt_harmonics": fit[0, degree:].reshape(modulation),
-        "spin": turning_fit[1:] * np.arange(1, degree) * 2.0 / duration,
+        "spin": _shortened(np.polynomial.legendre.legder(turned[:smooth].real)) * 2.0 / duration,
         "current_harmonics": fit[1, degree:].reshape(modulation),
-        "coil_voltage": complex(means[4], means[5]),
-        "motor_voltage": means[6],
-        "motor_current": means[7],
-        "coil_temperature": means[8],
+        "coil_voltage": complex(means[2]),
+        "motor_voltage": float(means[4].real),
+        "motor_current": float(means[1].real),
+        "coil_temperature": air[0],
         "coil_temperature_rate": warm[1] * 2.0 / duration,
-        "air_temperature": means[9],
-        "air_pressure": means[10],
+        "air_temperature": air[1],
+        "air_pressure": air[2],
         "motor_temperatures": _at(heat[0], heat[1], 0.5 * (begin + end)),
         "motor_temperature_rates": (_at(heat[0], heat[1], end) - _at(heat[0], heat[1], begin)) / duration,
         "temperature_sensitivity": _at(heat[0], heat[2], 0.5 * (begin + end)),
         "coil_harmonics": coils @ _MEAN[:_MODULATION] * held,
         "spin_ripple": ripple[0],
         "current_ripple": ripple[1],
-        "voltage_ripple": ripple[2] * _held(bench.value("motor_ripple_order"), float(means[3]) * h),
+        "voltage_ripple": ripple[2] * _held(bench.value("motor_ripple_order"), speed * h),
         **_attitude(surroundings),
-        "tilt_rate_variance": float(rise @ inverse @ rise) * bench.value("tilt_noise") ** 2,
+        "tilt_rate_variance": float(rise @ inverse @ rise) * tilt_noise**2,
         "spin_acceleration_variance": float(slope @ turning_gram[:smooth, :smooth].real @ slope)
-        * bench.value("spin_angle_noise") ** 2,
+        * angle_noise**2,
+        "reading_noise": noise,
     }
+
+
+def _shortened(series: Array) -> Array:
+    """Return a Legendre series as the coefficients of a polynomial of `_DEGREE` terms.
+
+    Mean, slope and the change from end to end are kept, so that the mean torque that accelerates the rotor is.
+    """
+    short = np.zeros(_DEGREE)
+    short[: min(len(series), _DEGREE)] = series[:_DEGREE]
+    short[3] += series[_DEGREE::2].sum()
+    return np.asarray(_TO_POWERS @ short)
+
+
+def _spikes(left: Any) -> NDArray[np.bool_]:
+    """Return which residuals (n, columns) stand alone, far above all others; none in a column with many of them."""
+    size = np.abs(left)
+    # the median of the absolute value of a Gaussian number, real or complex
+    scale = np.median(size, axis=0) / np.where(np.any(left.imag, axis=0), 1.1774, 0.6745)
+    far = size > _SPIKE * scale
+    return np.asarray(far & (far.mean(axis=0) <= _MOST_SPIKES) & (scale > 0.0))
+
+
+def _without_spikes(values: Array) -> Array:
+    """Return readings that hardly change (n, columns) with their spikes replaced by the median."""
+    middle = np.median(values, axis=0)
+    return np.where(_spikes(values - middle), middle, values)
+
+
+def _more(x: Array, design: Any, gram: Any, left: Any, degree: int) -> float:
+    """Return the mean square that each of four more terms of the polynomial would explain of what a fit leaves."""
+    further = np.polynomial.legendre.legvander(x, degree + _FURTHER - 1)[:, degree:].astype(complex)
+    further -= design @ (gram @ (design.conj().T @ further))
+    basis, _ = np.linalg.qr(further)
+    return float(np.sum(np.abs(basis.conj().T @ left) ** 2)) / _FURTHER
 
 
 def _at(time: Array, values: Array, when: float) -> Array:
@@ -552,7 +731,10 @@ def planned_windows(plan: Plan, bench: Bench) -> Windows:
         # the coils follow the heater within a second and cool with their own time constant
         cooling = noise("coil_thermal_resistance") * noise("coil_heat_capacity")
         warm = s.environment.preheat or warm * math.exp(-(s.ramp + s.hold) / cooling)
-        settling = SPIN_SETTLING if abs(s.spin - s.spin_from) > _SPEED_CHANGE else SETTLING
+        changed = abs(s.spin - s.spin_from) > _SPEED_CHANGE
+        settling = SPIN_SETTLING if changed else SETTLING
+        if changed and s.cone_rate:
+            settling += _CONE_SETTLING
         length = s.hold - settling
         longest = _LONGEST if s.cone_rate == 0.0 else max(_ARC / abs(s.cone_rate), _SHORTEST)
         count = max(math.floor(length / longest) if s.cone_rate else math.ceil(length / longest - 1e-6), 1)
@@ -598,9 +780,10 @@ def planned_windows(plan: Plan, bench: Bench) -> Windows:
                     / samples
                     * (noise("tilt_noise") / duration) ** 2,
                     "spin_acceleration_variance": 2.0
-                    * (_DEGREE + 1) ** 5
+                    * next(terms for length, terms in _SPIN_TERMS if duration <= length) ** 5
                     / samples
                     * (noise("spin_angle_noise") / duration**2) ** 2,
+                    "reading_noise": np.array([noise(name) for name in READING_NOISES]),
                 }
             )
     return Windows(**{item.name: np.array([row[item.name] for row in rows]) for item in fields(Windows)})

@@ -1,30 +1,47 @@
 """Forms that no declaration contains: what an unknown effect might look like, offered as a formula.
 
-The family: torques that turn with any multiple of the tilt's direction and grow with powers of tilt and speed, bumps
-at one speed, dead zones in the tilt. It answers two questions: is there something that the registered effects do not
-describe, and which formula describes it.
+The family: torques that turn with any multiple of the tilt's direction and grow with any power of tilt and speed,
+bumps at one speed, dead zones in the tilt, torques that fade with time. It answers two questions: is there something
+that the registered effects do not describe, and which formula describes it.
 """
 
 from __future__ import annotations
 
 import functools
+import itertools
+import re
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import sympy as sp
+from numpy.typing import NDArray
 
 from gyrowheel_analysis.discovery.fit import Fit, Problem, Term
 from gyrowheel_analysis.discovery.selection import Progress, Selection, rank
 from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law, Target
-from gyrowheel_sim.effects.quantities import Omega, Omega_ref, z, z_ref
+from gyrowheel_sim.effects.quantities import QUANTITIES, Omega, Omega_ref, z, z_ref
 from gyrowheel_sim.effects.sizes import for_bench
+
+Array = NDArray[np.float64]
 
 #: How much likelier (minus twice the log) a free form must make the recording before the library is doubted.
 UNKNOWN = 30.0
-_TRIED = 6
+_IN_PLACE_OF_SEVERAL = 12.0  # how much likelier a single form must be than several effects that it replaces
+_AS_LIKELY = 12.0  # less likely that a single form may be than effects that cancel each other
+_SUPERFLUOUS = 6.0  # likelier that an effect must make a recording to be kept beside a form
+_TRIED = 8
+_TRIED_OF_A_KIND = 2
 
-_a, _b, _p, _w = (sp.Symbol(name, real=True) for name in ("a", "b", "p", "w"))
+_EXPONENT = 1.0  # prior deviation of an exponent
+_TINY = sp.Float(1e-9)  # keeps a power of the tilt finite where there is none
+
+_a, _b, _p, _w, _k, _q, _s = (sp.Symbol(name, real=True) for name in ("a", "b", "p", "w", "k", "q", "s"))
+_t = QUANTITIES["t"].symbol
 _r = Omega / Omega_ref
 _u = z / z_ref
+_square = z * sp.conjugate(z) / z_ref**2
 _size = sp.sqrt(z * sp.conjugate(z)) / z_ref
 
 
@@ -40,14 +57,16 @@ class Proposal:
         The fit with it.
     gain : float
         How much likelier it makes the recording (minus twice the log of the likelihood).
-    keeps : bool
-        Whether the effects selected from the library stand beside it (else it stands in their place).
     """
 
     term: Term
     fit: Fit
     gain: float
-    keeps: bool
+
+    @property
+    def kept(self) -> tuple[Term, ...]:
+        """Registered effects that stand beside it."""
+        return tuple(t for t in self.fit.terms if t != self.term)
 
 
 def _amplitude(name: str, target: Target) -> Coefficient:
@@ -74,34 +93,49 @@ def _form(name: str, sentence: str, target: Target, shape: sp.Expr, *shapes: Coe
     return Term(name, effect)
 
 
-def _shape(name: str, value: float, spread: float, description: str) -> Coefficient:
+def _shape(name: str, value: float, spread: float, description: str, most: float = 3.0) -> Coefficient:
     return Coefficient(
         name,
         "1",
         description,
         (value - spread, value + spread),
-        (0.01, 3.0),
+        (0.01, most),
         "fitted",
         shape=value,
         shape_uncertainty=spread,
     )
 
 
+def _exponent(name: str, value: float, of: str) -> Coefficient:
+    return Coefficient(
+        name,
+        "1",
+        f"exponent of the {of}",
+        (value - _EXPONENT, value + _EXPONENT),
+        (0.0, 8.0),
+        "fitted",
+        shape=value,
+        shape_uncertainty=_EXPONENT,
+    )
+
+
 @functools.cache
 def forms() -> tuple[Term, ...]:
-    """Return the family of free forms."""
+    """Return the family of free forms; exponents, edges, places and times in them are fitted."""
     result = []
+    of_speed, of_tilt = "speed", "tilt"
     for order in (-3, -2, -1, 0, 2, 3):
         direction = _u**order if order >= 0 else sp.conjugate(_u) ** (-order)
-        for q in (0, 1, 2):
-            powers = (abs(order),) if order else (2,)
-            for k in powers:
-                shape = direction * _size ** (k - abs(order)) * _r**q
-                text = f"torque with {order} times the direction of the tilt, |tilt|^{k}, speed^{q}"
-                result.append(_form(f"lobes_{order}_{k}_{q}".replace("-", "m"), text, "rotor_torque", shape))
-    for k, q in ((1, 1), (1, 3), (1, 4), (2, 0), (2, 1), (2, 2), (4, 0), (5, 0), (5, 2)):
-        text = f"torque along the tilt, |tilt|^{k}, speed^{q}"
-        result.append(_form(f"power_{k}_{q}", text, "rotor_torque", _u * _size ** (k - 1) * _r**q))
+        shape = direction if order else _square
+        for q in (0, 2):
+            text = f"torque with {order} times the direction of the tilt, |tilt|^{abs(order) or 2}, speed^q"
+            name = f"lobes_{order}_{q}".replace("-", "m")
+            result.append(_form(name, text, "rotor_torque", shape * _r**_q, _exponent("q", q, of_speed)))
+    for k, q in ((1, 1), (1, 3), (1, 4), (0, 0), (0, 2), (2, 0), (2, 2), (3, 1), (5, 0), (5, 2)):
+        exponents = _exponent("k", k, of_tilt), _exponent("q", q, of_speed)
+        shape = _u * (_square + _TINY) ** ((_k - 1) / 2) * _r**_q
+        text = "torque along or across the tilt, |tilt|^k, speed^q"
+        result.append(_form(f"power_{k}_{q}", text, "rotor_torque", shape, *exponents))
     for centre in (0.3, 0.37, 0.45, 0.53, 0.6, 0.68, 0.76, 0.84, 0.92, 1.0, 1.08):
         bump = sp.exp(-(((_r - _p) / _w) ** 2))
         shapes = (
@@ -121,14 +155,37 @@ def forms() -> tuple[Term, ...]:
         result.append(
             _form(f"spin_bump_{centre:g}", f"torque on the spin near {where}", "shaft_torque", bump, *shapes)
         )
-    for edge in (0.2, 0.3, 0.4, 0.45, 0.5, 0.55, 0.6, 0.65):
+    for edge in (0.1, 0.2, 0.3, 0.4, 0.45, 0.5, 0.55, 0.6, 0.65):
         zone = sp.Max(_size - _p, 0) * _u / (_size + sp.Float(1e-9))
         begins = _shape("p", edge, 0.04, "tilt where it begins")
         text = f"torque along the tilt beyond {edge:g} of the reference tilt"
         result.append(_form(f"dead_zone_{edge:g}", text, "rotor_torque", zone, begins))
-    for q in (3, 4):
-        result.append(_form(f"spin_power_{q}", f"torque on the spin, speed^{q}", "shaft_torque", _r**q))
-    result.append(_form("spin_tilt", "torque on the spin, |tilt|^2", "shaft_torque", _size**2))
+    for q in (1, 3, 4):
+        power = _exponent("q", q, of_speed)
+        result.append(_form(f"spin_power_{q}", "torque on the shaft, speed^q", "shaft_torque", _r**_q, power))
+        text = "torque along the spin axis, speed^q"
+        result.append(_form(f"axial_power_{q}", text, "axial_torque", _r**_q, power))
+    for q in (0, 2):
+        exponents = _exponent("k", 2, of_tilt), _exponent("q", q, of_speed)
+        shape = (_square + _TINY) ** (_k / 2) * _r**_q
+        text = "torque on the spin, |tilt|^k, speed^q"
+        result.append(_form(f"spin_tilt_{q}", text, "shaft_torque", shape, *exponents))
+    for time in (15.0, 40.0, 120.0):
+        fades = Coefficient(
+            "s",
+            "s",
+            "time in which it fades",
+            (0.5 * time, 2.0 * time),
+            (1.0, 1.0e4),
+            "fitted",
+            shape=time,
+            shape_uncertainty=0.5 * time,
+        )
+        fading = sp.exp(-_t / _s)
+        text = "torque on the spin that fades with the time since the start of the recording"
+        result.append(_form(f"spin_fading_{time:g}", text, "shaft_torque", fading, fades))
+        text = "torque in proportion to the tilt that fades with the time since the start of the recording"
+        result.append(_form(f"tilt_fading_{time:g}", text, "rotor_torque", _u * fading, fades))
     return tuple(result)
 
 
@@ -136,7 +193,9 @@ def search(problem: Problem, selection: Selection, *, progress: Progress | None 
     """Look for a free form that describes the rows better than the selected effects; None if there is none.
 
     A form is compared by marginal likelihood with the size of the drifts left free, so that a misfit that an
-    enlarged drift had covered is seen, and a real drift is not taken for a form.
+    enlarged drift had covered is seen, and a real drift is not taken for a form. It may stand beside the selected
+    effects, in the place of one of them, or of all. A single form in the place of several effects need not be so much
+    likelier than they are, and where they cancel each other only about as likely.
     """
     if progress:
         progress("comparing with forms that no declared effect has")
@@ -146,12 +205,68 @@ def search(problem: Problem, selection: Selection, *, progress: Progress | None 
         if t.effect is not None and t.name not in problem.known
     ]
     base = problem.evidence(selection.best)
+    starts = [selection.best]
+    if selection.findings:
+        starts.append(selection.null)
+    if len(selection.findings) > 1:
+        starts += [
+            problem.fit(tuple(t for t in selection.best.terms if t != f.term), selection.best)
+            for f in selection.findings
+        ]
+    cancels = cancelling(problem, selection.best)
     best: Proposal | None = None
-    starts = [(selection.best, True)] + ([(selection.null, False)] if selection.findings else [])
-    for start, keeps in starts:
-        for _, term in rank(problem, start, family)[:_TRIED]:
+    for start in starts:
+        needed = UNKNOWN
+        if len(selection.best.terms) - len(start.terms) > 1:
+            needed = _IN_PLACE_OF_SEVERAL
+        if cancels and start is not selection.best:
+            needed = -_AS_LIKELY
+        for term in _foremost(rank(problem, start, family)):
             fit = problem.fit((*start.terms, term), start)
-            gain = base - problem.evidence(fit)
-            if best is None or gain > best.gain:
-                best = Proposal(term, fit, gain, keeps)
-    return best if best is not None and best.gain > UNKNOWN else None
+            found = Proposal(term, fit, base - problem.evidence(fit))
+            if found.gain > needed and (best is None or found.gain > best.gain):
+                best = found
+    return None if best is None else _simplest(problem, best, base)
+
+
+def _foremost(ranked: Sequence[tuple[float, Term]]) -> list[Term]:
+    """Return the forms that explain most, but few of a kind."""
+    kinds: Counter[str] = Counter()
+    result = []
+    for _, term in ranked:
+        kind = re.sub(r"(_m?\d+)+$", "", term.name)
+        kinds[kind] += 1
+        if kinds[kind] <= _TRIED_OF_A_KIND:
+            result.append(term)
+        if len(result) == _TRIED:
+            break
+    return result
+
+
+def _simplest(problem: Problem, proposal: Proposal, base: float) -> Proposal:
+    """Drop effects that the form makes superfluous."""
+    while len(proposal.fit.terms) > 1:
+        trials = []
+        for term in proposal.fit.terms:
+            if term != proposal.term:
+                fit = problem.fit(tuple(t for t in proposal.fit.terms if t != term), proposal.fit)
+                trials.append(Proposal(proposal.term, fit, base - problem.evidence(fit)))
+        best = max(trials, key=lambda trial: trial.gain)
+        if best.gain < proposal.gain - _SUPERFLUOUS:
+            break
+        proposal = best
+    return proposal
+
+
+def cancelling(problem: Problem, fit: Fit) -> bool:
+    """Whether two terms of a fit act against each other, so that much of either makes up for the other."""
+    columns: dict[str, Array] = {}
+    for index, (term, name) in enumerate(fit.columns):
+        value = fit.coefficients[term][name]
+        if any(t.name == term and name in t.amplitudes for t in fit.terms):
+            part = fit.jacobian[:, problem.count + index] * value
+            columns[term] = columns.get(term, 0.0) + part
+    parts = [problem.noise.whiten(part) for part in columns.values()]
+    return any(
+        float((a + b) @ (a + b)) < 0.5 * float(a @ a + b @ b) for a, b in itertools.combinations(parts, 2)
+    )

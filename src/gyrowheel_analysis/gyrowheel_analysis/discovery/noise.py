@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg import cho_solve, solve_triangular
 from scipy.optimize import minimize
 
 from gyrowheel_analysis.balance import CHANNELS, RIPPLE_CHANNELS, TURNING_CHANNELS, Balance
+from gyrowheel_analysis.discovery.drift import DriftCovariance, MarginalCost
 from gyrowheel_analysis.reduction import FORWARD
 from gyrowheel_sim.effects.sizes import torque_scale
 
@@ -33,18 +33,6 @@ MODEL_RIPPLE = 1.0e-4
 #: A drift below the stated one is not believed: few windows show little of a slow drift by chance.
 _SCALE_BOUNDS = (1.0, 8.0)
 _SCALE_SPREAD = 0.7  # of the logarithm of a drift's scale before the recording is seen
-
-
-@dataclass(frozen=True)
-class ChannelNoise:
-    """Covariance of one channel of one recording: diagonal part and drift part (for a scale of one)."""
-
-    diagonal: Array
-    drift: Array
-
-    def covariance(self, scale: float) -> Array:
-        """Return the covariance with the drift `scale` times as large as stated."""
-        return np.diag(self.diagonal) + scale**2 * self.drift
 
 
 class Noise:
@@ -73,22 +61,14 @@ class Noise:
             for balance, rows in zip(balances, predicted, strict=True)
         ]
         self.scales = dict.fromkeys(SOURCES.values(), 1.0)
-        self._factors: list[list[Any]] = []
-        self._factorise()
-
-    def _factorise(self) -> None:
-        self._factors = [
-            [np.linalg.cholesky(c[name].covariance(self.scales[SOURCES[name]])) for name in CHANNELS]
-            for c in self.channels
-        ]
 
     def whiten(self, rows: Array) -> Array:
         """Return rows (N, ...) divided by the square root of their covariance, recording after recording."""
         parts, at = [], 0
-        for factors, white in zip(self._factors, self._white, strict=True):
-            for factor in factors:
-                n = len(factor)
-                parts.append(solve_triangular(factor, rows[at : at + n], lower=True, check_finite=False))
+        for c, white in zip(self.channels, self._white, strict=True):
+            for name in CHANNELS:
+                n = len(c[name])
+                parts.append(c[name].whiten(rows[at : at + n], self.scales[SOURCES[name]]))
                 at += n
             # the harmonics carry no drift
             own = rows[at : at + len(white)]
@@ -100,7 +80,7 @@ class Noise:
         """Return the standard deviation of every row [unit of the row]."""
         parts = []
         for c, white in zip(self.channels, self._white, strict=True):
-            parts += [np.sqrt(np.diag(c[name].covariance(self.scales[SOURCES[name]]))) for name in CHANNELS]
+            parts += [np.sqrt(c[name].variance(self.scales[SOURCES[name]])) for name in CHANNELS]
             parts.append(white)
         return np.concatenate(parts)
 
@@ -111,7 +91,6 @@ class Noise:
     def use_scales(self, scales: dict[str, float]) -> None:
         """Take the scales of the drifts from elsewhere."""
         self.scales = dict(scales)
-        self._factorise()
 
     def best_scales(self, residual: Array, regressors: Array) -> tuple[dict[str, float], float]:
         """Return the most likely scales of the drifts and minus twice the log of their marginal likelihood.
@@ -125,32 +104,25 @@ class Noise:
             explain is not taken for drift.
         """
         names = list(dict.fromkeys(SOURCES.values()))
-        blocks: list[tuple[slice, ChannelNoise, str]] = []
-        at = 0
+        blocks: list[tuple[DriftCovariance, str]] = []
         kept: list[Any] = []
         start = 0
         for c, white in zip(self.channels, self._white, strict=True):
             for name in CHANNELS:
-                n = len(c[name].diagonal)
-                blocks.append((slice(at, at + n), c[name], SOURCES[name]))
+                n = len(c[name])
+                blocks.append((c[name], SOURCES[name]))
                 kept.append(np.arange(start, start + n))
-                at, start = at + n, start + n
+                start += n
             start += len(white)
         # the drift shows in the averages alone; the harmonics narrow what the regressors may explain there
         averages = np.concatenate(kept) if kept else np.zeros(0, dtype=int)
         turning = np.setdiff1d(np.arange(start), averages)
         residual, regressors, turning_cost = _narrowed(residual, regressors, averages, turning, self._white)
-        explained = regressors @ regressors.T
+        marginal = MarginalCost(blocks, residual, regressors)
 
         def cost(log_scale: Array) -> float:
             scale = dict(zip(names, np.exp(log_scale), strict=True))
-            total = explained.copy()
-            for rows, noise, source in blocks:
-                total[rows, rows] += noise.covariance(float(scale[source]))
-            factor = cho_factor(total, lower=True, check_finite=False)
-            log_det = 2.0 * float(np.log(np.diag(factor[0])).sum())
-            penalty = float((log_scale**2).sum()) / _SCALE_SPREAD**2
-            return log_det + float(residual @ cho_solve(factor, residual, check_finite=False)) + penalty
+            return marginal(scale) + float((log_scale**2).sum()) / _SCALE_SPREAD**2
 
         bounds = [(float(np.log(_SCALE_BOUNDS[0])), float(np.log(_SCALE_BOUNDS[1])))] * len(names)
         best = minimize(
@@ -193,25 +165,25 @@ def _harmonic(balance: Balance, predicted: Array, name: str) -> Array:
         stiffness = 0.5 * (v("flexure_stiffness_x") + v("flexure_stiffness_y"))
         stiff = np.abs(stiffness + (order * bench.precession_inertia - order**2 * inertia) * spin**2)
         white = (
-            (v("coil_constant") * v("coil_voltage_noise")) ** 2 + (stiff * v("tilt_noise")) ** 2
+            (v("coil_constant") * w.noise("coil_voltage_noise")) ** 2 + (stiff * w.noise("tilt_noise")) ** 2
         ) / w.samples
         x = TURNING_CHANNELS[2 * (order - 1)], TURNING_CHANNELS[2 * (order - 1) + 1]
         size = np.hypot(*(predicted[balance.channel(own)] for own in x))
         return np.asarray(white + (scale * MODEL_ABSOLUTE) ** 2 + (MODEL_RELATIVE * size) ** 2)
     half = 2.0 * w.samples
-    speed = v("spin_rate_noise") ** 2 / half
-    current = v("motor_current_noise") ** 2 / half
+    speed = w.noise("spin_rate_noise") ** 2 / half
+    current = w.noise("motor_current_noise") ** 2 / half
     if name in RIPPLE_CHANNELS[:2]:
         swing = bench.axial_inertia * v("motor_ripple_order") * spin
         floor = scale * np.where(w.moving, MODEL_RIPPLE, MODEL_ABSOLUTE)
         return np.asarray(swing**2 * speed + v("motor_constant") ** 2 * current + floor**2)
-    voltage = v("motor_voltage_noise") ** 2 / half
+    voltage = w.noise("motor_voltage_noise") ** 2 / half
     return np.asarray(
         voltage + v("motor_resistance") ** 2 * current + v("motor_constant") ** 2 * speed + 1e-14
     )
 
 
-def _channel(balance: Balance, predicted: Array, name: str) -> ChannelNoise:
+def _channel(balance: Balance, predicted: Array, name: str) -> DriftCovariance:
     v, w = balance.bench.value, balance.windows
     rows = np.abs(predicted[balance.channel(name)])
     absolute = torque_scale(balance.bench) * MODEL_ABSOLUTE
@@ -219,7 +191,7 @@ def _channel(balance: Balance, predicted: Array, name: str) -> ChannelNoise:
         momentum = balance.bench.precession_inertia * w.mean_spin
         slew = momentum * np.abs(w.mean_tilt_rate)
         white = (
-            v("coil_constant") * v("coil_voltage_noise")
+            v("coil_constant") * w.noise("coil_voltage_noise")
         ) ** 2 / w.samples + momentum**2 * w.tilt_rate_variance
         size, level = np.maximum(rows, slew), v("coil_constant") * v("coil_voltage_drift")
         floor = absolute**2 + (MODEL_RELATIVE * size) ** 2
@@ -228,13 +200,11 @@ def _channel(balance: Balance, predicted: Array, name: str) -> ChannelNoise:
         torque = inertia**2 * w.spin_acceleration_variance
         floor = absolute**2 + (4.0 * MODEL_RELATIVE * inertia * np.abs(w.mean_spin_acceleration)) ** 2
         if name == "spin":
-            white = (v("motor_constant") * v("motor_current_noise")) ** 2 / w.samples + torque
+            white = (v("motor_constant") * w.noise("motor_current_noise")) ** 2 / w.samples + torque
             level = v("motor_constant") * v("motor_current_drift")
         else:
             per_torque = v("motor_resistance") / v("motor_constant")
-            white = v("motor_voltage_noise") ** 2 / w.samples + per_torque**2 * torque
-            white = white + (v("motor_constant") * v("spin_rate_noise")) ** 2 / w.samples
+            white = w.noise("motor_voltage_noise") ** 2 / w.samples + per_torque**2 * torque
+            white = white + (v("motor_constant") * w.noise("spin_rate_noise")) ** 2 / w.samples
             level, floor = v("motor_voltage_drift"), floor * per_torque**2
-    lag = np.abs(w.middle[:, None] - w.middle[None, :])
-    drift = level**2 * np.exp(-lag / v("drift_time"))
-    return ChannelNoise(white + floor, drift)
+    return DriftCovariance(w.middle, white + floor, level, v("drift_time"))

@@ -25,6 +25,7 @@ _MOST_TERMS = 4
 #: Worsening of a cross-validation (in chi-squared) that chance alone explains.
 _WORSENING = 4.0
 _SHORTLIST = 5
+_NEGATIVE = 2.0  # standard errors below zero that an effect of one sign may come out by chance
 
 Progress = Callable[[str], None]
 
@@ -122,7 +123,7 @@ def _extended(problem: Problem, current: Fit, pool: Sequence[Term], dof: float, 
         for gain, term in rank(problem, current, [t for t in pool if t not in current.terms])[:_SHORTLIST]:
             if gain > 0.4 * threshold(term, 1.0):
                 fit = problem.fit((*current.terms, term), current)
-                if _plausible(problem, fit, term):
+                if _plausible(problem, fit):
                     tried.append((fit, term))
         if not tried:
             break
@@ -147,11 +148,22 @@ def _fails_cross_validation(problem: Problem, fit: Fit) -> Term | None:
     return min(failing, key=lambda pair: pair[0])[1] if failing else None
 
 
-def _plausible(problem: Problem, fit: Fit, term: Term) -> bool:
-    """Whether the error of a bench parameter is far enough from its stated value; true for every effect."""
-    if term.effect is not None:
-        return True
-    return relative_deviation(problem, fit, term) > ERROR_LIMIT
+def _plausible(problem: Problem, fit: Fit) -> bool:
+    """Whether every term of a fit can be what it says.
+
+    The error of a bench parameter must lie far enough from its stated value; an effect that can only brake, push back
+    or heat must not come out clearly negative, which is how two effects make up for a third that is not among them.
+    """
+    for term in fit.terms:
+        if term.effect is None:
+            if relative_deviation(problem, fit, term) <= ERROR_LIMIT:
+                return False
+            continue
+        for c in term.effect.amplitudes:
+            value = fit.coefficients[term.name][c.name]
+            if not c.signed and value < -_NEGATIVE * fit.standard_error(term.name, c.name):
+                return False
+    return True
 
 
 def relative_deviation(problem: Problem, fit: Fit, term: Term) -> float:
@@ -206,7 +218,7 @@ def _swapped(problem: Problem, fit: Fit, pool: Sequence[Term]) -> Fit:
                 if without.chi2 - gain > fit.chi2 + 20.0:
                     continue
                 trial = problem.fit((*rest, other), without)
-                if _plausible(problem, trial, other) and trial.chi2 < fit.chi2 - 2.0 - (
+                if _plausible(problem, trial) and trial.chi2 < fit.chi2 - 2.0 - (
                     THRESHOLD_FURTHER * (len(other.amplitudes) - len(term.amplitudes))
                 ):
                     fit, improved = trial, True
@@ -240,7 +252,7 @@ def _finding(problem: Problem, fit: Fit, term: Term, pool: Sequence[Term]) -> Fi
         trial = problem.fit((*rest, other), without)
         if abs(trial.chi2 - fit.chi2) < 2.0 * TIE:
             trial = problem.refined(trial)
-        if _plausible(problem, trial, other):
+        if _plausible(problem, trial):
             tried.append(Tie(other, trial.chi2 - fit.chi2, trial))
     tried.sort(key=lambda tie: tie.delta_chi2)
     ties = tuple(tie for tie in tried if tie.delta_chi2 < TIE)

@@ -314,7 +314,10 @@ def diagnose(
     )
     say("judging ties, limits and the next test")
     planner = Planner(problem, best)
-    findings = [] if proposal else [_report(fitted, f, selection.best, planner) for f in selection.findings]
+    if proposal:
+        findings = [_report(fitted, _beside(problem, proposal, t), best, planner) for t in proposal.kept]
+    else:
+        findings = [_report(fitted, f, best, planner) for f in selection.findings]
     findings.sort(key=lambda f: -f.delta_chi2)
     limits = [
         DetectionLimit(
@@ -351,6 +354,12 @@ def diagnose(
     )
 
 
+def _beside(problem: Problem, proposal: Proposal, term: Term) -> Finding:
+    """Return an effect that stands beside a free form; what else could is not asked while something is unknown."""
+    without = problem.fit(tuple(t for t in proposal.fit.terms if t != term), proposal.fit)
+    return Finding(term, without.chi2 - proposal.fit.chi2, (), (), without)
+
+
 def judge_noise_with(problem: Problem, fit: Fit) -> None:
     """Judge the noise again with the terms of a fit, so that what a form of no registered effect does is no drift."""
     width = [1.0] * problem.count + [problem.scale(t, n) for t in fit.terms for n in t.coefficients]
@@ -364,10 +373,10 @@ def _verdict(
 ) -> tuple[Verdict, str]:
     if proposal is not None:
         what = proposal.term.effect.sentence if proposal.term.effect else ""
-        return (
-            "unknown",
-            f"something is missing that no declared effect describes; a formula that does: {what}",
-        )
+        text = f"something is missing that no declared effect describes; a formula that does: {what}"
+        if findings:
+            text += f"; beside it: {' and '.join(f.name for f in findings)}"
+        return "unknown", text
     if not findings:
         if limits and not any(limit.visible for limit in limits):
             return (

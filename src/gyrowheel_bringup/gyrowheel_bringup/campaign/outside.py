@@ -13,7 +13,8 @@ from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law
 from gyrowheel_sim.effects.outside import OUTSIDE
 from gyrowheel_sim.effects.quantities import QUANTITIES, Omega, Omega_ref, rho, rho_ref, z
 
-_c, _n, _w, _T, _s = (sp.Symbol(name, real=True) for name in ("c", "n", "w", "T", "s"))
+_c, _n, _p, _w, _T, _s = (sp.Symbol(name, real=True) for name in ("c", "n", "p", "w", "T", "s"))
+_size = sp.sqrt(z * sp.conjugate(z))
 _r, _d = Omega / Omega_ref, rho / rho_ref
 _t = QUANTITIES["t"].symbol
 
@@ -93,10 +94,34 @@ _RUNNING_IN = Effect(
     source="assumed",
 )
 
+_BACKLASH = Effect(
+    name="backlash",
+    title="backlash of a preloaded joint",
+    category="other",
+    sentence="Within its play a joint holds the rotor stiffly; beyond it the preload pulls with a constant torque.",
+    laws=(Law("rotor_torque", -_c * sp.Min(_size / _p, 1) * z / (_size + sp.Float(1e-9))),),
+    coefficients=(
+        Coefficient("c", "N*m", "torque of the preload", (5e-4, 2e-3), (-0.5, 0.5), "assumed"),
+        Coefficient(
+            "p",
+            "rad",
+            "half of the play",
+            (0.003, 0.015),
+            (1e-4, 0.1),
+            "assumed",
+            shape=0.009,
+            shape_uncertainty=0.006,
+        ),
+    ),
+    validity="blind tests",
+    source="assumed",
+)
+
 _OWN = (
     OutsideForm(_STEEP_WINDAGE, "windage", "n"),
     OutsideForm(_STEEP_CROSS, "aero_cross", "n"),
     OutsideForm(_RUNNING_IN),
+    OutsideForm(_BACKLASH),
 )
 _SHIPPED = {effect.name for effect in OUTSIDE}
 
