@@ -326,7 +326,7 @@ def law_of_growth(data: WindowResiduals) -> str:
         best = _where_usual(max(described, key=lambda d: d.explained), part, data.windows, weight)
         mean = complex(np.sum(best.weight * best.amplitude))
         if len(best.speed) > 2 and abs(mean) > 0.0:
-            exponent = _exponent(best.speed, np.real(best.amplitude * np.conj(mean)) / abs(mean), best.weight)
+            exponent = _exponent(best.speed, np.real(best.amplitude * np.conj(mean)) / abs(mean), best.sure)
             return "" if exponent is None else _power(*exponent)
     return ""
 
@@ -347,13 +347,17 @@ def _least(part: Part) -> float:
 
 @dataclass(frozen=True)
 class _Description:
-    """A pattern with an amplitude of its own at every speed, and what it explains of the sum of squares."""
+    """A pattern with an amplitude of its own at every speed, and what it explains of the sum of squares.
+
+    `sure` is the inverse variance of the amplitudes: `weight`, but for averages, which may drift together at a speed.
+    """
 
     pattern: str
     speed: Array
     amplitude: NDArray[Any]
     weight: Array
     explained: float
+    sure: Array
 
 
 def _grows(part: Part, w: Windows) -> str | None:
@@ -392,7 +396,7 @@ def _grows(part: Part, w: Windows) -> str | None:
     text = _beyond(
         part.kind, best.pattern, mean, alone=float(np.ptp(sizes)) < 0.1 * float(np.abs(sizes).max())
     )
-    text += _growing(best.speed, sizes, best.weight, part.kind, best.pattern)
+    text += _growing(best.speed, sizes, best.sure, part.kind, best.pattern)
     return text + (other.text(part.kind, best.pattern) if other is not None else "")
 
 
@@ -428,10 +432,12 @@ def _described(
         norm = float(np.sum(g * np.abs(q) ** 2))
         if norm > 0.0:
             a = np.sum(g * r * np.conj(q)) / norm
-            rows.append((float(np.mean(w.mean_spin[index])), a.real if real else a, norm))
+            alone = norm / len(index) if part.kind.rows[0] in AVERAGES else norm
+            rows.append((float(np.mean(w.mean_spin[index])), a.real if real else a, norm, alone))
     if rows:
-        speed, amplitude, norm_ = (np.array(column) for column in zip(*rows, strict=True))
-        yield _Description(name, speed, amplitude, norm_, float(np.sum(np.abs(amplitude) ** 2 * norm_)))
+        speed, amplitude, norm_, sure = (np.array(column) for column in zip(*rows, strict=True))
+        explained = float(np.sum(np.abs(amplitude) ** 2 * norm_))
+        yield _Description(name, speed, amplitude, norm_, explained, sure)
 
 
 def _pattern(name: str, w: Windows, load: NDArray[Any] | None = None) -> NDArray[Any]:
@@ -665,6 +671,10 @@ def _exponent(speed: Array, sizes: Array, weight: Array) -> tuple[float, float] 
     if float(speed.max() / speed.min()) < 1.3:
         return None
     reference = float(np.exp(np.average(np.log(speed), weights=weight)))
+    largest = float(np.abs(sizes).max())
+    if largest == 0.0:
+        return None
+    sizes, weight = sizes / largest, weight * largest**2
 
     def law(x: Array, amplitude: float, n: float) -> Array:
         return np.asarray(amplitude * (x / reference) ** n)

@@ -122,7 +122,7 @@ def remove(
     for name in effects:
         after = after.removed(name, now)
     after.save(model)
-    put_text(difference(before.diff(after)))
+    put_text(difference(before, after))
 
 
 @model_app.command(epilog=example("gyrowheel model show --model wheel.yaml"))
@@ -147,7 +147,9 @@ def undo(model: ModelFile) -> None:
     before = Model.load(model)
     after = before.undone()
     after.save(model)
-    put_text(difference(before.diff(after)))
+    last = before.history[-1]
+    out().print(f"taken back: {last.get('what', 'the last change')} ({last.get('time', 'no time')})")
+    put_text(difference(before, after))
 
 
 @model_app.command(epilog=example("gyrowheel model diff old.yaml new.yaml"))
@@ -160,11 +162,11 @@ def diff(
     from gyrowheel_analysis.model import Model
     from gyrowheel_bringup.render.models import difference
 
-    lines = Model.load(old).diff(Model.load(new))
+    before, after = Model.load(old), Model.load(new)
     if json is not None:
-        put_json(json, {"schema": 1, "differences": lines})
+        put_json(json, {"schema": 1, "differences": before.diff(after)})
     if json != "-":
-        put_text(difference(lines))
+        put_text(difference(before, after))
 
 
 def _typed(formulas: Sequence[str], name: str | None, target: str | None, model: Model) -> list[Effect]:
