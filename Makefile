@@ -21,7 +21,7 @@ PACKAGES := src/gyrowheel_sim src/gyrowheel_control src/gyrowheel_analysis src/g
 MSGS_FILES := $(addprefix $(MSGS)/,package.xml CMakeLists.txt pyproject.toml) $(wildcard $(MSGS)/*/*.*)
 # Python modules are used where they stand; these are what an installation copies.
 PACKAGE_FILES := $(foreach p,$(PACKAGES),$(wildcard \
-    $(p)/pyproject.toml $(p)/package.xml $(p)/resource/* $(p)/scripts/* $(p)/launch/* $(p)/config/*))
+    $(p)/pyproject.toml $(p)/package.xml $(p)/resource/* $(p)/scripts/* $(p)/launch/* $(p)/config/* $(p)/urdf/*))
 
 export CMAKE_BUILD_PARALLEL_LEVEL ?= 2
 # The nodes talk to this machine alone, unless told otherwise.

@@ -13,6 +13,9 @@ setup(
         ("share/ament_index/resource_index/packages", ["resource/gyrowheel_bringup"]),
         ("share/gyrowheel_bringup", ["package.xml"]),
         ("share/gyrowheel_bringup/launch", sorted(glob("launch/*.launch.py"))),
+        ("share/gyrowheel_bringup/config", sorted(glob("config/*"))),
+        ("share/gyrowheel_bringup/urdf", sorted(glob("urdf/*"))),
+        ("lib/gyrowheel_bringup", sorted(glob("scripts/*"))),
     ],
     entry_points={"console_scripts": ["gyrowheel = gyrowheel_bringup.cli:main"]},
 )

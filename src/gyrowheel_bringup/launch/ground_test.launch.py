@@ -1,6 +1,6 @@
 """The bench as `gyrowheel up` starts it, for those who have ros2 launch.
 
-ros2 launch gyrowheel_bringup ground_test.launch.py plan:=quick record:=runs/monday
+ros2 launch gyrowheel_bringup ground_test.launch.py plan:=quick record:=runs/monday rviz:=true
 """
 
 from __future__ import annotations
@@ -12,11 +12,22 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from gyrowheel_bringup.graph import EXECUTABLES, node_parameters
+from gyrowheel_bringup.viewers import robot_description, rviz_config
 from gyrowheel_control.plans import Plan
 from gyrowheel_sim.bench import Bench
 from launch import LaunchContext, LaunchDescription
 
 ACTION = ("/gyrowheel/run_plan", "gyrowheel_msgs/action/RunPlan")
+#: Name, default and description of the arguments.
+ARGUMENTS = (
+    ("plan", "", "Test plan to run; empty: none"),
+    ("record", "", "New directory to record into; empty: no recording"),
+    ("bench", "gyrowheel", "Bench, or its file"),
+    ("scenario", "", "File of what the machine really is; empty: as the bench file says"),
+    ("realtime", "false", "Pace the bench by the clock on the wall"),
+    ("viewable", "true", "Publish the model of the wheel and its frames for viewers"),
+    ("rviz", "false", "Start RViz"),
+)
 
 
 def _typed(value: object) -> object:
@@ -25,13 +36,18 @@ def _typed(value: object) -> object:
 
 
 def _actions(context: LaunchContext) -> list[Node | ExecuteProcess]:
-    name, bench, record, scenario = (
-        LaunchConfiguration(argument).perform(context) for argument in ("plan", "bench", "record", "scenario")
-    )
-    plan = Plan.load(name) if name else None
+    given = {name: LaunchConfiguration(name).perform(context) for name, _, _ in ARGUMENTS}
+    asked = {name: given[name].lower() in ("true", "1", "yes") for name in ("realtime", "viewable", "rviz")}
+    plan = Plan.load(given["plan"]) if given["plan"] else None
     if plan is not None:
-        plan.check(Bench.load(bench))
-    parameters = node_parameters(plan, bench=bench, scenario=scenario, record=record)
+        plan.check(Bench.load(given["bench"]))
+    parameters = node_parameters(
+        plan,
+        bench=given["bench"],
+        scenario=given["scenario"],
+        record=given["record"],
+        realtime=asked["realtime"],
+    )
     actions: list[Node | ExecuteProcess] = [
         Node(
             package=package,
@@ -43,6 +59,23 @@ def _actions(context: LaunchContext) -> list[Node | ExecuteProcess]:
         )
         for node, (package, executable) in EXECUTABLES.items()
     ]
+    if asked["viewable"] or asked["rviz"]:
+        actions.append(
+            Node(
+                package="robot_state_publisher",
+                executable="robot_state_publisher",
+                parameters=[{"robot_description": _typed(robot_description()), "use_sim_time": True}],
+            )
+        )
+    if asked["rviz"]:
+        actions.append(
+            Node(
+                package="rviz2",
+                executable="rviz2",
+                arguments=["-d", str(rviz_config())],
+                parameters=[{"use_sim_time": True}],
+            )
+        )
     if plan is not None:
         goal = yaml.safe_dump({"plan": plan.to_yaml()})
         actions.append(
@@ -58,10 +91,10 @@ def _actions(context: LaunchContext) -> list[Node | ExecuteProcess]:
 def generate_launch_description() -> LaunchDescription:
     return LaunchDescription(
         [
-            DeclareLaunchArgument("plan", default_value="", description="Test plan to run; empty: none"),
-            DeclareLaunchArgument("record", default_value="", description="New directory to record into"),
-            DeclareLaunchArgument("bench", default_value="gyrowheel", description="Bench, or its file"),
-            DeclareLaunchArgument("scenario", default_value="", description="What the machine really is"),
+            *(
+                DeclareLaunchArgument(name, default_value=value, description=text)
+                for name, value, text in ARGUMENTS
+            ),
             OpaqueFunction(function=_actions),
         ]
     )

@@ -21,6 +21,7 @@ from gyrowheel_bringup.cli import (
     replaying,
     ros,
     running,
+    viewing,
 )
 
 app = typer.Typer(
@@ -57,6 +58,7 @@ for module in (
     running,
     recordings,
     replaying,
+    viewing,
     exchanging,
     finding,
     investigating,

@@ -1,0 +1,82 @@
+"""A process that shows the running bench to Foxglove, for as long as a block lasts."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+
+from gyrowheel_bringup.graph import GraphError, find_executable
+from gyrowheel_sim.errors import InputError
+from gyrowheel_sim.node import PARENT_VARIABLE, ExitCode, prepare_environment
+
+_START = 60.0  # [s]
+
+
+@contextlib.contextmanager
+def foxglove(port: int) -> Iterator[str]:
+    """Run the node `foxglove` beside the graph; give the address that the viewer opens.
+
+    Parameters
+    ----------
+    port : int
+        Port on this computer.
+
+    Raises
+    ------
+    InputError
+        If foxglove-sdk is not installed, or the port cannot be opened.
+    GraphError
+        If the node fails otherwise.
+    """
+    prepare_environment()
+    command = [
+        str(find_executable("gyrowheel_bringup", "foxglove_node")),
+        "--ros-args",
+        "-p",
+        f"port:={port}",
+    ]
+    process = subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        errors="replace",
+        env=os.environ | {PARENT_VARIABLE: str(os.getpid())},
+        start_new_session=True,  # a Ctrl-C of the terminal is for this process alone
+    )
+    try:
+        yield _address(process)
+    finally:
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+        # reads on, so that the process is not stopped by what it still has to say
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.communicate(timeout=20.0)
+        if process.poll() is None:
+            process.kill()
+            process.communicate()
+
+
+def _address(process: subprocess.Popen[str]) -> str:
+    """Return the address that a starting node logs."""
+    assert process.stderr is not None
+    end = time.monotonic() + _START
+    said = ""
+    while time.monotonic() < end:
+        line = process.stderr.readline()
+        if not line:
+            last = said.strip().rpartition("\n")[2].removeprefix("foxglove: ")
+            if process.wait() == ExitCode.BAD_INPUT:
+                raise InputError(last)
+            raise GraphError(
+                "node_died", f"foxglove: exit code {process.returncode}", node="foxglove", report=said
+            )
+        said += line
+        if "ws://" in line:
+            return "ws://" + line.partition("ws://")[2].split()[0]
+    raise GraphError("start_timeout", f"foxglove: not ready after {_START:g} s", node="foxglove", report=said)
