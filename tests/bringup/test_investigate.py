@@ -69,7 +69,7 @@ def scripted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[..., t
         done, listener = Investigation("m.yaml", options.pop("budget", 15.0)), Silent()
         done.averages = options.pop("averages", False)
         plans = [Plan.load(name) for name in options.pop("plans", ["check"])]
-        run = options.pop("run", lambda plan, path, number: path.mkdir())
+        run = options.pop("run", lambda plan, path, number: path.mkdir(exist_ok=True))
         investigate(done, Model.new(), tmp_path, run, listener, plans=plans, **options)
         return done, listener
 
