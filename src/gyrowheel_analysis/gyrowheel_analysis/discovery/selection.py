@@ -25,6 +25,8 @@ _MOST_TERMS = 4
 #: Worsening of a cross-validation (in chi-squared) that chance alone explains.
 _WORSENING = 4.0
 _SHORTLIST = 5
+#: Parts that there must be of each kind to leave one out.
+_FEWEST_PARTS = {"speed": 3, "azimuth": 3, "recording": 2}
 _NEGATIVE = 2.0  # standard errors below zero that an effect of one sign may come out by chance
 
 Progress = Callable[[str], None]
@@ -95,8 +97,8 @@ def select(problem: Problem, *, progress: Progress | None = None) -> Selection:
     A term is taken if it brings the threshold in chi-squared and, for the error of a bench parameter, if the
     parameter then lies beyond five of its stated uncertainties. Every term in the model is tried against every other
     (swaps) and against none (elimination). When nothing more is asked for, each term must stand the test that the
-    prediction of a speed, or of a tilt direction, that was left out does not worsen by it; one that fails goes, and
-    the search continues without it. (Earlier this test would judge a term by what is still missing beside it.)
+    prediction of a speed, a tilt direction or a recording that was left out does not worsen by it; one that fails goes,
+    and the search continues without it. (Earlier this test would judge a term by what is still missing beside it.)
     """
     say = progress or (lambda text: None)
     pool = [t for t in candidate_terms(problem.bench) if t.name not in problem.known]
@@ -261,12 +263,13 @@ def _finding(problem: Problem, fit: Fit, term: Term, pool: Sequence[Term]) -> Fi
 
 
 def groups(problem: Problem) -> dict[str, list[NDArray[np.bool_]]]:
-    """Return the rows of every speed and of every tilt direction, as masks over all rows."""
-    speed, direction = [], []
-    for balance in problem.balances:
+    """Return the rows of every speed, tilt direction and recording, as masks over all rows."""
+    speed, direction, recording = [], [], []
+    for number, balance in enumerate(problem.balances):
         w = balance.windows
         count = len(balance.channels)
         speed.append(np.tile(w.mean_spin, count))
+        recording.append(np.full(len(balance), number))
         tilt = w.mean_tilt
         octant = np.round(np.angle(tilt) / (math.pi / 4.0)) % 8
         direction.append(np.tile(np.where(np.abs(tilt) < 0.3 * DEG, -1.0, octant), count))
@@ -278,11 +281,13 @@ def groups(problem: Problem) -> dict[str, list[NDArray[np.bool_]]]:
         result["speed"].append(mask)
         left &= ~mask
     result["azimuth"] = [directions == value for value in np.unique(directions)]
+    recordings = np.concatenate(recording)
+    result["recording"] = [recordings == number for number in range(len(problem.balances))]
     return result
 
 
 def _survives_cross_validation(problem: Problem, without: Fit, with_: Fit, term: Term) -> bool:
-    """Whether a term does not worsen the prediction of a speed, or a tilt direction, that was left out.
+    """Whether a term does not worsen the prediction of a speed, a tilt direction or a recording that was left out.
 
     A part is passed over where the rest cannot tell the term's size: there is then nothing to validate.
     """
@@ -299,8 +304,8 @@ def _survives_cross_validation(problem: Problem, without: Fit, with_: Fit, term:
         (white(without.jacobian), white(without.residual), inverse_without),
         (white(with_.jacobian), white(with_.residual), inverse_with),
     ]
-    for masks in groups(problem).values():
-        if len(masks) < 3:
+    for kind, masks in groups(problem).items():
+        if len(masks) < _FEWEST_PARTS[kind]:
             continue
         errors = np.zeros(2)
         for mask in masks:
