@@ -18,7 +18,7 @@ from scipy.stats import binomtest
 from benchmarks.independent.cases import DETECTABLE, SEQUENCES, Case, solve
 from gyrowheel_bringup.cli.shell import BAD_INPUT, FINDING, INTERRUPTED, OK, advancing, put_text
 from gyrowheel_bringup.files import disk_errors, write_text
-from gyrowheel_bringup.render.layout import figures_table, heading
+from gyrowheel_bringup.render.layout import figures_table, heading, sentences
 from gyrowheel_sim.errors import InputError
 
 #: Share of right answers that is asked for, and of wrong ones that is allowed.
@@ -59,33 +59,34 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 for done in as_completed(waiting):
                     cases.append(done.result())
                     advance(len(cases) / len(numbers))
+                    if asked.json:
+                        kept = [asdict(case) for case in sorted(cases, key=lambda case: case.number)]
+                        write_text(Path(asked.json), json.dumps(kept, indent=1) + "\n")
             except BaseException:
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
-        cases.sort(key=lambda case: case.number)
-        if asked.json:
-            write_text(Path(asked.json), json.dumps([asdict(case) for case in cases], indent=1) + "\n")
     except InputError as error:
         sys.stderr.write(f"error: {error}\n")
         return BAD_INPUT
     except KeyboardInterrupt:
         sys.stderr.write("interrupted\n")
         return INTERRUPTED
-    return OK if shown(cases) or not asked.fail else FINDING
+    return OK if shown(sorted(cases, key=lambda case: case.number)) or not asked.fail else FINDING
 
 
 def shown(cases: Sequence[Case]) -> bool:
     """Print the tables; return whether every bar lies within the binomial interval of its figure, or is reached."""
     table = figures_table("", "hidden", "size", "answer", "")
-    for column in (1, 3, 4):
+    for column in (1, 2, 3, 4):
         table.columns[column].justify = "left"
+        table.columns[column].no_wrap = False
     for case in cases:
         answer = "; ".join(
             name + (f" (or {', '.join(ties)})" if ties else "") for name, ties in case.named.items()
         )
         size = ", ".join(f"{size:.1f}" for size in case.sizes.values())
-        below = bool(case.sizes) and not case.detectable
-        word = case.outcome + (", below" if below else "")
+        below = not case.detectable
+        word = case.outcome + (", small" if below else "")
         style = (
             "green" if case.good else "" if below and case.outcome in ("missed", "partial") else "bold red"
         )
@@ -97,9 +98,7 @@ def shown(cases: Sequence[Case]) -> bool:
             Text(word, style=style),
         )
     put_text([heading("Finder on recordings of another make"), Padding(table, (0, 0, 0, 2))])
-    counts = figures_table(
-        "", "cases", "right", "tied", "missed", "unknown", "wrong", "right %", "95 % interval", "bar"
-    )
+    counts = figures_table("", "cases", "right", "tied", "missed", "unknown", "wrong", "good, %", "bar")
     held = True
     for kind, bar in BARS.items():
         some = [case for case in cases if case.kind == kind and case.detectable]
@@ -115,17 +114,21 @@ def shown(cases: Sequence[Case]) -> bool:
             *(str(outcomes.count(word)) for word in ("right", "tied")),
             str(outcomes.count("missed") + outcomes.count("partial")),
             *(str(outcomes.count(word)) for word in ("unknown", "wrong")),
-            f"{100 * good / len(some):.0f}",
-            f"{100 * interval.low:.0f} .. {100 * interval.high:.0f}",
-            f">= {100 * bar:.0f} %",
+            f"{100 * good / len(some):.0f} ({100 * interval.low:.0f} .. {100 * interval.high:.0f})",
+            f">= {100 * bar:.0f}",
         )
     below = [case for case in cases if not case.detectable]
+    wrong = sum(case.outcome in ("wrong", "unknown") for case in below)
     put_text(
         [
             Padding(counts, (1, 0, 0, 2)),
-            Text(
-                f"  Counted are effects above {DETECTABLE:g} detection limits; of {len(below)} cases below,"
-                f" {sum(case.outcome in ('wrong', 'unknown') for case in below)} were answered wrongly."
+            Text(""),
+            *sentences(
+                [
+                    f"Counted are cases in which all that is hidden is above {DETECTABLE:g} detection limits. Good:"
+                    " right, or tied with the truth and a test that separates; in brackets the 95 % interval.",
+                    f"Of {len(below)} cases with something smaller, {wrong} got a wrong answer.",
+                ]
             ),
         ]
     )
