@@ -48,7 +48,8 @@ _DOMAIN = 61
 def measure(progress: Callable[[float], None]) -> list[Report]:
     """Measure the lock-step and the real-time mode."""
     prepare_environment()
-    bare, ours = [], []
+    bare: list[tuple[float, float]] = []
+    ours: list[tuple[float, float]] = []
     try:
         for turn in range(TURNS):
             bare.append(ping_pong(TURN_S))
@@ -61,25 +62,28 @@ def measure(progress: Callable[[float], None]) -> list[Report]:
             progress(1.0)
     except (GraphError, InputError) as error:
         raise MeasurementError(str(error)) from None
+    rates, bare_rates = ([rate for rate, _ in runs] for runs in (ours, bare))
+    costs, bare_costs = (min(cost for _, cost in runs) * 1e6 for runs in (ours, bare))
     return [
         Report(
             "Graph in lock-step",
             [
                 Figure(
                     "plant and controller",
-                    max(ours),
+                    max(rates),
                     "rounds/s",
                     "bare ping-pong",
-                    max(bare),
+                    max(bare_rates),
                     Bar(">=", 0.6, "ratio"),
                 ),
+                Figure("processor time of both", costs, "µs/round", "bare ping-pong", bare_costs),
                 Figure("with estimator and recorder", ratio, "s/s", bar=Bar(">=", 1.0)),
             ],
             notes=[
                 "Rounds: the plant's sample and the controller's command, two processes; beside them two processes "
                 "that send each other the same number of bytes and do nothing else, rclpy on its EventsExecutor. "
-                f"By turns, {TURNS} times {TURN_S:.0f} s, the best second of each; medians "
-                f"{statistics.median(ours):.0f} and {statistics.median(bare):.0f}. With estimator and recorder: "
+                f"By turns, {TURNS} times {TURN_S:.0f} s, the best second of each; medians of the turns "
+                f"{statistics.median(rates):.0f} and {statistics.median(bare_rates):.0f}. With estimator and recorder: "
                 "simulated over wall time of the whole graph, five processes, everything recorded.",
             ],
         ),
@@ -87,8 +91,8 @@ def measure(progress: Callable[[float], None]) -> list[Report]:
     ]
 
 
-def ping_pong(seconds: float) -> float:
-    """Return the rounds per second of two processes that do nothing else; the best second."""
+def ping_pong(seconds: float) -> tuple[float, float]:
+    """Return the rounds per second of two bare processes, the best second, and their processor time a round [s]."""
     script = Path(__file__).with_name("ping_pong.py")
     with _process([sys.executable, str(script), "pong"]):
         text = subprocess.run(
@@ -100,22 +104,26 @@ def ping_pong(seconds: float) -> float:
         )
     if text.returncode:
         raise MeasurementError(f"ping-pong: {' '.join(text.stderr.split())[-300:]}")
-    return max(map(float, text.stdout.split()))
+    *rates, cost = map(float, text.stdout.split())
+    return max(rates), 2.0 * cost  # both do the same
 
 
-def lock_step(seconds: float) -> float:
-    """Return the rounds per second of plant and controller alone; the best second.
+def lock_step(seconds: float) -> tuple[float, float]:
+    """Return the rounds per second of plant and controller alone, and their processor time a round [s].
 
-    Setpoints for more than the whole run are there before it begins, so that no third process takes part.
+    The rate is that of the best second. Setpoints for more than the whole run are there before it begins, so that no
+    third process takes part.
     """
-    seen: list[tuple[float, int]] = []
+    seen: list[tuple[float, int, float]] = []  # time, samples, processor time
 
     def on_diagnostics(message: DiagnosticArray) -> None:
         for status in message.status:
             samples = {v.key: v.value for v in status.values}.get("samples")
             if status.name == "plant" and samples is not None:
-                seen.append((message.header.stamp.sec + message.header.stamp.nanosec * 1e-9, int(samples)))
+                stamp = message.header.stamp
+                seen.append((stamp.sec + stamp.nanosec * 1e-9, int(samples), sum(map(_cpu, pids))))
 
+    pids: list[int] = []
     with _bystander() as (node, executor):
         node.create_subscription(
             DiagnosticArray, topics.DIAGNOSTICS.name, on_diagnostics, topics.DIAGNOSTICS.qos
@@ -125,9 +133,10 @@ def lock_step(seconds: float) -> float:
         )
         plant = ["--ros-args", "-p", f"initial_spin_rate:={SPIN}", "-p", "wait_for_subscribers:=1"]
         with (
-            _process([str(find_executable(*EXECUTABLES["controller"]))]),
-            _process([str(find_executable(*EXECUTABLES["plant"])), *plant]),
+            _process([str(find_executable(*EXECUTABLES["controller"]))]) as first,
+            _process([str(find_executable(*EXECUTABLES["plant"])), *plant]) as second,
         ):
+            pids += [first, second]
             end = time.monotonic() + 60.0
             while not setpoints.get_subscription_count() or not seen:
                 executor.spin_once(timeout_sec=0.05)
@@ -144,7 +153,9 @@ def lock_step(seconds: float) -> float:
     rates = [(b[1] - a[1]) / (b[0] - a[0]) for a, b in itertools.pairwise(seen) if b[0] - a[0] > 0.5]
     if not rates or max(rates) <= 0.0:
         raise MeasurementError("plant and controller do not answer each other")
-    return max(rates)
+    moving = [entry for entry in seen if entry[1] > 1]
+    cost = (moving[-1][2] - moving[0][2]) / max(moving[-1][1] - moving[0][1], 1)
+    return max(rates), cost
 
 
 def whole_graph(directory: Path) -> float:
@@ -203,7 +214,7 @@ def real_time(directory: Path, progress: Callable[[float], None]) -> Report:
 
 
 @contextlib.contextmanager
-def _process(command: list[str]) -> Iterator[None]:
+def _process(command: list[str]) -> Iterator[int]:
     process = subprocess.Popen(
         command,
         env=_environment(),
@@ -212,7 +223,7 @@ def _process(command: list[str]) -> Iterator[None]:
         start_new_session=True,
     )
     try:
-        yield
+        yield process.pid
     finally:
         process.send_signal(signal.SIGINT)
         try:

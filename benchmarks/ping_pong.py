@@ -1,7 +1,8 @@
 """Two bare processes that send each other the bytes of a sample and of a command: what rclpy can do at most.
 
 ``python ping_pong.py pong`` answers; ``python ping_pong.py ping SECONDS`` asks, and prints the rounds a second of every
-second. Both have topics, quality of service and executor of the real nodes, and do nothing else.
+second, and at last its own processor time a round [s]. Both have topics, quality of service and executor of the real
+nodes, and do nothing else.
 """
 
 from __future__ import annotations
@@ -48,12 +49,13 @@ def _spin(role: str, seconds: float) -> None:
             executor.spin_once(timeout_sec=0.1)
         executor.spin_once(timeout_sec=0.1)
         publisher.publish(data)
-        end = time.perf_counter() + seconds
+        begun, end = (rounds, time.process_time()), time.perf_counter() + seconds
         while not stop.received and (now := time.perf_counter()) < end:
             counted, until = rounds, now + 1.0
             while time.perf_counter() < until and not stop.received:
                 executor.spin_once(timeout_sec=0.1)
             print((rounds - counted) / (time.perf_counter() - now), flush=True)
+        print((time.process_time() - begun[1]) / max(rounds - begun[0], 1), flush=True)
     while role == "pong" and not stop.received:
         executor.spin_once(timeout_sec=0.1)
     executor.shutdown()
