@@ -46,6 +46,7 @@ NUISANCE_GROUPS = (
 STATED_RANGE = 3.0
 _KEPT_STATES = 6
 _FAR = 3.0  # stated uncertainties after which the derivatives by the bench parameters are taken anew
+_BOLD_STEPS = 3
 _HELD = 1.0e4  # inverse prior deviation of an unknown that is not to move
 #: Bench parameters whose error is a finding of its own name: {finding: groups that move by one common factor}.
 ERRORS: dict[str, tuple[str, ...]] = {
@@ -346,23 +347,22 @@ class Problem:
         nuisance_jacobian = start.jacobian[:, : self.count] if start is not None else self.base_jacobian
         taken_at = start.nuisance if start is not None else np.zeros(self.count)
         at = self._at(x, terms, inverse, centre)
+        bold = True
         for _ in range(iterations):
             if np.abs(x[: self.count] - taken_at).max() > _FAR:
                 nuisance_jacobian = self._nuisance_jacobian(x[: self.count], at.coefficients, at.predicted)
                 taken_at = x[: self.count].copy()
-            parts = [nuisance_jacobian]
-            parts += [self.term_jacobian(t, x[: self.count], at.coefficients, at.predicted) for t in terms]
-            jacobian = np.hstack(parts)
-            design = np.vstack([self.noise.whiten(jacobian), np.diag(inverse)])
-            # columns of very different size: scale before solving
-            size = np.linalg.norm(design, axis=0)
-            size[size == 0.0] = 1.0
-            step, *_ = np.linalg.lstsq(design / size, np.concatenate([at.white, -at.pull]), rcond=1e-12)
+            jacobian, design, size, step = self._linear(terms, x, at, nuisance_jacobian, inverse)
             for shortening in _SHORTENINGS:
-                trial = self._within_bounds(x + shortening * step / size, terms)
+                trial = self._within_bounds(x + shortening * step, terms)
                 there = self._at(trial, terms, inverse, centre)
                 if there.chi2 <= at.chi2:
                     break
+                if bold:
+                    bold = False
+                    trial, there = self._boldly(terms, trial, there, inverse, centre)
+                    if there.chi2 <= at.chi2:
+                        break
             else:
                 break  # no step along this direction helps: x is the best there is
             gain, x, at = at.chi2 - there.chi2, trial, there
@@ -382,6 +382,37 @@ class Problem:
             at.pull,
             jacobian,
         )
+
+    def _linear(
+        self, terms: Sequence[Term], x: Array, at: _Point, nuisance_jacobian: Array, inverse: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """Return derivatives, whitened design, sizes of its columns, and the step to the minimum if all were linear."""
+        parts = [nuisance_jacobian]
+        parts += [self.term_jacobian(t, x[: self.count], at.coefficients, at.predicted) for t in terms]
+        jacobian = np.hstack(parts)
+        design = np.vstack([self.noise.whiten(jacobian), np.diag(inverse)])
+        # columns of very different size: scale before solving
+        size = np.linalg.norm(design, axis=0)
+        size[size == 0.0] = 1.0
+        step, *_ = np.linalg.lstsq(design / size, np.concatenate([at.white, -at.pull]), rcond=1e-12)
+        return jacobian, design, size, step / size
+
+    def _boldly(
+        self, terms: Sequence[Term], x: Array, at: _Point, inverse: Array, centre: Array
+    ) -> tuple[Array, _Point]:
+        """Go on from where a whole step has led, uphill though it was, by whole steps with new derivatives.
+
+        A scale that is wrong by much bends everything else along: a whole step lands beside the valley, the next ones
+        lead into it, while steps short enough to go downhill would hardly move.
+        """
+        for _ in range(_BOLD_STEPS):
+            if not np.isfinite(at.chi2):
+                break
+            nuisance_jacobian = self._nuisance_jacobian(x[: self.count], at.coefficients, at.predicted)
+            *_, step = self._linear(terms, x, at, nuisance_jacobian, inverse)
+            x = self._within_bounds(x + step, terms)
+            at = self._at(x, terms, inverse, centre)
+        return x, at
 
     def refined(self, fit: Fit) -> Fit:
         """Return a fit with every derivative taken at the solution itself.

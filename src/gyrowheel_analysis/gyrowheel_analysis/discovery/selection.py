@@ -289,8 +289,11 @@ def groups(problem: Problem) -> dict[str, list[NDArray[np.bool_]]]:
 def _survives_cross_validation(problem: Problem, without: Fit, with_: Fit, term: Term) -> bool:
     """Whether a term does not worsen the prediction of a speed, a tilt direction or a recording that was left out.
 
-    A part is passed over where the rest cannot tell the term's size: there is then nothing to validate.
+    A part is passed over where the rest cannot tell the term's size: there is then nothing to validate. Nor is there
+    where the rows are met as well without the term, by bench parameters too far from their stated values.
     """
+    if without.chi2_rows - with_.chi2_rows < 0.5 * (without.chi2 - with_.chi2):
+        return True
     white = problem.noise.whiten
     inverse_without, _ = problem.prior(without.terms)
     inverse_with, _ = problem.prior(with_.terms)
