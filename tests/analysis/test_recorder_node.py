@@ -4,21 +4,27 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
 import tempfile
 import time
+from pathlib import Path
 
 import pytest
 import rclpy
+import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from gyrowheel_msgs.srv import SplitRecording, StartRecording, StopRecording
 from mcap.reader import make_reader
+from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
+from rosbags.highlevel import AnyReader
 
+from benchmarks.recording import Recorder, kill_once
 from gyrowheel_analysis.recorder_node import SERVICES, SampleCount, Session
-from gyrowheel_analysis.recording import Recording
+from gyrowheel_analysis.recording import Recording, salvage
 from gyrowheel_sim import topics, wire
 from gyrowheel_sim.errors import InputError
 from gyrowheel_sim.node import prepare_environment
@@ -102,6 +108,190 @@ def test_recording_without_any_measurement(tmp_path):
         Recording.open(tmp_path / "run")
 
 
+# ---- splitting, and what the disk does
+
+
+def take(session, first, last):
+    for k in range(first, last):
+        session.take(topics.MEASUREMENT, measurement(k))
+        session.take(topics.COMMAND, wire.COMMAND.pack(k * PERIOD_NS, k, 1.0, 2.0, 3.0))
+
+
+def count(path):
+    recording = Recording.open(path)
+    assert recording.integrity().complete
+    return len(recording.measurement), len(recording.command)
+
+
+def test_split_by_time_of_the_bench(tmp_path):
+    session = Session(str(tmp_path / "run"), max_duration=0.2)
+    take(session, 0, 1000)
+    session.close()
+    assert len(list((tmp_path / "run").glob("run_*.mcap"))) == 3
+    assert count(tmp_path / "run") == (1000, 1000)
+    assert len(Recording.open(tmp_path / "run" / "run_1.mcap").measurement) == 400
+
+
+def test_split_by_size(tmp_path):
+    session = Session(str(tmp_path / "run"), max_size=100_000)
+    take(session, 0, 1000)
+    session.close()
+    files = list((tmp_path / "run").glob("run_*.mcap"))
+    assert len(files) == 3
+    assert all(file.stat().st_size < 125_000 for file in files)  # with the summary
+    assert count(tmp_path / "run") == (1000, 1000)
+    with AnyReader([tmp_path / "run"]) as reader:
+        assert sum(1 for _ in reader.messages()) == 2000
+
+
+def test_loss_is_stated_in_the_metadata(tmp_path):
+    session = Session(str(tmp_path / "run"))
+    take(session, 0, 10)
+    take(session, 14, 20)
+    session.close()
+    metadata = yaml.safe_load((tmp_path / "run" / "metadata.yaml").read_text())
+    assert metadata["rosbag2_bagfile_information"]["custom_data"] == {
+        "gyrowheel.samples": "16",
+        "gyrowheel.missing_samples": "4",
+    }
+
+
+def test_no_more_than_a_quarter_of_a_second_of_the_bench_is_kept_back(tmp_path):
+    """However slowly the messages come, and without any flush."""
+    for period_ns in (50_000, 500_000, 20_000_000):
+        folder = tmp_path / str(period_ns)
+        session = Session(str(folder))
+        for k in range(2000):
+            session.take(topics.MEASUREMENT, wire.MEASUREMENT.pack(k * period_ns, k, *[0.0] * 11))
+        session.writer.abort()
+        kept = Recording.open(salvage(folder, tmp_path / f"saved{period_ns}").target).measurement
+        assert (1999 - int(kept["sequence"][-1])) * period_ns <= 0.1e9
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """Give a file system of one megabyte."""
+    folder = tmp_path / "small"
+    folder.mkdir()
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(folder)], capture_output=True, check=False
+    )
+    if mounted.returncode:
+        pytest.skip("file systems cannot be mounted here")
+    yield folder
+    subprocess.run(["umount", str(folder)], check=True)
+
+
+def fill(session):
+    """Record until the disk takes no more; return how many samples it was asked to take."""
+    for k in range(100_000):
+        try:
+            take(session, k, k + 1)
+        except InputError as error:
+            return k, str(error)
+    raise AssertionError("the disk took everything")
+
+
+def test_full_disk_leaves_a_complete_recording(small_disk):
+    session = Session(str(small_disk / "run"))
+    samples, error = fill(session)
+    assert error == f"{small_disk / 'run'}: cannot be written: No space left on device"
+    assert "run is complete up to there" in session.give_up()
+    assert (samples - count(small_disk / "run")[0]) * PERIOD_NS <= 0.25e9
+    assert sorted(file.name for file in (small_disk / "run").iterdir()) == ["metadata.yaml", "run_0.mcap"]
+    with AnyReader([small_disk / "run"]) as reader:
+        assert sum(1 for _ in reader.messages()) == sum(count(small_disk / "run"))
+
+
+def test_file_that_may_not_grow_is_left_for_salvage(tmp_path):
+    """A limit of the file itself: not even its end can be written."""
+    code = (
+        "import resource, signal, sys\n"
+        "from tests.analysis.test_recorder_node import Session, fill\n"
+        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+        f"session = Session({str(tmp_path / 'run')!r})\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (600_000, resource.RLIM_INFINITY))\n"
+        "samples, error = fill(session)\n"
+        "size = next(session.writer.path.glob('*.mcap')).stat().st_size\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (size + 100, resource.RLIM_INFINITY))\n"
+        "print(samples, error, session.give_up(), sep='|')"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=Path(__file__).parents[2],
+    )
+    samples, error, fate = done.stdout.strip().split("|")
+    assert error.endswith("cannot be written: File too large")
+    assert f"gyrowheel salvage {tmp_path / 'run'} -o DIR brings it back" in fate
+    saved = salvage(tmp_path / "run", tmp_path / "saved")
+    assert saved.broken_off
+    assert not saved.losses  # the file ends with a whole chunk
+    assert (int(samples) - count(tmp_path / "saved")[0]) * PERIOD_NS <= 0.25e9
+
+
+@pytest.mark.parametrize("fate", ["deleted", "moved", "replaced"])
+def test_folder_that_goes_away(tmp_path, fate):
+    session = Session(str(tmp_path / "run"))
+    take(session, 0, 500)
+    session.writer.flush()
+    if fate == "deleted":
+        shutil.rmtree(tmp_path / "run")
+    else:
+        (tmp_path / "run").rename(tmp_path / "elsewhere")
+    if fate == "replaced":
+        (tmp_path / "run").mkdir()
+        (tmp_path / "run" / "run_0.mcap").write_text("something else")
+    take(session, 500, 520)
+    with pytest.raises(InputError, match=r"run_0.mcap: was moved or deleted while it was recorded"):
+        session.writer.flush()
+    assert "is not complete" in session.give_up()
+    if fate != "deleted":
+        salvage(tmp_path / "elsewhere", tmp_path / "saved")
+        assert count(tmp_path / "saved") == (520, 520)
+
+
+def test_second_recorder_on_the_same_folder(tmp_path):
+    session = Session(str(tmp_path / "run"))
+    take(session, 0, 500)
+    with pytest.raises(InputError, match="run: another recorder is writing into it; a recording needs a new"):
+        Session(str(tmp_path / "run"))
+    take(session, 500, 600)
+    session.close()
+    assert count(tmp_path / "run") == (600, 600)
+    with pytest.raises(InputError, match="run: exists; a recording needs a new directory"):
+        Session(str(tmp_path / "run"))
+
+
+@pytest.mark.graph
+@pytest.mark.parametrize("after", [0.4, 1.1])
+def test_killed_recorder_loses_next_to_nothing(tmp_path, after):
+    for attempt in range(3):  # a machine that is busy with something else may not let the node run
+        lost, saved = kill_once(tmp_path / f"run{attempt}", os.getpid() % 100 + 1, after)
+        if lost <= 0.25:
+            break
+    assert lost <= 0.25
+    assert saved.integrity is not None
+    assert saved.integrity.complete
+    assert saved.broken_off
+    assert count(saved.target)[0] == saved.messages[topics.MEASUREMENT.name]
+
+
+@pytest.mark.graph
+def test_full_disk_is_a_named_fault_of_the_node(small_disk):
+    with Recorder(small_disk / "run", os.getpid() % 100 + 1, 8000.0) as recorder:
+        assert recorder.process.wait(timeout=60) == 3
+        last = recorder.said().splitlines()[-1]
+    assert re.fullmatch(
+        r"recorder: recording_failed: \S+/run: cannot be written: No space left on device;"
+        r" \S+/run is complete up to there, \d+ of \d+ messages",
+        last,
+    )
+    assert count(small_disk / "run")[0] > 1000
+
+
 class Graph:
     """A node of the test beside a recorder in a process of its own, on a domain of their own."""
 
@@ -160,6 +350,8 @@ class Graph:
             self.publishers[topics.TRUTH].publish(wire.pack_text("{}"))
             if k % 20 == 0:
                 self.publishers[topics.CLOCK].publish(wire.CLOCK.pack(k * PERIOD_NS))
+        for publisher in self.publishers.values():
+            assert publisher.wait_for_all_acked(Duration(seconds=20))
 
     def call(self, kind, name, **fields):
         client = self.node.create_client(kind, f"{SERVICES}/{name}")

@@ -205,6 +205,7 @@ class RecorderNode(BenchNode):
     def deactivate(self) -> None:
         """Complete the recording."""
         self.destroy_timer(self._flushing)
+        self._drain()
         self._end()
 
     def cleanup(self) -> None:
@@ -258,21 +259,33 @@ class RecorderNode(BenchNode):
         else:
             self.get_logger().info(self._report)
 
+    def _drain(self) -> None:
+        """Write what has arrived and was not taken yet; InputError if the disk does not take it."""
+        for topic, subscription in zip(self._recorded, self._inputs, strict=False):
+            while self._session is not None:
+                taken = subscription.handle.take_message(subscription.msg_type, True)
+                if taken is None or not self._take(self._session, topic, taken[0]):
+                    break
+
     def _writer_of(self, topic: Topic) -> Callable[[bytes], None]:
         def write(data: bytes) -> None:
             session = self._session
             if session is None:
                 return
             try:
-                if not session.take(topic, data):
-                    self.get_logger().warning(
-                        "the plant was started again: the recording of its last run ends"
-                    )
-                    self._end()
+                self._take(session, topic, data)
             except InputError as error:
                 self._fail(error)
 
         return write
+
+    def _take(self, session: Session, topic: Topic, data: bytes) -> bool:
+        """Write one message; return False, and end the recording, where it is the first one of another run."""
+        if session.take(topic, data):
+            return True
+        self.get_logger().warning("the plant was started again: the recording of its last run ends")
+        self._end()
+        return False
 
     def _flush(self) -> None:
         """Leave nothing in memory for long, however slowly messages come."""
@@ -315,6 +328,7 @@ class RecorderNode(BenchNode):
             response.message = "not recording"
             return response
         try:
+            self._drain()
             self._end()
             response.success, response.message = True, self._report
             response.messages = session.messages

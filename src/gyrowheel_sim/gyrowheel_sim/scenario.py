@@ -78,7 +78,7 @@ class Scenario:
             raise
         except OSError as error:
             raise InputError(f"{file}: cannot be read: {error.strerror}") from None
-        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
             raise InputError(f"{file}: not a scenario file ({error})") from None
         return cls({k: float(v) for k, v in values.items()}, checked, seed, declared)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import sqlite3
 import tempfile
 from collections.abc import Iterable, Iterator
@@ -199,6 +200,8 @@ def _check_database(file: Path) -> None:
     """Have SQLite look for damage: its files have no checksums, but their structure shows most of it."""
     try:
         with contextlib.closing(sqlite3.connect(f"{file.absolute().as_uri()}?mode=ro", uri=True)) as database:
+            # its report quotes from the damage
+            database.text_factory = functools.partial(str, encoding="utf-8", errors="replace")
             found = [str(row[0]) for row in database.execute("PRAGMA integrity_check(1)")]
     except sqlite3.Error as error:
         raise InputError(f"{file}: cannot be read: {_line(error)}") from None
