@@ -13,6 +13,7 @@ from gyrowheel_analysis.dependence import Dependence, Whiteness, dependences, se
 from gyrowheel_analysis.discovery.fit import Fit, Problem
 from gyrowheel_analysis.errors import (
     CHANNELS,
+    TORQUE_CHANNELS,
     ErrorRow,
     Residuals,
     channel_rms,
@@ -110,11 +111,12 @@ class Comparison:
 
     def to_json(self) -> dict[str, Any]:
         """Return the comparison as a JSON object."""
+        raw = {name: self.raw_rms[name] for name in TORQUE_CHANNELS}
         return {
             "schema": 1,
-            "error": {"unit": "N·m", "before": self.error_before.to_json(), "raw": {"rms": self.raw_rms}},
+            "error": {"unit": "N·m", "before": self.error_before.to_json(), "raw": {"rms": raw}},
             "channels": {
-                name: {"unit": CHANNELS[name].unit, **asdict(metrics)}
+                name: {"unit": CHANNELS[name].unit, **asdict(metrics), "raw_rms": self.raw_rms[name]}
                 for name, metrics in self.channels.items()
             },
             "where": [region.to_json() for region in self.where],

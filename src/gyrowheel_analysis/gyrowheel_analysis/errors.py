@@ -40,9 +40,9 @@ CHANNELS: dict[str, Channel] = {
     "spin": Channel(("spin",), "spin"),
     "tilt_1n": Channel(("tilt_1n_x", "tilt_1n_y"), "tilt 1N"),
     "tilt_2n": Channel(("tilt_2n_x", "tilt_2n_y"), "tilt 2N"),
-    "spin_ripple": Channel(("spin_ripple_x", "spin_ripple_y"), "spin ripple"),
+    "spin_ripple": Channel(("spin_ripple_x", "spin_ripple_y"), "ripple"),
     "motor_voltage": Channel(("motor_voltage",), "voltage", "V"),
-    "voltage_ripple": Channel(("voltage_ripple_x", "voltage_ripple_y"), "volt. ripple", "V"),
+    "voltage_ripple": Channel(("voltage_ripple_x", "voltage_ripple_y"), "V ripple", "V"),
 }
 #: Those of the averaged torques.
 TORQUE_CHANNELS = ("tilt_x", "tilt_y", "spin")

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from gyrowheel_analysis.where import Region, WindowResiduals
 
 _MOST_REGIONS = 5
-_NO_SIGNAL = -100.0  # FIT of a channel in which there is nothing but noise [%]
+_NO_SIGNAL = 1.0  # FIT of a channel in which there is nothing but noise [%]
 _MAP_LEGEND = (
     "Mean torque beyond the model: of the coils along the tilt and a quarter turn ahead of it, of the motor."
 )
@@ -46,7 +46,7 @@ _SHORT = {
 _SUSPICIOUS = 1.3  # mean square of the residuals in units of their noise
 _LEGEND = (
     "FIT: part of the signal explained. Theil: 0 perfect, 1 useless; its parts say whether the error is a constant "
-    "(bias), a wrong size (var.) or a wrong shape (cov.). Raw: RMS of the model file as it stands, nothing fitted."
+    "(bias), a wrong size (var) or a wrong shape (cov). Raw: RMS of the model file as it stands, nothing fitted."
 )
 
 
@@ -79,9 +79,7 @@ def channel_table(result: Comparison) -> Table:
         "χ²/N\n",
         "FIT\n%",
         "Theil\n",
-        "bias\n%",
-        "var.\n%",
-        "cov.\n%",
+        "bias var cov\n%  ",
         "raw\n",
     )
     table.columns[0].no_wrap = True
@@ -95,9 +93,9 @@ def channel_table(result: Comparison) -> Table:
             fixed(m.rms / unit.size),
             fixed(m.noise_floor_rms / unit.size),
             Text(fixed(m.chi2_per_n), style="bold red" if m.chi2_per_n > 2.0 else "green"),
-            fixed(m.fit_percent) if m.fit_percent > _NO_SIGNAL else "–",
-            f"{m.theil:.4f}",
-            *(f"{100.0 * part:.0f}" for part in (m.theil_bias, m.theil_variance, m.theil_covariance)),
+            f"{m.fit_percent:.1f}" if m.fit_percent > _NO_SIGNAL else "–",
+            f"{m.theil:.3f}",
+            " ".join(f"{100.0 * part:3.0f}" for part in (m.theil_bias, m.theil_variance, m.theil_covariance)),
             fixed(result.raw_rms[name] / unit.size),
         )
     return table
