@@ -79,7 +79,7 @@ class Configuration(Stub):
 
 @pytest.fixture
 def stubs(monkeypatch: pytest.MonkeyPatch) -> None:
-    classes = {
+    classes: dict[str, dict[str, type]] = {
         "launch": {"LaunchContext": Context, "LaunchDescription": Stub},
         "launch.actions": {
             name: type(name, (Stub,), {})
@@ -196,7 +196,7 @@ def test_the_rotor_of_the_model_points_where_the_sensors_say(x: float, y: float,
     chain, link = [], "rotor"
     while link in by_child:
         chain.append(by_child[link])
-        link = by_child[link].find("parent").get("link")  # type: ignore[union-attr]
+        link = str(by_child[link].find("parent").get("link"))  # type: ignore[union-attr]
     rotation = np.eye(3)
     for joint in reversed(chain):
         axis = "xyz"[[float(v) for v in joint.find("axis").get("xyz").split()].index(1.0)]  # type: ignore[union-attr]
@@ -242,8 +242,7 @@ def test_layouts_show_what_there_is() -> None:
 
 def test_pip_and_colcon_install_the_same_files(monkeypatch: pytest.MonkeyPatch) -> None:
     """What hatchling puts below the prefix is what setup.py does."""
-    import setuptools
-
+    setuptools = importlib.import_module("setuptools")
     for package in PACKAGES:
         folder = SRC / package
         if not (folder / "setup.py").exists():
