@@ -29,9 +29,9 @@ Array = NDArray[np.float64]
 #: Time given to the loops to settle at the start of a steady motion [s]; the spin loop is the slower one.
 SETTLING = 0.5
 SPIN_SETTLING = 1.0
-_CONE_SETTLING = (
-    0.5  # s more after a change of speed: windows of a cone are too short to follow the spin loop
-)
+#: On a cone the windows are too short to follow the spin loop: after a change of speed it gets so much longer [s], and
+#: a window in which the speed changes faster than so [rad/s^2] is left out.
+_CONE_SETTLING, _CONE_DRIFT = 0.5, 2.0
 _SPEED_CHANGE = 2.0  # rad/s; a change of speed beyond this gets SPIN_SETTLING
 _LONGEST = 2.0  # s; longer holds are split, so that drift within a window stays small
 _SHORTEST = 0.16  # s
@@ -377,6 +377,8 @@ def reduce(data: Samples, bench: Bench) -> Windows:
                 if clipped[i:j].any():
                     break
                 row = _window(data, i, j, h, bench, heat, noise)
+                if turn and row is not None and abs(row["spin"] @ _RISE[:_DEGREE]) > _CONE_DRIFT * (b - a):
+                    row = None
                 if turn or row is None or not row.pop("unsettled"):
                     break
                 row, a = None, a + _SETTLES_BY

@@ -47,6 +47,7 @@ STATED_RANGE = 3.0
 _KEPT_STATES = 6
 _FAR = 3.0  # stated uncertainties after which the derivatives by the bench parameters are taken anew
 _BOLD_STEPS = 3
+_WORTH = 5.0  # gain in chi-squared that a step must promise to be followed uphill
 _HELD = 1.0e4  # inverse prior deviation of an unknown that is not to move
 #: Bench parameters whose error is a finding of its own name: {finding: groups that move by one common factor}.
 ERRORS: dict[str, tuple[str, ...]] = {
@@ -352,13 +353,13 @@ class Problem:
             if np.abs(x[: self.count] - taken_at).max() > _FAR:
                 nuisance_jacobian = self._nuisance_jacobian(x[: self.count], at.coefficients, at.predicted)
                 taken_at = x[: self.count].copy()
-            jacobian, design, size, step = self._linear(terms, x, at, nuisance_jacobian, inverse)
+            jacobian, design, size, step, promised = self._linear(terms, x, at, nuisance_jacobian, inverse)
             for shortening in _SHORTENINGS:
                 trial = self._within_bounds(x + shortening * step, terms)
                 there = self._at(trial, terms, inverse, centre)
                 if there.chi2 <= at.chi2:
                     break
-                if bold:
+                if bold and promised > _WORTH and np.abs(step[: self.count]).max() > 1.0:
                     bold = False
                     trial, there = self._boldly(terms, trial, there, inverse, centre)
                     if there.chi2 <= at.chi2:
@@ -385,8 +386,11 @@ class Problem:
 
     def _linear(
         self, terms: Sequence[Term], x: Array, at: _Point, nuisance_jacobian: Array, inverse: Array
-    ) -> tuple[Array, Array, Array, Array]:
-        """Return derivatives, whitened design, sizes of its columns, and the step to the minimum if all were linear."""
+    ) -> tuple[Array, Array, Array, Array, float]:
+        """Return derivatives, whitened design, sizes of its columns, and the step to the minimum if all were linear.
+
+        The last number is the gain in chi-squared that the step then promises.
+        """
         parts = [nuisance_jacobian]
         parts += [self.term_jacobian(t, x[: self.count], at.coefficients, at.predicted) for t in terms]
         jacobian = np.hstack(parts)
@@ -394,8 +398,10 @@ class Problem:
         # columns of very different size: scale before solving
         size = np.linalg.norm(design, axis=0)
         size[size == 0.0] = 1.0
-        step, *_ = np.linalg.lstsq(design / size, np.concatenate([at.white, -at.pull]), rcond=1e-12)
-        return jacobian, design, size, step / size
+        now = np.concatenate([at.white, -at.pull])
+        step, *_ = np.linalg.lstsq(design / size, now, rcond=1e-12)
+        then = now - (design / size) @ step
+        return jacobian, design, size, step / size, float(now @ now - then @ then)
 
     def _boldly(
         self, terms: Sequence[Term], x: Array, at: _Point, inverse: Array, centre: Array
@@ -409,7 +415,7 @@ class Problem:
             if not np.isfinite(at.chi2):
                 break
             nuisance_jacobian = self._nuisance_jacobian(x[: self.count], at.coefficients, at.predicted)
-            *_, step = self._linear(terms, x, at, nuisance_jacobian, inverse)
+            *_, step, _ = self._linear(terms, x, at, nuisance_jacobian, inverse)
             x = self._within_bounds(x + step, terms)
             at = self._at(x, terms, inverse, centre)
         return x, at
