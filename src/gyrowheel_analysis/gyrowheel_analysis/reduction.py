@@ -622,7 +622,9 @@ def _window(
         "samples": float(len(time)),
         "tilt": fit[0, :degree],
         "tilt_harmonics": fit[0, degree:].reshape(modulation),
-        "spin": _shortened(np.polynomial.legendre.legder(turned[:smooth].real)) * 2.0 / duration,
+        "spin": _shortened(np.asarray(np.polynomial.legendre.legder(turned[:smooth].real), dtype=np.float64))
+        * 2.0
+        / duration,
         "current_harmonics": fit[1, degree:].reshape(modulation),
         "coil_voltage": complex(means[2]),
         "motor_voltage": float(means[4].real),
