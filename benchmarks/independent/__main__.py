@@ -117,8 +117,8 @@ def shown(cases: Sequence[Case]) -> bool:
             f"{100 * good / len(some):.0f} ({100 * interval.low:.0f} .. {100 * interval.high:.0f})",
             f">= {100 * bar:.0f}",
         )
-    below = [case for case in cases if not case.detectable]
-    wrong = sum(case.outcome in ("wrong", "unknown") for case in below)
+    small = [case for case in cases if not case.detectable]
+    wrong = sum(case.outcome in ("wrong", "unknown") for case in small)
     put_text(
         [
             Padding(counts, (1, 0, 0, 2)),
@@ -127,7 +127,7 @@ def shown(cases: Sequence[Case]) -> bool:
                 [
                     f"Counted are cases in which all that is hidden is above {DETECTABLE:g} detection limits. Good:"
                     " right, or tied with the truth and a test that separates; in brackets the 95 % interval.",
-                    f"Of {len(below)} cases with something smaller, {wrong} got a wrong answer.",
+                    f"Of {len(small)} cases with something smaller, {wrong} got a wrong answer.",
                 ]
             ),
         ]

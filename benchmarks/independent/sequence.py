@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,7 +66,7 @@ class References:
 
 def references(steps: Sequence[Step], period: float) -> References:
     """Return what a sequence asks for, changes shaped as half a wave of a cosine."""
-    parts: list[tuple[Array, ...]] = []
+    parts: list[tuple[NDArray[Any], ...]] = []
     tilt, spin, turning = steps[0].tilt * _DEGREE, steps[0].rpm * _RPM, 0.0
     for number, step in enumerate(steps):
         to, speed = step.tilt * _DEGREE, step.rpm * _RPM
@@ -109,8 +110,8 @@ def references(steps: Sequence[Step], period: float) -> References:
 
 
 def _turning(
-    start: complex, angle: Array, rate: Array, speed: float, steady: float, number: int
-) -> tuple[Array, ...]:
+    start: complex, angle: NDArray[Any], rate: NDArray[Any], speed: float, steady: float, number: int
+) -> tuple[NDArray[Any], ...]:
     n = len(angle)
     z = start * np.exp(1j * angle)
     return z, 1j * rate * z, np.full(n, speed), np.zeros(n), np.full(n, steady), np.full(n, number)
