@@ -1,6 +1,7 @@
 """A process that publishes measurements and commands in turn, at a rate.
 
-``python -m benchmarks.source DOMAIN RATE SECONDS FILE`` begins when somebody reads both topics, and keeps in the file how many pairs it has published, and for how long.
+``python -m benchmarks.source DOMAIN RATE SECONDS FILE`` begins when somebody reads both topics, and keeps in the file
+how many pairs it has published, and for how long.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ from gyrowheel_sim.node import prepare_environment
 PERIOD_NS: Final = 500_000
 #: What is kept in the file: pairs published, and time since the first [s].
 STATE: Final = struct.Struct("<Qd")
+#: How far it may be behind and catch up [s].
+_LATEST: Final = 0.05
 
 
 def state(file: Path) -> tuple[int, float]:
@@ -45,13 +48,15 @@ def main(domain: int, rate: float, seconds: float, file: Path) -> None:
     while any(publisher.get_subscription_count() < 1 for publisher in publishers):
         time.sleep(0.02)
     measurement, command = publishers
-    sent, now = 0, 0.0
+    sent, now, lag = 0, 0.0, 0.0
     begin = time.monotonic()
     with file.open("wb", buffering=0) as stream:
         while sent < int(seconds * rate / 2.0):
             now = time.monotonic() - begin
-            # no more than a few at once: a queue is not to be flooded after a pause
-            due = min(int(now * rate / 2.0), sent + 200, int(seconds * rate / 2.0))
+            due = min(int((now - lag) * rate / 2.0), int(seconds * rate / 2.0))
+            if (late := (due - sent) / (rate / 2.0) - _LATEST) > 0.0:  # not to flood the reader after a pause
+                lag += late
+                due = sent + int(_LATEST * rate / 2.0)
             for k in range(sent, due):
                 measurement.publish(wire.MEASUREMENT.pack(k * PERIOD_NS, k, *[float(k)] * 11))
                 command.publish(wire.COMMAND.pack(k * PERIOD_NS, k, 1.0, 2.0, 3.0))
