@@ -222,7 +222,10 @@ _GIMBAL = {"gimbal_inertia_x": 8e-6, "gimbal_inertia_y": 8e-6, "gimbal_inertia_z
 #: Beyond what the gimbal's stated uncertainty of a tenth explains: averages cannot find a smaller torque of the air. A
 #: lighter gimbal is what the air is taken for; a heavier one would need an air that pushes the rotor away.
 SECRETS = {
-    "gimbal_inertia_error": {"values": {name: 0.35 * value for name, value in _GIMBAL.items()}, "effects": {}},
+    "gimbal_inertia_error": {
+        "values": {name: 0.35 * value for name, value in _GIMBAL.items()},
+        "effects": {},
+    },
     "aero_restoring": {"values": {}, "effects": {"aero_restoring": {"k": 0.09, "n": 2.02}}},
 }
 

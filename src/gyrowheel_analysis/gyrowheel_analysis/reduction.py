@@ -70,6 +70,7 @@ _NOISE_BAND = (0.4, 0.97)  # of half the sampling rate: above every motion, belo
 _NOISE_RANGE = (0.5, 50.0)  # times the stated noise that is believed
 _SPIKE = 8.0  # robust standard deviations
 _MOST_SPIKES = 0.02  # of the samples; more of them are no spikes
+_SPIKE_ROUNDS = 12
 #: Mean square, in its noise, of four more terms of the polynomials: beyond it the motion is not settled.
 _UNSETTLED_TILT, _UNSETTLED_ANGLE = 10.0, 20.0
 _FURTHER = 4
@@ -574,23 +575,15 @@ def _window(
         ]
     )
     gram = np.linalg.inv(design.conj().T @ design)
-    fit = (gram @ (design.conj().T @ readings)).T
+    readings, fit = _despiked(readings, design, gram)
     left = readings - design @ fit.T
-    spikes = _spikes(left)
-    if spikes.any():
-        readings = np.where(spikes, readings - left, readings)
-        fit = (gram @ (design.conj().T @ readings)).T
-        left = readings - design @ fit.T
     smooth = next(terms for length, terms in _SPIN_TERMS if duration <= length)
     ripple = _ripple(left[:, (3, 1, 4)].real, angle, bench)
     legendre = np.polynomial.legendre.legvander(x, smooth - 1)
     turning = np.hstack([legendre, waves])
     turning_gram = np.linalg.inv(turning.conj().T @ turning)
-    turned = turning_gram @ (turning.conj().T @ angle)
-    jumps = _spikes((angle - (turning @ turned).real)[:, None])[:, 0]
-    if jumps.any():
-        angle = np.where(jumps, (turning @ turned).real, angle)
-        turned = turning_gram @ (turning.conj().T @ angle)
+    angles, turns_fit = _despiked(angle[:, None], turning, turning_gram)
+    angle, turned = angles[:, 0].real, turns_fit[0]
     tilt_noise, angle_noise, current_noise = (
         noise[READING_NOISES.index(name)]
         for name in ("tilt_noise", "spin_angle_noise", "motor_current_noise")
@@ -659,12 +652,47 @@ def _shortened(series: Array) -> Array:
     return np.asarray(_TO_POWERS @ short)
 
 
+def _despiked(readings: Any, design: Any, gram: Any) -> tuple[Any, Any]:
+    """Fit columns of readings (n, columns) without their spikes.
+
+    Returns
+    -------
+    readings : ndarray (n, columns)
+        With each spike replaced by what the fit to all the others says there.
+    fit : ndarray (columns, terms)
+        Coefficients of the columns of `design`.
+    """
+    across = design.conj().T
+    fit = (gram @ (across @ readings)).T
+    found = np.zeros(readings.shape, dtype=bool)
+    # a spike pulls the fit, which hides the smaller ones until it is gone
+    for _ in range(_SPIKE_ROUNDS):
+        left = readings - design @ fit.T
+        more = _spikes(left) & ~found
+        more &= (found | more).mean(axis=0) <= _MOST_SPIKES
+        if not more.any():
+            break
+        found |= more
+        readings = readings.copy()
+        for column in np.flatnonzero(more.any(axis=0)):
+            rows = np.flatnonzero(found[:, column])
+            own = design[rows]
+            pulled = np.eye(len(rows)) - own @ gram @ own.conj().T
+            beyond = np.linalg.lstsq(pulled, left[rows, column], rcond=None)[0]
+            readings[rows, column] -= beyond if np.iscomplexobj(readings) else beyond.real
+        fit = (gram @ (across @ readings)).T
+    return readings, fit
+
+
 def _spikes(left: Any) -> NDArray[np.bool_]:
     """Return which residuals (n, columns) stand alone, far above all others; none in a column with many of them."""
     size = np.abs(left)
+    if not len(size):
+        return np.zeros(size.shape, dtype=bool)
     # the median of the absolute value of a Gaussian number, real or complex
     scale = np.median(size, axis=0) / np.where(np.any(left.imag, axis=0), 1.1774, 0.6745)
-    far = size > _SPIKE * scale
+    # beside the largest ones, which pull a fit towards them so that their neighbours seem to be far off too
+    far = size > np.maximum(_SPIKE * scale, 0.3 * size.max(axis=0))
     return np.asarray(far & (far.mean(axis=0) <= _MOST_SPIKES) & (scale > 0.0))
 
 

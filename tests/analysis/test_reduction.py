@@ -1,0 +1,106 @@
+"""What the reduction makes of readings that are noisier than stated, clipped, spiked, lost, or of unsettled motion."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gyrowheel_analysis.pipeline import samples_of
+from gyrowheel_analysis.reduction import READING_NOISES, Samples, Windows, reading_noise, reduce
+from gyrowheel_sim.scenario import Scenario
+
+from .machines import BENCH, hidden_machine, record
+
+STATED = np.array([BENCH.value(name) for name in READING_NOISES])
+#: What the controller makes of the tilt's noise hides that of the coils' voltages.
+JUDGED = [name != "coil_voltage_noise" for name in READING_NOISES]
+
+
+def noisier(machine: Scenario, factor: float) -> Scenario:
+    values = {name: BENCH.value(name) * factor for name in BENCH.values() if name.endswith("_noise")}
+    return replace(machine, values={**machine.values, **values})
+
+
+@pytest.fixture(scope="module")
+def samples(tmp_path_factory: pytest.TempPathFactory) -> Samples:
+    machine = hidden_machine(3, {"cogging": {"C_x": 0.008, "C_y": 0.002}})
+    return samples_of(record(tmp_path_factory.mktemp("run"), "run", machine, "check"))
+
+
+@pytest.fixture(scope="module")
+def windows(samples: Samples) -> Windows:
+    return reduce(samples, BENCH)
+
+
+@pytest.mark.parametrize("factor", [0.7, 1.0, 1.6])
+def test_the_noise_is_that_of_the_recording(factor: float, tmp_path: Path) -> None:
+    machine = noisier(hidden_machine(8, {"commutation_ripple": {"C_x": 0.02, "C_y": 0.01}}), factor)
+    data = samples_of(record(tmp_path, "run", machine, "check"))
+    found = reading_noise(data, BENCH) / STATED
+    assert found[JUDGED] == pytest.approx(factor, rel=0.06)
+    kept = np.random.default_rng(1).random(len(data.time)) > 0.03
+    lossy = replace(data, time=data.time[kept], values=data.values[kept])
+    assert (reading_noise(lossy, BENCH) / STATED)[JUDGED] == pytest.approx(factor, rel=0.1)
+
+
+def test_the_noise_of_a_few_samples_is_the_stated_one(samples: Samples) -> None:
+    few = replace(samples, time=samples.time[:300], values=samples.values[:300])
+    assert reading_noise(few, BENCH) == pytest.approx(STATED)
+
+
+def test_spikes_do_not_move_a_window(samples: Samples, windows: Windows) -> None:
+    rng = np.random.default_rng(2)
+    values = samples.values.copy()
+    for column, size in ((0, 0.02), (3, 50.0), (4, 5.0), (6, 8.0), (7, 3.0), (8, 40.0)):
+        hit = rng.choice(len(values), len(values) // 2000, replace=False)
+        values[hit, column] += size * rng.choice((-1.0, 1.0), len(hit))
+    spiked = reduce(replace(samples, values=values), BENCH)
+    assert len(spiked) == len(windows)
+    n = np.sqrt(windows.samples)
+    for own, other, noise in (
+        (spiked.mean_tilt, windows.mean_tilt, windows.noise("tilt_noise")),
+        (spiked.motor_current, windows.motor_current, windows.noise("motor_current_noise")),
+        (spiked.motor_voltage, windows.motor_voltage, windows.noise("motor_voltage_noise")),
+    ):
+        assert np.all(np.abs(own - other) < noise / n)
+    # the mean of a coil's voltage knows no better than what the controller makes of the tilt's noise
+    assert np.abs(spiked.coil_voltage - windows.coil_voltage).max() < 2.0e-3
+    assert np.abs(spiked.coil_temperature - windows.coil_temperature).max() < 0.02
+
+
+def test_a_clipped_reading_is_left_out(samples: Samples, windows: Windows) -> None:
+    values = samples.values.copy()
+    limit = 0.6 * float(np.abs(values[:, 0]).max())
+    values[:, 0] = np.clip(values[:, 0], -limit, limit)
+    left = reduce(replace(samples, values=values), BENCH)
+    assert 0 < len(left) < len(windows)
+    assert np.abs(left.mean_tilt.real).max() < limit
+    # what was not clipped is as it was
+    same = np.isin(windows.start, left.start)
+    assert windows.mean_tilt[same] == pytest.approx(left.mean_tilt)
+
+
+def test_motion_that_has_not_settled_is_left_out_or_begins_later(samples: Samples, windows: Windows) -> None:
+    holds = np.flatnonzero(windows.duration > 0.9)
+    restless, late = windows.select(holds[2:3]), windows.select(holds[5:6])
+    values = samples.values.copy()
+    t = samples.time
+    shaken = (t >= restless.start) & (t <= restless.start + restless.duration)
+    values[shaken, 0] += 1.0e-3 * np.sin(40.0 * t[shaken])
+    ringing = t >= late.start - 0.5
+    values[ringing, 0] += 2.0e-3 * np.exp(-(t[ringing] - late.start) / 0.06) * np.sin(60.0 * t[ringing])
+    left = reduce(replace(samples, values=values), BENCH)
+    assert not np.any(np.isclose(left.middle, restless.middle, atol=0.05))
+    (same,) = np.flatnonzero(np.isclose(left.start + left.duration, late.start + late.duration, atol=0.05))
+    assert left.start[same] > late.start + 0.1
+    assert np.abs(left.mean_tilt[same] - late.mean_tilt) < 2.0e-5
+
+
+def test_a_supply_that_fails_is_noticed(samples: Samples, windows: Windows) -> None:
+    values = samples.values.copy()
+    values[:, 7] += 0.5 * np.where(np.arange(len(values)) % 2, 1.0, -1.0)
+    holds = int(np.sum(windows.duration > 0.9))
+    assert len(reduce(replace(samples, values=values), BENCH)) < holds / 4
