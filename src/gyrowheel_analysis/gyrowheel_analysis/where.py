@@ -679,13 +679,17 @@ def _exponent(speed: Array, sizes: Array, weight: Array) -> tuple[float, float] 
     def law(x: Array, amplitude: float, n: float) -> Array:
         return np.asarray(amplitude * (x / reference) ** n)
 
+    def slopes(x: Array, amplitude: float, n: float) -> Array:
+        power = (x / reference) ** n
+        return np.column_stack([power, amplitude * power * np.log(x / reference)])
+
     start = (float(np.average(sizes, weights=weight)), 1.0)
     try:
-        found, covariance = curve_fit(
-            law, speed, sizes, p0=start, sigma=1.0 / np.sqrt(weight), absolute_sigma=True, maxfev=2000
-        )
+        found, _ = curve_fit(law, speed, sizes, p0=start, sigma=1.0 / np.sqrt(weight), jac=slopes, maxfev=2000)
     except RuntimeError:
         return None
+    design = slopes(speed, *found)
+    covariance = np.linalg.pinv(design.T @ (weight[:, None] * design), hermitian=True)
     left = float(np.sum(weight * (sizes - law(speed, *found)) ** 2))
     # where it scatters more than the noise says, it is as uncertain as it scatters
     error = float(np.sqrt(covariance[1, 1] * max(1.0, left / max(len(speed) - 2, 1))))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.discovery.fit import ERRORS, Fit, Problem, Term, candidate_terms
-from gyrowheel_sim.units import DEG
+from gyrowheel_analysis.grouping import direction_groups, masks, speed_groups
 
 Array = NDArray[np.float64]
 
@@ -264,32 +264,32 @@ def _finding(problem: Problem, fit: Fit, term: Term, pool: Sequence[Term]) -> Fi
 
 def groups(problem: Problem) -> dict[str, list[NDArray[np.bool_]]]:
     """Return the rows of every speed, tilt direction and recording, as masks over all rows."""
-    speed, direction, recording = [], [], []
+    speed, tilt, recording = [], [], []
     for number, balance in enumerate(problem.balances):
-        w = balance.windows
-        count = len(balance.channels)
+        w, count = balance.windows, len(balance.channels)
         speed.append(np.tile(w.mean_spin, count))
+        tilt.append(np.tile(w.mean_tilt, count))
         recording.append(np.full(len(balance), number))
-        tilt = w.mean_tilt
-        octant = np.round(np.angle(tilt) / (math.pi / 4.0)) % 8
-        direction.append(np.tile(np.where(np.abs(tilt) < 0.3 * DEG, -1.0, octant), count))
-    speeds, directions = np.concatenate(speed), np.concatenate(direction)
-    result: dict[str, list[NDArray[np.bool_]]] = {"speed": [], "azimuth": []}
-    left = np.ones(len(speeds), dtype=bool)
-    while left.any():
-        mask = left & (np.abs(speeds / speeds[left].max() - 1.0) < 0.04)
-        result["speed"].append(mask)
-        left &= ~mask
-    result["azimuth"] = [directions == value for value in np.unique(directions)]
     recordings = np.concatenate(recording)
-    result["recording"] = [recordings == number for number in range(len(problem.balances))]
-    return result
+    return {
+        "speed": masks(speed_groups(np.concatenate(speed)), len(recordings)),
+        "azimuth": masks(direction_groups(np.concatenate(tilt)), len(recordings)),
+        "recording": [recordings == number for number in range(len(problem.balances))],
+    }
+
+
+def _inverse(normal: Array) -> Array:
+    """Return the inverse of a normal matrix whose parameters are of very different size."""
+    scale = np.sqrt(np.diag(normal))
+    scale[scale == 0.0] = 1.0
+    return np.asarray(np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale))
 
 
 def _survives_cross_validation(problem: Problem, without: Fit, with_: Fit, term: Term) -> bool:
     """Whether a term does not worsen the prediction of a speed, a tilt direction or a recording that was left out.
 
-    A part is passed over where the rest cannot tell the term's size: there is then nothing to validate. Nor is there
+    The prediction is judged by its own uncertainty (the predictive density of the part given the rest). A part is
+    passed over where the rest cannot tell the term's size: there is then nothing to validate. Nor is there
     where the rows are met as well without the term, by bench parameters too far from their stated values.
     """
     if without.chi2_rows - with_.chi2_rows < 0.5 * (without.chi2 - with_.chi2):
@@ -307,24 +307,23 @@ def _survives_cross_validation(problem: Problem, without: Fit, with_: Fit, term:
         (white(without.jacobian), white(without.residual), inverse_without),
         (white(with_.jacobian), white(with_.residual), inverse_with),
     ]
-    for kind, masks in groups(problem).items():
-        if len(masks) < _FEWEST_PARTS[kind]:
+    for kind, parts in groups(problem).items():
+        if len(parts) < _FEWEST_PARTS[kind]:
             continue
         errors = np.zeros(2)
-        for mask in masks:
+        for mask in parts:
             keep = ~mask
             found = []
             for design, residual, inverse in pairs:
-                normal = design[keep].T @ design[keep] + np.diag(inverse**2)
-                scale = np.sqrt(np.diag(normal))
-                scale[scale == 0.0] = 1.0
-                covariance = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-12) / np.outer(
-                    scale, scale
-                )
+                part = design[mask]
+                kept = design[keep].T @ design[keep] + np.diag(inverse**2)
+                covariance = _inverse(kept)
                 # the residual belongs to the full fit, whose pulls balance its gradient
-                shift = -covariance @ (design[mask].T @ residual[mask])
-                left_out = residual[mask] - design[mask] @ shift
-                found.append((float(left_out @ left_out), covariance))
+                left_out = residual[mask] + part @ (covariance @ (part.T @ residual[mask]))
+                # what the rest does not know of the parameters is no fault of the prediction
+                slope = part.T @ left_out
+                error = left_out @ left_out - slope @ _inverse(kept + part.T @ part) @ slope
+                found.append((float(error), covariance))
             own = found[1][1][np.ix_(amplitudes, amplitudes)]
             values = np.array([with_.coefficients[term.name][name] for name in term.amplitudes])
             if not np.all(np.isfinite(own)) or values @ np.linalg.pinv(own) @ values < 4.0 * len(values):
