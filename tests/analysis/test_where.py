@@ -175,7 +175,7 @@ def test_the_regions_say_where_the_misfit_is_and_what_it_looks_like() -> None:
 @given(st.floats(-math.pi, math.pi), st.floats(0.5, 3.0))
 def test_phase_and_growth_of_a_torque_are_said(angle: float, exponent: float) -> None:
     w = problem().balances[0].windows
-    law = 0.006 * np.exp(1j * angle) * (w.mean_spin / (3500 * RPM)) ** exponent * w.mean_tilt
+    law = 0.03 * np.exp(1j * angle) * (w.mean_spin / (3500 * RPM)) ** exponent * w.mean_tilt
     _, data = residual("tilt", law)
     (sentence,) = growth(data)
     assert "turns with the tilt" in sentence

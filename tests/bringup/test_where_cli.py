@@ -45,7 +45,7 @@ def test_a_difference_names_effects_and_the_parameters_that_moved():
     old = Model.new()
     new = old.changed(
         {"time": "2026-01-01T00:00:00+00:00", "what": "add windage"},
-        overrides={"coil_constant": Override(0.0195, 5e-5), "tilt_scale": Override(1.0001, 5e-4)},
+        overrides={"coil_constant": Override(0.01952, 5e-5), "tilt_scale": Override(1.0001, 5e-4)},
         effects={"windage": {"w": 1e-3, "n": 1.48}},
         effect_errors={"windage": {"w": 1e-5, "n": 0.02}},
     )

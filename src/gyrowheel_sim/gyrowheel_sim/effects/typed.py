@@ -79,7 +79,8 @@ def typed_effect(
     for left, law in laws:  # what is no formula is said before anything is concluded from it
         read(law, [*declared, *letters], f"{where}: {name}.{left}")
     units = {key: unit for key, unit in declared.items() if unit is not None}
-    units = _units(laws, [key for key in (*letters, *declared) if key not in units], units)
+    # shapes before amplitudes: of those a number stands in for one of the shapes may be wrong, as within exp
+    units = _units(laws, [key for key in (*declared, *letters) if key not in units], units)
     rest = [
         f"{item} [{units[m[1]]}]" if (m := _DECLARED.fullmatch(item)) and m[1] in units else item
         for item in (*rest, *letters)
