@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numba
@@ -16,7 +17,7 @@ from hypothesis import strategies as st
 from gyrowheel_analysis.balance import ALL_CHANNELS, ActiveEffect, Balance
 from gyrowheel_analysis.discovery.fit import ERRORS
 from gyrowheel_analysis.discovery.noise import Noise
-from gyrowheel_analysis.reduction import Samples, reduce
+from gyrowheel_analysis.reduction import READING_NOISES, Samples, reduce
 from gyrowheel_control.controller import loop_code
 from gyrowheel_control.plans import Plan
 from gyrowheel_sim.bench import unit_registry
@@ -449,7 +450,10 @@ def simulated(plan: str, name: str | None, values: tuple[tuple[str, float], ...]
     run = quiet_run(Plan.load(plan), {name: dict(values)} if name else {})
     time = np.arange(len(run.measurement), dtype=np.float64) * BENCH.sample_period
     samples = Samples(time, run.measurement, run.setpoints["stamp_ns"] * 1e-9, run.setpoints, run.environment)
-    return Balance(reduce(samples, BENCH), BENCH, clean=False)
+    windows = reduce(samples, BENCH)
+    # the readings of a simulation without noise have less of it than a recording is believed to have
+    stated = np.tile([BENCH.value(noise) for noise in READING_NOISES], (len(windows), 1))
+    return Balance(replace(windows, reading_noise=stated), BENCH, clean=False)
 
 
 @functools.cache
