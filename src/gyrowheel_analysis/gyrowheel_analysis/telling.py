@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -59,13 +59,31 @@ def telling_channels(recordings: Sequence[Recording], model: Model, name: str, r
     """
     problem = prepare(recordings, model).problem
     problem.estimate_noise()
-    best, worse = (problem.fit([_term(problem, own)]) for own in (name, rival))
+    # a rival that may move the very parameter would meet the rows by it, at the price of its stated uncertainty
+    others = _with_known(problem, ERRORS.get(name, ()))
+    best, worse = problem.fit([_term(problem, name)]), others.fit([_term(others, rival)])
     found = [
         Telling(part, _TITLES[part], _chi2(problem, worse, part) - _chi2(problem, best, part))
         for part, kind in PARTS.items()
         if all(row in b.channels for row in kind.rows for b in problem.balances)
     ]
     return sorted(found, key=lambda t: -t.delta_chi2)
+
+
+def _with_known(problem: Problem, groups: Sequence[str]) -> Problem:
+    """Return a problem in which some groups of bench parameters are known to be as stated."""
+    if not groups:
+        return problem
+    known = {
+        p.name: replace(p, uncertainty=1.0e-3 * p.uncertainty)
+        for group, parameters in problem.nuisances
+        if group in groups
+        for p in parameters
+    }
+    bench = replace(problem.bench, parameters={**problem.bench.parameters, **known})
+    result = Problem(problem.balances, bench, problem.known, problem.known_errors, problem.library)
+    result.noise = problem.noise
+    return result
 
 
 def _term(problem: Problem, name: str) -> Term:
