@@ -67,7 +67,12 @@ demo: $(DONE)/packages ## find a hidden effect, from the running graph to the re
 	@$(BIN)/gyrowheel demo --seed $(SEED)
 
 test: $(DONE)/packages ## run the tests (ARGS="-k plans" picks some)
+ifdef ARGS
 	@$(BIN)/python -m pytest $(ARGS)
+else
+	@$(BIN)/python -m pytest -n auto --dist worksteal -m 'not graph'
+	@$(BIN)/python -m pytest -m graph
+endif
 
 bench: $(DONE)/packages ## measure speed and accuracy beside other tools; figures in bench.json (ARGS=simulation)
 	@$(BIN)/python -m benchmarks $(ARGS)

@@ -507,7 +507,7 @@ def test_ctrl_c_ends_the_workers_and_leaves_nothing(tmp_path: Path):
     plan, scratch = write(tmp_path / "plan.yaml", DRAG_PLAN), tmp_path / "scratch"
     scratch.mkdir()
     command = [sys.executable, "-c", "from gyrowheel_bringup.cli import main; main()", "campaign"]
-    command += ["--plan", str(plan), "--cases", "400", "--jobs", "2", "--json", str(tmp_path / "out.json")]
+    command += ["--plan", str(plan), "--cases", "30", "--jobs", "2", "--json", str(tmp_path / "out.json")]
     process = subprocess.Popen(
         command,
         stdout=subprocess.PIPE,
@@ -518,7 +518,7 @@ def test_ctrl_c_ends_the_workers_and_leaves_nothing(tmp_path: Path):
     )
     try:
         assert process.stderr is not None
-        while "of 400 cases" not in (line := process.stderr.readline()):
+        while "of 30 cases" not in (line := process.stderr.readline()):
             assert line, "ended before the first cases"
         os.killpg(process.pid, signal.SIGINT)  # as the terminal does: to the workers, too
         out, err = process.communicate(timeout=60)
@@ -528,7 +528,7 @@ def test_ctrl_c_ends_the_workers_and_leaves_nothing(tmp_path: Path):
     assert process.returncode == 130, err
     assert "Traceback" not in err
     assert err.splitlines()[-1] == "interrupted"
-    assert "of 400 cases were finished" in out
+    assert "of 30 cases were finished" in out
     assert json.loads((tmp_path / "out.json").read_text())["cases"] >= 1
     assert not [path for path in scratch.iterdir() if path.name.startswith("campaign-")]
 

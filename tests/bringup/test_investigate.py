@@ -280,6 +280,21 @@ def test_what_happens_within_a_revolution_settles_the_papers_own_plans_at_once(
     assert other in why
 
 
+@pytest.mark.slow
+def test_the_papers_tilt_sweep_is_ambiguous_and_a_test_settles_it(gyrowheel: Shell, tmp_path: Path):
+    """At one speed a restoring torque of the air acts as a stiffness does, and as an offset of the centre of gravity."""
+    hidden = ["--effect", "aero_restoring:k=0.04", "--machine", "5"]
+    result = settle(gyrowheel, tmp_path, "--plan", "paper_tilt", "--budget", "6", *hidden)
+    first, *others = result["steps"]
+    (open_,) = first["effects"]
+    assert first["verdict"] == "ambiguous"
+    assert {open_["name"], *open_["ties"]} >= {"aero_restoring", "stiffness_error", "gravity_offset"}
+    assert others
+    assert result["settled"] is True
+    assert result["named"] == ["aero_restoring"]
+    assert result["minutes"] <= 6.0
+
+
 def test_recordings_at_hand_are_where_it_begins(gyrowheel: Shell, wheel: Wheel, tmp_path: Path):
     arguments = [wheel.recording, "--effect", "windage:w=0.0013", "--budget", 0]
     result = settle(gyrowheel, tmp_path, *arguments)

@@ -57,21 +57,3 @@ def test_the_papers_own_plans_are_ambiguous_and_the_graph_settles_it(tmp_path: P
     assert result["named"] == ["gimbal_inertia_error"]
     assert result["minutes"] <= 6.0
     assert "verdict: ambiguous → effect" in told
-
-
-@pytest.mark.graph
-@pytest.mark.slow
-@pytest.mark.timeout(1200)
-def test_the_papers_tilt_sweep_is_ambiguous_and_the_graph_settles_it(tmp_path: Path):
-    plan = ["--plan", "paper_tilt", "--budget", "6"]
-    result, told = investigated(tmp_path, *plan, "--effect", "aero_restoring:k=0.04", "--machine", "5")
-    first, *others = result["steps"]
-    # at one speed a restoring torque of the air acts as a stiffness does, and as an offset of the centre of gravity
-    (open_,) = first["effects"]
-    assert first["verdict"] == "ambiguous"
-    assert {open_["name"], *open_["ties"]} >= {"aero_restoring", "stiffness_error", "gravity_offset"}
-    assert others
-    assert result["settled"] is True
-    assert result["named"] == ["aero_restoring"]
-    assert result["minutes"] <= 6.0
-    assert "ruled out" in told
