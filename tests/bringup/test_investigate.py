@@ -282,7 +282,7 @@ def test_what_happens_within_a_revolution_settles_the_papers_own_plans_at_once(
 
 @pytest.mark.slow
 def test_the_papers_tilt_sweep_is_ambiguous_and_a_test_settles_it(gyrowheel: Shell, tmp_path: Path):
-    """At one speed a restoring torque of the air acts as a stiffness does, and as an offset of the centre of gravity."""
+    """At one speed a restoring torque acts as a stiffness does, and as an offset of the centre of gravity."""
     hidden = ["--effect", "aero_restoring:k=0.04", "--machine", "5"]
     result = settle(gyrowheel, tmp_path, "--plan", "paper_tilt", "--budget", "6", *hidden)
     first, *others = result["steps"]

@@ -685,7 +685,9 @@ def _exponent(speed: Array, sizes: Array, weight: Array) -> tuple[float, float] 
 
     start = (float(np.average(sizes, weights=weight)), 1.0)
     try:
-        found, _ = curve_fit(law, speed, sizes, p0=start, sigma=1.0 / np.sqrt(weight), jac=slopes, maxfev=2000)
+        found, _ = curve_fit(
+            law, speed, sizes, p0=start, sigma=1.0 / np.sqrt(weight), jac=slopes, maxfev=2000
+        )
     except RuntimeError:
         return None
     design = slopes(speed, *found)
