@@ -124,6 +124,8 @@ def add_effect(
     problem.estimate_noise()
     if declared:
         judge_noise_with(problem, problem.fit(terms))
+    elif problem.reweigh(first := problem.fit(terms)) and validation:
+        validation.problem.reweigh(first)
     before, after = _before(model, problem, air), problem.refined(problem.fit(terms))
     errors = errors_of(before, after, fitted, validation)
     coefficients: dict[str, dict[str, Estimate]] = {}

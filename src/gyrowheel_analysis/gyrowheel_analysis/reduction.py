@@ -30,8 +30,8 @@ Array = NDArray[np.float64]
 SETTLING = 0.5
 SPIN_SETTLING = 1.0
 #: On a cone the windows are too short to follow the spin loop: after a change of speed it gets so much longer [s], and
-#: a window in which the speed changes faster than so [rad/s^2] is left out.
-_CONE_SETTLING, _CONE_DRIFT = 0.5, 2.0
+#: a window in which the speed changes faster than so [rad/s^2], or is farther from the last one, is left out.
+_CONE_SETTLING, _CONE_DRIFT, _CONE_OFF = 0.5, 2.0, 0.01
 _SPEED_CHANGE = 2.0  # rad/s; a change of speed beyond this gets SPIN_SETTLING
 _LONGEST = 2.0  # s; longer holds are split, so that drift within a window stays small
 _SHORTEST = 0.16  # s
@@ -355,12 +355,13 @@ def reduce(data: Samples, bench: Bench) -> Windows:
     clipped = _clipped(data)
     heat = motor_temperatures(data, bench)
     for start, stop, segment, turn in steady_spans(data):
-        longest = _LONGEST
+        longest, last = _LONGEST, 0.0
         if turn > 0.0:
             inside = (data.time >= start) & (data.time < stop)
             speed = float(np.median(data.values[inside, 3])) if inside.any() else math.nan
             if not speed > 0.0:
                 continue
+            last = float(np.median(data.values[inside, 3][-max(int(inside.sum()) // 10, 1) :]))
             # short enough that the cone bends little, long enough for whole revolutions
             longest = min(
                 _LONGEST, max(_ARC / turn, _SHORTEST, (_MIN_REVOLUTIONS + 1) * 2.0 * math.pi / speed)
@@ -378,7 +379,7 @@ def reduce(data: Samples, bench: Bench) -> Windows:
                 if clipped[i:j].any():
                     break
                 row = _window(data, i, j, h, bench, heat, noise)
-                if turn and row is not None and abs(row["spin"] @ _RISE[:_DEGREE]) > _CONE_DRIFT * (b - a):
+                if turn and row is not None and not _at_speed(row, last, b - a):
                     row = None
                 if turn or row is None or not row.pop("unsettled"):
                     break
@@ -403,6 +404,12 @@ def reduce(data: Samples, bench: Bench) -> Windows:
         }
         columns = {name: np.zeros(shapes.get(name, 0)) for name in names}
     return Windows(**columns)
+
+
+def _at_speed(row: dict[str, Any], last: float, length: float) -> bool:
+    """Whether the rotor has come to the speed of a cone: it neither changes nor is it at a turning point."""
+    change, mean = row["spin"] @ _RISE[:_DEGREE], row["spin"] @ _MEAN[:_DEGREE]
+    return abs(change) <= _CONE_DRIFT * length and abs(mean - last) <= _CONE_OFF * last
 
 
 def reading_noise(data: Samples, bench: Bench) -> Array:

@@ -496,6 +496,13 @@ class Problem:
         rows = fit.residual + fit.jacobian @ (offset - centre)
         return self.noise.best_scales(rows, fit.jacobian * np.array(width))[1]
 
+    def reweigh(self, fit: Fit) -> bool:
+        """Take the noise of the machine that a fit describes; return whether it is another one (see `Noise.weigh`)."""
+        predicted = self.predict(fit.nuisance, fit.coefficients)
+        return self.noise.weigh(
+            self.balances, self._split(predicted), self.values(fit.nuisance, fit.coefficients)
+        )
+
     def estimate_noise(self) -> None:
         """Estimate the size of the slow drifts, leaving out whatever bench parameters or effects can explain."""
         zero = np.zeros(self.count)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,9 @@ from scipy.optimize import minimize
 from gyrowheel_analysis.balance import CHANNELS, RIPPLE_CHANNELS, TURNING_CHANNELS, Balance
 from gyrowheel_analysis.discovery.drift import DriftCovariance, MarginalCost
 from gyrowheel_analysis.reduction import FORWARD
+from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.sizes import torque_scale
+from gyrowheel_sim.errors import InputError
 
 Array = NDArray[np.float64]
 
@@ -33,6 +35,7 @@ MODEL_RIPPLE = 1.0e-4
 #: A drift below the stated one is not believed: few windows show little of a slow drift by chance.
 _SCALE_BOUNDS = (1.0, 8.0)
 _SCALE_SPREAD = 0.7  # of the logarithm of a drift's scale before the recording is seen
+_OTHER = 0.25  # change of the logarithm of a standard deviation that makes a noise another one
 
 
 class Noise:
@@ -51,16 +54,33 @@ class Noise:
             {name: _channel(balance, rows, name) for name in CHANNELS}
             for balance, rows in zip(balances, predicted, strict=True)
         ]
-        self._white = [
-            np.sqrt(
-                np.concatenate(
-                    [np.zeros(0)]
-                    + [_harmonic(balance, rows, name) for name in balance.channels[len(CHANNELS) :]]
-                )
-            )
-            for balance, rows in zip(balances, predicted, strict=True)
-        ]
+        self._white = _turning(balances, predicted, [balance.bench for balance in balances])
         self.scales = dict.fromkeys(SOURCES.values(), 1.0)
+
+    def weigh(
+        self, balances: Sequence[Balance], predicted: Sequence[Array], values: Mapping[str, float]
+    ) -> bool:
+        """Take the noise of the harmonics as it is on a bench of other values; return whether it is another one.
+
+        Of a torque twice a revolution the noise comes mostly from the readings of the tilt, times what the rotor
+        resists there. That almost vanishes on a disc, and does not on a rotor with a very different inertia.
+
+        Parameters
+        ----------
+        balances, predicted
+            As given before, the rows as predicted with those values.
+        values : mapping
+            All bench parameters [SI].
+        """
+        try:
+            benches = [balance.bench.with_values(values) for balance in balances]
+        except InputError:  # a fit that went astray
+            return False
+        white = _turning(balances, predicted, benches)
+        other = any(np.any(np.abs(np.log(b / a)) > _OTHER) for a, b in zip(self._white, white, strict=True))
+        if other:
+            self._white = white
+        return other
 
     def whiten(self, rows: Array) -> Array:
         """Return rows (N, ...) divided by the square root of their covariance, recording after recording."""
@@ -154,10 +174,25 @@ def _narrowed(
     return residual[averages] - regressors[averages] @ mean, regressors[averages] @ spread, cost
 
 
-def _harmonic(balance: Balance, predicted: Array, name: str) -> Array:
-    """Return the variance of one channel of the harmonics."""
-    v, w, bench = balance.bench.value, balance.windows, balance.bench
-    spin, scale = w.mean_spin, torque_scale(bench)
+def _turning(
+    balances: Sequence[Balance], predicted: Sequence[Array], benches: Sequence[Bench]
+) -> list[Array]:
+    """Return the standard deviations of the harmonics of every recording."""
+    return [
+        np.sqrt(
+            np.concatenate(
+                [np.zeros(0)]
+                + [_harmonic(balance, bench, rows, name) for name in balance.channels[len(CHANNELS) :]]
+            )
+        )
+        for balance, rows, bench in zip(balances, predicted, benches, strict=True)
+    ]
+
+
+def _harmonic(balance: Balance, bench: Bench, predicted: Array, name: str) -> Array:
+    """Return the variance of one channel of the harmonics on a bench of other values than that of the balance."""
+    v, w = bench.value, balance.windows
+    spin, scale = w.mean_spin, torque_scale(balance.bench)
     if name in TURNING_CHANNELS:
         order = FORWARD[TURNING_CHANNELS.index(name) // 2]
         # torque that a reading of the tilt once or twice a revolution stands for

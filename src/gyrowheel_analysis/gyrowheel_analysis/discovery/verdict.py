@@ -301,6 +301,10 @@ def diagnose(
     problem.estimate_noise()
     say("looking for missing effects")
     selection = select(problem, progress=progress)
+    if problem.reweigh(selection.best):
+        if validation:
+            validation.problem.reweigh(selection.best)
+        selection = select(problem, progress=progress)
     proposal = search(problem, selection, progress=progress)
     if proposal is not None:
         judge_noise_with(problem, proposal.fit)
