@@ -583,8 +583,9 @@ _VARIABLES: dict[str, tuple[float, str]] = {
 }
 
 
-def _variable_values(w: Windows) -> dict[str, Array]:
-    return {
+def _variable_values(w: Windows, part: Part) -> dict[str, Array]:
+    """Return what an amplitude may change with; the motor's warmth follows the plan, and matters to the motor alone."""
+    values = {
         "coils": w.coil_temperature,
         "motor": w.motor_temperatures[:, 0],
         "magnets": w.motor_temperatures[:, 1],
@@ -592,6 +593,9 @@ def _variable_values(w: Windows) -> dict[str, Array]:
         "up": w.up,
         "time": w.middle,
     }
+    if part.kind.rows[0].startswith("tilt"):
+        del values["motor"], values["magnets"]
+    return values
 
 
 def _linear(name: str, part: Part, w: Windows, weight: Array) -> Iterator[tuple[str, _Change]]:
@@ -600,7 +604,7 @@ def _linear(name: str, part: Part, w: Windows, weight: Array) -> Iterator[tuple[
     if not np.any(np.abs(p) > 0.0):
         return
     root = np.sqrt(weight)
-    for variable, v in _variable_values(w).items():
+    for variable, v in _variable_values(w, part).items():
         low, high = float(v.min()), float(v.max())
         if high - low < _VARIABLES[variable][0]:
             continue
@@ -627,7 +631,7 @@ def _along_variable(
     best: _Description, part: Part, w: Windows, weight: Array, speeds: Sequence[NDArray[np.int64]]
 ) -> _Change | None:
     """Return with which variable the amplitude changes at a given speed, where that explains much of the residual."""
-    values = _variable_values(w)
+    values = _variable_values(w, part)
     total = float(np.sum(part.squares))
     p = _pattern(best.pattern, w, part.load)
     mean = complex(np.sum(best.weight * best.amplitude))
@@ -697,4 +701,4 @@ def _exponent(speed: Array, sizes: Array, weight: Array) -> tuple[float, float] 
     error = float(np.sqrt(covariance[1, 1] * max(1.0, left / max(len(speed) - 2, 1))))
     if left > 0.05 * float(np.sum(weight * sizes**2)):
         return None
-    return (float(found[1]), error) if error < 0.5 and abs(found[1]) < 6.0 else None
+    return (float(found[1]), error) if error < 0.6 and abs(found[1]) < 6.0 else None

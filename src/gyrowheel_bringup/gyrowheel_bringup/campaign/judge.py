@@ -123,7 +123,9 @@ class Judged:
         """What was answered, as one word of the confusion table."""
         if self.outcome == "failed":
             return "failed"
-        return "+".join(sorted(self.named)) or self.verdict
+        names = "+".join(sorted(self.named))
+        # what stands beside a formula is no answer of its own
+        return f"unknown beside {names}" if names and self.verdict == "unknown" else names or self.verdict
 
     def to_json(self) -> dict[str, Any]:
         """Return the case as a JSON object."""

@@ -5,10 +5,11 @@ from __future__ import annotations
 import contextlib
 import functools
 import os
+import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any, TextIO, cast
 
 import typer
 
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
 OK, FINDING, BAD_INPUT, NODE_FAILED, INTERRUPTED = 0, 1, 2, 3, 130
+
+_TRAILING = re.compile(r" +$", re.MULTILINE)
 
 #: A line about what is being done.
 Say = Callable[[str], None]
@@ -148,11 +151,27 @@ def _usage(error: typer.TyperException) -> int:
     return _bad_input(message.rstrip(".") + hint)
 
 
+class _Trimmed:
+    """A file in which no line ends with spaces: rich fills tables up to the width of the terminal."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        self._stream.write(_TRAILING.sub("", text))
+        return len(text)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
 def _console(*, stderr: bool) -> Console:
     from rich.console import Console
 
     # paths and texts of users may hold what rich takes for markup
-    console = Console(stderr=stderr, highlight=False, markup=False, emoji=False)
+    stream = sys.stderr if stderr else sys.stdout
+    file = None if stream.isatty() else cast(IO[str], _Trimmed(stream))
+    console = Console(file=file, stderr=stderr, highlight=False, markup=False, emoji=False)
     if console.width > 110:  # long lines are hard to read
         console.width = 110
     return console

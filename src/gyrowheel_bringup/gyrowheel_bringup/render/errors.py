@@ -72,7 +72,7 @@ def error_table(table: ErrorTable) -> RenderableType:
             Text("1", style="dim"),
         )
     ]
-    result.add_row("χ²/N of all", "", *chi2)
+    result.add_row("χ²/N", "", *chi2)
     where = "a recording that was not used to fit" if len(parts) == 2 else "the fitted recordings"
     return Group(result, Text(fall(*parts[-1][1:], where)))
 
@@ -91,6 +91,8 @@ def _rms(row: ErrorRow, name: str) -> float:
 def fall(before: ErrorRow, after: ErrorRow, floor: ErrorRow | None, where: str) -> str:
     """Return in a sentence how the error falls, and where it falls most; or rises, where it falls nowhere."""
     text = f"On {where} χ²/N goes from {fixed(before.chi2_per_n)} to {fixed(after.chi2_per_n)}"
+    if before == after:
+        return f"On {where} χ²/N is {fixed(after.chi2_per_n)}; with nothing but noise it is 1."
     names = [name for name in CHANNELS if _has(before, name) and _has(after, name)]
     # errors of several units are compared in noise floors
     level = {name: _rms(floor, name) if floor is not None and _has(floor, name) else 1.0 for name in names}
