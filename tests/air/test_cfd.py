@@ -407,7 +407,7 @@ def test_a_sweep_that_is_killed_goes_on_where_it_was(tmp_path: Path, player: Pla
         done = _wait(lambda: len(player.calls) >= 3 and len(list(study.glob(f"*/{RESULT}"))) >= 2)
         assert done, process.poll()
         hanging = player.calls[2]
-        assert _running(player)
+        assert _wait(lambda: bool(_running(player)))
     finally:
         process.send_signal(signal.SIGKILL)
         process.communicate()
