@@ -154,8 +154,13 @@ def _usage(error: typer.TyperException) -> int:
 class _Trimmed:
     """A file in which no line ends with spaces: rich fills tables up to the width of the terminal."""
 
-    def __init__(self, stream: TextIO) -> None:
-        self._stream = stream
+    def __init__(self, *, stderr: bool) -> None:
+        self._stderr = stderr
+
+    @property
+    def _stream(self) -> TextIO:
+        """The stream as it is now: others may put another one in its place."""
+        return sys.stderr if self._stderr else sys.stdout
 
     def write(self, text: str) -> int:
         self._stream.write(_TRAILING.sub("", text))
@@ -169,8 +174,8 @@ def _console(*, stderr: bool) -> Console:
     from rich.console import Console
 
     # paths and texts of users may hold what rich takes for markup
-    stream = sys.stderr if stderr else sys.stdout
-    file = None if stream.isatty() else cast(IO[str], _Trimmed(stream))
+    trimmed = _Trimmed(stderr=stderr)
+    file = None if trimmed.isatty() else cast(IO[str], trimmed)
     console = Console(file=file, stderr=stderr, highlight=False, markup=False, emoji=False)
     if console.width > 110:  # long lines are hard to read
         console.width = 110
