@@ -37,7 +37,7 @@ def investigated(folder: Path, *arguments: str) -> tuple[dict[str, Any], str]:
     return result, done.stdout
 
 
-@pytest.mark.graph
+# in lock-step, so that a loaded computer only makes it slower: it runs beside other tests
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
 def test_the_papers_own_plans_are_ambiguous_and_the_graph_settles_it(tmp_path: Path):
