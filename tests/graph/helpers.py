@@ -112,6 +112,11 @@ class Bystander:
             self.executor.spin_once(timeout_sec=0.02)
         return value
 
+    def said(self, name: str) -> str:
+        """Return the message of the last diagnosis of a node; empty if there was none."""
+        status = self.diagnoses.get(name)
+        return "" if status is None else str(status.message)
+
     def values(self, name: str) -> dict[str, str]:
         """Return the values of the last diagnosis of a node; empty if there was none."""
         status = self.diagnoses.get(name)

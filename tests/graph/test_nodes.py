@@ -108,7 +108,7 @@ def test_gains_and_limits_change_while_a_node_works(bystander: Bystander, start_
     assert set_parameter("tilt_bandwidth", 10.0).successful
     assert "out of range Min: 0.0, Max: 60.0" in set_parameter("tilt_bandwidth", 1e3).reason
     assert set_parameter("tilt_limit", math.radians(4.0)).successful
-    bystander.spin_until(lambda: bystander.values("controller")["tilt_limit_deg"] == "4")
+    bystander.spin_until(lambda: bystander.values("controller").get("tilt_limit_deg") == "4")
     refused = set_parameter("tilt_limit", math.radians(4.9))
     assert refused.reason.endswith("too near to the hard stop at 5.00 deg; allowed: up to 4.75 deg")
     assert "fixed" in set_parameter("bench", "dtg").reason
@@ -122,7 +122,7 @@ def test_setpoints_are_limited_or_refused_and_a_deactivated_controller_lets_go(
     samples, setpoints = bystander.publisher(topics.MEASUREMENT), bystander.publisher(topics.SETPOINT)
     bystander.listen(topics.COMMAND, lambda raw: commands.append(wire.COMMAND.unpack(raw)), raw=True)
     bystander.spin_until(lambda: samples.get_subscription_count() and setpoints.get_subscription_count())
-    bystander.spin_until(lambda: bystander.diagnoses["controller"].message == "waiting for a sample")
+    bystander.spin_until(lambda: bystander.said("controller") == "waiting for a sample")
 
     def answer(sequence: int, tilt: float, *, reading: float = 0.0) -> None:
         now = sequence * 500_000
@@ -134,9 +134,9 @@ def test_setpoints_are_limited_or_refused_and_a_deactivated_controller_lets_go(
     answer(10, math.radians(20.0))
     bystander.spin_until(lambda: len(commands) == 2)
     answer(20, 0.01, reading=math.nan)
-    bystander.spin_until(lambda: bystander.values("controller")["refused_samples"] == "1")
+    bystander.spin_until(lambda: bystander.values("controller").get("refused_samples") == "1")
     answer(30, math.nan)  # its sample waits for another setpoint
-    bystander.spin_until(lambda: bystander.values("controller")["refused_setpoints"] == "1")
+    bystander.spin_until(lambda: bystander.values("controller").get("refused_setpoints") == "1")
     assert bystander.values("controller")["limited_setpoints"] == "1"
     assert "input_refused" in bystander.diagnoses["controller"].message
     controller.process.send_signal(2)
@@ -233,7 +233,7 @@ def test_in_real_time_samples_come_unasked_and_the_guard_names_what_it_sees(
     status = bystander.diagnoses["plant"]
     assert status.level == DiagnosticStatus.ERROR
     assert status.hardware_id == "gyrowheel"
-    bystander.spin_until(lambda: bystander.values("plant")["outputs"] == "off")
+    bystander.spin_until(lambda: bystander.values("plant").get("outputs") == "off")
     assert plant.interrupt() == 0  # a trip is a state, not the end of the node
     assert "controller_lost: no valid command for 2000 samples" in plant.output
     assert "Traceback" not in plant.output

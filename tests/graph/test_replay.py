@@ -217,7 +217,7 @@ def test_steps_pauses_and_live_parameters(replay: Replay, bystander: Bystander, 
     assert "fixed" in set_parameter("directory", "/elsewhere").reason
     assert set_parameter("rate", 0.0).successful
     assert replay.call(SetBool, "/gyrowheel/replay/pause", SetBool.Request(data=False)).success
-    bystander.spin_until(lambda: bystander.diagnoses["replay"].message == "at the end")
+    bystander.spin_until(lambda: bystander.said("replay") == "at the end")
     assert replay.samples() == list(range(replay.samples()[-1] + 1))
     assert not replay.call(Trigger, "/gyrowheel/replay/step", Trigger.Request()).success
 
