@@ -70,8 +70,8 @@ test: $(DONE)/packages ## run the tests (ARGS="-k plans" picks some)
 ifdef ARGS
 	@$(BIN)/python -m pytest $(ARGS)
 else
-	@$(BIN)/python -m pytest -n auto --dist worksteal -m 'not graph'
-	@$(BIN)/python -m pytest -m graph
+	@$(BIN)/python -m pytest -n auto --dist worksteal -m 'beside or not graph'
+	@$(BIN)/python -m pytest -m 'graph and not beside'
 endif
 
 bench: $(DONE)/packages ## measure speed and accuracy beside other tools; figures in bench.json (ARGS=simulation)

@@ -37,7 +37,8 @@ def investigated(folder: Path, *arguments: str) -> tuple[dict[str, Any], str]:
     return result, done.stdout
 
 
-# in lock-step, so that a loaded computer only makes it slower: it runs beside other tests
+@pytest.mark.graph
+@pytest.mark.beside
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
 def test_the_papers_own_plans_are_ambiguous_and_the_graph_settles_it(tmp_path: Path):

@@ -701,4 +701,4 @@ def _exponent(speed: Array, sizes: Array, weight: Array) -> tuple[float, float] 
     error = float(np.sqrt(covariance[1, 1] * max(1.0, left / max(len(speed) - 2, 1))))
     if left > 0.05 * float(np.sum(weight * sizes**2)):
         return None
-    return (float(found[1]), error) if error < 0.6 and abs(found[1]) < 6.0 else None
+    return (float(found[1]), error) if error < 0.5 and abs(found[1]) < 6.0 else None
