@@ -64,6 +64,20 @@ def test_five_processes_run_the_plan_and_end(session: Session):
     assert [p.elapsed for p in session.progress] == sorted(p.elapsed for p in session.progress)
 
 
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="no control of the cores")
+def test_the_nodes_of_the_loop_share_a_core_and_leave_the_others_alone():
+    allowed = os.sched_getaffinity(0)
+    with Graph(domain_id=next_domain(), without=("conductor", "recorder")) as graph:
+        cores = {name: os.sched_getaffinity(pid) for name, pid in graph.pids.items()}
+    if len(allowed) == 1:
+        assert set(map(frozenset, cores.values())) == {frozenset(allowed)}
+        return
+    assert cores["plant"] == cores["controller"]
+    assert len(cores["plant"]) == 1
+    assert cores["drag_estimator"] == allowed - cores["plant"]
+    assert os.sched_getaffinity(0) == allowed
+
+
 def test_every_sample_is_recorded_once_and_answered(session: Session):
     n = session.result.samples
     assert n == round(session.plan.duration / 0.0005) + 1
@@ -128,7 +142,7 @@ def start_graph(tmp_path: Path) -> Iterator[StartGraph]:
         started.append(starter)
         assert starter.stdout is not None
         pids = [int(text) for text in starter.stdout.readline().split()]
-        assert pids
+        assert pids, (tmp_path / "log").read_text()
         assert all(alive(pid) for pid in pids)
         return starter, pids
 

@@ -29,6 +29,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from gyrowheel_analysis.recording import info
 from gyrowheel_bringup.graph.children import Child, remove_left, uninterrupted
+from gyrowheel_bringup.graph.cores import share_core
 from gyrowheel_bringup.graph.nodes import EXECUTABLES, find_executable, node_parameters
 from gyrowheel_bringup.graph.results import GraphError, GraphResult, Progress
 from gyrowheel_control.limits import plan_tilt_limit, tilt_limit
@@ -352,6 +353,7 @@ class Graph:
             # sooner: listen for a while before the domain counts as free
             if not waiting and time.monotonic() - began > _LISTEN:
                 self._starting = False
+                share_core(self._pids, self._node.context.get_domain_id())
                 return
             self._spin()
             self._look_for_strangers()
@@ -544,14 +546,19 @@ class Graph:
         assert self._record is not None
         found = info(self._record)
         if self._realtime:
+            samples, missing = found.integrity.samples, found.integrity.missing
             needed = round(plan.duration / self._bench.sample_period)
-            if found.integrity.missing or found.integrity.samples < needed:
+            if missing:
+                raise GraphError(
+                    "samples_lost", f"{self._record}: {missing} of {samples + missing} samples are missing"
+                )
+            if samples < needed:
                 raise GraphError(
                     "samples_lost",
-                    f"{self._record}: {found.integrity.missing} of {found.integrity.samples} samples are missing, "
-                    f"or there are less than {needed}",
+                    f"{self._record}: {samples} samples recorded, but the plan takes {needed}: those of its end are "
+                    "missing",
                 )
-            return dict(found.topics), found.integrity.samples
+            return dict(found.topics), samples
         end_ns = round(plan.duration * 1e9)
         end_ns += -end_ns % _CLOCK_PERIOD_NS
         published = end_ns // round(self._bench.sample_period * 1e9) + 1
