@@ -545,6 +545,17 @@ def test_damaged_database_is_refused_or_read(tmp_path):
             assert_counting(got)
 
 
+def test_database_whose_tables_are_described_in_no_text(tmp_path):
+    messages = [(k, data) for k, data in enumerate(measurements())]
+    path = foreign(tmp_path / "bag", messages, plugin=StoragePlugin.SQLITE3)
+    file = next(path.glob("*.db3"))
+    data = file.read_bytes()
+    assert b"CREATE TABLE messages" in data
+    file.write_bytes(data.replace(b"CREATE TABLE messages", b"CREATE TABL\xbf messages"))
+    with pytest.raises(InputError, match=rf"^{file}: damaged: [^\n]*$"):
+        Recording.open(path)
+
+
 def test_damaged_metadata_is_refused_or_changes_nothing(run, directory, tmp_path):
     path, _ = copy(directory, tmp_path / "metadata")
     file = path / "metadata.yaml"

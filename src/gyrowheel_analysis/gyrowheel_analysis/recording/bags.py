@@ -205,6 +205,8 @@ def _check_database(file: Path) -> None:
             found = [str(row[0]) for row in database.execute("PRAGMA integrity_check(1)")]
     except sqlite3.Error as error:
         raise InputError(f"{file}: cannot be read: {_line(error)}") from None
+    except UnicodeDecodeError:  # an error of SQLite that quotes from the damage, too
+        raise InputError(f"{file}: damaged: its description of the tables is no text") from None
     if found != ["ok"]:
         raise InputError(f"{file}: damaged: {' '.join(' '.join(found).split())}")
 
