@@ -19,7 +19,7 @@ from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.dynamics import Joint, generalised_forces
 from gyrowheel_sim.effects.code import array_law, compile_kernels
 from gyrowheel_sim.effects.declaration import TARGETS, Effect
-from gyrowheel_sim.effects.quantities import REFERENCES, Omega, t, theta_z, z, z_rate
+from gyrowheel_sim.effects.quantities import REFERENCES, Omega, T_motor, T_winding, t, theta_z, z, z_rate
 from gyrowheel_sim.inverse_kernel import N_POINT
 
 Array = NDArray[np.float64]
@@ -45,10 +45,10 @@ _ENDS = np.polynomial.polynomial.polyvander([1.0, -1.0], 2) @ np.linalg.inv(
     np.polynomial.polynomial.polyvander(_NODES, 2)
 )
 _ACROSS = _ENDS[0] - _ENDS[1]
-#: Step of the derivatives of a reading's error [rad of the spin angle], and the five-point formulas for them.
 #: An error of the ripple up to this is made good to first order [rad/s].
 _RIPPLE_ACCURACY = 1.0e-3
 _REPETITIONS = 4
+#: Step of the derivatives of a reading's error [rad of the spin angle], and the five-point formulas for them.
 _STENCIL = 0.05
 _FIRST = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12.0
 _SECOND = np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / 12.0
@@ -148,11 +148,12 @@ class Balance:
 
         def waves(c: Any, derivative: int = 0) -> Any:
             """Sum of the harmonics with amplitudes `c` (n, nodes x harmonics): (n, nodes, phases)."""
-            return np.einsum("nhk,hp->nkp", c * ((1j * h) ** derivative)[None, :, None], wave)
+            return _summed(c * ((1j * h) ** derivative)[None, :, None], wave)
 
         a0, a1, a2 = (smooth(w.tilt_harmonics, d) for d in range(3))
         tau = half * _NODES
         self._order, self._wave = 1j * h, wave
+        self._back = np.ascontiguousarray(wave.conj().T) / self._phases
         self._spin, self._spin_rate = smooth(w.spin)[:, :, None], smooth(w.spin, 1)[:, :, None]
         # readings of the tilt before any correction of the sensor, and the parts of their derivatives
         self._tilt = smooth(w.tilt)[:, :, None] + waves(a0)
@@ -164,10 +165,14 @@ class Balance:
         self._sines, self._cosines = np.sin(self._angle).reshape(-1), np.cos(self._angle).reshape(-1)
         self._turn = np.exp(1j * self._angle)
         self._weights = np.broadcast_to((_WEIGHTS / 2.0)[None, :, None] / self._phases, shape)
+        # weights of a mean, and of the amplitudes of what is compared within a revolution: (nodes, phases)
+        mean = np.repeat(_WEIGHTS[:, None] / (2.0 * self._phases), self._phases, axis=1)
+        self._turning = [np.exp(-1j * order * theta) * mean for order in FORWARD]
+        self._rippling = np.exp(-1j * self._ripple_order * theta) * mean
         time = w.middle[:, None] + tau
         self._quantities: dict[str, Any] = {
             "theta_z": self._angle,
-            "i_motor": w.motor_current[:, None, None] + np.einsum("nhk,hp->nkp", self._current, wave).real,
+            "i_motor": w.motor_current[:, None, None] + _summed(self._current, wave).real,
             "T_coil": (w.coil_temperature[:, None] + w.coil_temperature_rate[:, None] * tau)[:, :, None],
             "T_air": w.air_temperature[:, None, None],
             "rho": (w.air_pressure / (bench.value("gas_constant") * w.air_temperature))[:, None, None],
@@ -181,9 +186,7 @@ class Balance:
         self._table = w.table_rate[:, None, None]
         self._warming = w.motor_temperature_rates[:, :, None] * tau[:, None, :]
         ripple = w.current_ripple[:, None] * np.exp(1j * self._ripple_order * theta)
-        self._current_ripple = (
-            np.einsum("nhk,hp->nkp", self._current, wave).real + 2.0 * ripple.real[:, None, :]
-        )
+        self._current_ripple = _summed(self._current, wave).real + 2.0 * ripple.real[:, None, :]
         coil, motor, order = bench.value("coil_constant"), bench.value("motor_constant"), self._ripple_order
         turning = coil * w.coil_harmonics
         shaft = 1j * bench.axial_inertia * order * w.mean_spin * w.spin_ripple
@@ -252,9 +255,8 @@ class Balance:
         # what the torque gains from the beginning to the end is missing in the mean of what follows with a lag
         average = average + lag * (coil.mean(axis=2) @ _ACROSS) / self.windows.duration
         turning = []
-        for order in FORWARD:
-            wave = np.exp(-1j * order * self._angle) * self._weights
-            turning.append((coil * wave).sum(axis=(1, 2)) * (1.0 + 1j * order * spin * lag))
+        for order, wave in zip(FORWARD, self._turning, strict=True):
+            turning.append(_weighted(coil, wave) * (1.0 + 1j * order * spin * lag))
         constant = values["motor_constant"] * (1.0 + laws.motor_gain)
         resistance = values["motor_resistance"] * (1.0 + laws.winding_resistance)
         torque = (at.motor * weights).sum(axis=(1, 2))
@@ -272,13 +274,13 @@ class Balance:
         voltage = ((resistance * current + constant * at.rate) * weights).sum(axis=(1, 2))
         # the ripple of the current follows from that of the back-EMF, the ripple of the speed from that of the torque
         w = self.windows
-        wave = np.exp(-1j * self._ripple_order * self._angle) * self._weights
-        change = ((constant - values["motor_constant"]) * wave).sum(axis=(1, 2))
+        wave = self._rippling
+        change = _weighted(constant - values["motor_constant"], wave)
         volts = w.voltage_ripple - values["motor_constant"] * w.spin_ripple - change * spin
-        volts = volts - (resistance * wave).sum(axis=(1, 2)) * mean_current
+        volts = volts - _weighted(resistance, wave) * mean_current
         volts = volts * (self.bench.value("motor_resistance") / values["motor_resistance"])
         shaft = values["motor_constant"] * w.current_ripple + change * mean_current
-        shaft = shaft - (at.motor * wave).sum(axis=(1, 2))
+        shaft = shaft - _weighted(at.motor, wave)
         inertia = values["rotor_inertia_z"] + values["gimbal_inertia_z"] + values["shaft_inertia"]
         shaft = shaft * (self.bench.axial_inertia / inertia)
         return np.concatenate(
@@ -334,7 +336,7 @@ class Balance:
             part = error[:, index].real if unit == 1.0 else error[:, index].imag
             coil = coil + coil_answer * part[:, :, None]
             motor = motor + motor_answer * part[:, :, None]
-        rate = at.rate + np.einsum("nhk,hp->nkp", error, self._wave).real
+        rate = at.rate + _summed(error, self._wave).real
         return replace(at, coil=coil, motor=motor, rate=rate)
 
     def changed(
@@ -375,17 +377,71 @@ class Balance:
             setattr(laws, target, getattr(laws, target) + getattr(new, target) - getattr(old, target))
         state = replace(at, laws=laws)
         if targets & _TORQUES:
-            across = new.rotor_torque - old.rotor_torque
-            axial = new.axial_torque - old.axial_torque
-            Q1, Q2, Q3 = self._forces(at.joint, at.axis, at.quantities["z"], across, axial)
-            more_x = Q1 + new.flexure_torque[0] - old.flexure_torque[0]
-            more_y = Q2 + new.flexure_torque[1] - old.flexure_torque[1]
-            coil = at.coil - self._turn * (more_x + 1j * more_y / at.joint.cx)
-            motor = at.motor - (new.shaft_torque - old.shaft_torque) - Q3
-            # the state's motor torque is settled: only what has changed needs another ripple
-            state = replace(state, coil=coil, motor=motor)
-            state = self._settled(state, self._harmonics(at.motor))
+            state = self._pushed(
+                state,
+                new.rotor_torque - old.rotor_torque,
+                new.axial_torque - old.axial_torque,
+                new.shaft_torque - old.shaft_torque,
+                (
+                    new.flexure_torque[0] - old.flexure_torque[0],
+                    new.flexure_torque[1] - old.flexure_torque[1],
+                ),
+            )
         return self.rows(state, values)
+
+    def moved(
+        self,
+        at: Instants,
+        before: Mapping[str, float],
+        after: Mapping[str, float],
+        effects: list[ActiveEffect],
+    ) -> Array | None:
+        """Return the predicted rows of a state with other bench parameters.
+
+        Parameters
+        ----------
+        at : Instants
+            The state, with the bench parameters `before`.
+        before, after : mapping
+            All bench parameters by name [SI].
+        effects : list of ActiveEffect
+            The effects in it.
+
+        Returns
+        -------
+        ndarray or None
+            None if the parameters change the motion itself, so that the state must be computed anew.
+        """
+        by = {name: after[name] - value for name, value in before.items() if after[name] != value}
+        if not by.keys() <= _QUICK:
+            return None
+        if by.keys() & set(MOTOR_THERMAL) and any(
+            law.expression.free_symbols & _WARM for active in effects for law in active.effect.laws
+        ):
+            return None
+        if by.keys() & _PUSHING:
+            d = {name: by.get(name, 0.0) for name in _PUSHING}
+            rate, joint = at.quantities["Omega"], at.joint
+            at = self._pushed(
+                at,
+                complex(d["fixed_torque_x"], d["fixed_torque_y"]),
+                0.0,
+                -d["bearing_coulomb"] * np.sign(rate) - d["bearing_viscous"] * rate,
+                (
+                    -d["flexure_stiffness_x"] * joint.theta_x - d["flexure_damping_x"] * joint.theta_x_rate,
+                    -d["flexure_stiffness_y"] * joint.theta_y - d["flexure_damping_y"] * joint.theta_y_rate,
+                ),
+            )
+        return self.rows(at, after)
+
+    def _pushed(
+        self, at: Instants, across: Any, axial: Any, shaft: Any, flexures: tuple[Any, Any]
+    ) -> Instants:
+        """Return a state in which further torques act on rotor, shaft and flexures."""
+        Q1, Q2, Q3 = self._forces(at.joint, at.axis, at.quantities["z"], across, axial)
+        coil = at.coil - self._turn * (Q1 + flexures[0] + 1j * (Q2 + flexures[1]) / at.joint.cx)
+        # the state's motor torque is settled: only what has changed needs another ripple
+        return self._settled(replace(at, coil=coil, motor=at.motor - shaft - Q3), self._harmonics(at.motor))
 
     @staticmethod
     def _forces(
@@ -401,7 +457,7 @@ class Balance:
         )
 
     def _harmonics(self, motor: Any) -> Any:
-        return np.einsum("nkp,hp->nhk", motor, self._wave.conj()) / self._phases
+        return np.swapaxes(motor @ self._back, 1, 2)
 
     def _ripple_error(self, motor: Any, wanted: Any) -> Any:
         left = wanted - self._harmonics(motor)
@@ -409,11 +465,8 @@ class Balance:
 
     def _torques(self, values: Mapping[str, float], effects: list[ActiveEffect], ripple: Any) -> Instants:
         """Return the state for a given ripple of the spin rate: amplitudes (n, harmonics, nodes) [rad/s]."""
-        rate = self._spin + np.einsum("nhk,hp->nkp", ripple, self._wave).real
-        acceleration = (
-            self._spin_rate
-            + np.einsum("nhk,hp->nkp", ripple * self._order[:, None], self._wave).real * self._spin
-        )
+        rate = self._spin + _summed(ripple, self._wave).real
+        acceleration = self._spin_rate + _summed(ripple * self._order[:, None], self._wave).real * self._spin
         tilt_rate = self._first[0] + self._first[1] * rate
         tilt_acc = (
             self._second[0]
@@ -586,6 +639,20 @@ class Balance:
         return result
 
 
+#: Bench parameters that act as a torque, and those that change readings alone.
+_PUSHING = frozenset(
+    (
+        "flexure_stiffness_x",
+        "flexure_stiffness_y",
+        "flexure_damping_x",
+        "flexure_damping_y",
+        "bearing_coulomb",
+        "bearing_viscous",
+        "fixed_torque_x",
+        "fixed_torque_y",
+    )
+)
+_QUICK = _PUSHING | {"coil_constant", "motor_resistance", *MOTOR_THERMAL}
 #: Angles of a flexure where there is none.
 _NO_JOINT = {"theta": 0.0, "theta_rate": 0.0, "axis": 1.0}
 #: What stands for the motion in laws that must not depend on it.
@@ -596,6 +663,21 @@ _ON_THE_JOINT = frozenset(TARGETS) - _BEFORE_THE_JOINT
 _TORQUES = frozenset(("rotor_torque", "axial_torque", "shaft_torque", "flexure_torque"))
 #: Quantities that change within a revolution.
 _MOVING = frozenset((z, z_rate, theta_z, Omega, t))
+_WARM = frozenset((T_winding, T_motor))
+
+
+def _summed(amplitudes: Any, wave: Any) -> Any:
+    """Sum of waves (harmonics, phases) with amplitudes (n, harmonics, nodes): (n, nodes, phases)."""
+    return np.swapaxes(amplitudes, 1, 2) @ wave
+
+
+def _weighted(values: Any, weights: Any) -> Any:
+    """Sum of values (n, nodes, phases), or what broadcasts to it, times weights (nodes, phases): (n,)."""
+    if np.ndim(values) == 0:
+        return values * weights.sum()
+    nodes, phases = weights.shape
+    values = np.broadcast_to(values, (len(values), nodes, phases))
+    return values.reshape(len(values), -1) @ weights.reshape(-1)
 
 
 def _components(rows: Any) -> list[Array]:

@@ -275,8 +275,23 @@ class Problem:
         for k in range(self.count):
             moved = nuisance.copy()
             moved[k] += 0.1
-            columns.append((self.predict(moved, coefficients) - at) / 0.1)
+            columns.append((self._predict_moved(nuisance, moved, coefficients) - at) / 0.1)
         return np.column_stack(columns)
+
+    def _predict_moved(self, nuisance: Array, moved: Array, coefficients: EffectValues) -> Array:
+        """Return the predicted rows for `moved`; quick where the motion is that for `nuisance`."""
+        values, instants, _ = self._state(nuisance, coefficients)
+        effects = self.effects(nuisance, coefficients)
+        if not np.array_equal(moved[len(self.nuisances) :], nuisance[len(self.nuisances) :]):
+            return self.predict(moved, coefficients)  # a coefficient of a known effect
+        after = self.values(moved, coefficients)
+        parts = []
+        for balance, at in zip(self.balances, instants, strict=True):
+            rows = balance.moved(at, values, after, effects)
+            if rows is None:
+                return self.predict(moved, coefficients)
+            parts.append(rows)
+        return np.concatenate(parts)
 
     def term_jacobian(self, term: Term, nuisance: Array, coefficients: EffectValues, at: Array) -> Array:
         """Return the derivatives of the rows by the coefficients of a term (amplitudes zero where not given)."""

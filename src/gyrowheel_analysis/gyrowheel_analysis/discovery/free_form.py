@@ -31,6 +31,11 @@ UNKNOWN = 30.0
 _IN_PLACE_OF_SEVERAL = 12.0  # how much likelier a single form must be than several effects that it replaces
 _AS_LIKELY = 12.0  # less likely that a single form may be than effects that cancel each other
 _SUPERFLUOUS = 6.0  # likelier that an effect must make a recording to be kept beside a form
+_PROMISING = 6.0  # linear gain in chi-squared from which a form is fitted
+_BY_SHAPE = (
+    0.5  # part of what a start lacks that exponents and edges may give, which the linear gain does not show
+)
+_COVERING = 2.0  # square of a drift's scale from which the drift may have covered what is missing
 _TRIED = 8
 _TRIED_OF_A_KIND = 2
 
@@ -221,7 +226,9 @@ def search(problem: Problem, selection: Selection, *, progress: Progress | None 
             needed = _IN_PLACE_OF_SEVERAL
         if cancels and start is not selection.best:
             needed = -_AS_LIKELY
-        for term in _foremost(rank(problem, start, family)):
+        for gain, term in _foremost(rank(problem, start, family)):
+            if _hopeless(problem, selection.best, start, gain):
+                continue
             fit = problem.fit((*start.terms, term), start)
             found = Proposal(term, fit, base - problem.evidence(fit))
             if found.gain > needed and (best is None or found.gain > best.gain):
@@ -229,15 +236,27 @@ def search(problem: Problem, selection: Selection, *, progress: Progress | None 
     return None if best is None else _simplest(problem, best, base)
 
 
-def _foremost(ranked: Sequence[tuple[float, Term]]) -> list[Term]:
-    """Return the forms that explain most, but few of a kind."""
+def _hopeless(problem: Problem, best: Fit, start: Fit, gain: float) -> bool:
+    """Whether the linear gain in chi-squared of a form beside `start` rules it out before it is fitted.
+
+    Its exponents and edges are still to be fitted, which gives it a part of what `start` lacks beside the best fit.
+    What an enlarged drift covers counts more once the form explains it, so that chi-squared cannot be relied on then.
+    """
+    covered = max(problem.noise.scales.values(), default=1.0) ** 2
+    if covered * gain < _PROMISING:
+        return True
+    return covered < _COVERING and gain < (1.0 - _BY_SHAPE) * (start.chi2 - best.chi2)
+
+
+def _foremost(ranked: Sequence[tuple[float, Term]]) -> list[tuple[float, Term]]:
+    """Return the forms that explain most, with their gains, but few of a kind."""
     kinds: Counter[str] = Counter()
     result = []
-    for _, term in ranked:
+    for gain, term in ranked:
         kind = re.sub(r"(_m?\d+)+$", "", term.name)
         kinds[kind] += 1
         if kinds[kind] <= _TRIED_OF_A_KIND:
-            result.append(term)
+            result.append((gain, term))
         if len(result) == _TRIED:
             break
     return result
