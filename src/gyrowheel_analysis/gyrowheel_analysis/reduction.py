@@ -53,7 +53,7 @@ MOTOR_THERMAL = (
     "motor_thermal_resistance",
 )
 _THERMAL_STEP = 0.1  # s
-_CLEAR = 10.0  # times its noise that a harmonic must be to count
+_CLEAR = 10.0  # times its noise that a harmonic, or an acceleration of the spin, must be to count
 #: What the noise of the readings is called in the bench file, in the order of `Windows.reading_noise`.
 READING_NOISES = (
     "tilt_noise",
@@ -219,10 +219,11 @@ for _term in range(_DEGREE):
 
 
 def without_noise(windows: Windows) -> Windows:
-    """Return the windows without those harmonics that are not well above the noise of the readings.
+    """Return the windows without those harmonics and accelerations that are not well above the noise of the readings.
 
-    Where a harmonic is noise, so is every torque reckoned from it, and whatever multiplies such a torque (a gain, a
-    scale, a damping) would be fitted to the noise.
+    Where one of them is noise, so is every torque reckoned from it, and whatever multiplies such a torque (a gain, a
+    scale, a damping, a moment of inertia) would be fitted to the noise. An inertia would come out too small by the share
+    of the noise in the mean square of the accelerations (errors in variables), and the scale of everything with it.
     """
     v, n = windows.noise, windows.samples
     modulation = np.array([[_MEAN[j + k] for k in range(_MODULATION)] for j in range(_MODULATION)])
@@ -236,8 +237,13 @@ def without_noise(windows: Windows) -> Windows:
     def above(amplitude: Any, noise: Array) -> Any:
         return np.where(np.abs(amplitude) > _CLEAR * noise / np.sqrt(n), amplitude, 0.0)
 
+    rise = windows.mean_spin_acceleration * windows.duration
+    noisy = rise**2 < (_CLEAR * windows.duration) ** 2 * windows.spin_acceleration_variance
+    spin = windows.spin.copy()
+    spin[:, 1] -= 0.5 * np.where(noisy, rise, 0.0)
     return replace(
         windows,
+        spin=spin,
         tilt_harmonics=kept(windows.tilt_harmonics, v("tilt_noise")),
         # of a real reading both signs of a harmonic share the noise
         current_harmonics=kept(windows.current_harmonics, math.sqrt(0.5) * v("motor_current_noise")),

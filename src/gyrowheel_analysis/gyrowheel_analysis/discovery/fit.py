@@ -45,7 +45,7 @@ NUISANCE_GROUPS = (
 #: What counts as within the stated uncertainty of a parameter [standard uncertainties].
 STATED_RANGE = 3.0
 _KEPT_STATES = 6
-_FAR = 3.0  # stated uncertainties after which the derivatives by the bench parameters are taken anew
+_FAR = 5.0  # stated uncertainties after which the derivatives by the bench parameters are taken anew
 _BOLD_STEPS = 3
 _WORTH = 5.0  # gain in chi-squared that a step must promise to be followed uphill
 _HELD = 1.0e4  # inverse prior deviation of an unknown that is not to move

@@ -219,6 +219,7 @@ def search(problem: Problem, selection: Selection, *, progress: Progress | None 
             for f in selection.findings
         ]
     cancels = cancelling(problem, selection.best)
+    beside = {term.name: gain for gain, term in rank(problem, selection.best, family)}
     best: Proposal | None = None
     for start in starts:
         needed = UNKNOWN
@@ -226,7 +227,9 @@ def search(problem: Problem, selection: Selection, *, progress: Progress | None 
             needed = _IN_PLACE_OF_SEVERAL
         if cancels and start is not selection.best:
             needed = -_AS_LIKELY
-        for gain, term in _foremost(rank(problem, start, family)):
+        # in the place of an effect a form cannot explain more than beside it
+        able = [t for t in family if needed < UNKNOWN or _worth(problem, beside.get(t.name, 0.0))]
+        for gain, term in _foremost(rank(problem, start, able)):
             if _hopeless(problem, selection.best, start, gain):
                 continue
             fit = problem.fit((*start.terms, term), start)
@@ -240,12 +243,21 @@ def _hopeless(problem: Problem, best: Fit, start: Fit, gain: float) -> bool:
     """Whether the linear gain in chi-squared of a form beside `start` rules it out before it is fitted.
 
     Its exponents and edges are still to be fitted, which gives it a part of what `start` lacks beside the best fit.
-    What an enlarged drift covers counts more once the form explains it, so that chi-squared cannot be relied on then.
+    What an enlarged drift covers counts more once the form explains it, so that this cannot be relied on then.
     """
-    covered = max(problem.noise.scales.values(), default=1.0) ** 2
-    if covered * gain < _PROMISING:
+    if not _worth(problem, gain):
         return True
-    return covered < _COVERING and gain < (1.0 - _BY_SHAPE) * (start.chi2 - best.chi2)
+    return _covered(problem) < _COVERING and gain < (1.0 - _BY_SHAPE) * (start.chi2 - best.chi2)
+
+
+def _worth(problem: Problem, gain: float) -> bool:
+    """Whether a linear gain in chi-squared promises enough to fit a form."""
+    return _covered(problem) * gain >= _PROMISING
+
+
+def _covered(problem: Problem) -> float:
+    """Return by how much the enlarged drifts may have made a gain in chi-squared smaller."""
+    return max(problem.noise.scales.values(), default=1.0) ** 2
 
 
 def _foremost(ranked: Sequence[tuple[float, Term]]) -> list[tuple[float, Term]]:
