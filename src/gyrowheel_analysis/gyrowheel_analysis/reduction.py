@@ -36,6 +36,7 @@ _SPEED_CHANGE = 2.0  # rad/s; a change of speed beyond this gets SPIN_SETTLING
 _LONGEST = 2.0  # s; longer holds are split, so that drift within a window stays small
 _SHORTEST = 0.16  # s
 _MIN_REVOLUTIONS = 3
+_LEAST_TURN = 4.1  # revolutions of a part of a cone: four whole ones at least
 _ARC = 35.0 * DEG  # of a cone within one window
 _DEGREE = 5  # of the polynomials in time
 #: Terms of the polynomial of the spin angle in windows shorter than so many seconds: the short ones know the
@@ -116,6 +117,9 @@ class Windows:
         Their derivatives by the parameters of `MOTOR_THERMAL`.
     coil_harmonics : complex ndarray (n, 2)
         Amplitudes of exp(i h theta_z) in the coil voltages x + i y as they act between two samples, h in `FORWARD` [V].
+    harmonic_variance : ndarray (n, 2)
+        Variance of these, and of those of the tilt, over that of a mean: more than one where a window has so few
+        revolutions that harmonics and slow motion are hard to tell apart.
     spin_ripple, current_ripple, voltage_ripple : complex ndarray (n,)
         Amplitude of exp(i p theta_z) in spin rate [rad/s], motor current [A] and motor voltage [V]; p is the order of
         the motor's ripple.
@@ -152,6 +156,7 @@ class Windows:
     motor_temperature_rates: Array
     temperature_sensitivity: Array
     coil_harmonics: NDArray[np.complex128]
+    harmonic_variance: Array
     spin_ripple: NDArray[np.complex128]
     current_ripple: NDArray[np.complex128]
     voltage_ripple: NDArray[np.complex128]
@@ -222,8 +227,8 @@ def without_noise(windows: Windows) -> Windows:
     """Return the windows without those harmonics and accelerations that are not well above the noise of the readings.
 
     Where one of them is noise, so is every torque reckoned from it, and whatever multiplies such a torque (a gain, a
-    scale, a damping, a moment of inertia) would be fitted to the noise. An inertia would come out too small by the share
-    of the noise in the mean square of the accelerations (errors in variables), and the scale of everything with it.
+    scale, a damping, a moment of inertia) would be fitted to the noise. An inertia would come out too small by the
+    share of the noise in the mean square of the accelerations (errors in variables), and all other scales with it.
     """
     v, n = windows.noise, windows.samples
     modulation = np.array([[_MEAN[j + k] for k in range(_MODULATION)] for j in range(_MODULATION)])
@@ -369,9 +374,7 @@ def reduce(data: Samples, bench: Bench) -> Windows:
                 continue
             last = float(np.median(data.values[inside, 3][-max(int(inside.sum()) // 10, 1) :]))
             # short enough that the cone bends little, long enough for whole revolutions
-            longest = min(
-                _LONGEST, max(_ARC / turn, _SHORTEST, (_MIN_REVOLUTIONS + 1) * 2.0 * math.pi / speed)
-            )
+            longest = min(_LONGEST, max(_ARC / turn, _SHORTEST, _LEAST_TURN * 2.0 * math.pi / speed))
         count = (
             max(math.floor((stop - start) / longest), 1)
             if turn
@@ -403,6 +406,7 @@ def reduce(data: Samples, bench: Bench) -> Windows:
             "spin": (0, _DEGREE),
             "current_harmonics": harmonics,
             "coil_harmonics": (0, len(FORWARD)),
+            "harmonic_variance": (0, len(FORWARD)),
             "motor_temperatures": (0, 2),
             "motor_temperature_rates": (0, 2),
             "temperature_sensitivity": (0, 2, len(MOTOR_THERMAL)),
@@ -619,7 +623,10 @@ def _window(
     means = readings.mean(axis=0)
     air = slow.mean(axis=0)
     speed = float(means[3].real)
-    coils = fit[2, degree:].reshape(modulation)[[HARMONICS.index(order) for order in FORWARD]]
+    forward = [HARMONICS.index(order) for order in FORWARD]
+    coils = fit[2, degree:].reshape(modulation)[forward]
+    places = [slice(degree + k * _MODULATION, degree + (k + 1) * _MODULATION) for k in forward]
+    mean = _MEAN[:_MODULATION]
     held = _held(np.array(FORWARD), speed * h)
     return {
         "unsettled": unsettled,
@@ -642,7 +649,8 @@ def _window(
         "motor_temperatures": _at(heat[0], heat[1], 0.5 * (begin + end)),
         "motor_temperature_rates": (_at(heat[0], heat[1], end) - _at(heat[0], heat[1], begin)) / duration,
         "temperature_sensitivity": _at(heat[0], heat[2], 0.5 * (begin + end)),
-        "coil_harmonics": coils @ _MEAN[:_MODULATION] * held,
+        "coil_harmonics": coils @ mean * held,
+        "harmonic_variance": np.array([len(time) * (mean @ gram[k, k].real @ mean) for k in places]),
         "spin_ripple": ripple[0],
         "current_ripple": ripple[1],
         "voltage_ripple": ripple[2] * _held(bench.value("motor_ripple_order"), speed * h),
@@ -815,6 +823,7 @@ def planned_windows(plan: Plan, bench: Bench) -> Windows:
                     "motor_temperature_rates": np.zeros(2),
                     "temperature_sensitivity": np.zeros((2, len(MOTOR_THERMAL))),
                     "coil_harmonics": np.zeros(len(FORWARD), dtype=complex),
+                    "harmonic_variance": np.ones(len(FORWARD)),
                     "spin_ripple": 0.0j,
                     "current_ripple": 0.0j,
                     "voltage_ripple": 0.0j,

@@ -199,9 +199,10 @@ def _harmonic(balance: Balance, bench: Bench, predicted: Array, name: str) -> Ar
         inertia = v("rotor_inertia_x") + 0.5 * v("gimbal_inertia_x")
         stiffness = 0.5 * (v("flexure_stiffness_x") + v("flexure_stiffness_y"))
         stiff = np.abs(stiffness + (order * bench.precession_inertia - order**2 * inertia) * spin**2)
-        white = (
-            (v("coil_constant") * w.noise("coil_voltage_noise")) ** 2 + (stiff * w.noise("tilt_noise")) ** 2
-        ) / w.samples
+        white = (v("coil_constant") * w.noise("coil_voltage_noise")) ** 2 + (
+            stiff * w.noise("tilt_noise")
+        ) ** 2
+        white = white * w.harmonic_variance[:, FORWARD.index(order)] / w.samples
         x = TURNING_CHANNELS[2 * (order - 1)], TURNING_CHANNELS[2 * (order - 1) + 1]
         size = np.hypot(*(predicted[balance.channel(own)] for own in x))
         return np.asarray(white + (scale * MODEL_ABSOLUTE) ** 2 + (MODEL_RELATIVE * size) ** 2)
