@@ -187,6 +187,16 @@ def test_a_wrong_bench_parameter_is_a_finding_of_its_own_name(tmp_path: Path) ->
     assert abs(estimate.value - 0.2) < 4.0 * max(estimate.standard_error, 0.005)
 
 
+def test_a_very_different_rotor_is_one_finding(tmp_path: Path) -> None:
+    """Its torques twice a revolution are noisier than those of the stated one, which nearly cancel."""
+    machine = hidden_machine(21, {})
+    values = {**machine.values, "rotor_inertia_z": 0.68 * BENCH.value("rotor_inertia_z")}
+    found = diagnose([record(tmp_path, "fit", type(machine)(values, {}, 21), "quick")], Model.new())
+    assert (found.verdict, named(found)) == ("effect", {"rotor_inertia_error"})
+    estimate = found.effects[0].coefficients["relative_error"]
+    assert abs(estimate.value + 0.32) < 4.0 * max(estimate.standard_error, 0.005)
+
+
 @pytest.mark.parametrize(
     "truth",
     [

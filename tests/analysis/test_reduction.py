@@ -8,13 +8,27 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gyrowheel_analysis.pipeline import samples_of
+from gyrowheel_analysis.balance import Balance
+from gyrowheel_analysis.model import Model
+from gyrowheel_analysis.pipeline import prepare, samples_of
 from gyrowheel_analysis.reduction import READING_NOISES, Samples, Windows, reading_noise, reduce
+from gyrowheel_control.controller import Gains
+from gyrowheel_control.plans import Plan
 from gyrowheel_sim.scenario import Scenario
 
 from .machines import BENCH, hidden_machine, record
 
 STATED = np.array([BENCH.value(name) for name in READING_NOISES])
+CONES = """\
+schema: 1
+name: cones
+hold_s: 1.0
+segments:
+  - {spin_rpm: 1500, tilt_deg: [[1.5, 0], [0, 0]]}
+  - {spin_rpm: 1500, cone_radius_deg: 1.5, cone_period_s: 1.0, cone_turns: 8}
+  - {spin_rpm: 3500, tilt_deg: [[1.5, 0], [0, 0]]}
+  - {spin_rpm: 3500, cone_radius_deg: 1.5, cone_period_s: 1.0, cone_turns: 8}
+"""
 #: What the controller makes of the tilt's noise hides that of the coils' voltages.
 JUDGED = [name != "coil_voltage_noise" for name in READING_NOISES]
 
@@ -104,3 +118,51 @@ def test_a_supply_that_fails_is_noticed(samples: Samples, windows: Windows) -> N
     values[:, 7] += 0.5 * np.where(np.arange(len(values)) % 2, 1.0, -1.0)
     holds = int(np.sum(windows.duration > 0.9))
     assert len(reduce(replace(samples, values=values), BENCH)) < holds / 4
+
+
+def test_parts_of_a_cone_have_whole_revolutions_at_the_final_speed(tmp_path: Path) -> None:
+    gains = Gains(spin_proportional=3.0, spin_integral=20.0)  # which overshoots
+    data = samples_of(record(tmp_path, "run", hidden_machine(5, {}), Plan.load(CONES), gains=gains))
+    found = reduce(data, BENCH)
+    cones = found.select(found.moving)
+    slow, fast = 1500.0 * 2.0 * np.pi / 60.0, 3500.0 * 2.0 * np.pi / 60.0
+    assert np.all(np.minimum(abs(cones.mean_spin / slow - 1.0), abs(cones.mean_spin / fast - 1.0)) < 0.011)
+    for speed in (slow, fast):
+        own = cones.select(abs(cones.mean_spin / speed - 1.0) < 0.02)
+        assert len(own) > 10
+        assert np.all(own.mean_spin * own.duration / (2.0 * np.pi) > 3.9)
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_bench_parameters_come_out_right_from_noisy_cones(seed: int, tmp_path: Path) -> None:
+    machine = noisier(hidden_machine(seed, {}), 4.0)
+    problem = prepare([record(tmp_path, "run", machine, Plan.load(CONES))], Model.new()).problem
+    problem.estimate_noise()
+    fit = problem.fit(())
+    for k, (name, (first, *_)) in enumerate(problem.nuisances):
+        truth = (machine.values.get(first.name, first.value) - first.value) / first.uncertainty
+        assert abs(fit.nuisance[k] - truth) < 4.0 * np.sqrt(fit.covariance[k, k]), name
+
+
+def test_no_parameter_multiplies_the_noise_of_an_acceleration(tmp_path: Path) -> None:
+    """Errors in variables would make the moment of inertia come out too small."""
+    data = samples_of(record(tmp_path, "run", hidden_machine(5, {}), Plan.load(CONES)))
+    windows = reduce(data, BENCH)
+    windows = windows.select(windows.moving)
+    noise = np.sqrt(windows.spin_acceleration_variance)
+    spin = windows.spin.copy()
+    spin[:, 1] += 0.5 * windows.duration * noise
+    assert np.sum(np.abs(windows.mean_spin_acceleration) < 9.0 * noise) > 0.9 * len(windows)
+    quiet = np.abs(windows.mean_spin_acceleration) < 9.0 * noise
+    stated = BENCH.values()
+    other = {**stated, "rotor_inertia_z": 1.1 * stated["rotor_inertia_z"]}
+    rows, residuals = [], []
+    for own in (windows, replace(windows, spin=spin)):
+        balance = Balance(own, BENCH)
+        spin_rows = balance.channel("spin")
+        predicted = balance.predicted(stated, [])
+        rows.append((balance.predicted(other, []) - predicted)[spin_rows][quiet])
+        residuals.append((balance.measured - predicted)[spin_rows][quiet])
+    torque = (BENCH.axial_inertia * noise)[quiet]
+    assert np.abs(rows[1] - rows[0]) == pytest.approx(0.0, abs=1.0e-3 * torque.max())
+    assert residuals[0] - residuals[1] == pytest.approx(torque, rel=0.02)  # it stays in what was measured

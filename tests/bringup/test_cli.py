@@ -292,7 +292,7 @@ def assert_shape(value: object, shape: object, place: str = "") -> None:
 def test_compare(gyrowheel: Shell, wheel: Wheel):
     shown = gyrowheel.good("compare", wheel.recording, "--model", wheel.model)
     assert "Where it fails" in shown.out
-    assert all(len(line) <= 80 for line in shown.out.splitlines())
+    assert all(len(line) <= 80 and not line.endswith(" ") for line in shown.out.splitlines())
     result = gyrowheel.good("compare", wheel.recording, "--model", wheel.model, "--json", "-").json
     metrics = dict.fromkeys(
         ["rms", "fit_percent", "theil", "theil_bias", "theil_variance", "theil_covariance"], float
