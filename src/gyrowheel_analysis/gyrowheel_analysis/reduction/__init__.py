@@ -6,23 +6,13 @@ turn with the tilt), the smooth spin rate, and the harmonics of the motor's curr
 means, which leaves their noise simple.
 """
 
-from gyrowheel_analysis.reduction.windows import (
-    FORWARD,
-    HARMONICS,
-    MOTOR_THERMAL,
-    READING_NOISES,
-    SETTLING,
-    SPIN_SETTLING,
-    Samples,
-    Windows,
-    concatenate,
-    motor_temperatures,
-    planned_windows,
-    reading_noise,
-    reduce,
-    steady_spans,
-    without_noise,
-)
+from gyrowheel_analysis.reduction.motor_heat import MOTOR_THERMAL, motor_temperatures
+from gyrowheel_analysis.reduction.planned import planned_windows
+from gyrowheel_analysis.reduction.readings import READING_NOISES, reading_noise
+from gyrowheel_analysis.reduction.recorded import reduce
+from gyrowheel_analysis.reduction.samples import Samples
+from gyrowheel_analysis.reduction.spans import SETTLING, SPIN_SETTLING, steady_spans
+from gyrowheel_analysis.reduction.windows import FORWARD, HARMONICS, Windows, concatenate, without_noise
 
 __all__ = [
     "FORWARD",

@@ -1,0 +1,142 @@
+"""What is wrong with single readings: their white noise, the ends of their ranges, and spikes."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal.windows import blackmanharris
+
+from gyrowheel_analysis.reduction.samples import Array, Samples
+from gyrowheel_sim.bench import Bench
+
+#: What the noise of the readings is called in the bench file, in the order of `Windows.reading_noise`.
+READING_NOISES = (
+    "tilt_noise",
+    "spin_angle_noise",
+    "spin_rate_noise",
+    "coil_voltage_noise",
+    "motor_voltage_noise",
+    "motor_current_noise",
+)
+_NOISE_BLOCKS = (256, 64)  # samples; the short ones where many samples are lost
+_MOST_BLOCKS = 400
+_FEWEST_BLOCKS = 20
+_NOISE_BAND = (0.4, 0.97)  # of half the sampling rate: above every motion, below what a filter may cut away
+_NOISE_RANGE = (0.5, 50.0)  # times the stated noise that is believed
+_SPIKE = 8.0  # robust standard deviations
+_MOST_SPIKES = 0.02  # of the samples; more of them are no spikes
+_SPIKE_ROUNDS = 12
+
+
+def reading_noise(data: Samples, bench: Bench) -> Array:
+    """Return the standard deviation of the white noise of the readings of `READING_NOISES` [SI], (6,).
+
+    It is that of the upper part of the spectrum, where nothing moves; the median there passes over lines, as those of
+    the motor's ripple. What the controller makes of its readings reaches up to there in the coils' voltages, so that
+    the stated noise is kept for these; so it is where too many samples are lost, or the spectrum is empty.
+    """
+    stated = np.array([bench.value(name) for name in READING_NOISES])
+    columns = [(0, 1), (2,), (3,), (), (6,), (7,)]
+    wanted = sorted({c for group in columns for c in group})
+    whole = np.flatnonzero(np.abs(np.diff(data.time) - bench.sample_period) > 0.5 * bench.sample_period) + 1
+    edges = np.r_[0, whole, len(data.time)]
+    for block in _NOISE_BLOCKS:
+        starts = np.concatenate(
+            [np.arange(a, b - block + 1, block) for a, b in itertools.pairwise(edges)] or [np.zeros(0, int)]
+        ).astype(np.int64)
+        if len(starts) >= _FEWEST_BLOCKS:
+            break
+    else:
+        return stated
+    starts = starts[np.linspace(0, len(starts) - 1, min(len(starts), _MOST_BLOCKS)).astype(np.int64)]
+    values = data.values[starts[:, None] + np.arange(block)][:, :, wanted]
+    values[:, :, wanted.index(2)] = np.unwrap(values[:, :, wanted.index(2)], axis=1)
+    x = np.linspace(-1.0, 1.0, block)
+    basis, _ = np.linalg.qr(x[:, None] ** np.arange(3))
+    values = values - basis @ (basis.T @ values)
+    window = blackmanharris(block, sym=False)
+    power = np.abs(np.fft.rfft(values * window[:, None], axis=1)) ** 2 / np.sum(window**2)
+    low, high = (round(edge * block / 2) for edge in _NOISE_BAND)
+    level = np.median(np.median(power[:, low:high], axis=1), axis=0) / math.log(2.0)
+    found = [np.sqrt(np.mean([level[wanted.index(c)] for c in group])) if group else 0.0 for group in columns]
+    return np.array(
+        [
+            own if ratio == 0.0 else own * min(max(ratio, _NOISE_RANGE[0]), _NOISE_RANGE[1])
+            for own, ratio in zip(stated, np.array(found) / stated, strict=True)
+        ]
+    )
+
+
+def clipped_readings(data: Samples) -> NDArray[np.bool_]:
+    """Return where a reading of tilt, speed or current stands at the end of its range, as a clipped one does."""
+    result = np.zeros(len(data.time), dtype=bool)
+    if not len(data.time):
+        return result
+    for column in (0, 1, 3, 7):
+        values = data.values[:, column]
+        for end in (values.min(), values.max()):
+            at = values == end
+            # noise reaches its extreme once; a reading without any noise stands anywhere for long
+            if at.sum() > 20 and not _quantised(values):
+                result |= at
+    return result
+
+
+def _quantised(values: Array) -> bool:
+    """Whether a reading takes so few values that it reaches its extreme often without being clipped."""
+    some = values[:: max(len(values) // 5000, 1)]
+    return len(np.unique(some)) < 0.2 * len(some)
+
+
+def despiked(readings: Any, design: Any, gram: Any) -> tuple[Any, Any]:
+    """Fit columns of readings (n, columns) without their spikes.
+
+    Returns
+    -------
+    readings : ndarray (n, columns)
+        With each spike replaced by what the fit to all the others says there.
+    fit : ndarray (columns, terms)
+        Coefficients of the columns of `design`.
+    """
+    across = design.conj().T
+    fit = (gram @ (across @ readings)).T
+    found = np.zeros(readings.shape, dtype=bool)
+    # a spike pulls the fit, which hides the smaller ones until it is gone
+    for _ in range(_SPIKE_ROUNDS):
+        left = readings - design @ fit.T
+        more = _spikes(left) & ~found
+        more &= (found | more).mean(axis=0) <= _MOST_SPIKES
+        if not more.any():
+            break
+        found |= more
+        readings = readings.copy()
+        for column in np.flatnonzero(more.any(axis=0)):
+            rows = np.flatnonzero(found[:, column])
+            own = design[rows]
+            pulled = np.eye(len(rows)) - own @ gram @ own.conj().T
+            beyond = np.linalg.lstsq(pulled, left[rows, column], rcond=None)[0]
+            readings[rows, column] -= beyond if np.iscomplexobj(readings) else beyond.real
+        fit = (gram @ (across @ readings)).T
+    return readings, fit
+
+
+def _spikes(left: Any) -> NDArray[np.bool_]:
+    """Return which residuals (n, columns) stand alone, far above all others; none in a column with many of them."""
+    size = np.abs(left)
+    if not len(size):
+        return np.zeros(size.shape, dtype=bool)
+    # the median of the absolute value of a Gaussian number, real or complex
+    scale = np.median(size, axis=0) / np.where(np.any(left.imag, axis=0), 1.1774, 0.6745)
+    # beside the largest ones, which pull a fit towards them so that their neighbours seem to be far off too
+    far = size > np.maximum(_SPIKE * scale, 0.3 * size.max(axis=0))
+    return np.asarray(far & (far.mean(axis=0) <= _MOST_SPIKES) & (scale > 0.0))
+
+
+def without_spikes(values: Array) -> Array:
+    """Return readings that hardly change (n, columns) with their spikes replaced by the median."""
+    middle = np.median(values, axis=0)
+    return np.where(_spikes(values - middle), middle, values)

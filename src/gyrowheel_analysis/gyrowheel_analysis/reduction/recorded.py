@@ -1,0 +1,96 @@
+"""The windows of a recording."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from gyrowheel_analysis.reduction.motor_heat import MOTOR_THERMAL, motor_temperatures
+from gyrowheel_analysis.reduction.readings import READING_NOISES, clipped_readings, reading_noise
+from gyrowheel_analysis.reduction.samples import Samples
+from gyrowheel_analysis.reduction.spans import ARC, LONGEST, SHORTEST, steady_spans, window_count
+from gyrowheel_analysis.reduction.window_fit import fit_window
+from gyrowheel_analysis.reduction.windows import DEGREE, FORWARD, HARMONICS, MEAN, MODULATION, RISE, Windows
+from gyrowheel_sim.bench import Bench
+
+_LEAST_TURN = 4.1  # revolutions of a part of a cone: four whole ones at least
+#: A window of a cone in which the speed changes faster than so [rad/s^2], or is farther from the last one, is left out.
+_CONE_DRIFT, _CONE_OFF = 2.0, 0.01
+_SETTLES_BY = 0.2  # s; by so much later a window begins if its motion has not settled
+
+
+def reduce(data: Samples, bench: Bench) -> Windows:
+    """Reduce a recording to windows of whole revolutions.
+
+    Parameters
+    ----------
+    data : Samples
+        The recording's columns.
+    bench : Bench
+        Gives the noise of the readings.
+
+    Returns
+    -------
+    Windows
+        In time order; empty if the recording has no steady motion.
+    """
+    h = bench.sample_period
+    rows: list[dict[str, Any]] = []
+    noise = reading_noise(data, bench)
+    clipped = clipped_readings(data)
+    heat = motor_temperatures(data, bench)
+    for start, stop, segment, turn in steady_spans(data):
+        longest, last = LONGEST, 0.0
+        if turn > 0.0:
+            inside = (data.time >= start) & (data.time < stop)
+            speed = float(np.median(data.values[inside, 3])) if inside.any() else math.nan
+            if not speed > 0.0:
+                continue
+            last = float(np.median(data.values[inside, 3][-max(int(inside.sum()) // 10, 1) :]))
+            # short enough that the cone bends little, long enough for whole revolutions
+            longest = min(LONGEST, max(ARC / turn, SHORTEST, _LEAST_TURN * 2.0 * math.pi / speed))
+        count = window_count(stop - start, longest, cone=bool(turn))
+        edges = np.linspace(start, stop, count + 1)
+        for a, b in itertools.pairwise(edges):
+            row = None
+            while row is None and b - a >= SHORTEST:
+                i, j = (int(k) for k in np.searchsorted(data.time, (a - 1e-9, b - 1e-9)))
+                if clipped[i:j].any():
+                    break
+                row = fit_window(data, i, j, h, bench, heat, noise)
+                if turn and row is not None and not _at_speed(row, last, b - a):
+                    row = None
+                if turn or row is None or not row.pop("unsettled"):
+                    break
+                row, a = None, a + _SETTLES_BY
+            if row is not None and not row.pop("unsettled", False):
+                row["segment"] = segment
+                rows.append(row)
+    names = [item.name for item in fields(Windows)]
+    columns = {name: np.array([row[name] for row in rows]) for name in names}
+    if not rows:
+        harmonics = (0, len(HARMONICS), MODULATION)
+        shapes: dict[str, Any] = {
+            "tilt": (0, DEGREE + 1),
+            "tilt_harmonics": harmonics,
+            "spin": (0, DEGREE),
+            "current_harmonics": harmonics,
+            "coil_harmonics": (0, len(FORWARD)),
+            "harmonic_variance": (0, len(FORWARD)),
+            "motor_temperatures": (0, 2),
+            "motor_temperature_rates": (0, 2),
+            "temperature_sensitivity": (0, 2, len(MOTOR_THERMAL)),
+            "reading_noise": (0, len(READING_NOISES)),
+        }
+        columns = {name: np.zeros(shapes.get(name, 0)) for name in names}
+    return Windows(**columns)
+
+
+def _at_speed(row: dict[str, Any], last: float, length: float) -> bool:
+    """Whether the rotor has come to the speed of a cone: it neither changes nor is it at a turning point."""
+    change, mean = row["spin"] @ RISE[:DEGREE], row["spin"] @ MEAN[:DEGREE]
+    return abs(change) <= _CONE_DRIFT * length and abs(mean - last) <= _CONE_OFF * last

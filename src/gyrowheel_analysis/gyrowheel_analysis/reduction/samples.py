@@ -1,0 +1,39 @@
+"""The columns of a recording from which windows are made."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel_sim.environment import Environment
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Samples:
+    """The columns of a recording that the reduction needs.
+
+    Attributes
+    ----------
+    time : ndarray (n,)
+        Sampling instants [s].
+    values : ndarray (n, 11)
+        Readings, columns as in the Measurement message [SI].
+    setpoint_time : ndarray (m,)
+        Times of the setpoints [s]; empty if there are none.
+    setpoint : structured ndarray (m,)
+        Setpoints with fields ``segment``, ``phase``, ``tilt_rate_x``, ``tilt_rate_y``, ``spin_acceleration``.
+    environment : sequence of Environment
+        Known changes of the environment.
+    """
+
+    time: Array
+    values: Array
+    setpoint_time: Array
+    setpoint: Any
+    environment: Sequence[Environment] = ()

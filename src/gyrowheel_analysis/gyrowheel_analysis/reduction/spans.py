@@ -1,0 +1,84 @@
+"""Which parts of a recording are steady motion, and into how long windows these are cut."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from gyrowheel_analysis.reduction.samples import Samples
+from gyrowheel_control.plans import HOLD
+from gyrowheel_sim.units import DEG
+
+#: Time given to the loops to settle at the start of a steady motion [s]; the spin loop is the slower one.
+SETTLING = 0.5
+SPIN_SETTLING = 1.0
+SPEED_CHANGE = 2.0  # rad/s; a change of speed beyond this gets SPIN_SETTLING
+#: On a cone the windows are too short to follow the spin loop: after a change of speed it gets so much longer [s].
+CONE_SETTLING = 0.5
+LONGEST = 2.0  # s; longer holds are split, so that drift within a window stays small
+SHORTEST = 0.16  # s
+FEWEST_REVOLUTIONS = 3  # of a window
+ARC = 35.0 * DEG  # of a cone within one window
+
+
+def steady_spans(data: Samples) -> list[tuple[float, float, int, float]]:
+    """Return the steady motions as (start, stop [s], segment, rate of the tilt's direction [rad/s]).
+
+    They are taken from the setpoints where there are any, else found in the motion itself.
+    """
+    if len(data.setpoint_time):
+        return _spans_from_setpoints(data)
+    return _spans_from_motion(data)
+
+
+def _spans_from_setpoints(data: Samples) -> list[tuple[float, float, int, float]]:
+    sp, time = data.setpoint, data.setpoint_time
+    step = float(np.median(np.diff(time))) if len(time) > 1 else 0.005
+    key = sp["segment"].astype(np.int64) * 2 + (sp["phase"] == HOLD)
+    edges = np.flatnonzero(np.diff(key)) + 1
+    spans = []
+    for a, b in zip(np.r_[0, edges], np.r_[edges, len(key)], strict=True):
+        if sp["phase"][a] != HOLD:
+            continue
+        changed = (
+            a > 0 and abs(sp["spin_rate"][a] - sp["spin_rate"][max(a - round(0.5 / step), 0)]) > SPEED_CHANGE
+        )
+        settling = SPIN_SETTLING if changed else SETTLING
+        speed = math.hypot(sp["tilt_rate_x"][a], sp["tilt_rate_y"][a])
+        radius = math.hypot(sp["tilt_x"][a], sp["tilt_y"][a])
+        turn = speed / radius if radius > 0.0 else 0.0
+        if changed and turn > 0.0:
+            settling += CONE_SETTLING
+        spans.append((float(time[a]) + settling, float(time[b - 1]) + step, int(sp["segment"][a]), turn))
+    return spans
+
+
+def _spans_from_motion(data: Samples) -> list[tuple[float, float, int, float]]:
+    """Find steady motion by itself: the tilt rate and the spin acceleration change little over 0.25 s."""
+    h = float(np.median(np.diff(data.time)))
+    block = max(round(0.05 / h), 1)
+    n = len(data.time) // block
+    if n < 10:
+        return []
+    time = data.time[: n * block].reshape(n, block).mean(axis=1)
+    means = data.values[: n * block].reshape(n, block, -1).mean(axis=1)
+    tilt, spin = means[:, 0] + 1j * means[:, 1], means[:, 3]
+    rate = np.gradient(tilt, time)
+    bend = np.abs(np.gradient(rate, time))
+    jerk = np.abs(np.gradient(np.gradient(spin, time), time))
+    # a cone of 4 deg in 2.5 s bends by 25 deg/s^2; the corners of a ramp by several hundred
+    calm = (bend < 0.6 * np.maximum(np.abs(rate) * 4.0, 0.05)) & (jerk < 15.0)
+    calm = np.convolve(calm, np.ones(5), mode="same") >= 5
+    edges = np.flatnonzero(np.diff(np.r_[0, calm.astype(int), 0]))
+    spans = []
+    for a, b in zip(edges[::2], edges[1::2], strict=True):
+        speed, radius = float(np.median(np.abs(rate[a:b]))), float(np.median(np.abs(tilt[a:b])))
+        turn = speed / radius if speed > 0.5 * DEG and radius > 0.2 * DEG else 0.0
+        spans.append((float(time[a]) + 0.5 * SETTLING, float(time[b - 1]), -1, turn))
+    return spans
+
+
+def window_count(length: float, longest: float, *, cone: bool) -> int:
+    """Return into how many windows to cut a motion: not shorter than `longest` [s] on a cone, else not longer."""
+    return max(math.floor(length / longest) if cone else math.ceil(length / longest - 1e-6), 1)

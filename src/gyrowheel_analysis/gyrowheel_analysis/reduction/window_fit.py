@@ -1,0 +1,206 @@
+"""One window: the polynomials and harmonics that describe its samples, and whether the motion in it has settled."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel_analysis.reduction.motor_heat import interpolated
+from gyrowheel_analysis.reduction.readings import READING_NOISES, despiked, without_spikes
+from gyrowheel_analysis.reduction.samples import Array, Samples
+from gyrowheel_analysis.reduction.spans import FEWEST_REVOLUTIONS, SHORTEST
+from gyrowheel_analysis.reduction.windows import DEGREE, FORWARD, HARMONICS, MEAN, MODULATION, RISE, attitude
+from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.environment import Environment
+
+#: Terms of the polynomial of the spin angle in windows shorter than so many seconds: the short ones know the
+#: acceleration far better by a cubic, the long ones hold what the spin loop does after every change of the tilt.
+_SPIN_TERMS = ((0.5, 4), (1.0, 8), (math.inf, 12))
+#: Mean square, in its noise, of four more terms of the polynomials: beyond it the motion is not settled.
+_UNSETTLED_TILT, _UNSETTLED_ANGLE = 10.0, 20.0
+_FURTHER = 4
+#: What a window leaves of the motor's current beside harmonics and ripple, in its noise: beyond it something goes on
+#: that averages do not describe, as a supply that fails.
+_RESTLESS = 30.0
+#: From a Legendre series of `DEGREE` terms to powers of x.
+_TO_POWERS = np.zeros((DEGREE, DEGREE))
+for _term in range(DEGREE):
+    _TO_POWERS[: _term + 1, _term] = np.polynomial.legendre.leg2poly(np.eye(DEGREE)[_term])[: _term + 1]
+
+
+def spin_terms(duration: float) -> int:
+    """Return how many terms the polynomial of the spin angle has in a window that lasts `duration` [s]."""
+    return next(terms for length, terms in _SPIN_TERMS if duration <= length)
+
+
+def fit_window(
+    data: Samples,
+    i: int,
+    j: int,
+    h: float,
+    bench: Bench,
+    heat: tuple[Array, Array, Array],
+    noise: Array,
+) -> dict[str, Any] | None:
+    """Reduce samples i .. j-1, shortened to whole revolutions.
+
+    Parameters
+    ----------
+    data : Samples
+        The recording.
+    i, j : int
+        The samples of the window.
+    h : float
+        Sampling period [s].
+    bench : Bench
+        Gives the order of the motor's ripple.
+    heat : tuple of ndarray
+        What `motor_temperatures` returns.
+    noise : ndarray (6,)
+        What `reading_noise` returns.
+
+    Returns
+    -------
+    dict or None
+        The fields of `Windows` for this window but ``segment``, and ``unsettled``: whether the motion is beyond what
+        the polynomials can follow. None if there are too few samples or revolutions.
+    """
+    if j - i < 3 * FEWEST_REVOLUTIONS:
+        return None
+    angle = np.unwrap(data.values[i:j, 2])
+    turns = math.floor((angle[-1] - angle[0]) / (2.0 * math.pi))
+    if turns < FEWEST_REVOLUTIONS:
+        return None
+    # the last sample belongs to the interval before it, so n samples cover n periods
+    stop = int(np.searchsorted(angle, angle[0] + 2.0 * math.pi * turns - 0.5 * (angle[1] - angle[0])))
+    j, angle = i + stop, angle[:stop]
+    time, values = data.time[i:j], data.values[i:j]
+    if len(time) < 0.7 * (time[-1] - time[0]) / h or time[-1] - time[0] < 0.5 * SHORTEST:
+        return None  # too many samples lost
+    # a reading of a voltage is of the interval that ends with it
+    begin, end = float(time[0]) - h, float(time[-1])
+    duration = end - begin
+    x = (time - 0.5 * (begin + end)) / (0.5 * duration)
+    powers = x[:, None] ** np.arange(DEGREE + 1)
+    waves = (np.exp(1j * np.outer(angle, HARMONICS))[:, :, None] * powers[:, None, :MODULATION]).reshape(
+        len(x), -1
+    )
+    design = np.hstack([powers, waves])
+    degree = DEGREE + 1
+    # the smooth part of the speed comes from the angle, which knows its slope far better
+    readings = np.column_stack(
+        [
+            values[:, 0] + 1j * values[:, 1],
+            values[:, 7],
+            values[:, 4] + 1j * values[:, 5],
+            values[:, 3],
+            values[:, 6],
+        ]
+    )
+    gram = np.linalg.inv(design.conj().T @ design)
+    readings, fit = despiked(readings, design, gram)
+    left = readings - design @ fit.T
+    smooth = spin_terms(duration)
+    ripple = _ripple(left[:, (3, 1, 4)].real, angle, bench)
+    legendre = np.polynomial.legendre.legvander(x, smooth - 1)
+    turning = np.hstack([legendre, waves])
+    turning_gram = np.linalg.inv(turning.conj().T @ turning)
+    angles, turns_fit = despiked(angle[:, None], turning, turning_gram)
+    angle, turned = angles[:, 0].real, turns_fit[0]
+    tilt_noise, angle_noise, current_noise = (
+        noise[READING_NOISES.index(name)]
+        for name in ("tilt_noise", "spin_angle_noise", "motor_current_noise")
+    )
+    unsettled = (
+        _more(x, design, gram, left[:, 0], degree) > 2.0 * _UNSETTLED_TILT * tilt_noise**2
+        or _more(x, turning, turning_gram, angle - (turning @ turned).real, smooth)
+        > _UNSETTLED_ANGLE * angle_noise**2
+        or np.mean(np.abs(left[:, 1]) ** 2) - 2.0 * abs(ripple[1]) ** 2 > (_RESTLESS * current_noise) ** 2
+    )
+    modulation = (len(HARMONICS), MODULATION)
+    inverse = gram[:degree, :degree].real
+    rise = RISE / duration
+    # mean of the second derivative of the angle: difference of its slope, n (n + 1) / 2 at the end, between the ends
+    slope = np.array([k * (k + 1) * (1 - k % 2) for k in range(smooth)]) * 2.0 / duration**2
+    slow = without_spikes(values[:, 8:11])
+    warm = np.polynomial.polynomial.polyfit(x, slow[:, 0], 1)
+    last = [e for e in data.environment if e.time <= begin + 1e-6]
+    surroundings = last[-1] if last else Environment()
+    means = readings.mean(axis=0)
+    air = slow.mean(axis=0)
+    speed = float(means[3].real)
+    forward = [HARMONICS.index(order) for order in FORWARD]
+    coils = fit[2, degree:].reshape(modulation)[forward]
+    places = [slice(degree + k * MODULATION, degree + (k + 1) * MODULATION) for k in forward]
+    mean = MEAN[:MODULATION]
+    held = _held(np.array(FORWARD), speed * h)
+    heating = interpolated(heat[0], heat[1], end) - interpolated(heat[0], heat[1], begin)
+    return {
+        "unsettled": unsettled,
+        "start": begin,
+        "duration": duration,
+        "samples": float(len(time)),
+        "tilt": fit[0, :degree],
+        "tilt_harmonics": fit[0, degree:].reshape(modulation),
+        "spin": _shortened(np.asarray(np.polynomial.legendre.legder(turned[:smooth].real), dtype=np.float64))
+        * 2.0
+        / duration,
+        "current_harmonics": fit[1, degree:].reshape(modulation),
+        "coil_voltage": complex(means[2]),
+        "motor_voltage": float(means[4].real),
+        "motor_current": float(means[1].real),
+        "coil_temperature": air[0],
+        "coil_temperature_rate": warm[1] * 2.0 / duration,
+        "air_temperature": air[1],
+        "air_pressure": air[2],
+        "motor_temperatures": interpolated(heat[0], heat[1], 0.5 * (begin + end)),
+        "motor_temperature_rates": heating / duration,
+        "temperature_sensitivity": interpolated(heat[0], heat[2], 0.5 * (begin + end)),
+        "coil_harmonics": coils @ mean * held,
+        "harmonic_variance": np.array([len(time) * (mean @ gram[k, k].real @ mean) for k in places]),
+        "spin_ripple": ripple[0],
+        "current_ripple": ripple[1],
+        "voltage_ripple": ripple[2] * _held(bench.value("motor_ripple_order"), speed * h),
+        **attitude(surroundings),
+        "tilt_rate_variance": float(rise @ inverse @ rise) * tilt_noise**2,
+        "spin_acceleration_variance": float(slope @ turning_gram[:smooth, :smooth].real @ slope)
+        * angle_noise**2,
+        "reading_noise": noise,
+    }
+
+
+def _shortened(series: Array) -> Array:
+    """Return a Legendre series as the coefficients of a polynomial of `DEGREE` terms.
+
+    Mean, slope and the change from end to end are kept, so that the mean torque that accelerates the rotor is.
+    """
+    short = np.zeros(DEGREE)
+    short[: min(len(series), DEGREE)] = series[:DEGREE]
+    short[3] += series[DEGREE::2].sum()
+    return np.asarray(_TO_POWERS @ short)
+
+
+def _more(x: Array, design: Any, gram: Any, left: Any, degree: int) -> float:
+    """Return the mean square that each of four more terms of the polynomial would explain of what a fit leaves."""
+    further = np.polynomial.legendre.legvander(x, degree + _FURTHER - 1)[:, degree:].astype(complex)
+    further -= design @ (gram @ (design.conj().T @ further))
+    basis, _ = np.linalg.qr(further)
+    return float(np.sum(np.abs(basis.conj().T @ left) ** 2)) / _FURTHER
+
+
+def _held(order: Any, turn: float) -> Any:
+    """Return the factor from the amplitude of a sampled voltage to that of the voltage as it is held.
+
+    A sample is read at the end of the interval in which it acted; `turn` is the angle turned in an interval [rad].
+    """
+    half = 0.5 * order * turn
+    return np.exp(1j * half) * np.sinc(half / math.pi)
+
+
+def _ripple(left: Array, angle: Array, bench: Bench) -> NDArray[np.complex128]:
+    """Return the amplitudes of the motor's ripple in what the smooth part and the harmonics leave, by column."""
+    wave = np.exp(-1j * bench.value("motor_ripple_order") * angle)
+    return np.asarray(wave @ left / len(angle), dtype=np.complex128)
