@@ -1,0 +1,80 @@
+"""Writing recordings where something goes wrong: directories that exist, interruptions, a full disk."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+
+import mcap.records
+import pytest
+from mcap.exceptions import EndOfFile
+from mcap.stream_reader import StreamReader
+
+from gyrowheel_analysis.recording import Recording, RecordingWriter, write_run
+from gyrowheel_sim import topics, wire
+from gyrowheel_sim.errors import InputError
+
+from .recordings import assert_holds, measurements, record
+
+
+def test_existing_directories(tmp_path, run):
+    (tmp_path / "empty").mkdir()
+    assert_holds(Recording.open(write_run(tmp_path / "empty", **run)), run)
+    before = {file: file.read_bytes() for file in (tmp_path / "empty").iterdir()}
+    with pytest.raises(InputError, match="empty: exists; a recording needs a new directory"):
+        write_run(tmp_path / "empty", **run)
+    assert before == {file: file.read_bytes() for file in (tmp_path / "empty").iterdir()}
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="file: exists"):
+        RecordingWriter(tmp_path / "file")
+    with pytest.raises(InputError, match=r"cannot be written: Not a directory"):
+        RecordingWriter(tmp_path / "file" / "below")
+
+
+def test_interrupted_recording_does_not_look_complete(tmp_path):
+    def interrupted():
+        yield from measurements(100)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        record(tmp_path / "bag", interrupted())
+    assert not (tmp_path / "bag" / "metadata.yaml").exists()
+    for path in (tmp_path / "bag", tmp_path / "bag" / "bag_0.mcap"):
+        with pytest.raises(InputError, match="the recording was not completed"):
+            Recording.open(path)
+
+
+def test_whole_chunks_survive_a_killed_process(tmp_path):
+    """What is on the disk while the writer is still at it."""
+    writer = RecordingWriter(tmp_path / "bag", chunk_size=4096)
+    for data in measurements(1000):
+        writer.write(topics.MEASUREMENT, data, wire.stamp(data))
+    count = 0
+    with (tmp_path / "bag" / "bag_0.mcap").open("rb") as stream, contextlib.suppress(EndOfFile):
+        for item in StreamReader(stream).records:
+            count += isinstance(item, mcap.records.Message)
+    assert 1000 > count > 1000 - 4096 / 155 - 1
+    writer.close()
+    assert len(Recording.open(tmp_path / "bag").measurement) == 1000
+
+
+def test_nothing_is_left_of_a_run_that_cannot_be_written(tmp_path, run):
+    bad = {**run, "drag_estimates": [(-5, b"x")]}
+    with pytest.raises(ValueError, match="log times must ascend from 0"):
+        write_run(tmp_path / "new", **bad)
+    assert not (tmp_path / "new").exists()
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(ValueError, match="log times must ascend from 0"):
+        write_run(tmp_path / "empty", **bad)
+    assert list((tmp_path / "empty").iterdir()) == []
+
+
+def test_full_disk(tmp_path, run):
+    if not os.path.exists("/dev/full"):
+        pytest.skip("no /dev/full")
+    writer = RecordingWriter(tmp_path / "bag")
+    writer._mcap._file = open("/dev/full", "wb", buffering=0)  # noqa: SIM115
+    writer.write(topics.MEASUREMENT, measurements()[0], 0)
+    with pytest.raises(InputError, match="bag: cannot be written: No space left on device"):
+        writer.flush()
+    writer.abort()
