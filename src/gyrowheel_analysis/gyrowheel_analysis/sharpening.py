@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance import CHANNELS, Balance
 from gyrowheel_analysis.discovery.fit import ERRORS, Fit, Problem, Term
-from gyrowheel_analysis.discovery.planning import SEPARATING_PLANS
+from gyrowheel_analysis.discovery.planning import SEPARATING_PLANS, VARIED_PLANS
 from gyrowheel_analysis.discovery.verdict import Diagnosis, EffectFinding
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.pipeline import Progress, one_thread, prepare
@@ -103,7 +103,7 @@ def sharpening(
     fit = problem.fit(terms)
     now = _relative(fit, weakest.name, fit.covariance)
     tests = []
-    for plan in SEPARATING_PLANS:
+    for plan in (*SEPARATING_PLANS, *VARIED_PLANS):
         found = _with_plan(problem, fit, plan)
         if found is not None:
             covariance, minutes = found
@@ -130,8 +130,8 @@ def _relative(fit: Fit, term: str, covariance: NDArray[np.float64]) -> float:
 
 def _with_plan(problem: Problem, fit: Fit, name: str) -> tuple[NDArray[np.float64], float] | None:
     """Return the covariance that a plan, added to the recordings at hand, would leave, and its minutes."""
-    plan = Plan.load(name)
     try:
+        plan = Plan.load(name)
         plan.check(problem.bench)
     except InputError:
         return None  # this bench cannot run it

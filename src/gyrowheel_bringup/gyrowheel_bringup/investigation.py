@@ -291,7 +291,7 @@ def _next(
     ran = [name for step in done.steps for name in step.plans] + [plan.name for plan in now]
 
     def fresh(plan: str) -> bool:
-        return ran.count(plan) < MOST_RUNS
+        return ran.count(Plan.load(plan).name) < MOST_RUNS  # a variation has a name of its own
 
     if found.verdict == "ambiguous":
         test = found.next_test

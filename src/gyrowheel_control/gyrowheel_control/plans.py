@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from gyrowheel_control.variation import MARK, as_text, varied
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import Environment
 from gyrowheel_sim.errors import InputError
@@ -156,6 +157,8 @@ class Plan:
     def load(cls, source: str | Path) -> Plan:
         """Read a plan: a shipped name, the path of a plan file, or the YAML text of one.
 
+        A name or path may be followed by a variation, as ``survey@rig=inverted,spin_ratio=0.5`` (see `variation`).
+
         Raises
         ------
         InputError
@@ -164,6 +167,11 @@ class Plan:
         text = str(source)
         if "\n" in text:
             return cls._from_text(text, "plan text")
+        base, mark, settings = text.rpartition(MARK)
+        if mark and not Path(text).is_file():
+            plain = cls.load(base)
+            content = varied(read_yaml(plain.to_yaml(), plain.origin), settings, f"plan '{text}'")
+            return cls._from_text(as_text(content), f"plan '{text}'")
         if text in cls.shipped():
             file = resources.files("gyrowheel_control").joinpath(f"plans/{text}.yaml")
             return cls._from_text(file.read_text(encoding="utf-8"), f"{text}.yaml")

@@ -14,6 +14,7 @@ from gyrowheel_analysis.discovery.fit import Fit, Problem, Term
 from gyrowheel_analysis.discovery.selection import threshold
 from gyrowheel_analysis.reduction import planned_windows
 from gyrowheel_control.plans import Plan
+from gyrowheel_control.variation import MARK
 from gyrowheel_sim.errors import InputError
 
 Array = NDArray[np.float64]
@@ -30,6 +31,21 @@ SEPARATING_PLANS = (
     "paper_speed",
     "paper_tilt",
 )
+#: Variations of plans that are offered where they separate two terms clearly better than any plan as it is.
+VARIED_PLANS = tuple(
+    f"{plan}{MARK}{setting}"
+    for plan in ("check", "cone")
+    for setting in (
+        "air_density_ratio=0.3",
+        "rig=inverted",
+        "yaw_deg=90",
+        "preheat_k=20",
+        "spin_ratio=0.7",
+        "tilt_ratio=1.3",
+    )
+)
+#: How much more a minute a variation must separate than the best plan as it is.
+_CLEARLY = 1.5
 #: A separation that settles a tie.
 SETTLED = 25.0
 
@@ -41,7 +57,7 @@ class Separation:
     Attributes
     ----------
     plan : str
-        Name of the plan.
+        Name of the plan, with its variation if it has one (`gyrowheel_control.variation`).
     expected : float
         Expected difference in chi-squared between the two, all else fitted.
     minutes : float
@@ -51,6 +67,19 @@ class Separation:
     plan: str
     expected: float
     minutes: float
+
+    @property
+    def rate(self) -> float:
+        """What is expected a minute."""
+        return self.expected / self.minutes
+
+
+def _best(found: Sequence[Separation]) -> Separation | None:
+    """Return the one that separates most a minute among those that settle a tie; else the strongest."""
+    settling = [s for s in found if s.expected >= SETTLED]
+    if settling:
+        return max(settling, key=lambda s: s.rate)
+    return max(found, key=lambda s: s.expected, default=None)
 
 
 class Planner:
@@ -73,8 +102,8 @@ class Planner:
     def _planned(self, name: str) -> Problem | None:
         if name not in self._problems:
             bench = self._problem.bench
-            plan = Plan.load(name)
             try:
+                plan = Plan.load(name)
                 plan.check(bench)
             except InputError:
                 return None  # this bench cannot run it
@@ -98,7 +127,8 @@ class Planner:
             Name of a plan; of the bench's own one where there is one, say ``dtg_cone`` for ``cone``.
         """
         own = f"{self._problem.bench.name}_{plan}"
-        plan = own if own in Plan.shipped() else plan  # a bench of other speeds has plans of its own
+        # a bench of other speeds has plans of its own
+        plan = own if own.partition(MARK)[0] in Plan.shipped() else plan
         other = self._planned(plan)
         if other is None:
             return None
@@ -136,15 +166,23 @@ class Planner:
             s for plan in SEPARATING_PLANS if (s := self.separation(assumed, self._fit, plan)) is not None
         ]
         settling = [s for s in found if s.expected >= SETTLED]
-        return max(settling or found, key=lambda s: s.expected / s.minutes, default=None)
+        return max(settling or found, key=lambda s: s.rate, default=None)
 
     def best(self, truth: Fit, rival: Fit) -> Separation | None:
-        """Return the plan that separates two fits best a minute, among those that settle it; else the strongest."""
-        found = [s for plan in SEPARATING_PLANS if (s := self.separation(truth, rival, plan)) is not None]
-        settling = [s for s in found if s.expected >= SETTLED]
-        if settling:
-            return max(settling, key=lambda s: s.expected / s.minutes)
-        return max(found, key=lambda s: s.expected, default=None)
+        """Return the plan that separates two fits best a minute, among those that settle it; else the strongest.
+
+        A variation of a plan is taken where it is clearly better than every plan as it is.
+        """
+        plain, other = (
+            _best([s for plan in plans if (s := self.separation(truth, rival, plan)) is not None])
+            for plans in (SEPARATING_PLANS, VARIED_PLANS)
+        )
+        if plain is None or other is None:
+            return plain or other
+        settles = other.expected >= SETTLED
+        if settles and plain.expected >= SETTLED:
+            return other if other.rate > _CLEARLY * plain.rate else plain
+        return other if settles or other.expected > _CLEARLY * plain.expected else plain
 
 
 @dataclass(frozen=True)
