@@ -14,13 +14,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gyrowheel_analysis.balance import Balance
-from gyrowheel_analysis.dependence import SIGNIFICANT, dependences, sentences, whiteness
 from gyrowheel_analysis.discovery.fit import Problem
 from gyrowheel_analysis.discovery.noise import SOURCES
 from gyrowheel_analysis.grouping import direction_groups, masks, octants, speed_groups
-from gyrowheel_analysis.maps import VARIABLES, all_maps, maps_json, residual_map, variables_of
 from gyrowheel_analysis.reduction import planned_windows
-from gyrowheel_analysis.where import PARTS, WindowResiduals, growth, law_of_growth, regions, window_residuals
+from gyrowheel_analysis.where.dependence import SIGNIFICANT, dependences, sentences, whiteness
+from gyrowheel_analysis.where.growth import growth
+from gyrowheel_analysis.where.maps import VARIABLES, all_maps, maps_json, residual_map, variables_of
+from gyrowheel_analysis.where.regions import regions
+from gyrowheel_analysis.where.residuals import PARTS, WindowResiduals, window_residuals
 from gyrowheel_analysis.wording import number, size, size_and_noise
 from gyrowheel_control.plans import Plan
 from gyrowheel_sim.bench import Bench
@@ -189,7 +191,6 @@ def test_phase_and_growth_of_a_torque_are_said(angle: float, exponent: float) ->
     assert float(sentence.split("Ω^")[1].split("±")[0]) == pytest.approx(
         exponent, abs=0.051
     )  # to the digit that is said
-    assert law_of_growth(data) == sentence.split("grows as ")[1]
 
 
 def law(**parts: Callable[[Any], Any]) -> WindowResiduals:
@@ -257,7 +258,6 @@ def test_nothing_is_said_of_noise() -> None:
     for seed in range(20):
         _, data = residual("spin", 0.0, noise_rows(np.random.default_rng(seed)))
         assert growth(data) == []
-        assert law_of_growth(data) == ""
 
 
 # ---- tests

@@ -18,7 +18,7 @@ from gyrowheel_analysis.discovery.verdict import (
     TieReport,
 )
 from gyrowheel_analysis.errors import ErrorRow, ErrorTable, Residuals
-from gyrowheel_analysis.where import Region
+from gyrowheel_analysis.where.regions import Region
 from gyrowheel_sim.effects import get
 
 

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.dependence import Dependence, Whiteness, dependences, sentences, whiteness
 from gyrowheel_analysis.discovery.fit import Fit, Problem
 from gyrowheel_analysis.errors import (
     CHANNELS,
@@ -21,12 +20,14 @@ from gyrowheel_analysis.errors import (
     channels_of,
     error_row,
 )
-from gyrowheel_analysis.maps import ResidualMap, all_maps, maps_json
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.pipeline import FEWEST_WINDOWS, Prepared, Progress, errors_of, one_thread, prepare
 from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.reduction import concatenate
-from gyrowheel_analysis.where import Region, WindowResiduals, regions, window_residuals
+from gyrowheel_analysis.where.dependence import Dependence, Whiteness, dependences, sentences, whiteness
+from gyrowheel_analysis.where.maps import ResidualMap, all_maps, maps_json
+from gyrowheel_analysis.where.regions import Region, regions
+from gyrowheel_analysis.where.residuals import WindowResiduals, window_residuals
 from gyrowheel_sim.errors import InputError
 
 Array = NDArray[np.float64]

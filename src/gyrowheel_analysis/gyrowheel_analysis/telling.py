@@ -12,17 +12,7 @@ from gyrowheel_analysis.errors import channel_values
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.pipeline import one_thread, prepare
 from gyrowheel_analysis.recording import Recording
-from gyrowheel_analysis.where import PARTS
-
-_TITLES = {
-    "tilt": "the mean torque of the coils",
-    "spin": "the mean torque of the motor",
-    "tilt_1n": "the torque of the coils once a revolution",
-    "tilt_2n": "the torque of the coils twice a revolution",
-    "spin_ripple": "the ripple of the motor's torque",
-    "motor_voltage": "the mean voltage of the motor",
-    "voltage_ripple": "the ripple of the motor's voltage",
-}
+from gyrowheel_analysis.where.residuals import PARTS
 
 
 @dataclass(frozen=True)
@@ -32,7 +22,7 @@ class Telling:
     Attributes
     ----------
     part : str
-        Which rows, see `where.PARTS`.
+        Which rows, see `where.residuals.PARTS`.
     title : str
         The same in words.
     delta_chi2 : float
@@ -63,7 +53,7 @@ def telling_channels(recordings: Sequence[Recording], model: Model, name: str, r
     others = _with_known(problem, ERRORS.get(name, ()))
     best, worse = problem.fit([_term(problem, name)]), others.fit([_term(others, rival)])
     found = [
-        Telling(part, _TITLES[part], _chi2(problem, worse, part) - _chi2(problem, best, part))
+        Telling(part, kind.measured, _chi2(problem, worse, part) - _chi2(problem, best, part))
         for part, kind in PARTS.items()
         if all(row in b.channels for row in kind.rows for b in problem.balances)
     ]

@@ -1,8 +1,9 @@
-"""How sizes are said in sentences: units by the size, few digits."""
+"""How sizes and lists are said in sentences: units by the size, few digits."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 #: Units by the SI unit, largest first: name, size, and the smallest value that is said in it.
 _UNITS: dict[str, tuple[tuple[str, float, float], ...]] = {
@@ -32,6 +33,11 @@ def size(value: float, unit: str, *, sign: bool = False) -> str:
     """Return a value with its unit: ``0.25 mN·m``, ``34 µN·m``."""
     name, scale = unit_for(value, unit)
     return f"{number(value / scale, sign=sign)} {name}"
+
+
+def listed(names: Sequence[str], last: str) -> str:
+    """Return names as a list in a sentence, with a word before the last one: ``a, b and c``."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} {last} {names[-1]}"
 
 
 def size_and_noise(value: float, noise: float, unit: str, word: str = "") -> str:

@@ -20,7 +20,9 @@ from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.pipeline import FEWEST_WINDOWS, Prepared, errors_of, one_thread, prepare
 from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.reduction import concatenate
-from gyrowheel_analysis.where import Region, growth, regions, tilt_and_spin
+from gyrowheel_analysis.where.growth import growth
+from gyrowheel_analysis.where.regions import Region, regions
+from gyrowheel_analysis.where.residuals import window_residuals as tilt_and_spin
 from gyrowheel_sim.effects import effect_to_mapping
 from gyrowheel_sim.effects.typed import effect_to_line
 

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.grouping import speed_groups
-from gyrowheel_analysis.maps import VARIABLES, Cell, ResidualMap, Span, residual_map
 from gyrowheel_analysis.report.files import write_figure
-from gyrowheel_analysis.where import PARTS, WindowResiduals
+from gyrowheel_analysis.where.maps import VARIABLES, Cell, ResidualMap, Span, residual_map
+from gyrowheel_analysis.where.residuals import PARTS, WindowResiduals
 from gyrowheel_analysis.wording import number, unit_for
 from gyrowheel_sim.units import DEG, RPM
 

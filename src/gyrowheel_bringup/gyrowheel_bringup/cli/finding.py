@@ -55,8 +55,8 @@ def compare(
     json: Json = None,
 ) -> None:
     """Show how far a model is from recordings: where, and on what the error depends."""
-    from gyrowheel_analysis.maps import residual_map, variables_of
     from gyrowheel_analysis.model import Model
+    from gyrowheel_analysis.where.maps import residual_map, variables_of
 
     over = None if map_over is None else [variables_of(text) for text in map_over]
     loaded = Model.load(model)

@@ -12,8 +12,8 @@ from rich.table import Table
 from rich.text import Text
 
 from gyrowheel_analysis.errors import CHANNELS
-from gyrowheel_analysis.maps import DEFAULT
-from gyrowheel_analysis.where import PARTS
+from gyrowheel_analysis.where.maps import DEFAULT
+from gyrowheel_analysis.where.residuals import PARTS
 from gyrowheel_analysis.wording import unit_for
 from gyrowheel_bringup.render.errors import unit_of
 from gyrowheel_bringup.render.layout import figures_table, heading, sentences, words_table
@@ -22,8 +22,9 @@ from gyrowheel_sim.units import DEG, RPM
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.compare import Comparison
-    from gyrowheel_analysis.maps import ResidualMap, Span
-    from gyrowheel_analysis.where import Region, WindowResiduals
+    from gyrowheel_analysis.where.maps import ResidualMap, Span
+    from gyrowheel_analysis.where.regions import Region
+    from gyrowheel_analysis.where.residuals import WindowResiduals
 
 _MOST_REGIONS = 5
 _NO_SIGNAL = 1.0  # FIT of a channel in which there is nothing but noise [%]

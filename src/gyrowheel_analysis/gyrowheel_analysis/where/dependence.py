@@ -21,8 +21,8 @@ from gyrowheel_analysis.balance import Balance
 from gyrowheel_analysis.errors import channel_parts
 from gyrowheel_analysis.grouping import UPRIGHT
 from gyrowheel_analysis.reduction import Windows
-from gyrowheel_analysis.where import PARTS, WindowResiduals
-from gyrowheel_analysis.wording import number
+from gyrowheel_analysis.where.residuals import PARTS, WindowResiduals
+from gyrowheel_analysis.wording import listed, number
 from gyrowheel_sim.units import DEG, RPM
 
 Array = NDArray[np.float64]
@@ -63,7 +63,7 @@ class Dependence:
     Attributes
     ----------
     part : str
-        Which residual, see `where.PARTS`.
+        Which residual, see `residuals.PARTS`.
     variable : str
         Of `VARIABLES`.
     share_of_chi2 : float
@@ -236,10 +236,10 @@ def sentences(found: Sequence[Dependence], white: Sequence[Whiteness]) -> list[s
         own = [d for d in found if d.part == test.part]
         stated = sorted((d for d in own if d.stated), key=lambda d: -d.share_beside)
         if stated:
-            text = f"{title}: {_plain(stated[0])}depends on the {_and([_named(d) for d in stated])}"
+            text = f"{title}: {_plain(stated[0])}depends on the {listed([_named(d) for d in stated], 'and')}"
             names = [d.variable for d in stated]
             if same := [VARIABLES[d.variable][0] for d in own if d.instead in names]:
-                text += f"; or on the {_or(same)}, which went with that in these recordings"
+                text += f"; or on the {listed(same, 'or')}, which went with that in these recordings"
             result.append(text)
         elif parts * test.p_size <= SIGNIFICANT:
             about = f"more than noise (χ²/N {number(test.chi2_per_n)})"
@@ -265,14 +265,6 @@ def _named(d: Dependence) -> str:
     beyond = "not in proportion, " if d.variable == "tilt" and d.part.startswith("tilt") else ""
     about = f"{beyond}{_percent(d.share_beside)} of χ², p {_probability(d.p_beside)}"
     return f"{VARIABLES[d.variable][0]} ({about})"
-
-
-def _and(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
-
-
-def _or(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} or {names[-1]}"
 
 
 def _percent(share: float) -> str:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gyrowheel_analysis.grouping import UPRIGHT, octants, speed_groups
 from gyrowheel_analysis.reduction import Windows
-from gyrowheel_analysis.where import WindowResiduals
+from gyrowheel_analysis.where.residuals import WindowResiduals
 from gyrowheel_sim.errors import InputError
 from gyrowheel_sim.units import DEG
 
@@ -57,8 +57,8 @@ class Cell:
     count : int
         Windows in it.
     mean : dict of str to float or complex
-        Mean residual by part (`where.PARTS`), weighted with the noise [unit of the part]: of the averages of the tilt
-        x + i y in case axes.
+        Mean residual by part (`residuals.PARTS`), weighted with the noise [unit of the part]: of the averages of the
+        tilt x + i y in case axes.
     turned : complex or None
         Mean of the tilt's residual in axes that turn with the tilt: along it + i across it [N m]; None where nothing
         is tilted.
@@ -174,18 +174,17 @@ def _cell(data: WindowResiduals, spans: dict[str, Span], mask: NDArray[np.bool_]
     mean: dict[str, complex] = {}
     chi2, squares = {}, 0.0
     for name, part in data.parts.items():
-        weight = 1.0 / part.sigma[mask] ** 2
-        value = np.sum(weight * part.values[mask]) / np.sum(weight)
-        mean[name] = complex(value) if np.iscomplexobj(part.values) else float(value)
-        own = float(part.squares[mask].sum())
+        here = part.at(mask)
+        mean[name] = here.mean
+        own = float(here.squares.sum())
         squares += own
-        chi2[name] = own / (int(mask.sum()) * len(part.kind.rows))
+        chi2[name] = own / here.rows
     turned = None
-    z, tilt = np.asarray(data.windows.mean_tilt)[mask], data.parts["tilt"]
+    z, tilt = np.asarray(data.windows.mean_tilt)[mask], data.parts["tilt"].at(mask)
     tilted = np.abs(z) >= UPRIGHT
     if tilted.any():
-        weight = 1.0 / tilt.sigma[mask][tilted] ** 2
-        along = tilt.values[mask][tilted] * np.conj(z[tilted]) / np.abs(z[tilted])
+        weight = tilt.weight[tilted]
+        along = tilt.values[tilted] * np.conj(z[tilted]) / np.abs(z[tilted])
         turned = complex(np.sum(weight * along) / np.sum(weight))
     return Cell(spans, int(mask.sum()), mean, turned, chi2, squares / total if total else 0.0)
 
