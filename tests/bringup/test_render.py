@@ -126,6 +126,7 @@ def test_every_verdict_can_be_shown(name: str, width: int):
     assert verdict_sentence(found).split(":")[0] in words
     if found.detection_limits:
         assert "gravity_offset G 11 mN·m/rad 0.8 .. 6 mN·m/rad not visible" in words
+        assert "Not to be seen here, however large: tilt_bias." in words
         assert "coil_constant 20.600 ± 0.050 mN·m/V 20.00 ± 0.40 mN·m/V" in words
         assert "motor_constant" not in words
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+from gyrowheel_analysis.wording import listed
 from gyrowheel_bringup.files import disk_errors, json_text, write_text
 from gyrowheel_bringup.render.quantities import quantity, seconds
 from gyrowheel_control.plans import Plan
@@ -342,7 +343,7 @@ def what_was_learned(found: Diagnosis, before: Diagnosis | None) -> list[str]:
     elif found.verdict == "ambiguous":
         for finding in found.effects:
             if finding.ties:
-                others = _or([tie.name for tie in finding.ties])
+                others = listed([tie.name for tie in finding.ties], "or")
                 sentences.append(
                     f"It looks like {finding.name} ({finding.title}), but {others} would do as well."
                 )
@@ -352,7 +353,7 @@ def what_was_learned(found: Diagnosis, before: Diagnosis | None) -> list[str]:
         sentences += [f"It is {f.name}: {f.title}, {_size(f)}." for f in found.effects]
     gone = _ruled_out(found, before) if before is not None else []
     if gone and names:
-        sentences.append(f"{_and(gone)} {'is' if len(gone) == 1 else 'are'} ruled out.")
+        sentences.append(f"{listed(gone, 'and')} {'is' if len(gone) == 1 else 'are'} ruled out.")
     return sentences
 
 
@@ -381,7 +382,7 @@ def _why_so_soon(
         return []  # averages lead elsewhere
     rival = others[0]
     first, *_ = telling_channels(recordings, model, finding.name, rival)
-    open_ = _or([finding.name, *others])
+    open_ = listed([finding.name, *others], "or")
     return [
         f"Averages over revolutions alone would leave open whether it is {open_}; {first.title} tells "
         f"(Δχ² {first.delta_chi2:.0f} against {rival})."
@@ -399,14 +400,6 @@ def _size(finding: Any) -> str:
     if estimate.value and math.isfinite(estimate.standard_error):
         text += f", known to {100.0 * abs(estimate.standard_error / estimate.value):.2g} %"
     return text
-
-
-def _or(names: list[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} or {names[-1]}"
-
-
-def _and(names: list[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def end_sentence(done: Investigation) -> str:

@@ -114,6 +114,11 @@ class Judged:
         return not self.detectable and self.outcome in ("missed", "partial", "tied_without_test")
 
     @property
+    def beside_unknown(self) -> bool:
+        """Whether what was named stands beside something unknown: it is no answer of its own."""
+        return self.verdict == "unknown" and bool(self.named)
+
+    @property
     def truth_label(self) -> str:
         """What was hidden, as one word of the confusion table."""
         return "+".join(sorted(self.truth)) or "none"
@@ -124,8 +129,7 @@ class Judged:
         if self.outcome == "failed":
             return "failed"
         names = "+".join(sorted(self.named))
-        # what stands beside a formula is no answer of its own
-        return f"unknown beside {names}" if names and self.verdict == "unknown" else names or self.verdict
+        return f"unknown beside {names}" if self.beside_unknown else names or self.verdict
 
     def to_json(self) -> dict[str, Any]:
         """Return the case as a JSON object."""

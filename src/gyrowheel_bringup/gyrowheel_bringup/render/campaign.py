@@ -195,7 +195,7 @@ def _answered(case: Judged) -> str:
     if case.outcome == "failed":
         return case.error
     text = " + ".join(case.named) or _plain(case.verdict)
-    if case.named and case.verdict == "unknown":
+    if case.beside_unknown:
         text = f"unknown, beside {text}"
     if case.ties:
         text += f" or {', '.join(dict.fromkeys(name for name, _ in case.ties))}"

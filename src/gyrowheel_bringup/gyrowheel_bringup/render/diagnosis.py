@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +10,7 @@ from rich.padding import Padding
 from rich.panel import Panel
 from rich.text import Text
 
+from gyrowheel_analysis.wording import listed
 from gyrowheel_bringup.render.comparison import failures
 from gyrowheel_bringup.render.errors import error_table
 from gyrowheel_bringup.render.formulas import pretty
@@ -35,6 +35,7 @@ _COLOURS = {
 }
 _SETTLED = ("nothing_missing", "effect")
 _INDENT = (0, 0, 0, 2)
+_NEVER = 1000.0  # times the largest usual size: what is seen only beyond that is not seen at all
 _MOVED = 1.0  # stated uncertainties
 
 
@@ -45,12 +46,12 @@ def verdict_sentence(result: Diagnosis) -> str:
         return "Nothing is missing: the model explains these recordings down to their noise."
     if result.verdict == "effect":
         verb = "An effect is" if len(names) == 1 else f"{_count(len(names))} effects are"
-        return f"{verb} missing: {_and(names)}."
+        return f"{verb} missing: {listed(names, 'and')}."
     if result.verdict == "ambiguous":
-        choices = [_or([f.title, *(tie.title for tie in f.ties)]) for f in result.effects]
+        choices = [_either([f.title, *(tie.title for tie in f.ties)]) for f in result.effects]
         return f"Missing: {'; and '.join(choices)}. These recordings cannot tell which."
     if result.verdict == "unknown":
-        beside = f" beside {_and(names)}" if names else ""
+        beside = f" beside {listed(names, 'and')}" if names else ""
         return f"Something is missing{beside} that no known effect explains."
     return f"These recordings cannot tell whether something is missing: {result.summary}."
 
@@ -96,9 +97,10 @@ def findings(result: Diagnosis) -> Iterator[RenderableType]:
 
 def detection_limits(limits: list[DetectionLimit]) -> Iterator[RenderableType]:
     """Yield what could not have been seen, or only where it is large."""
-    hidden = [limit for limit in limits if not limit.visible]
+    never = [limit for limit in limits if not limit.value <= _NEVER * limit.usual[1]]
+    hidden = [limit for limit in limits if not limit.visible and limit not in never]
     partly = [limit for limit in limits if limit.visible and limit.value > limit.usual[0]]
-    seen = len(limits) - len(hidden) - len(partly)
+    seen = len(limits) - len(never) - len(hidden) - len(partly)
     if not limits:
         return
     yield heading("What could not have been seen here")
@@ -107,13 +109,16 @@ def detection_limits(limits: list[DetectionLimit]) -> Iterator[RenderableType]:
         for limit in group:
             table.add_row(
                 f"{limit.effect} {limit.coefficient}",
-                quantity(limit.value, limit.unit, digits=2) if math.isfinite(limit.value) else "no size",
+                quantity(limit.value, limit.unit, digits=2),
                 span(*limit.usual, limit.unit),
                 remark,
             )
     if hidden or partly:
         yield Padding(table, _INDENT)
-    rest = "All other known effects" if hidden or partly else "All known effects"
+    if never:
+        names = ", ".join(dict.fromkeys(limit.effect for limit in never))
+        yield Padding(Text(f"Not to be seen here, however large: {names}."), _INDENT)
+    rest = "All other known effects" if never or hidden or partly else "All known effects"
     if seen:
         yield Padding(Text(f"{rest} would show at any usual size.", style="dim"), _INDENT)
 
@@ -184,9 +189,5 @@ def _count(number: int) -> str:
     return {2: "Two", 3: "Three", 4: "Four"}.get(number, str(number))
 
 
-def _and(names: list[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
-
-
-def _or(names: list[str]) -> str:
-    return f"either {', '.join(names[:-1])} or {names[-1]}" if len(names) > 1 else names[0]
+def _either(names: list[str]) -> str:
+    return f"{'either ' if len(names) > 1 else ''}{listed(names, 'or')}"
