@@ -20,6 +20,8 @@ THRESHOLD_FURTHER = 12.0
 TIE = 14.0
 #: A bench parameter is a finding of its own beyond this many stated uncertainties.
 ERROR_LIMIT = 5.0
+#: What else could explain a finding is named from here on: stated uncertainties are at times too small.
+ERROR_TIE = 3.0
 _MOST_TERMS = 4
 #: Worsening of a cross-validation (in chi-squared) that chance alone explains.
 _WORSENING = 4.0
@@ -149,15 +151,15 @@ def _fails_cross_validation(problem: Problem, fit: Fit) -> Term | None:
     return min(failing, key=lambda pair: pair[0])[1] if failing else None
 
 
-def _plausible(problem: Problem, fit: Fit) -> bool:
+def _plausible(problem: Problem, fit: Fit, limit: float = ERROR_LIMIT) -> bool:
     """Whether every term of a fit can be what it says.
 
-    The error of a bench parameter must lie far enough from its stated value; an effect that can only brake, push back
+    The error of a bench parameter must lie more than `limit` stated uncertainties from its stated value; an effect that can only brake, push back
     or heat must not come out clearly negative, which is how two effects make up for a third that is not among them.
     """
     for term in fit.terms:
         if term.effect is None:
-            if relative_deviation(problem, fit, term) <= ERROR_LIMIT:
+            if relative_deviation(problem, fit, term) <= limit:
                 return False
             continue
         for c in term.effect.amplitudes:
@@ -253,7 +255,7 @@ def _finding(problem: Problem, fit: Fit, term: Term, pool: Sequence[Term]) -> Fi
         trial = problem.fit((*rest, other), without)
         if abs(trial.chi2 - fit.chi2) < 2.0 * TIE:
             trial = problem.refined(trial)
-        if _plausible(problem, trial):
+        if _plausible(problem, trial, ERROR_TIE):
             tried.append(Tie(other, trial.chi2 - fit.chi2, trial))
     tried.sort(key=lambda tie: tie.delta_chi2)
     ties = tuple(tie for tie in tried if tie.delta_chi2 < TIE)
