@@ -154,8 +154,9 @@ def _fails_cross_validation(problem: Problem, fit: Fit) -> Term | None:
 def _plausible(problem: Problem, fit: Fit, limit: float = ERROR_LIMIT) -> bool:
     """Whether every term of a fit can be what it says.
 
-    The error of a bench parameter must lie more than `limit` stated uncertainties from its stated value; an effect that can only brake, push back
-    or heat must not come out clearly negative, which is how two effects make up for a third that is not among them.
+    The error of a bench parameter must lie more than `limit` stated uncertainties from its stated value; an effect that
+    can only brake, push back or heat must not come out clearly negative, which is how two effects make up for a third
+    that is not among them.
     """
     for term in fit.terms:
         if term.effect is None:

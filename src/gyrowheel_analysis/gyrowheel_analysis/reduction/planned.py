@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -101,4 +100,4 @@ def planned_windows(plan: Plan, bench: Bench) -> Windows:
                     "reading_noise": np.array([noise(name) for name in READING_NOISES]),
                 }
             )
-    return Windows(**{item.name: np.array([row[item.name] for row in rows]) for item in fields(Windows)})
+    return Windows.of(rows)

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
-from gyrowheel_analysis.reduction.motor_heat import MOTOR_THERMAL, motor_temperatures
-from gyrowheel_analysis.reduction.readings import READING_NOISES, clipped_readings, reading_noise
+from gyrowheel_analysis.reduction.motor_heat import motor_temperatures
+from gyrowheel_analysis.reduction.readings import clipped_readings, reading_noise
 from gyrowheel_analysis.reduction.samples import Samples
 from gyrowheel_analysis.reduction.spans import ARC, LONGEST, SHORTEST, steady_spans, window_count
 from gyrowheel_analysis.reduction.window_fit import fit_window
-from gyrowheel_analysis.reduction.windows import DEGREE, FORWARD, HARMONICS, MEAN, MODULATION, RISE, Windows
+from gyrowheel_analysis.reduction.windows import DEGREE, MEAN, RISE, Windows
 from gyrowheel_sim.bench import Bench
 
 _LEAST_TURN = 4.1  # revolutions of a part of a cone: four whole ones at least
@@ -70,24 +69,7 @@ def reduce(data: Samples, bench: Bench) -> Windows:
             if row is not None and not row.pop("unsettled", False):
                 row["segment"] = segment
                 rows.append(row)
-    names = [item.name for item in fields(Windows)]
-    columns = {name: np.array([row[name] for row in rows]) for name in names}
-    if not rows:
-        harmonics = (0, len(HARMONICS), MODULATION)
-        shapes: dict[str, Any] = {
-            "tilt": (0, DEGREE + 1),
-            "tilt_harmonics": harmonics,
-            "spin": (0, DEGREE),
-            "current_harmonics": harmonics,
-            "coil_harmonics": (0, len(FORWARD)),
-            "harmonic_variance": (0, len(FORWARD)),
-            "motor_temperatures": (0, 2),
-            "motor_temperature_rates": (0, 2),
-            "temperature_sensitivity": (0, 2, len(MOTOR_THERMAL)),
-            "reading_noise": (0, len(READING_NOISES)),
-        }
-        columns = {name: np.zeros(shapes.get(name, 0)) for name in names}
-    return Windows(**columns)
+    return Windows.of(rows)
 
 
 def _at_speed(row: dict[str, Any], last: float, length: float) -> bool:

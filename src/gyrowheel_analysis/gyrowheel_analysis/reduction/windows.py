@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_analysis.reduction.motor_heat import MOTOR_THERMAL
 from gyrowheel_analysis.reduction.readings import READING_NOISES
 from gyrowheel_analysis.reduction.samples import Array
 from gyrowheel_sim.environment import Environment
@@ -122,6 +123,27 @@ class Windows:
     def __len__(self) -> int:
         """Return the number of windows."""
         return len(self.start)
+
+    @classmethod
+    def of(cls, rows: Sequence[Mapping[str, Any]]) -> Windows:
+        """Return windows given one by one, each by the names of the attributes; there may be none."""
+        names = [item.name for item in fields(cls)]
+        if rows:
+            return cls(**{name: np.array([row[name] for row in rows]) for name in names})
+        harmonics = (0, len(HARMONICS), MODULATION)
+        shapes: dict[str, Any] = {
+            "tilt": (0, DEGREE + 1),
+            "tilt_harmonics": harmonics,
+            "spin": (0, DEGREE),
+            "current_harmonics": harmonics,
+            "coil_harmonics": (0, len(FORWARD)),
+            "harmonic_variance": (0, len(FORWARD)),
+            "motor_temperatures": (0, 2),
+            "motor_temperature_rates": (0, 2),
+            "temperature_sensitivity": (0, 2, len(MOTOR_THERMAL)),
+            "reading_noise": (0, len(READING_NOISES)),
+        }
+        return cls(**{name: np.zeros(shapes.get(name, 0)) for name in names})
 
     def select(self, rows: Any) -> Windows:
         """Return some of the windows (index or mask)."""

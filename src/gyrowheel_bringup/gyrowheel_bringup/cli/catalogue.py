@@ -39,7 +39,10 @@ def effects(
 def plans(
     name: Annotated[
         str | None,
-        typer.Argument(help="Plan to show in full: shipped name, or a plan file; also varied, as quick@rig=inverted.", show_default=False),
+        typer.Argument(
+            help="Plan to show in full: shipped name, or a plan file; also varied, as quick@rig=inverted.",
+            show_default=False,
+        ),
     ] = None,
     json: Json = None,
 ) -> None:
