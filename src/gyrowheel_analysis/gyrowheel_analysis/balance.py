@@ -112,8 +112,8 @@ class Balance:
     bench : Bench
         The model's bench; its coil and motor constants convert voltages and currents to N m.
     clean : bool
-        Whether to predict from the motion without the harmonics that are noise (`reduction.without_noise`); what those
-        need on the bench as stated is then taken from the measured rows instead.
+        Whether to predict from the motion without the harmonics and accelerations that are noise
+        (`reduction.without_noise`); what those need on the bench as stated is then taken from the measured rows.
     harmonics : bool
         Whether there are rows of what happens within a revolution, or of the averages alone.
     """
@@ -147,7 +147,7 @@ class Balance:
             return c @ powers / (half if c.ndim == 2 else half[:, :, None]) ** derivative
 
         def waves(c: Any, derivative: int = 0) -> Any:
-            """Sum of the harmonics with amplitudes `c` (n, nodes x harmonics): (n, nodes, phases)."""
+            """Sum of the harmonics with amplitudes `c` (n, harmonics, nodes): (n, nodes, phases)."""
             return _summed(c * ((1j * h) ** derivative)[None, :, None], wave)
 
         a0, a1, a2 = (smooth(w.tilt_harmonics, d) for d in range(3))
@@ -164,9 +164,9 @@ class Balance:
         self._angle = np.broadcast_to(theta, shape)
         self._sines, self._cosines = np.sin(self._angle).reshape(-1), np.cos(self._angle).reshape(-1)
         self._turn = np.exp(1j * self._angle)
-        self._weights = np.broadcast_to((_WEIGHTS / 2.0)[None, :, None] / self._phases, shape)
         # weights of a mean, and of the amplitudes of what is compared within a revolution: (nodes, phases)
         mean = np.repeat(_WEIGHTS[:, None] / (2.0 * self._phases), self._phases, axis=1)
+        self._weights = np.broadcast_to(mean, shape)
         self._turning = [np.exp(-1j * order * theta) * mean for order in FORWARD]
         self._rippling = np.exp(-1j * self._ripple_order * theta) * mean
         time = w.middle[:, None] + tau
@@ -639,7 +639,7 @@ class Balance:
         return result
 
 
-#: Bench parameters that act as a torque, and those that change readings alone.
+#: Bench parameters that act as a torque.
 _PUSHING = frozenset(
     (
         "flexure_stiffness_x",
@@ -652,6 +652,8 @@ _PUSHING = frozenset(
         "fixed_torque_y",
     )
 )
+#: Those that leave the motion as it is: also what turns torques into readings, and the motor's heat, which acts
+#: through effects that know its warmth (`_WARM`), if at all.
 _QUICK = _PUSHING | {"coil_constant", "motor_resistance", *MOTOR_THERMAL}
 #: Angles of a flexure where there is none.
 _NO_JOINT = {"theta": 0.0, "theta_rate": 0.0, "axis": 1.0}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -260,14 +260,22 @@ class Problem:
         changed: EffectValues = {**coefficients, term.name: dict(own)}
         if term.effect is None:
             return self.predict(nuisance, changed)
-        self.library[term.name] = term.effect
+        effect = self.library[term.name] = term.effect
+        before = coefficients.get(term.name)
         values, instants, _ = self._state(nuisance, coefficients)
+        found = self._from(instants, lambda b, at: b.changed(at, values, effect, before, own))
+        return self.predict(nuisance, changed) if found is None else found
+
+    def _from(
+        self, instants: Sequence[Instants], rows: Callable[[Balance, Instants], Array | None]
+    ) -> Array | None:
+        """Return the rows that every balance makes of its state; None if one of them cannot."""
         parts = []
         for balance, at in zip(self.balances, instants, strict=True):
-            rows = balance.changed(at, values, term.effect, coefficients.get(term.name), own)
-            if rows is None:
-                return self.predict(nuisance, changed)
-            parts.append(rows)
+            own = rows(balance, at)
+            if own is None:
+                return None
+            parts.append(own)
         return np.concatenate(parts)
 
     def _nuisance_jacobian(self, nuisance: Array, coefficients: EffectValues, at: Array) -> Array:
@@ -280,18 +288,12 @@ class Problem:
 
     def _predict_moved(self, nuisance: Array, moved: Array, coefficients: EffectValues) -> Array:
         """Return the predicted rows for `moved`; quick where the motion is that for `nuisance`."""
-        values, instants, _ = self._state(nuisance, coefficients)
-        effects = self.effects(nuisance, coefficients)
         if not np.array_equal(moved[len(self.nuisances) :], nuisance[len(self.nuisances) :]):
             return self.predict(moved, coefficients)  # a coefficient of a known effect
-        after = self.values(moved, coefficients)
-        parts = []
-        for balance, at in zip(self.balances, instants, strict=True):
-            rows = balance.moved(at, values, after, effects)
-            if rows is None:
-                return self.predict(moved, coefficients)
-            parts.append(rows)
-        return np.concatenate(parts)
+        values, instants, _ = self._state(nuisance, coefficients)
+        effects, after = self.effects(nuisance, coefficients), self.values(moved, coefficients)
+        found = self._from(instants, lambda b, at: b.moved(at, values, after, effects))
+        return self.predict(moved, coefficients) if found is None else found
 
     def term_jacobian(self, term: Term, nuisance: Array, coefficients: EffectValues, at: Array) -> Array:
         """Return the derivatives of the rows by the coefficients of a term (amplitudes zero where not given)."""

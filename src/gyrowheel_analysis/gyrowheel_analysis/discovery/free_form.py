@@ -31,11 +31,12 @@ UNKNOWN = 30.0
 _IN_PLACE_OF_SEVERAL = 12.0  # how much likelier a single form must be than several effects that it replaces
 _AS_LIKELY = 12.0  # less likely that a single form may be than effects that cancel each other
 _SUPERFLUOUS = 6.0  # likelier that an effect must make a recording to be kept beside a form
-_PROMISING = 6.0  # linear gain in chi-squared from which a form is fitted
-_BY_SHAPE = (
-    0.5  # part of what a start lacks that exponents and edges may give, which the linear gain does not show
-)
-_COVERING = 2.0  # square of a drift's scale from which the drift may have covered what is missing
+#: Linear gain in chi-squared from which a form is fitted.
+_PROMISING = 6.0
+#: Part of what a start lacks that exponents and edges may give, which the linear gain does not show.
+_BY_SHAPE = 0.5
+#: Square of a drift's scale from which the drift may have covered what is missing.
+_COVERING = 2.0
 _TRIED = 8
 _TRIED_OF_A_KIND = 2
 
@@ -219,7 +220,9 @@ def search(problem: Problem, selection: Selection, *, progress: Progress | None 
             for f in selection.findings
         ]
     cancels = cancelling(problem, selection.best)
-    beside = {term.name: gain for gain, term in rank(problem, selection.best, family)}
+    beside = rank(problem, selection.best, family)
+    # in the place of an effect a form cannot explain more than beside it
+    able = [term for gain, term in beside if _worth(problem, gain)]
     best: Proposal | None = None
     for start in starts:
         needed = UNKNOWN
@@ -227,9 +230,9 @@ def search(problem: Problem, selection: Selection, *, progress: Progress | None 
             needed = _IN_PLACE_OF_SEVERAL
         if cancels and start is not selection.best:
             needed = -_AS_LIKELY
-        # in the place of an effect a form cannot explain more than beside it
-        able = [t for t in family if needed < UNKNOWN or _worth(problem, beside.get(t.name, 0.0))]
-        for gain, term in _foremost(rank(problem, start, able)):
+        tried = able if needed == UNKNOWN else family
+        ranked = beside if start is selection.best else rank(problem, start, tried)
+        for gain, term in _foremost(ranked):
             if _hopeless(problem, selection.best, start, gain):
                 continue
             fit = problem.fit((*start.terms, term), start)

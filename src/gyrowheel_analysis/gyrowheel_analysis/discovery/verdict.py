@@ -22,7 +22,7 @@ from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.reduction import concatenate
 from gyrowheel_analysis.where.growth import growth
 from gyrowheel_analysis.where.regions import Region, regions
-from gyrowheel_analysis.where.residuals import window_residuals as tilt_and_spin
+from gyrowheel_analysis.where.residuals import window_residuals
 from gyrowheel_sim.effects import effect_to_mapping
 from gyrowheel_sim.effects.typed import effect_to_line
 
@@ -312,7 +312,7 @@ def diagnose(
         judge_noise_with(problem, proposal.fit)
     best = proposal.fit if proposal else selection.best
     before = problem.fit_within() if proposal or selection.findings else best
-    data = tilt_and_spin(
+    data = window_residuals(
         problem.balances,
         concatenate([b.windows for b in problem.balances]),
         before.residual,
@@ -405,7 +405,7 @@ def _report(fitted: Prepared, finding: Finding, best: Fit, planner: Planner) -> 
     # what the effect alone explains: everything else stays as fitted with it
     others = {name: values for name, values in best.coefficients.items() if name != term.name}
     alone = problem.measured - problem.predict(best.nuisance, others)
-    data = tilt_and_spin(problem.balances, windows, alone, problem.noise.deviation())
+    data = window_residuals(problem.balances, windows, alone, problem.noise.deviation())
     evidence = [f"all else accounted for, {sentence}" for sentence in growth(data)]
     evidence.append(f"leaving it out worsens chi-squared by {finding.delta_chi2:.0f}, all else fitted again")
     evidence += [

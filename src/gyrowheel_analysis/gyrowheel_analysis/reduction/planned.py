@@ -10,7 +10,6 @@ import numpy as np
 from gyrowheel_analysis.reduction.motor_heat import MOTOR_THERMAL
 from gyrowheel_analysis.reduction.readings import READING_NOISES
 from gyrowheel_analysis.reduction.spans import (
-    ARC,
     CONE_SETTLING,
     FEWEST_REVOLUTIONS,
     LONGEST,
@@ -18,6 +17,7 @@ from gyrowheel_analysis.reduction.spans import (
     SHORTEST,
     SPEED_CHANGE,
     SPIN_SETTLING,
+    cone_window,
     window_count,
 )
 from gyrowheel_analysis.reduction.window_fit import spin_terms
@@ -49,7 +49,7 @@ def planned_windows(plan: Plan, bench: Bench) -> Windows:
         if changed and s.cone_rate:
             settling += CONE_SETTLING
         length = s.hold - settling
-        longest = LONGEST if s.cone_rate == 0.0 else max(ARC / abs(s.cone_rate), SHORTEST)
+        longest = LONGEST if s.cone_rate == 0.0 else cone_window(abs(s.cone_rate), s.spin)
         count = window_count(length, longest, cone=bool(s.cone_rate))
         duration = length / count
         if duration < SHORTEST or duration * s.spin < FEWEST_REVOLUTIONS * 2.0 * math.pi:

@@ -11,12 +11,11 @@ import numpy as np
 from gyrowheel_analysis.reduction.motor_heat import motor_temperatures
 from gyrowheel_analysis.reduction.readings import clipped_readings, reading_noise
 from gyrowheel_analysis.reduction.samples import Samples
-from gyrowheel_analysis.reduction.spans import ARC, LONGEST, SHORTEST, steady_spans, window_count
+from gyrowheel_analysis.reduction.spans import LONGEST, SHORTEST, cone_window, steady_spans, window_count
 from gyrowheel_analysis.reduction.window_fit import fit_window
 from gyrowheel_analysis.reduction.windows import DEGREE, MEAN, RISE, Windows
 from gyrowheel_sim.bench import Bench
 
-_LEAST_TURN = 4.1  # revolutions of a part of a cone: four whole ones at least
 #: A window of a cone in which the speed changes faster than so [rad/s^2], or is farther from the last one, is left out.
 _CONE_DRIFT, _CONE_OFF = 2.0, 0.01
 _SETTLES_BY = 0.2  # s; by so much later a window begins if its motion has not settled
@@ -50,8 +49,7 @@ def reduce(data: Samples, bench: Bench) -> Windows:
             if not speed > 0.0:
                 continue
             last = float(np.median(data.values[inside, 3][-max(int(inside.sum()) // 10, 1) :]))
-            # short enough that the cone bends little, long enough for whole revolutions
-            longest = min(LONGEST, max(ARC / turn, SHORTEST, _LEAST_TURN * 2.0 * math.pi / speed))
+            longest = cone_window(turn, speed)
         count = window_count(stop - start, longest, cone=bool(turn))
         edges = np.linspace(start, stop, count + 1)
         for a, b in itertools.pairwise(edges):

@@ -18,8 +18,9 @@ SPEED_CHANGE = 2.0  # rad/s; a change of speed beyond this gets SPIN_SETTLING
 CONE_SETTLING = 0.5
 LONGEST = 2.0  # s; longer holds are split, so that drift within a window stays small
 SHORTEST = 0.16  # s
-FEWEST_REVOLUTIONS = 3  # of a window
-ARC = 35.0 * DEG  # of a cone within one window
+FEWEST_REVOLUTIONS = 4  # of a window; in fewer, harmonics and slow motion are hard to tell apart
+_ARC = 35.0 * DEG  # of a cone within one window
+_LEAST_TURN = FEWEST_REVOLUTIONS + 0.1  # revolutions of a part of a cone
 
 
 def steady_spans(data: Samples) -> list[tuple[float, float, int, float]]:
@@ -77,6 +78,17 @@ def _spans_from_motion(data: Samples) -> list[tuple[float, float, int, float]]:
         turn = speed / radius if speed > 0.5 * DEG and radius > 0.2 * DEG else 0.0
         spans.append((float(time[a]) + 0.5 * SETTLING, float(time[b - 1]), -1, turn))
     return spans
+
+
+def cone_window(turn: float, spin: float) -> float:
+    """Return how long the windows of a cone are [s]: short enough that it bends little, of enough whole revolutions.
+
+    Parameters
+    ----------
+    turn, spin : float
+        Rate of the tilt's direction, and spin rate [rad/s].
+    """
+    return min(LONGEST, max(_ARC / turn, SHORTEST, _LEAST_TURN * 2.0 * math.pi / spin))
 
 
 def window_count(length: float, longest: float, *, cone: bool) -> int:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Mapping
-from pathlib import Path
 
 #: Nodes that wait for each other's messages: only one of them works at a time.
 _LOOP = ("plant", "controller")
@@ -33,8 +33,13 @@ def share_core(pids: Mapping[str, int], number: int) -> None:
     shared = cores[number % len(cores)]
     for name, pid in pids.items():
         own = {shared} if name in _LOOP else set(cores) - {shared}
-        try:
-            for thread in Path(f"/proc/{pid}/task").iterdir():
-                os.sched_setaffinity(int(thread.name), own)
-        except OSError:  # a node or thread that has just ended, or a system that does not allow it
-            continue
+        for thread in _threads(pid):
+            with contextlib.suppress(OSError):  # one that has just ended, or a system that does not allow it
+                os.sched_setaffinity(thread, own)
+
+
+def _threads(pid: int) -> list[int]:
+    try:
+        return [int(name) for name in os.listdir(f"/proc/{pid}/task")]
+    except OSError:  # a node that has just ended
+        return []

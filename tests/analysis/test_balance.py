@@ -1,0 +1,76 @@
+"""The quick ways to predict rows give what the whole computation gives."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gyrowheel_analysis.balance import ActiveEffect, Balance
+from gyrowheel_analysis.discovery.fit import NUISANCE_GROUPS
+from gyrowheel_analysis.pipeline import samples_of
+from gyrowheel_analysis.reduction import reduce
+from gyrowheel_sim.effects import registry
+
+from .machines import BENCH, hidden_machine, record
+
+#: One for each way in which an effect acts, and one that knows the warmth of the motor.
+EFFECTS = (
+    None, "aero_cross", "cubic_stiffness", "windage_tilt", "external_damping", "tilt_rotation", "inertia_anisotropy",
+    "earth_rate", "coil_tilt", "coil_inductance", "commutation_ripple", "winding_heating", "supply_sag",
+    "gravity_offset",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def balance(tmp_path_factory: pytest.TempPathFactory) -> Balance:
+    recording = record(tmp_path_factory.mktemp("run"), "run", hidden_machine(4, {}), "check")
+    return Balance(reduce(samples_of(recording), BENCH), BENCH)
+
+
+def drawn(rng: np.random.Generator) -> dict[str, float]:
+    groups = BENCH.groups()
+    values = BENCH.values()
+    for group in NUISANCE_GROUPS:
+        u = rng.normal()
+        for p in groups.get(group, ()):
+            values[p.name] = p.value + u * p.uncertainty
+    return values
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_moving_a_bench_parameter_the_quick_way_gives_the_same_rows(
+    name: str | None, balance: Balance
+) -> None:
+    rng = np.random.default_rng(3)
+    effects = [] if name is None else [ActiveEffect(registry()[name], registry()[name].defaults())]
+    values = drawn(rng)
+    at = balance.instants(values, effects)
+    rows, groups, quick = balance.rows(at, values), BENCH.groups(), 0
+    for group in NUISANCE_GROUPS:
+        after = dict(values)
+        for p in groups.get(group, ()):
+            after[p.name] += 0.5 * p.uncertainty
+        found = balance.moved(at, values, after, effects)
+        if found is None:
+            continue
+        quick += 1
+        whole = balance.predicted(after, effects)
+        change = np.abs(whole - rows).max()
+        assert np.abs(found - whole).max() <= 1.0e-4 * change + 1.0e-12, group
+    assert quick >= 10
+
+
+def test_what_changes_the_motion_is_not_done_the_quick_way(balance: Balance) -> None:
+    values = BENCH.values()
+    at = balance.instants(values, [])
+    for name in ("rotor_inertia_z", "gimbal_inertia_x", "motor_constant", "tilt_scale", "tilt_bias_x"):
+        assert balance.moved(at, values, {**values, name: 1.01 * values[name] + 1.0e-6}, []) is None
+
+
+def test_heat_of_the_motor_is_not_done_the_quick_way_where_an_effect_knows_it(balance: Balance) -> None:
+    values = BENCH.values()
+    after = {**values, "winding_heat_capacity": 1.1 * values["winding_heat_capacity"]}
+    effect = registry()["winding_heating"]
+    warm = [ActiveEffect(effect, effect.defaults())]
+    assert balance.moved(balance.instants(values, warm), values, after, warm) is None
+    assert balance.moved(balance.instants(values, []), values, after, []) is not None
