@@ -1,9 +1,9 @@
 """The node ``conductor``: walks test plans on request of the action ``/gyrowheel/run_plan``.
 
 It publishes the setpoints of a plan ahead of the time of the bench, and before them what the operator changes
-on the rig. That time comes from ``/clock`` where somebody publishes it, as the plant does in lock-step, and from the
-stamps of the samples elsewhere. A plan starts at the time at which it was asked for, so at 0 in a lock-step graph that
-was just started.
+on the rig. That time comes from ``/clock`` where somebody publishes it, as the plant does in lock-step. Elsewhere it
+comes from the stamps of the samples, or of the joint states where the same node publishes these, which are few. A plan
+starts at the time at which it was asked for, so at 0 in a lock-step graph that was just started.
 
 A plan ends early, and says why, when the clock jumps or a node of the bench reports an error, such as a guard that has
 tripped. The tilt limit that a plan needs is set in the controller before it starts.
@@ -271,8 +271,18 @@ class ConductorNode(BenchNode):
         if self._told_time or self.count_publishers(topics.CLOCK.name):
             return True
         if self._samples is None and time.monotonic() > walk.deadline - MATCHING_TIMEOUT + CLOCK_TIMEOUT:
-            self._samples = self.subscription(topics.MEASUREMENT, self._on_sample, raw=True)
+            self._samples = self.subscription(self._slowest_stamps(), self._on_sample, raw=True)
         return False
+
+    def _slowest_stamps(self) -> topics.Topic:
+        """Return the topic that tells the time of the samples: one of few messages, if the same node publishes it."""
+
+        def sources(topic: topics.Topic) -> set[tuple[str, str]]:
+            found = self.get_publishers_info_by_topic(topic.name)
+            return {(info.node_namespace, info.node_name) for info in found}
+
+        slow = sources(topics.JOINT_STATES)
+        return topics.JOINT_STATES if slow and slow == sources(topics.MEASUREMENT) else topics.MEASUREMENT
 
     def _start(self, walk: Walk) -> None:
         start = self._now if self._held is None else max(self._now, self._next)
