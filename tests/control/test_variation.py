@@ -54,6 +54,8 @@ def test_every_hold_takes_as_long_as_asked_for_and_a_sweep_as_long_as_before() -
 def test_a_variation_is_a_plan_of_its_own_that_can_be_written_down(tmp_path: Path) -> None:
     plan = Plan.load("check@rig=inverted,spin_ratio=0.8")
     assert plan.name == "check_rig_inverted_spin_ratio_0_8"
+    assert plan.called == "check@rig=inverted,spin_ratio=0.8"
+    assert Plan.load("check").called == "check"
     file = tmp_path / "plan.yaml"
     file.write_text(plan.to_yaml(), encoding="utf-8")
     again = Plan.load(file)

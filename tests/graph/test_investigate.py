@@ -52,7 +52,7 @@ def test_the_papers_own_plans_are_ambiguous_and_the_graph_settles_it(tmp_path: P
     (open_,) = first["effects"]
     assert first["verdict"] == "ambiguous"
     assert {open_["name"], *open_["ties"]} >= {"aero_restoring", "gimbal_inertia_error"}
-    assert second["plans"] == ["air_density"]
+    assert second["plans"] == ["check@air_density_ratio=0.3"]  # air_density takes three times as long
     assert "aero_restoring" in second["separated"]
     assert result["settled"] is True
     assert result["named"] == ["gimbal_inertia_error"]

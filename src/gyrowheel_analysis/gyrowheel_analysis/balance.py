@@ -679,7 +679,7 @@ def _weighted(values: Any, weights: Any) -> Any:
         return values * weights.sum()
     nodes, phases = weights.shape
     values = np.broadcast_to(values, (len(values), nodes, phases))
-    return values.reshape(len(values), -1) @ weights.reshape(-1)
+    return values.reshape(len(values), nodes * phases) @ weights.reshape(-1)
 
 
 def _components(rows: Any) -> list[Array]:

@@ -226,7 +226,7 @@ def investigate(
     )
     while True:
         number = len(done.steps) + 1
-        listener.begin(number, [plan.name for plan in following], why)
+        listener.begin(number, [plan.called for plan in following], why)
         made: list[Path] = []
         for plan in following:
             # counted on from the recordings at hand: a run of its own has noise of its own
@@ -246,7 +246,7 @@ def investigate(
         done.steps.append(
             Step(
                 number,
-                [plan.name for plan in following],
+                [plan.called for plan in following],
                 why,
                 made,
                 took,
@@ -262,7 +262,7 @@ def investigate(
             left = done.budget - done.minutes
             if _minutes(plan) > left:
                 done.reason = (
-                    f"the time is spent: plan {plan.name} ({wanted.why}) takes {_minutes(plan):.1f} min, "
+                    f"the time is spent: plan {plan.called} ({wanted.why}) takes {_minutes(plan):.1f} min, "
                     f"and {left:.1f} of {done.budget:g} min are left"
                 )
         else:
@@ -289,10 +289,10 @@ def _next(
     progress: Callable[[str], None],
 ) -> Wanted | tuple[bool, str]:
     """Return the test that what is open asks for; else whether all is settled, and why it ends."""
-    ran = [name for step in done.steps for name in step.plans] + [plan.name for plan in now]
+    ran = [name for step in done.steps for name in step.plans] + [plan.called for plan in now]
 
     def fresh(plan: str) -> bool:
-        return ran.count(Plan.load(plan).name) < MOST_RUNS  # a variation has a name of its own
+        return ran.count(plan) < MOST_RUNS
 
     if found.verdict == "ambiguous":
         test = found.next_test

@@ -140,12 +140,13 @@ class Segment:
 class Plan:
     """A test plan: a list of segments in time.
 
-    Use `Plan.load`; the attributes are `name`, `title`, `description`, `segments`, `duration` [s] and `tilt_limit`, the
-    tilt that the guards of the bench must allow [rad], or None where the usual one will do.
+    Use `Plan.load`; the attributes are `name`, `called` (the same, or what was typed of a variation), `title`,
+    `description`, `segments`, `duration` [s] and `tilt_limit`, the tilt that the guards of the bench must allow [rad],
+    or None where the usual one will do.
     """
 
     def __init__(self, content: PlanFile, text: str, origin: str) -> None:
-        self.name = content.name
+        self.name = self.called = content.name
         self.title = content.title
         self.description = content.description
         self.origin = origin
@@ -171,7 +172,9 @@ class Plan:
         if mark and not Path(text).is_file():
             plain = cls.load(base)
             content = varied(read_yaml(plain.to_yaml(), plain.origin), settings, f"plan '{text}'")
-            return cls._from_text(as_text(content), f"plan '{text}'")
+            plan = cls._from_text(as_text(content), f"plan '{text}'")
+            plan.called = text
+            return plan
         if text in cls.shipped():
             file = resources.files("gyrowheel_control").joinpath(f"plans/{text}.yaml")
             return cls._from_text(file.read_text(encoding="utf-8"), f"{text}.yaml")
