@@ -382,10 +382,7 @@ class Balance:
                 new.rotor_torque - old.rotor_torque,
                 new.axial_torque - old.axial_torque,
                 new.shaft_torque - old.shaft_torque,
-                (
-                    new.flexure_torque[0] - old.flexure_torque[0],
-                    new.flexure_torque[1] - old.flexure_torque[1],
-                ),
+                tuple(a - b for a, b in zip(new.flexure_torque, old.flexure_torque, strict=True)),
             )
         return self.rows(state, values)
 
@@ -420,18 +417,10 @@ class Balance:
         ):
             return None
         if by.keys() & _PUSHING:
-            d = {name: by.get(name, 0.0) for name in _PUSHING}
-            rate, joint = at.quantities["Omega"], at.joint
-            at = self._pushed(
-                at,
-                complex(d["fixed_torque_x"], d["fixed_torque_y"]),
-                0.0,
-                -d["bearing_coulomb"] * np.sign(rate) - d["bearing_viscous"] * rate,
-                (
-                    -d["flexure_stiffness_x"] * joint.theta_x - d["flexure_damping_x"] * joint.theta_x_rate,
-                    -d["flexure_stiffness_y"] * joint.theta_y - d["flexure_damping_y"] * joint.theta_y_rate,
-                ),
-            )
+            # they act in proportion, so that their changes act like them
+            changes = {name: by.get(name, 0.0) for name in _PUSHING}
+            across, shaft, flexures = _bench_torques(changes, at.quantities["Omega"], at.joint)
+            at = self._pushed(at, across, 0.0, shaft, flexures)
         return self.rows(at, after)
 
     def _pushed(
@@ -501,13 +490,9 @@ class Balance:
         q["z"], q["z_rate"] = tilt, z_dot
         laws = self._laws(effects, q, _ON_THE_JOINT, joint)
         laws.inertia_difference, laws.case_rate = ahead.inertia_difference, ahead.case_rate
-        shaft: Any = -values["bearing_coulomb"] * np.sign(rate) - values["bearing_viscous"] * rate
-        shaft = shaft + laws.shaft_torque
-        flexure_x = laws.flexure_torque[0] - values["flexure_stiffness_x"] * joint.theta_x
-        flexure_x = flexure_x - values["flexure_damping_x"] * joint.theta_x_rate
-        flexure_y = laws.flexure_torque[1] - values["flexure_stiffness_y"] * joint.theta_y
-        flexure_y = flexure_y - values["flexure_damping_y"] * joint.theta_y_rate
-        across = complex(values["fixed_torque_x"], values["fixed_torque_y"]) + laws.rotor_torque
+        fixed, bearing, flexures = _bench_torques(values, rate, joint)
+        across, shaft = fixed + laws.rotor_torque, bearing + laws.shaft_torque
+        flexure_x, flexure_y = (own + law for own, law in zip(flexures, laws.flexure_torque, strict=True))
         Q1, Q2, Q3 = self._forces(joint, axis, tilt, across, laws.axial_torque)
         need_x = joint.inertial[0] - flexure_x - Q1
         need_y = joint.inertial[1] - flexure_y - Q2
@@ -666,6 +651,21 @@ _TORQUES = frozenset(("rotor_torque", "axial_torque", "shaft_torque", "flexure_t
 #: Quantities that change within a revolution.
 _MOVING = frozenset((z, z_rate, theta_z, Omega, t))
 _WARM = frozenset((T_winding, T_motor))
+
+
+def _bench_torques(
+    values: Mapping[str, float], rate: Any, joint: Joint
+) -> tuple[complex, Any, tuple[Any, Any]]:
+    """Return the torques of the bench's own parameters `_PUSHING` [N m]: across the spin axis, on shaft, on flexures.
+
+    They are proportional to the parameters.
+    """
+    flexures = (
+        -values["flexure_stiffness_x"] * joint.theta_x - values["flexure_damping_x"] * joint.theta_x_rate,
+        -values["flexure_stiffness_y"] * joint.theta_y - values["flexure_damping_y"] * joint.theta_y_rate,
+    )
+    shaft = -values["bearing_coulomb"] * np.sign(rate) - values["bearing_viscous"] * rate
+    return complex(values["fixed_torque_x"], values["fixed_torque_y"]), shaft, flexures
 
 
 def _summed(amplitudes: Any, wave: Any) -> Any:
