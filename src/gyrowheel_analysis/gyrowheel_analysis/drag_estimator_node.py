@@ -7,16 +7,19 @@ from collections.abc import Iterable
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from gyrowheel_msgs.msg import DragEstimate
-from rclpy.subscription import Subscription
 from rclpy.time import Time
 
 from gyrowheel_analysis.drag_estimator import DragEstimator, Estimate
 from gyrowheel_analysis.model import Model
 from gyrowheel_sim import topics, wire
-from gyrowheel_sim.node import BenchNode, Diagnosis, Param, run_node
+from gyrowheel_sim.node import BenchNode, Diagnosis, Inbox, Param, run_node
 
 #: Samples that are handed over together: estimates come seldom, and a block costs little more than a sample.
 BLOCK = 100
+#: Samples that wait at most for the setpoint that comes after them: where there are that many, none is coming.
+PATIENCE = 2000
+#: Time between two instants at which what has come is taken [s, wall clock].
+TAKE_PERIOD = 0.02
 _ARRAYS = (
     "dc_voltage",
     "dc_voltage_std",
@@ -49,31 +52,47 @@ class DragEstimatorNode(BenchNode):
         self._estimates = 0
         self._begin()
         self._publisher = self.publisher(topics.DRAG_ESTIMATE)
-        self._inputs: tuple[Subscription, ...] = ()
+        self._inputs: tuple[Inbox, Inbox] | None = None
 
     def activate(self) -> None:
         """Take samples."""
+        self.drain()  # what came while the node was inactive is left out
         self._active = True
-        if (
-            not self._inputs
-        ):  # only now: a plant that counts its subscribers must not begin before they are heard
-            self._inputs = (
-                self.subscription(topics.MEASUREMENT, self._on_measurement, raw=True),
-                self.subscription(topics.SETPOINT, self._on_setpoint, raw=True),
-            )
+        if self._inputs is None:
+            # only now: a plant that counts its subscribers must not begin before they are heard
+            self._inputs = (self.inbox(topics.SETPOINT), self.inbox(topics.MEASUREMENT))
+        self._taking = self.wall_timer(TAKE_PERIOD, self.drain)
 
     def deactivate(self) -> None:
         """Publish the estimate of the hold under way, and take no more samples."""
+        self.destroy_timer(self._taking)
+        self.drain()
         self._active = False
         self._end()
         self.deliver(self._publisher)
 
     def cleanup(self) -> None:
         """Give up the topics."""
-        for subscription in self._inputs:
-            self.destroy_subscription(subscription)
-        self._inputs = ()
+        for inbox in self._inputs or ():
+            self.close_inbox(inbox)
+        self._inputs = None
         self.destroy_publisher(self._publisher)
+
+    def drain(self) -> None:
+        """Work on what has come; an inactive node leaves it out."""
+        if self._inputs is None:
+            return
+        setpoints, samples = self._inputs
+        full = True
+        while full:
+            for raw in setpoints.take():
+                self._on_setpoint(raw)
+            count = 0
+            for raw in samples.take(BLOCK):
+                self._on_measurement(raw)
+                count += 1
+            full = count == BLOCK
+            self._hand_over_known()
 
     def diagnose(self) -> Diagnosis:
         """Return counts."""
@@ -93,14 +112,15 @@ class DragEstimatorNode(BenchNode):
     def _begin(self) -> None:
         """Begin with the first sample of a run."""
         self._estimator = DragEstimator(self._model)
-        self._block: list[bytes] = []
+        self._waiting: list[bytes] = []  # samples that were not handed over
         self._samples = self._missing = self._malformed = 0
         self._first = self._sequence = -1  # numbers of the first and the last sample
         self._sample_ns = self._setpoint_ns = -1  # stamps of the last ones
 
     def _end(self) -> None:
         """Publish what is left of a run, and be ready for the next one."""
-        self._hand_over()
+        while self._waiting:
+            self._hand_over()
         self._publish(self._estimator.finish())
         self._begin()
 
@@ -117,9 +137,7 @@ class DragEstimatorNode(BenchNode):
         if stamp <= self._sample_ns:  # the plant was started again
             self._end()
         self._sample_ns = stamp
-        self._block.append(raw)
-        if len(self._block) == BLOCK:
-            self._hand_over()
+        self._waiting.append(raw)
 
     def _on_setpoint(self, raw: bytes) -> None:
         if not self._active:
@@ -134,13 +152,21 @@ class DragEstimatorNode(BenchNode):
         self._setpoint_ns = stamp
         self._estimator.setpoint(stamp, segment, phase, values)
 
+    def _hand_over_known(self) -> None:
+        """Give full blocks to the estimator, once all their setpoints are known.
+
+        So it says the same however the messages of the two topics come between each other.
+        """
+        while len(self._waiting) >= BLOCK and (
+            len(self._waiting) >= PATIENCE or wire.stamp(self._waiting[BLOCK - 1]) < self._setpoint_ns
+        ):
+            self._hand_over()
+
     def _hand_over(self) -> None:
-        """Give the samples of the block to the estimator."""
-        if not self._block:
-            return
-        rows = np.frombuffer(b"".join(self._block), wire.MEASUREMENT.dtype)
+        """Give a block of samples, or all there are if they are fewer, to the estimator."""
+        block, self._waiting = self._waiting[:BLOCK], self._waiting[BLOCK:]
+        rows = np.frombuffer(b"".join(block), wire.MEASUREMENT.dtype)
         self._samples += len(rows)
-        self._block = []
         first, last = int(rows["sequence"][0]), int(rows["sequence"][-1])
         if self._first < 0:
             self._first, self._sequence = first, first - 1

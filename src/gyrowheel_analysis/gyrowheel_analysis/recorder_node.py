@@ -6,22 +6,22 @@ or setpoint stands at its own stamp, anything else at the stamp of the latest me
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Final
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from gyrowheel_msgs.srv import SplitRecording, StartRecording, StopRecording
-from rclpy.subscription import Subscription
 
 from gyrowheel_analysis.recording import RecordingWriter
 from gyrowheel_sim import topics, wire
 from gyrowheel_sim.errors import InputError
-from gyrowheel_sim.node import BenchNode, Diagnosis, Param, run_node
+from gyrowheel_sim.node import BenchNode, Diagnosis, Inbox, Param, run_node
 from gyrowheel_sim.topics import Topic
 
 SERVICES: Final = "/gyrowheel/recorder"
 #: Time between two instants at which everything goes to the disk [s, wall clock]; a killed recorder loses no more.
 FLUSH_PERIOD: Final = 0.1
+#: Time between two instants at which what has come is written [s, wall clock].
+TAKE_PERIOD: Final = 0.02
 
 
 class SampleCount:
@@ -185,7 +185,7 @@ class RecorderNode(BenchNode):
         left_out = {topics.TRUTH.name} | (set() if self.parameter("record_clock") else {topics.CLOCK.name})
         self._recorded = [topic for topic in topics.TOPICS if topic.name not in left_out]
         self._session: Session | None = None
-        self._inputs: list[Subscription] = []
+        self._open: list[Inbox] = []
         self._report = "waiting for the service start"
         self._offers = [
             self.create_service(kind, f"{SERVICES}/{name}", handle)
@@ -199,13 +199,15 @@ class RecorderNode(BenchNode):
     def activate(self) -> None:
         """Begin to record if a directory was given."""
         self._flushing = self.wall_timer(FLUSH_PERIOD, self._flush)
+        self._taking = self.wall_timer(TAKE_PERIOD, self.drain)
         if self.parameter("directory"):
             self._begin(self.parameter("directory"))
 
     def deactivate(self) -> None:
         """Complete the recording."""
         self.destroy_timer(self._flushing)
-        self._drain()
+        self.destroy_timer(self._taking)
+        self._write_waiting()
         self._end()
 
     def cleanup(self) -> None:
@@ -236,17 +238,15 @@ class RecorderNode(BenchNode):
             max_duration=self.parameter("max_bag_duration"),
         )
         # Only now: a plant that counts its subscribers must not begin before there is something to write to.
-        self._inputs = [
-            self.subscription(topic, self._writer_of(topic), raw=True) for topic in self._recorded
-        ]
+        self._open = [self.inbox(topic) for topic in self._recorded]
         self.get_logger().info(f"recording into {directory}")
 
     def _end(self) -> None:
         """Complete the recording, if there is one; InputError if the disk does not take it."""
         session, self._session = self._session, None
-        for subscription in self._inputs:
-            self.destroy_subscription(subscription)
-        self._inputs = []
+        for inbox in self._open:
+            self.close_inbox(inbox)
+        self._open = []
         if session is None:
             return
         try:
@@ -259,25 +259,19 @@ class RecorderNode(BenchNode):
         else:
             self.get_logger().info(self._report)
 
-    def _drain(self) -> None:
-        """Write what has arrived and was not taken yet; InputError if the disk does not take it."""
-        for topic, subscription in zip(self._recorded, self._inputs, strict=False):
-            while self._session is not None:
-                taken = subscription.handle.take_message(subscription.msg_type, True)
-                if taken is None or not self._take(self._session, topic, taken[0]):
-                    break
+    def drain(self) -> None:
+        """Write what has come; where the disk does not take it, give up."""
+        try:
+            self._write_waiting()
+        except InputError as error:
+            self._fail(error)
 
-    def _writer_of(self, topic: Topic) -> Callable[[bytes], None]:
-        def write(data: bytes) -> None:
-            session = self._session
-            if session is None:
-                return
-            try:
-                self._take(session, topic, data)
-            except InputError as error:
-                self._fail(error)
-
-        return write
+    def _write_waiting(self) -> None:
+        """Write what has come and was not taken yet; InputError if the disk does not take it."""
+        for inbox in self._open:
+            for data in inbox.take():
+                if self._session is None or not self._take(self._session, inbox.topic, data):
+                    return
 
     def _take(self, session: Session, topic: Topic, data: bytes) -> bool:
         """Write one message; return False, and end the recording, where it is the first one of another run."""
@@ -328,7 +322,7 @@ class RecorderNode(BenchNode):
             response.message = "not recording"
             return response
         try:
-            self._drain()
+            self._write_waiting()
             self._end()
             response.success, response.message = True, self._report
             response.messages = session.messages

@@ -44,6 +44,7 @@ What this gives each node:
 """
 
 from gyrowheel_sim.node.base import PARENT_VARIABLE, BenchNode, Diagnosis, Fault
+from gyrowheel_sim.node.inbox import Inbox
 from gyrowheel_sim.node.parameters import AUTOSTART, Param
 from gyrowheel_sim.node.priority import PRIORITY
 from gyrowheel_sim.node.process import (
@@ -63,6 +64,7 @@ __all__ = [
     "Diagnosis",
     "ExitCode",
     "Fault",
+    "Inbox",
     "Param",
     "StopSignals",
     "make_executor",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -22,6 +22,7 @@ from rclpy.timer import Timer
 
 from gyrowheel_sim import topics
 from gyrowheel_sim.errors import InputError
+from gyrowheel_sim.node.inbox import Inbox
 from gyrowheel_sim.node.parameters import AUTOSTART, Param
 from gyrowheel_sim.node.priority import PRIORITY, raise_priority
 
@@ -29,6 +30,10 @@ from gyrowheel_sim.node.priority import PRIORITY, raise_priority
 PARENT_VARIABLE = "GYROWHEEL_PARENT"
 
 _LAST_CALLBACKS = 50
+
+
+def _unused(_: Any) -> None:
+    """Stand for the callback of a subscription that no executor serves."""
 
 
 class Fault(RuntimeError):
@@ -88,8 +93,10 @@ class BenchNode(LifecycleNode):
     def __init__(self) -> None:
         # Declared from the command line first: this is how a node learns of values whose type or name is
         # wrong.
+        self._inboxes: list[Inbox] = []
         super().__init__(self.NODE_NAME, automatically_declare_parameters_from_overrides=True)
         self._service_change_state.callback = self._change_state(self._service_change_state.callback)
+        self._service_get_state.callback = self._answer_when_drained(self._service_get_state.callback)
         self.stopping = False
         self.failure: BaseException | None = None
         #: In transitions that no lifecycle manager asked for, so that none can act on their failure.
@@ -121,6 +128,13 @@ class BenchNode(LifecycleNode):
         """Return the state for ``/diagnostics``; called once per second while the node is active."""
         return Diagnosis()
 
+    def drain(self) -> None:
+        """Take what waits in the inboxes.
+
+        Called before the state of the lifecycle is told: who asks for it knows with the answer that everything this
+        node was sent before has been worked on.
+        """
+
     def check_tuning(self, values: Mapping[str, Any]) -> None:
         """Refuse live parameters that do not go with what the node was configured with.
 
@@ -151,6 +165,26 @@ class BenchNode(LifecycleNode):
     ) -> Subscription:
         """Create a subscription; with `raw` the callback is given the bytes of the message."""
         return self.create_subscription(topic.message_class, topic.name, callback, topic.qos, raw=raw)
+
+    def inbox(self, topic: topics.Topic) -> Inbox:
+        """Create a subscription whose messages wait until they are taken; end it with `close_inbox`."""
+        qos = topic.qos
+        inbox = Inbox(
+            topic, self.create_subscription(topic.message_class, topic.name, _unused, qos, raw=True)
+        )
+        self._inboxes.append(inbox)
+        return inbox
+
+    def close_inbox(self, inbox: Inbox) -> None:
+        """Give up an inbox and what is left in it."""
+        self._inboxes.remove(inbox)
+        self.destroy_subscription(inbox.subscription)
+
+    @property
+    def subscriptions(self) -> Iterator[Subscription]:
+        """Subscriptions that an executor serves; those of inboxes are not among them."""
+        waiting = [inbox.subscription for inbox in self._inboxes]
+        return (found for found in super().subscriptions if found not in waiting)
 
     def deliver(self, *publishers: Publisher, timeout: float = 1.0) -> bool:
         """Wait until every reader has what was published; before publishers are destroyed.
@@ -258,6 +292,13 @@ class BenchNode(LifecycleNode):
                 return response
 
         return handle_safely
+
+    def _answer_when_drained(self, handle: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+        def answer(request: Any, response: Any) -> Any:
+            self.drain()
+            return handle(request, response)
+
+        return answer
 
     def _transition(self, hook: Callable[[], None]) -> TransitionCallbackReturn:
         try:
