@@ -92,6 +92,39 @@ def test_a_lifecycle_manager_can_run_a_node(bystander: Bystander, start_node: St
     assert "Traceback" not in conductor.output
 
 
+def test_an_inactive_estimator_leaves_samples_out(bystander: Bystander, start_node: Start):
+    start_node("drag_estimator")
+    samples, setpoints = bystander.publisher(topics.MEASUREMENT), bystander.publisher(topics.SETPOINT)
+    change = bystander.node.create_client(ChangeState, "/drag_estimator/change_state")
+    period = 500_000
+
+    def send(first: int) -> None:
+        """Send two hundred samples, and the setpoint that comes after them; return when they have arrived."""
+        for number in range(first, first + 200):
+            samples.publish(wire.MEASUREMENT.pack(number * period, number, *[0.0] * 11))
+        setpoints.publish(wire.SETPOINT.pack((first + 200) * period, 0, 0, *[0.0] * 6))
+        assert samples.wait_for_all_acked()
+        assert setpoints.wait_for_all_acked()
+
+    def trigger(label: str) -> None:
+        answer = change.call_async(ChangeState.Request(transition=Transition(label=label)))
+        bystander.spin_until(answer.done)
+        assert answer.result().success
+
+    bystander.spin_until(lambda: bystander.values("drag_estimator").get("state") == "active", 60.0)
+    for ready in (samples.get_subscription_count, setpoints.get_subscription_count, change.service_is_ready):
+        bystander.spin_until(ready)
+    send(0)
+    bystander.spin_until(lambda: bystander.values("drag_estimator").get("samples") == "200")
+    trigger("deactivate")
+    send(200)
+    trigger("activate")
+    send(400)
+    bystander.spin_until(lambda: bystander.values("drag_estimator").get("first_sample") == "400")
+    bystander.spin_until(lambda: bystander.values("drag_estimator").get("samples") == "200")
+    assert bystander.values("drag_estimator")["missing_samples"] == "0"
+
+
 def test_gains_and_limits_change_while_a_node_works(bystander: Bystander, start_node: Start):
     start_node("controller")
     bystander.spin_until(lambda: bystander.values("controller").get("state") == "active")
