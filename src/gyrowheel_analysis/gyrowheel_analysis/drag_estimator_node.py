@@ -38,6 +38,7 @@ class DragEstimatorNode(BenchNode):
     PARAMETERS = (
         Param("bench", "gyrowheel", "Bench of a new model: shipped name, or path of a file"),
         Param("model", "", "Model file; empty: a new model of the bench, without effects"),
+        Param("wait_for_subscribers", 0, "Subscribers needed to take the first sample", low=0, high=100),
     )
 
     def configure(self) -> None:
@@ -58,10 +59,7 @@ class DragEstimatorNode(BenchNode):
         """Take samples."""
         self.drain()  # what came while the node was inactive is left out
         self._active = True
-        if self._inputs is None:
-            # only now: a plant that counts its subscribers must not begin before they are heard
-            self._inputs = (self.inbox(topics.SETPOINT), self.inbox(topics.MEASUREMENT))
-        self._taking = self.wall_timer(TAKE_PERIOD, self.drain)
+        self._taking = self.wall_timer(TAKE_PERIOD, self._take)
 
     def deactivate(self) -> None:
         """Publish the estimate of the hold under way, and take no more samples."""
@@ -103,11 +101,24 @@ class DragEstimatorNode(BenchNode):
             "estimates": self._estimates,
             "malformed_messages": self._malformed,
         }
+        if self._inputs is None:
+            return Diagnosis(f"waiting for subscribers: {self._subscribers_missing()} missing", values)
         if self._missing or self._malformed:
             return Diagnosis("running; samples are missing or malformed", values, DiagnosticStatus.WARN)
         if self._first > 0:
             return Diagnosis(f"running; joined late, at sample {self._first}", values)
         return Diagnosis("running" if self._samples else "waiting for samples", values)
+
+    def _take(self) -> None:
+        """Take what has come, as soon as enough subscribers listen."""
+        if self._inputs is None and self._subscribers_missing() <= 0:
+            # only now: a plant that counts its subscribers must not begin before somebody hears the estimates
+            self._inputs = (self.inbox(topics.SETPOINT), self.inbox(topics.MEASUREMENT))
+        self.drain()
+
+    def _subscribers_missing(self) -> int:
+        needed: int = self.parameter("wait_for_subscribers")
+        return needed - self._publisher.get_subscription_count()
 
     def _begin(self) -> None:
         """Begin with the first sample of a run."""

@@ -80,7 +80,7 @@ def node_parameters(
             "wait_for_subscribers": 1 + recorders + estimators,
         },
         "recorder": {"directory": record},
-        "drag_estimator": {"bench": bench},
+        "drag_estimator": {"bench": bench, "wait_for_subscribers": recorders},
     }
 
 
