@@ -92,8 +92,17 @@ def _quantised(values: Array) -> bool:
     return len(np.unique(some)) < 0.2 * len(some)
 
 
-def despiked(readings: Any, design: Any, gram: Any) -> tuple[Any, Any]:
+def despiked(readings: Any, design: Array, gram: Array) -> tuple[Any, Any, Any]:
     """Fit columns of readings (n, columns) without their spikes.
+
+    Parameters
+    ----------
+    readings : ndarray (n, columns)
+        Real or complex.
+    design : ndarray (n, terms)
+        What is fitted to each of them.
+    gram : ndarray (terms, terms)
+        Inverse of ``design.T @ design``.
 
     Returns
     -------
@@ -101,13 +110,14 @@ def despiked(readings: Any, design: Any, gram: Any) -> tuple[Any, Any]:
         With each spike replaced by what the fit to all the others says there.
     fit : ndarray (columns, terms)
         Coefficients of the columns of `design`.
+    left : ndarray (n, columns)
+        What the fit leaves of the readings.
     """
-    across = design.conj().T
-    fit = (gram @ (across @ readings)).T
+    pseudo = gram @ design.T
+    fit, left = _fitted(readings, design, pseudo)
     found = np.zeros(readings.shape, dtype=bool)
     # a spike pulls the fit, which hides the smaller ones until it is gone
     for _ in range(_SPIKE_ROUNDS):
-        left = readings - design @ fit.T
         more = _spikes(left) & ~found
         more &= (found | more).mean(axis=0) <= _MOST_SPIKES
         if not more.any():
@@ -117,11 +127,18 @@ def despiked(readings: Any, design: Any, gram: Any) -> tuple[Any, Any]:
         for column in np.flatnonzero(more.any(axis=0)):
             rows = np.flatnonzero(found[:, column])
             own = design[rows]
-            pulled = np.eye(len(rows)) - own @ gram @ own.conj().T
-            beyond = np.linalg.lstsq(pulled, left[rows, column], rcond=None)[0]
-            readings[rows, column] -= beyond if np.iscomplexobj(readings) else beyond.real
-        fit = (gram @ (across @ readings)).T
-    return readings, fit
+            pulled = np.eye(len(rows)) - own @ gram @ own.T
+            readings[rows, column] -= np.linalg.lstsq(pulled, left[rows, column], rcond=None)[0]
+        fit, left = _fitted(readings, design, pseudo)
+    return readings, fit, left
+
+
+def _fitted(readings: Any, design: Array, pseudo: Array) -> tuple[Any, Any]:
+    """Return the coefficients (columns, terms) of a fit and what it leaves; complex readings as pairs of real ones."""
+    numbers = np.ascontiguousarray(readings).view(np.float64)
+    fit = pseudo @ numbers
+    left = numbers - design @ fit
+    return np.ascontiguousarray(fit).view(readings.dtype).T, left.view(readings.dtype)
 
 
 def _spikes(left: Any) -> NDArray[np.bool_]:

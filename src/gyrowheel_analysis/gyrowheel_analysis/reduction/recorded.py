@@ -44,11 +44,12 @@ def reduce(data: Samples, bench: Bench) -> Windows:
     for start, stop, segment, turn in steady_spans(data):
         longest, last = LONGEST, 0.0
         if turn > 0.0:
-            inside = (data.time >= start) & (data.time < stop)
-            speed = float(np.median(data.values[inside, 3])) if inside.any() else math.nan
+            first, end = np.searchsorted(data.time, (start, stop))
+            inside = data.values[first:end, 3]
+            speed = float(np.median(inside)) if len(inside) else math.nan
             if not speed > 0.0:
                 continue
-            last = float(np.median(data.values[inside, 3][-max(int(inside.sum()) // 10, 1) :]))
+            last = float(np.median(inside[-max(len(inside) // 10, 1) :]))
             longest = cone_window(turn, speed)
         count = window_count(stop - start, longest, cone=bool(turn))
         edges = np.linspace(start, stop, count + 1)

@@ -84,12 +84,10 @@ def fit_window(
     begin, end = float(time[0]) - h, float(time[-1])
     duration = end - begin
     x = (time - 0.5 * (begin + end)) / (0.5 * duration)
-    powers = x[:, None] ** np.arange(DEGREE + 1)
-    waves = (np.exp(1j * np.outer(angle, HARMONICS))[:, :, None] * powers[:, None, :MODULATION]).reshape(
-        len(x), -1
-    )
-    design = np.hstack([powers, waves])
     degree = DEGREE + 1
+    powers = np.vander(x, degree, increasing=True)
+    waves = _waves(angle, powers[:, :MODULATION])
+    design = np.hstack([powers, waves])
     # the smooth part of the speed comes from the angle, which knows its slope far better
     readings = np.column_stack(
         [
@@ -100,41 +98,36 @@ def fit_window(
             values[:, 6],
         ]
     )
-    gram = np.linalg.inv(design.conj().T @ design)
-    readings, fit = despiked(readings, design, gram)
-    left = readings - design @ fit.T
+    gram = np.linalg.inv(design.T @ design)
+    readings, fit, left = despiked(readings, design, gram)
+    harmonics = _harmonics(fit[:, degree:])
     smooth = spin_terms(duration)
     ripple = _ripple(left[:, (3, 1, 4)].real, angle, bench)
     legendre = np.polynomial.legendre.legvander(x, smooth - 1)
     turning = np.hstack([legendre, waves])
-    turning_gram = np.linalg.inv(turning.conj().T @ turning)
-    angles, turns_fit = despiked(angle[:, None], turning, turning_gram)
-    angle, turned = angles[:, 0].real, turns_fit[0]
+    turning_gram = np.linalg.inv(turning.T @ turning)
+    _, turned, beside = despiked(angle[:, None], turning, turning_gram)
     tilt_noise, angle_noise, current_noise = (
         noise[READING_NOISES.index(name)]
         for name in ("tilt_noise", "spin_angle_noise", "motor_current_noise")
     )
     unsettled = (
         _more(x, design, gram, left[:, 0], degree) > 2.0 * _UNSETTLED_TILT * tilt_noise**2
-        or _more(x, turning, turning_gram, angle - (turning @ turned).real, smooth)
-        > _UNSETTLED_ANGLE * angle_noise**2
+        or _more(x, turning, turning_gram, beside[:, 0], smooth) > _UNSETTLED_ANGLE * angle_noise**2
         or np.mean(np.abs(left[:, 1]) ** 2) - 2.0 * abs(ripple[1]) ** 2 > (_RESTLESS * current_noise) ** 2
     )
-    modulation = (len(HARMONICS), MODULATION)
-    inverse = gram[:degree, :degree].real
+    inverse = gram[:degree, :degree]
     rise = RISE / duration
     # mean of the second derivative of the angle: difference of its slope, n (n + 1) / 2 at the end, between the ends
     slope = np.array([k * (k + 1) * (1 - k % 2) for k in range(smooth)]) * 2.0 / duration**2
     slow = without_spikes(values[:, 8:11])
-    warm = np.polynomial.polynomial.polyfit(x, slow[:, 0], 1)
+    warming = float(x @ slow[:, 0] - x.sum() * slow[:, 0].mean()) / float(x @ x - x.sum() * x.mean())
     last = [e for e in data.environment if e.time <= begin + 1e-6]
     surroundings = last[-1] if last else Environment()
     means = readings.mean(axis=0)
     air = slow.mean(axis=0)
     speed = float(means[3].real)
     forward = [HARMONICS.index(order) for order in FORWARD]
-    coils = fit[2, degree:].reshape(modulation)[forward]
-    places = [slice(degree + k * MODULATION, degree + (k + 1) * MODULATION) for k in forward]
     mean = MEAN[:MODULATION]
     held = _held(np.array(FORWARD), speed * h)
     heating = interpolated(heat[0], heat[1], end) - interpolated(heat[0], heat[1], begin)
@@ -144,30 +137,29 @@ def fit_window(
         "duration": duration,
         "samples": float(len(time)),
         "tilt": fit[0, :degree],
-        "tilt_harmonics": fit[0, degree:].reshape(modulation),
-        "spin": _shortened(np.asarray(np.polynomial.legendre.legder(turned[:smooth].real), dtype=np.float64))
+        "tilt_harmonics": harmonics[0],
+        "spin": _shortened(np.asarray(np.polynomial.legendre.legder(turned[0, :smooth]), dtype=np.float64))
         * 2.0
         / duration,
-        "current_harmonics": fit[1, degree:].reshape(modulation),
+        "current_harmonics": harmonics[1],
         "coil_voltage": complex(means[2]),
         "motor_voltage": float(means[4].real),
         "motor_current": float(means[1].real),
         "coil_temperature": air[0],
-        "coil_temperature_rate": warm[1] * 2.0 / duration,
+        "coil_temperature_rate": warming * 2.0 / duration,
         "air_temperature": air[1],
         "air_pressure": air[2],
         "motor_temperatures": interpolated(heat[0], heat[1], 0.5 * (begin + end)),
         "motor_temperature_rates": heating / duration,
         "temperature_sensitivity": interpolated(heat[0], heat[2], 0.5 * (begin + end)),
-        "coil_harmonics": coils @ mean * held,
-        "harmonic_variance": np.array([len(time) * (mean @ gram[k, k].real @ mean) for k in places]),
+        "coil_harmonics": harmonics[2, forward] @ mean * held,
+        "harmonic_variance": len(time) * _wave_variance(gram[degree:, degree:], mean),
         "spin_ripple": ripple[0],
         "current_ripple": ripple[1],
         "voltage_ripple": ripple[2] * _held(bench.value("motor_ripple_order"), speed * h),
         **attitude(surroundings),
         "tilt_rate_variance": float(rise @ inverse @ rise) * tilt_noise**2,
-        "spin_acceleration_variance": float(slope @ turning_gram[:smooth, :smooth].real @ slope)
-        * angle_noise**2,
+        "spin_acceleration_variance": float(slope @ turning_gram[:smooth, :smooth] @ slope) * angle_noise**2,
         "reading_noise": noise,
     }
 
@@ -183,12 +175,41 @@ def _shortened(series: Array) -> Array:
     return np.asarray(_TO_POWERS @ short)
 
 
-def _more(x: Array, design: Any, gram: Any, left: Any, degree: int) -> float:
+def _waves(angle: Array, powers: Array) -> Array:
+    """Return cosine and sine of the orders `FORWARD` of an angle, each times the columns of `powers`: (n, terms)."""
+    waves = (np.exp(1j * order * angle) for order in FORWARD)
+    return np.hstack([part[:, None] * powers for wave in waves for part in (wave.real, wave.imag)])
+
+
+def _harmonics(fit: Any) -> NDArray[np.complex128]:
+    """Return the amplitudes of the `HARMONICS` (columns, harmonics, `MODULATION`) from those of the `_waves`."""
+    cosine, sine = np.moveaxis(fit.reshape(len(fit), len(FORWARD), 2, MODULATION), 2, 0)
+    result = np.empty((len(fit), len(HARMONICS), MODULATION), dtype=complex)
+    for k, order in enumerate(FORWARD):
+        result[:, HARMONICS.index(order)] = 0.5 * (cosine[:, k] - 1j * sine[:, k])
+        result[:, HARMONICS.index(-order)] = 0.5 * (cosine[:, k] + 1j * sine[:, k])
+    return result
+
+
+def _wave_variance(gram: Array, mean: Array) -> Array:
+    """Return the variance of the mean amplitude of each of the orders `FORWARD` in white noise of unit variance."""
+    blocks = gram.reshape(len(FORWARD), 2, MODULATION, len(FORWARD), 2, MODULATION)
+    return np.array(
+        [
+            0.25 * sum(mean @ blocks[k, part, :, k, part] @ mean for part in (0, 1))
+            for k in range(len(FORWARD))
+        ]
+    )
+
+
+def _more(x: Array, design: Array, gram: Array, left: Any, degree: int) -> float:
     """Return the mean square that each of four more terms of the polynomial would explain of what a fit leaves."""
-    further = np.polynomial.legendre.legvander(x, degree + _FURTHER - 1)[:, degree:].astype(complex)
-    further -= design @ (gram @ (design.conj().T @ further))
-    basis, _ = np.linalg.qr(further)
-    return float(np.sum(np.abs(basis.conj().T @ left) ** 2)) / _FURTHER
+    further = np.polynomial.legendre.legvander(x, degree + _FURTHER - 1)[:, degree:]
+    # what the fit leaves has nothing of the design in it, so that only the square of the terms needs to be free of it
+    shared = design.T @ further
+    square = further.T @ further - shared.T @ gram @ shared
+    along = further.T @ left
+    return float(np.real(along.conj() @ np.linalg.solve(square, along))) / _FURTHER
 
 
 def _held(order: Any, turn: float) -> Any:
