@@ -45,8 +45,9 @@ _ENDS = np.polynomial.polynomial.polyvander([1.0, -1.0], 2) @ np.linalg.inv(
     np.polynomial.polynomial.polyvander(_NODES, 2)
 )
 _ACROSS = _ENDS[0] - _ENDS[1]
-#: An error of the ripple up to this is made good to first order [rad/s].
-_RIPPLE_ACCURACY = 1.0e-3
+#: An error of the ripple up to this is made good to first order [rad/s]. How the coils answer a ripple depends on the
+#: inertia, which is known to a part in a hundred at worst: what is left is some nN m.
+_RIPPLE_ACCURACY = 3.0e-5
 _REPETITIONS = 4
 #: Step of the derivatives of a reading's error [rad of the spin angle], and the five-point formulas for them.
 _STENCIL = 0.05
@@ -85,9 +86,11 @@ class Instants:
     """What the measured motion needs at every instant of every window, for a state of the model.
 
     Arrays are (n, nodes, phases): torques of coils (complex) and motor [N m], spin rate [rad/s], weights of a mean over
-    time; the rest is what the laws of the effects are evaluated with.
+    time; the rest is what the laws of the effects are evaluated with. `ripple` are the amplitudes (n, harmonics, nodes)
+    of the ripple of the spin rate [rad/s].
     """
 
+    ripple: Any
     coil: Any
     motor: Any
     rate: Any
@@ -126,7 +129,7 @@ class Balance:
         self.windows = windows
         self.bench = bench
         self._ripple: Any = None
-        self._answers: list[tuple[int, complex, Any, Any]] = []
+        self._answers: list[tuple[Any, Any]] = []
         self._references = {name: bench.value(parameter) for name, parameter in REFERENCES.items()}
         w = windows
         half = 0.5 * w.duration[:, None]
@@ -294,22 +297,40 @@ class Balance:
             ][: len(self.channels)]
         )
 
-    def instants(self, values: Mapping[str, float], effects: list[ActiveEffect]) -> Instants:
+    def instants(
+        self,
+        values: Mapping[str, float],
+        effects: list[ActiveEffect],
+        near: Instants | None = None,
+        *,
+        step: bool = False,
+    ) -> Instants:
         """Return the state of the balance for bench parameters and effects (see `predicted`).
 
         The universal joint makes the spin rate ripple. The ripple that belongs to the measured current is far better
         known than a reading of the speed: over a revolution the motor's torque must be that of its current.
+
+        Parameters
+        ----------
+        values : mapping
+            Bench parameters by name [SI].
+        effects : list of ActiveEffect
+            Effects with their coefficients.
+        near : Instants, optional
+            A state near by, where the search for the ripple begins.
+        step : bool
+            Whether the state is but the step of a derivative away from `near`: to first order is then enough.
         """
         wanted = values["motor_constant"] * self._current
         if self._ripple is None:
             self._solve_ripple(values, effects, wanted)
-        ripple = self._ripple
+        ripple = self._ripple if near is None else near.ripple
         for _ in range(_REPETITIONS):
             at = self._torques(values, effects, ripple)
-            error = self._ripple_error(at.motor, wanted)
-            if np.abs(error).max(initial=0.0) < _RIPPLE_ACCURACY:
+            parts = self._ripple_parts(at.motor, wanted)
+            if step or np.abs(parts).max(initial=0.0) < _RIPPLE_ACCURACY:
                 break
-            ripple = ripple + error
+            ripple = ripple + _amplitudes(parts)
         return self._settled(at, wanted)
 
     def _solve_ripple(self, values: Mapping[str, float], effects: list[ActiveEffect], wanted: Any) -> None:
@@ -319,25 +340,35 @@ class Balance:
             ripple = ripple + self._ripple_error(self._torques(values, effects, ripple).motor, wanted)
         self._ripple = ripple
         at = self._torques(values, effects, ripple)
-        for first, second in ((0, 3), (1, 2)):  # amplitudes of a real quantity come in conjugate pairs
-            for unit in (1.0, 1j):
-                step = np.zeros_like(ripple)
-                step[:, first], step[:, second] = 1e-3 * np.conj(unit), 1e-3 * unit
-                moved = self._torques(values, effects, ripple + step)
-                self._answers.append(
-                    (second, unit, (moved.coil - at.coil) / 1e-3, (moved.motor - at.motor) / 1e-3)
-                )
+        step = 1e-3
+        for part in range(len(_PARTS)):
+            moved = self._torques(
+                values, effects, ripple + step * _amplitudes(np.eye(len(_PARTS))[part : part + 1])
+            )
+            self._answers.append(((moved.coil - at.coil) / step, (moved.motor - at.motor) / step))
+        nothing = np.zeros_like(wanted)
+        slopes = [_real_parts(-self._ripple_error(motor, nothing)) for _, motor in self._answers]
+        self._steps = np.linalg.inv(np.stack(slopes, axis=-1))
+
+    def _ripple_parts(self, motor: Any, wanted: Any) -> Any:
+        """Return by how much the ripple must change, to first order, in the parts of `_real_parts`."""
+        error = _real_parts(self._ripple_error(motor, wanted))
+        return (self._steps @ error[..., None])[..., 0]
 
     def _settled(self, at: Instants, wanted: Any) -> Instants:
         """Return a state with the ripple at which the motor's torque is that of its current, to first order."""
-        error = self._ripple_error(at.motor, wanted)
+        parts = self._ripple_parts(at.motor, wanted)
         coil, motor = at.coil, at.motor
-        for index, unit, coil_answer, motor_answer in self._answers:
-            part = error[:, index].real if unit == 1.0 else error[:, index].imag
-            coil = coil + coil_answer * part[:, :, None]
-            motor = motor + motor_answer * part[:, :, None]
-        rate = at.rate + _summed(error, self._wave).real
-        return replace(at, coil=coil, motor=motor, rate=rate)
+        for index, (coil_answer, motor_answer) in enumerate(self._answers):
+            part = parts[:, :, index, None]
+            coil = coil + coil_answer * part
+            motor = motor + motor_answer * part
+        change = _amplitudes(parts)
+        rate = at.rate + _summed(change, self._wave).real
+        # a spin angle that is passed quickly takes little time
+        weights = at.weights * at.rate / rate
+        weights = weights / weights.sum(axis=(1, 2), keepdims=True)
+        return replace(at, ripple=at.ripple + change, coil=coil, motor=motor, rate=rate, weights=weights)
 
     def changed(
         self,
@@ -501,7 +532,7 @@ class Balance:
         # a spin angle that is passed quickly takes little time
         weights = self._weights * self._spin / rate
         weights = weights / weights.sum(axis=(1, 2), keepdims=True)
-        return Instants(coil, motor, rate, weights, laws, q, joint, axis)
+        return Instants(ripple, coil, motor, rate, weights, laws, q, joint, axis)
 
     def _motion(
         self,
@@ -666,6 +697,28 @@ def _bench_torques(
     )
     shaft = -values["bearing_coulomb"] * np.sign(rate) - values["bearing_viscous"] * rate
     return complex(values["fixed_torque_x"], values["fixed_torque_y"]), shaft, flexures
+
+
+#: Places of the amplitudes of a ripple, a real quantity: each harmonic and its conjugate; see `HARMONICS`.
+_PAIRS = tuple((HARMONICS.index(-order), HARMONICS.index(order)) for order in FORWARD)
+_PARTS = tuple((place, unit) for _, place in _PAIRS for unit in (1.0, 1j))
+
+
+def _real_parts(amplitudes: Any) -> Any:
+    """Return real and imaginary parts of the amplitudes (n, harmonics, nodes) of a ripple: (n, nodes, parts)."""
+    return np.stack(
+        [amplitudes[:, place].real if unit == 1.0 else amplitudes[:, place].imag for place, unit in _PARTS],
+        axis=-1,
+    )
+
+
+def _amplitudes(parts: Any) -> Any:
+    """Return the amplitudes (..., harmonics, nodes) of a ripple that has these parts (..., nodes, parts)."""
+    result = np.zeros((*parts.shape[:-2], len(HARMONICS), *parts.shape[-2:-1]), dtype=complex)
+    for number, (mirror, place) in enumerate(_PAIRS):
+        value = parts[..., 2 * number] + 1j * parts[..., 2 * number + 1]
+        result[..., place, :], result[..., mirror, :] = value, np.conj(value)
+    return result
 
 
 def _summed(amplitudes: Any, wave: Any) -> Any:

@@ -246,25 +246,41 @@ class Problem:
             self._states.move_to_end(key)
         else:
             values, effects = self.values(nuisance, coefficients), self.effects(nuisance, coefficients)
-            instants = [b.instants(values, effects) for b in self.balances]
+            last = next(reversed(self._states.values()))[1] if self._states else [None] * len(self.balances)
+            instants = [
+                b.instants(values, effects, near) for b, near in zip(self.balances, last, strict=True)
+            ]
             rows = np.concatenate([b.rows(at, values) for b, at in zip(self.balances, instants, strict=True)])
             self._states[key] = values, instants, rows
             if len(self._states) > _KEPT_STATES:
                 self._states.popitem(last=False)
         return self._states[key]
 
-    def predict_changed(
+    def _predict_changed(
         self, nuisance: Array, coefficients: EffectValues, term: Term, own: Mapping[str, float]
     ) -> Array:
-        """Return the predicted rows with other coefficients of one term; quick where the motion stays the same."""
+        """Return the predicted rows with slightly other coefficients of one term."""
         changed: EffectValues = {**coefficients, term.name: dict(own)}
         if term.effect is None:
-            return self.predict(nuisance, changed)
+            return self._predict_step(nuisance, coefficients, nuisance, changed)
         effect = self.library[term.name] = term.effect
         before = coefficients.get(term.name)
         values, instants, _ = self._state(nuisance, coefficients)
         found = self._from(instants, lambda b, at: b.changed(at, values, effect, before, own))
-        return self.predict(nuisance, changed) if found is None else found
+        return self._predict_step(nuisance, coefficients, nuisance, changed) if found is None else found
+
+    def _predict_step(
+        self, nuisance: Array, coefficients: EffectValues, moved: Array, changed: EffectValues
+    ) -> Array:
+        """Return the predicted rows for `moved` and `changed`, a small step from `nuisance` and `coefficients`."""
+        _, instants, _ = self._state(nuisance, coefficients)
+        values, effects = self.values(moved, changed), self.effects(moved, changed)
+        return np.concatenate(
+            [
+                b.rows(b.instants(values, effects, at, step=True), values)
+                for b, at in zip(self.balances, instants, strict=True)
+            ]
+        )
 
     def _from(
         self, instants: Sequence[Instants], rows: Callable[[Balance, Instants], Array | None]
@@ -287,24 +303,46 @@ class Problem:
         return np.column_stack(columns)
 
     def _predict_moved(self, nuisance: Array, moved: Array, coefficients: EffectValues) -> Array:
-        """Return the predicted rows for `moved`; quick where the motion is that for `nuisance`."""
+        """Return the predicted rows for `moved`, a small step; quick where the motion is that for `nuisance`."""
         if not np.array_equal(moved[len(self.nuisances) :], nuisance[len(self.nuisances) :]):
-            return self.predict(moved, coefficients)  # a coefficient of a known effect
+            # a coefficient of a known effect
+            return self._predict_step(nuisance, coefficients, moved, coefficients)
         values, instants, _ = self._state(nuisance, coefficients)
         effects, after = self.effects(nuisance, coefficients), self.values(moved, coefficients)
         found = self._from(instants, lambda b, at: b.moved(at, values, after, effects))
-        return self.predict(moved, coefficients) if found is None else found
+        if found is None:
+            return self._predict_step(nuisance, coefficients, moved, coefficients)
+        return found
 
-    def term_jacobian(self, term: Term, nuisance: Array, coefficients: EffectValues, at: Array) -> Array:
-        """Return the derivatives of the rows by the coefficients of a term (amplitudes zero where not given)."""
+    def term_jacobian(
+        self,
+        term: Term,
+        nuisance: Array,
+        coefficients: EffectValues,
+        at: Array,
+        names: Sequence[str] | None = None,
+    ) -> Array:
+        """Return the derivatives of the rows by coefficients of a term (amplitudes zero where not given).
+
+        Parameters
+        ----------
+        term : Term
+            The term.
+        nuisance, coefficients : ndarray, dict
+            Where the derivatives are taken.
+        at : ndarray (N,)
+            The predicted rows there.
+        names : sequence of str, optional
+            The coefficients; all of the term's unless given.
+        """
         if term.effect is not None:
             self.library[term.name] = term.effect
         columns = []
-        for name in term.coefficients:
+        for name in term.coefficients if names is None else names:
             own = dict(coefficients.get(term.name, self.null(term)))
             step = self._step(term, name)
             own[name] += step
-            columns.append((self.predict_changed(nuisance, coefficients, term, own) - at) / step)
+            columns.append((self._predict_changed(nuisance, coefficients, term, own) - at) / step)
         return np.column_stack(columns)
 
     @staticmethod
@@ -527,7 +565,6 @@ class Problem:
         for term in candidate_terms(self.bench):
             if term.effect is None or term.name in self.known:
                 continue
-            own = self.term_jacobian(term, zero, {}, self.base)
-            own = own[:, : len(term.amplitudes)]
+            own = self.term_jacobian(term, zero, {}, self.base, term.amplitudes)
             columns.append(own * [self.scale(term, name) for name in term.amplitudes])
         self.noise.estimate_scales(self.measured - self.base, np.hstack(columns))

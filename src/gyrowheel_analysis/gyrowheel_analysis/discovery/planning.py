@@ -216,7 +216,7 @@ def detection_limits(problem: Problem, fit: Fit, terms: Sequence[Term], inflatio
     for term in terms:
         if term.effect is None or term in fit.terms:
             continue
-        own = problem.term_jacobian(term, fit.nuisance, fit.coefficients, at)[:, : len(term.amplitudes)]
+        own = problem.term_jacobian(term, fit.nuisance, fit.coefficients, at, term.amplitudes)
         columns = np.vstack([problem.noise.whiten(own), np.zeros((len(inverse), own.shape[1]))])
         columns = columns - basis @ (basis.T @ columns)
         needed = math.sqrt(threshold(term, inflation))

@@ -195,9 +195,7 @@ def rank(problem: Problem, current: Fit, pool: Sequence[Term]) -> list[tuple[flo
     at = problem.measured - current.residual
     result = []
     for term in pool:
-        own = problem.term_jacobian(term, current.nuisance, current.coefficients, at)[
-            :, : len(term.amplitudes)
-        ]
+        own = problem.term_jacobian(term, current.nuisance, current.coefficients, at, term.amplitudes)
         columns = np.vstack([problem.noise.whiten(own), np.zeros((padding, own.shape[1]))])
         total = np.linalg.norm(columns, axis=0)
         columns = columns - basis @ (basis.T @ columns)
