@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -74,3 +77,25 @@ def test_heat_of_the_motor_is_not_done_the_quick_way_where_an_effect_knows_it(ba
     warm = [ActiveEffect(effect, effect.defaults())]
     assert balance.moved(balance.instants(values, warm), values, after, warm) is None
     assert balance.moved(balance.instants(values, []), values, after, []) is not None
+
+
+def test_a_motion_no_clearer_than_noise_needs_what_the_machine_at_hand_needs(tmp_path: Path) -> None:
+    """A rotor a quarter off resists a motion twice a revolution twice as much as the one that is stated."""
+    machine = hidden_machine(8, {})
+    changed = {**machine.values, "rotor_inertia_z": 0.75 * machine.values["rotor_inertia_z"]}
+    machine = replace(machine, values=changed)
+    recording = record(tmp_path, "run", machine, "check")
+    windows = reduce(samples_of(recording), BENCH)
+    balance = Balance(windows, BENCH)
+    raw = Balance(windows, BENCH, clean=False)
+    truth = BENCH.values()
+    truth |= {name: value for name, value in machine.values.items() if name in truth}
+
+    def mistaken() -> float:
+        """By how much the measured rows miss what the truth predicts, but for noise that both see [N m]."""
+        change = balance.measured - balance.predicted(truth, []) - raw.measured + raw.predicted(truth, [])
+        return float(np.abs(change[balance.channel("tilt_2n_x")]).max())
+
+    assert mistaken() > 2.0e-5
+    balance.clear_noise(truth, [])
+    assert mistaken() < 1.0e-12

@@ -122,7 +122,7 @@ class Balance:
     """
 
     def __init__(self, windows: Windows, bench: Bench, *, clean: bool = True, harmonics: bool = True) -> None:
-        raw = Balance(windows, bench, clean=False, harmonics=harmonics) if clean else None
+        self._unclean = windows if clean else None
         #: Names of the channels, in the order of the rows.
         self.channels = ALL_CHANNELS if harmonics else CHANNELS
         windows = without_noise(windows) if clean else windows
@@ -204,9 +204,26 @@ class Balance:
                 *_components([shaft, volts]),
             ][: len(self.channels)]
         )
-        if raw is not None and len(self.windows):
-            stated = bench.values()
-            self.measured = raw.measured - raw.predicted(stated, []) + self.predicted(stated, [])
+        if clean:
+            self.clear_noise(bench.values(), [])
+
+    def clear_noise(self, values: Mapping[str, float], effects: list[ActiveEffect]) -> None:
+        """Take from the measured rows what those harmonics and accelerations need that the prediction is without.
+
+        What is taken on the bench as stated is wrong where a motion is real but no clearer than noise, and the machine
+        is another one.
+
+        Parameters
+        ----------
+        values : mapping
+            Bench parameters by name [SI].
+        effects : list of ActiveEffect
+            Effects with their coefficients.
+        """
+        if self._unclean is None or not len(self.windows):
+            return
+        raw = Balance(self._unclean, self.bench, clean=False, harmonics=self.channels != CHANNELS)
+        self.measured = raw.measured - raw.predicted(values, effects) + self.predicted(values, effects)
 
     def __len__(self) -> int:
         """Return the number of rows."""

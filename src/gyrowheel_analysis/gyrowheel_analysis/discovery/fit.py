@@ -554,9 +554,14 @@ class Problem:
     def reweigh(self, fit: Fit) -> bool:
         """Take the noise of the machine that a fit describes; return whether it is another one (see `Noise.weigh`)."""
         predicted = self.predict(fit.nuisance, fit.coefficients)
-        return self.noise.weigh(
-            self.balances, self._split(predicted), self.values(fit.nuisance, fit.coefficients)
-        )
+        values = self.values(fit.nuisance, fit.coefficients)
+        if not self.noise.weigh(self.balances, self._split(predicted), values):
+            return False
+        effects = self.effects(fit.nuisance, fit.coefficients)
+        for balance in self.balances:
+            balance.clear_noise(values, effects)
+        self.measured = np.concatenate([b.measured for b in self.balances])
+        return True
 
     def estimate_noise(self) -> None:
         """Estimate the size of the slow drifts, leaving out whatever bench parameters or effects can explain."""
