@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -76,22 +76,46 @@ def judge(diagnosis: Diagnosis, truth: EffectValues) -> Judgement:
     return Judgement("wrong", "WRONG: the verdict does not agree with the key.")
 
 
-def _tests_for(diagnosis: Diagnosis, truth: EffectValues) -> str | None:
-    """Return the tests that lead to the truth if it is what was found up to ties; None if it is not."""
-    if len(diagnosis.effects) != len(truth):
-        return None
-    tests: list[str] = []
+def matched(diagnosis: Diagnosis, truth: Iterable[str]) -> tuple[set[str], list[str | None]] | None:
+    """Match what a verdict names with what was hidden.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+        The verdict.
+    truth : iterable of str
+        Names of what was hidden.
+
+    Returns
+    -------
+    left : set of str
+        What was hidden and is not named.
+    tests : list of str or None
+        For everything that is named among the alternatives only, the test that separates them, if there is one.
+
+    None if an effect is named that is not there, and no alternative to it is.
+    """
     left = set(truth)
+    tests: list[str | None] = []
     for finding in sorted(diagnosis.effects, key=lambda f: f.name not in left):
         if finding.name in left:
             left.discard(finding.name)
             continue
-        tie = next((tie for tie in finding.ties if tie.name in left and tie.separating_plan), None)
-        if tie is None or tie.separating_plan is None:
+        ties = sorted((t for t in finding.ties if t.name in left), key=lambda t: t.separating_plan is None)
+        if not ties:
             return None
-        left.discard(tie.name)
-        tests.append(tie.separating_plan)
-    return " and ".join(dict.fromkeys(tests)) or None
+        left.discard(ties[0].name)
+        tests.append(ties[0].separating_plan)
+    return left, tests
+
+
+def _tests_for(diagnosis: Diagnosis, truth: EffectValues) -> str | None:
+    """Return the tests that lead to the truth if it is what was found up to ties; None if it is not."""
+    left, tests = matched(diagnosis, truth) or (set(truth), [])
+    named = [test for test in tests if test]
+    if left or len(named) < len(tests):
+        return None
+    return " and ".join(dict.fromkeys(named)) or None
 
 
 def _below_limits(diagnosis: Diagnosis, truth: EffectValues) -> bool:

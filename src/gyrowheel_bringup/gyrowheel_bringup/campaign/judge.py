@@ -9,6 +9,7 @@ from typing import Any, Literal
 from gyrowheel_analysis.discovery.verdict import Diagnosis
 from gyrowheel_bringup.campaign.cases import Case
 from gyrowheel_bringup.campaign.hiding import Secret
+from gyrowheel_bringup.judging import matched
 
 Outcome = Literal[
     "exact", "tied", "tied_without_test", "partial", "missed", "unknown", "misnamed", "named_right", "failed"
@@ -229,17 +230,10 @@ def _outcome(case: Case, secret: Secret, answer: Diagnosis) -> Outcome:
         return "missed"
     if case.kind == "outside":
         return "named_right" if _right_but_for_exponent(secret, answer) else "misnamed"
-    left = set(truth)
-    tests: list[str | None] = []
-    for finding in sorted(answer.effects, key=lambda f: f.name not in left):
-        if finding.name in left:
-            left.discard(finding.name)
-            continue
-        ties = sorted((t for t in finding.ties if t.name in left), key=lambda t: t.separating_plan is None)
-        if not ties:
-            return "misnamed"
-        left.discard(ties[0].name)
-        tests.append(ties[0].separating_plan)
+    found = matched(answer, truth)
+    if found is None:
+        return "misnamed"
+    left, tests = found
     if left:
         return "partial"
     return "tied" if all(tests) else "tied_without_test"
