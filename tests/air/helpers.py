@@ -113,8 +113,10 @@ if [ -f '{fail}' ] && [ "$(basename "$PWD")" = "$(cat '{fail}')" ]; then
   echo '--> FOAM FATAL ERROR: Maximum number of iterations exceeded'; echo; exit 1
 fi
 end=$(sed -n 's/^endTime \\(.*\\);/\\1/p' system/controlDict)
-mkdir -p "$end" postProcessing/torque/0
-cp '{rec}/moment.dat' postProcessing/torque/0/
+start=$(sed -n 's/^startTime \\(.*\\);/\\1/p' system/controlDict)
+mkdir -p "$end" "postProcessing/torque/$start"
+awk -v s="$start" -v e="$end" '/^#/ || $1 <= e - s {{ if (!/^#/) $1 += s; print }}' '{rec}/moment.dat' \\
+  > "postProcessing/torque/$start/moment.dat"
 gzip -dc '{rec}/wallShearStress.gz' > "$end/wallShearStress"
 for field in U p k epsilon omega; do
   value=1; [ $field = U ] && value='(0 0 0)'

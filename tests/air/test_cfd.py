@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 
 from gyrowheel_sim.air.cfd import openfoam
 from gyrowheel_sim.air.cfd.case import RESULT, Case, Result, finished, mesh_quality, run_case
-from gyrowheel_sim.air.cfd.history import average, read_log, read_moments
+from gyrowheel_sim.air.cfd.history import average, read_history, read_log, read_moments
 from gyrowheel_sim.air.cfd.mesh import MESHES, block_mesh_dict, both_sides, morph
 from gyrowheel_sim.air.cfd.polymesh import PolyMesh, read_field, read_points, write_field, write_points
 from gyrowheel_sim.air.cfd.sweep import companions, plan, sweep
@@ -284,6 +284,38 @@ def test_sst_starts_from_k_epsilon_at_the_same_tilt(tmp_path: Path, player: Play
     assert result.provenance["first_guess"].startswith("k-epsilon on the same mesh, 10 iterations")
 
 
+def test_a_run_that_has_not_settled_goes_on_for_so_long(tmp_path: Path, player: Player):
+    result = run_case(tiny(settle=75), tmp_path)
+    # what is played begins anew each time
+    assert not result.torque.settled
+    assert player.calls == [result.case.name] * 3
+    assert result.provenance["iterations"] == 75
+    assert result.torque.window == 37
+    folder = tmp_path / result.case.name
+    assert [p.name for p in folder.iterdir() if p.name.isdigit() and p.name != "0"] == ["75"]
+    assert finished(folder, tiny(settle=75)) is not None
+    assert finished(folder, tiny()) is None
+
+
+def test_a_run_goes_on_no_longer_than_until_it_has_settled(tmp_path: Path, player: Player):
+    # what is played twice over has the same mean in both halves
+    result = run_case(tiny(settle=400), tmp_path)
+    assert result.torque.settled
+    assert result.provenance["iterations"] == 80
+    assert player.calls == [result.case.name] * 3
+
+
+def test_a_history_with_a_hole_is_refused(tmp_path: Path, player: Player):
+    case = tiny(settle=60)
+    run_case(case, tmp_path)
+    logs = tmp_path / case.name / "postProcessing" / "torque"
+    assert len(read_history(logs)[0]) == 60
+    (logs / "40").rename(logs / "41")
+    (logs / "41" / "moment.dat").write_text("42 (1 2 3) (1 2 3) (1 2 3)\n")
+    with pytest.raises(InputError, match="iterations are missing"):
+        read_history(logs)
+
+
 def test_a_solver_that_fails_says_why(tmp_path: Path, player: Player):
     player.fail_in(tiny().name)
     with pytest.raises(
@@ -485,6 +517,10 @@ def test_a_tiny_case_really_runs(tmp_path: Path):
     assert back.torque.mean == pytest.approx(result.torque.mean * [-1, -1, 1], rel=0.2, abs=5e-5)
     assert result.provenance["cells"] == 1824
     assert result.provenance["version"] is not None
+    # one that goes on ends settled, or at its limit
+    longer = run_case(tiny(settle=400), tmp_path)
+    assert longer.torque.settled or longer.provenance["iterations"] == 400
+    assert longer.provenance["iterations"] > 40
     # and SST from k-epsilon, at another speed
     other = run_case(tiny(5.0, 2000.0, model="sst", start_iterations=20), tmp_path)
     assert other.torque.mean[0] < 0.0

@@ -61,6 +61,14 @@ Pressure: TypeAlias = Annotated[
 Iterations: TypeAlias = Annotated[
     int, typer.Option("--iterations", metavar="N", help="Iterations of the solver.")
 ]
+Settle: TypeAlias = Annotated[
+    int,
+    typer.Option(
+        "--settle",
+        metavar="N",
+        help="Go on until the torque has settled, but not beyond N iterations. 0: do not go on.",
+    ),
+]
 Study: TypeAlias = Annotated[
     Path,
     typer.Option(
@@ -142,6 +150,7 @@ def run(
     mesh: MeshName = "low_re",
     model: ModelName = None,
     iterations: Iterations = 420,
+    settle: Settle = 0,
     temperature: Temperature = None,
     pressure: Pressure = None,
     geometry: GeometryFile = "gyrowheel",
@@ -162,6 +171,7 @@ def run(
         temperature=temperature,
         pressure=pressure,
         iterations=iterations,
+        settle=settle,
     )
     with disk_errors(output), advancing(f"{case.mesh} {case.model}, {tilt:g} deg, {speed:g} rpm") as advance:
         result = run_case(case, output, advance=advance)
@@ -184,6 +194,7 @@ def sweep(
     mesh: MeshName = "low_re",
     model: ModelName = None,
     iterations: Iterations = 420,
+    settle: Settle = 0,
     checks: Annotated[
         bool,
         typer.Option(
@@ -229,6 +240,7 @@ def sweep(
             temperature=temperature,
             pressure=pressure,
             iterations=iterations,
+            settle=settle,
         )
         for tilt in tilt_list
         for speed in speed_list
@@ -353,6 +365,7 @@ def _case(
     temperature: float | None = None,
     pressure: float | None = None,
     iterations: int | None = None,
+    settle: int = 0,
 ) -> Case:
     from gyrowheel_sim.air.cfd.case import Case
     from gyrowheel_sim.units import DEG, RPM
@@ -368,6 +381,7 @@ def _case(
         mesh=mesh,
         model=model,
         direction=direction * DEG,
+        settle=settle,
         **options,
     )
 

@@ -16,7 +16,7 @@ RELAXATION: Final[tuple[float, float, float]] = (0.8, 0.7, 1.0)
 
 
 def control_dict(start: int, iterations: int, density: float) -> str:
-    """Return ``system/controlDict`` for iterations from a start to the end, with torque and wall stress logged."""
+    """Return ``system/controlDict`` for so many iterations from a start, with torque and wall stress logged."""
     return _file(
         "controlDict",
         f"""application simpleFoam;
@@ -25,7 +25,7 @@ startTime {start};
 stopAt endTime;
 endTime {start + iterations};
 deltaT 1;
-writeControl timeStep;
+writeControl runTime;
 writeInterval {iterations};
 purgeWrite 1;
 writeFormat ascii;

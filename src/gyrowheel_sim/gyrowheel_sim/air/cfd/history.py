@@ -93,6 +93,34 @@ def read_moments(path: Path) -> tuple[NDArray[np.int64], Array, Array]:
     return table[:, 0].astype(np.int64), table[:, 1:4], table[:, 4:7]
 
 
+def read_history(folder: Path) -> tuple[Array, Array]:
+    """Read the logs of the torque of a run that went on one or more times.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the function object: in it a folder for each iteration from which the run went on.
+
+    Returns
+    -------
+    total, pressure : (n, 3) arrays
+        As from `read_moments`.
+
+    Raises
+    ------
+    InputError
+        If there is none, one is broken, or iterations are missing between them.
+    """
+    starts = (
+        sorted(int(path.name) for path in folder.iterdir() if path.name.isdigit()) if folder.is_dir() else []
+    )
+    parts = [read_moments(folder / str(start) / "moment.dat") for start in starts or [0]]
+    iteration = np.concatenate([part[0] for part in parts])
+    if np.any(np.diff(iteration) != 1):
+        raise InputError(f"{folder}: iterations are missing between the logs of the torque")
+    return np.concatenate([part[1] for part in parts]), np.concatenate([part[2] for part in parts])
+
+
 def average(total: Array, pressure: Array, axes: Array, window: int) -> Torque:
     """Average a history of the torque over its last iterations.
 
