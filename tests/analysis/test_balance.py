@@ -70,6 +70,34 @@ def test_what_changes_the_motion_is_not_done_the_quick_way(balance: Balance) -> 
         assert balance.moved(at, values, {**values, name: 1.01 * values[name] + 1.0e-6}, []) is None
 
 
+def test_a_small_step_of_what_changes_the_motion_is_right_to_first_order(balance: Balance) -> None:
+    values = drawn(np.random.default_rng(4))
+    at, groups, slow = balance.instants(values, []), BENCH.groups(), 0
+    rows = balance.rows(at, values)
+    for group in NUISANCE_GROUPS:
+        after = dict(values)
+        for p in groups.get(group, ()):
+            after[p.name] += 0.1 * p.uncertainty
+        if balance.moved(at, values, after, []) is not None:
+            continue
+        slow += 1
+        whole = balance.predicted(after, [])
+        found = balance.rows(balance.instants(after, [], at, step=True), after)
+        assert np.abs(found - whole).max() <= 5.0e-3 * np.abs(whole - rows).max(), group
+    assert slow >= 5
+
+
+def test_where_the_search_for_the_ripple_begins_does_not_matter(balance: Balance) -> None:
+    rng = np.random.default_rng(5)
+    values = drawn(rng)
+    rows = balance.predicted(values, [])
+    elsewhere = balance.instants(drawn(rng), [])
+    for near in (elsewhere, replace(elsewhere, ripple=np.nan * elsewhere.ripple)):
+        found = balance.rows(balance.instants(values, [], near), values)
+        # some nN m: the balance itself is right to 4 uN m
+        assert np.abs(found - rows).max() < 1.0e-8
+
+
 def test_heat_of_the_motor_is_not_done_the_quick_way_where_an_effect_knows_it(balance: Balance) -> None:
     values = BENCH.values()
     after = {**values, "winding_heat_capacity": 1.1 * values["winding_heat_capacity"]}

@@ -49,6 +49,8 @@ _ACROSS = _ENDS[0] - _ENDS[1]
 #: inertia, which is known to a part in a hundred at worst: what is left is some nN m.
 _RIPPLE_ACCURACY = 3.0e-5
 _REPETITIONS = 4
+#: A ripple that is known beforehand to this is near [rad/s].
+_NEAR = 0.1
 #: Step of the derivatives of a reading's error [rad of the spin angle], and the five-point formulas for them.
 _STENCIL = 0.05
 _FIRST = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12.0
@@ -129,7 +131,9 @@ class Balance:
         self.windows = windows
         self.bench = bench
         self._ripple: Any = None
+        # by what the ripple's parts move what coils and motor must give, and how to undo an error of the motor
         self._answers: list[tuple[Any, Any]] = []
+        self._steps: Any = None
         self._references = {name: bench.value(parameter) for name, parameter in REFERENCES.items()}
         w = windows
         half = 0.5 * w.duration[:, None]
@@ -341,7 +345,10 @@ class Balance:
         wanted = values["motor_constant"] * self._current
         if self._ripple is None:
             self._solve_ripple(values, effects, wanted)
-        ripple = self._ripple if near is None else near.ripple
+        ripple = self._ripple
+        # a state that a fit left far off, or that is not finite, is no place to begin at
+        if near is not None and (step or np.abs(near.ripple - ripple).max(initial=0.0) < _NEAR):
+            ripple = near.ripple
         for _ in range(_REPETITIONS):
             at = self._torques(values, effects, ripple)
             parts = self._ripple_parts(at.motor, wanted)
