@@ -265,6 +265,9 @@ def _tangents(spin: float, inner: float, outer: float) -> Any:
     return -ny / nz, nx / nz
 
 
+_INSTANT = 1.0e-6  # s; short against every motion
+
+
 @njit(cache=True)
 def _push(
     p: Any, c: Any, angles: Any, rates: Any, coil_x: float, coil_y: float, motor: float, warm: float, half: float,
@@ -275,8 +278,11 @@ def _push(
     spin = rates[0]
     angle, inner, outer = angles[0] + half * spin, angles[1] + half * rates[1], angles[2] + half * rates[2]
     zx, zy = _tangents(angle, inner, outer)
-    zx1, zy1 = _tangents(angles[0], angles[1], angles[2])
-    zx_rate, zy_rate = (zx - zx1) / half, (zy - zy1) / half
+    # how the tilt changes, where the rates are known: half a step on they have turned with the rotor
+    a, b, e = angles, rates, _INSTANT
+    zx1, zy1 = _tangents(a[0] - e * b[0], a[1] - e * b[1], a[2] - e * b[2])
+    zx2, zy2 = _tangents(a[0] + e * b[0], a[1] + e * b[1], a[2] + e * b[2])
+    zx_rate, zy_rate = 0.5 * (zx2 - zx1) / e, 0.5 * (zy2 - zy1) / e
     nz = 1.0 / math.sqrt(1.0 + zx * zx + zy * zy)
     nx, ny = zy * nz, -zx * nz
     square = (zx * zx + zy * zy) / tilt_reference**2
