@@ -49,8 +49,6 @@ _ACROSS = _ENDS[0] - _ENDS[1]
 #: inertia, which is known to a part in a hundred at worst: what is left is some nN m.
 _RIPPLE_ACCURACY = 3.0e-5
 _REPETITIONS = 4
-#: A ripple that is known beforehand to this is near [rad/s].
-_NEAR = 0.1
 #: Step of the derivatives of a reading's error [rad of the spin angle], and the five-point formulas for them.
 _STENCIL = 0.05
 _FIRST = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12.0
@@ -319,12 +317,7 @@ class Balance:
         )
 
     def instants(
-        self,
-        values: Mapping[str, float],
-        effects: list[ActiveEffect],
-        near: Instants | None = None,
-        *,
-        step: bool = False,
+        self, values: Mapping[str, float], effects: list[ActiveEffect], near: Instants | None = None
     ) -> Instants:
         """Return the state of the balance for bench parameters and effects (see `predicted`).
 
@@ -338,21 +331,17 @@ class Balance:
         effects : list of ActiveEffect
             Effects with their coefficients.
         near : Instants, optional
-            A state near by, where the search for the ripple begins.
-        step : bool
-            Whether the state is but the step of a derivative away from `near`: to first order is then enough.
+            A state from which this one is but the step of a derivative away: its ripple is then enough to begin with.
+            Without it the search begins at the ripple of the state that was asked for first, whatever came in between.
         """
         wanted = values["motor_constant"] * self._current
         if self._ripple is None:
             self._solve_ripple(values, effects, wanted)
-        ripple = self._ripple
-        # a state that a fit left far off, or that is not finite, is no place to begin at
-        if near is not None and (step or np.abs(near.ripple - ripple).max(initial=0.0) < _NEAR):
-            ripple = near.ripple
+        ripple = self._ripple if near is None else near.ripple
         for _ in range(_REPETITIONS):
             at = self._torques(values, effects, ripple)
             parts = self._ripple_parts(at.motor, wanted)
-            if step or np.abs(parts).max(initial=0.0) < _RIPPLE_ACCURACY:
+            if near is not None or np.abs(parts).max(initial=0.0) < _RIPPLE_ACCURACY:
                 break
             ripple = ripple + _amplitudes(parts)
         return self._settled(at, wanted)

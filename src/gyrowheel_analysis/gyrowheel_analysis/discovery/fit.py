@@ -246,10 +246,7 @@ class Problem:
             self._states.move_to_end(key)
         else:
             values, effects = self.values(nuisance, coefficients), self.effects(nuisance, coefficients)
-            last = next(reversed(self._states.values()))[1] if self._states else [None] * len(self.balances)
-            instants = [
-                b.instants(values, effects, near) for b, near in zip(self.balances, last, strict=True)
-            ]
+            instants = [b.instants(values, effects) for b in self.balances]
             rows = np.concatenate([b.rows(at, values) for b, at in zip(self.balances, instants, strict=True)])
             self._states[key] = values, instants, rows
             if len(self._states) > _KEPT_STATES:
@@ -277,7 +274,7 @@ class Problem:
         values, effects = self.values(moved, changed), self.effects(moved, changed)
         return np.concatenate(
             [
-                b.rows(b.instants(values, effects, at, step=True), values)
+                b.rows(b.instants(values, effects, at), values)
                 for b, at in zip(self.balances, instants, strict=True)
             ]
         )
