@@ -98,7 +98,7 @@ def shown(cases: Sequence[Case]) -> bool:
             Text(word, style=style),
         )
     put_text([heading("Finder on recordings of another make"), Padding(table, (0, 0, 0, 2))])
-    counts = figures_table("", "cases", "right", "tied", "missed", "unknown", "wrong", "good, %", "bar")
+    counts = figures_table("", "cases", "right", "tied", "missed", "wrong", "good, %", "bar")
     held = True
     for kind, bar in BARS.items():
         some = [case for case in cases if case.kind == kind and case.detectable]
@@ -109,11 +109,11 @@ def shown(cases: Sequence[Case]) -> bool:
         held &= bool(good / len(some) >= bar or interval.high >= bar)
         outcomes = [case.outcome for case in some]
         counts.add_row(
-            {"none": "nothing hidden", "single": "one effect", "pair": "two effects"}[kind],
+            {"none": "nothing", "single": "one effect", "pair": "two effects"}[kind],
             str(len(some)),
             *(str(outcomes.count(word)) for word in ("right", "tied")),
-            str(outcomes.count("missed") + outcomes.count("partial")),
-            *(str(outcomes.count(word)) for word in ("unknown", "wrong")),
+            str(sum(outcomes.count(word) for word in ("missed", "partial", "unknown"))),
+            str(outcomes.count("wrong")),
             f"{100 * good / len(some):.0f} ({100 * interval.low:.0f} .. {100 * interval.high:.0f})",
             f">= {100 * bar:.0f}",
         )
@@ -126,7 +126,8 @@ def shown(cases: Sequence[Case]) -> bool:
             *sentences(
                 [
                     f"Counted are cases in which all that is hidden is above {DETECTABLE:g} detection limits. Good:"
-                    " right, or tied with the truth and a test that separates; in brackets the 95 % interval.",
+                    " right, or tied with the truth and a test that separates; in brackets the 95 % interval. Missed:"
+                    " nothing named, one of two, or called unknown.",
                     f"Of {len(small)} cases with something smaller, {wrong} got a wrong answer.",
                 ]
             ),
