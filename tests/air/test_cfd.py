@@ -6,11 +6,13 @@ import json
 import math
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
 import tarfile
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -294,7 +296,9 @@ def test_a_run_that_has_not_settled_goes_on_for_so_long(tmp_path: Path, player: 
     folder = tmp_path / result.case.name
     assert [p.name for p in folder.iterdir() if p.name.isdigit() and p.name != "0"] == ["75"]
     assert finished(folder, tiny(settle=75)) is not None
-    assert finished(folder, tiny()) is None
+    # it answers those who ask for less, too
+    assert finished(folder, tiny()) is not None
+    assert finished(folder, tiny(settle=76)) is None
 
 
 def test_a_run_goes_on_no_longer_than_until_it_has_settled(tmp_path: Path, player: Player):
@@ -303,6 +307,61 @@ def test_a_run_goes_on_no_longer_than_until_it_has_settled(tmp_path: Path, playe
     assert result.torque.settled
     assert result.provenance["iterations"] == 80
     assert player.calls == [result.case.name] * 3
+
+
+def test_what_has_not_settled_goes_on_later(tmp_path: Path, player: Player):
+    at_once = run_case(tiny(settle=75), tmp_path / "one")
+    study = tmp_path / "two"
+    begun = run_case(tiny(), study)
+    # not so far as one window
+    assert run_case(tiny(settle=55), study).provenance["iterations"] == 55
+    calls = len(player.calls)
+    later = run_case(tiny(settle=75), study)
+    assert len(player.calls) == calls + 1
+    assert later.provenance["iterations"] == 75
+    assert later.provenance["first_guess"] == begun.provenance["first_guess"]
+    assert later.provenance["cpu_seconds"] > begun.provenance["cpu_seconds"]
+    assert later.case == at_once.case
+    assert later.torque.window == at_once.torque.window
+    assert finished(study / later.case.name, tiny(settle=75)) is not None
+
+
+def test_what_a_kill_left_does_not_get_into_the_average(tmp_path: Path, player: Player):
+    case = tiny(settle=75)
+    expected = run_case(case, tmp_path / "one")
+    run_case(tiny(), tmp_path / "two")
+    folder = tmp_path / "two" / case.name
+    # it had gone on, and was killed in the middle of writing; or after the fields, before the result
+    for time_, log in (("60", "41 (9 9 9) (9 9 9) (9 9 9)\n42 (9 9"), ("75", "41 (9 9 9) (9 9 9) (9 9 9)\n")):
+        (folder / time_).mkdir()
+        (folder / time_ / "U").write_text("internalField nonuniform")
+        (folder / "postProcessing" / "torque" / "40").mkdir(exist_ok=True)
+        (folder / "postProcessing" / "torque" / "40" / "moment.dat").write_text(log)
+    result = run_case(case, tmp_path / "two")
+    assert result.torque.mean == pytest.approx(expected.torque.mean)
+    assert result.torque.scatter == pytest.approx(expected.torque.scatter)
+    assert sorted(p.name for p in folder.iterdir() if p.name.isdigit()) == ["0", "75"]
+
+
+def test_without_its_fields_a_case_begins_anew(tmp_path: Path, player: Player):
+    run_case(tiny(), tmp_path)
+    shutil.rmtree(tmp_path / tiny().name / "40")
+    result = run_case(tiny(settle=60), tmp_path)
+    assert result.provenance["iterations"] == 60
+    assert player.calls == [tiny().name] * 3
+
+
+def test_a_sweep_goes_on_with_what_has_not_settled(tmp_path: Path, player: Player):
+    levels = levels_of([0, 5], [2000, 3500])
+    sweep(levels, tmp_path, tell=lambda *_: None)
+    further = [[replace(step, case=replace(step.case, settle=60)) for step in level] for level in levels]
+    outcome = sweep(further, tmp_path, tell=lambda *_: None)
+    assert outcome.reused == 0
+    assert [result.provenance["iterations"] for result in outcome.results] == [60] * 4
+    # 40 + 20; those that start from a neighbour 24 + 20 + 16
+    assert len(player.calls) == 4 + 2 * 1 + 2 * 2
+    # a look at the same study without it computes nothing
+    assert sweep(levels, tmp_path, tell=lambda *_: None).reused == 4
 
 
 def test_a_history_with_a_hole_is_refused(tmp_path: Path, player: Player):

@@ -221,14 +221,27 @@ class Result:
 
 
 def finished(folder: Path, case: Case) -> Result | None:
-    """Return the result in a folder if it is that of the case; None if there is none or it is of another case."""
-    path = folder / RESULT
+    """Return the result in a folder if it answers the case; None if there is none or it is of another case.
+
+    A case that may go on until it has settled (`Case.settle`) is answered by one that has settled, or that went on for
+    as many iterations.
+    """
+    result = _recorded(folder, case)
+    return result if result is not None and _answers(result, case) else None
+
+
+def _recorded(folder: Path, case: Case) -> Result | None:
+    """Return the result in a folder if it is that of the case, however long it went on."""
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads((folder / RESULT).read_text(encoding="utf-8"))
         result = Result.from_json(content)
     except (OSError, ValueError, KeyError, TypeError):
         return None
-    return result if result.case == case else None
+    return result if replace(result.case, settle=case.settle) == case else None
+
+
+def _answers(result: Result, case: Case) -> bool:
+    return result.torque.settled or result.provenance["iterations"] >= case.settle
 
 
 def make_mesh(case: Case, folder: Path) -> dict[str, Any]:
@@ -285,6 +298,8 @@ def run_case(
 ) -> Result:
     """Run a case below a folder, or return its result if it is there.
 
+    A case that has not settled goes on from where it was, in this call or a later one.
+
     Parameters
     ----------
     case : Case
@@ -302,10 +317,19 @@ def run_case(
         If OpenFOAM is not installed or fails.
     """
     folder = root / case.name
-    known = finished(folder, case)
-    if known is not None:
-        return known
+    result = _recorded(folder, case)
+    if result is not None and _answers(result, case):
+        return result
     openfoam.require()
+    if result is None or not (folder / str(result.provenance["iterations"])).is_dir():
+        result = _begin(case, folder, root, first, advance)
+    while not _answers(result, case):
+        result = _go_on(case, folder, result, advance)
+    return result
+
+
+def _begin(case: Case, folder: Path, root: Path, first: Path | None, advance: Advance) -> Result:
+    """Run the iterations that a case has in any event."""
     if folder.exists():
         if any(folder.iterdir()) and not (folder / REQUEST).is_file():
             raise InputError(f"{folder}: exists and is no case; name another folder for the study")
@@ -327,14 +351,29 @@ def run_case(
     else:
         guess = f"solid-body rotation at {FIRST_SWIRL:g} of the spin rate"
     seconds += _solve(case, folder, root, first=first, step=lambda i: advance((guessed + i) / total))
-    done = case.iterations
-    while done < case.settle and not _torque(case, folder, done).settled:
-        more = min(case.window, case.settle - done)
-        seconds += _continue(case, folder, done, more, step=lambda i: advance((guessed + i) / total))
-        done += more
     result = collect(case, folder, quality | {"first_guess": guess, "cpu_seconds": round(seconds, 1)})
     shutil.rmtree(folder / "start", ignore_errors=True)
     write_json(folder / RESULT, result.to_json())
+    return result
+
+
+def _go_on(case: Case, folder: Path, before: Result, advance: Advance) -> Result:
+    """Go on with a case for another window of iterations; until they are done, what was before them stays."""
+    done = before.provenance["iterations"]
+    for path in [*_times(folder), *_times(folder / "postProcessing" / "torque")]:
+        # what a killed run has left
+        if int(path.name) > done or (path.parent != folder and int(path.name) == done):
+            shutil.rmtree(path)
+    write_json(folder / REQUEST, case.to_json())
+    text = dictionaries.control_dict(done, min(case.window, case.settle - done), case.density)
+    (folder / "system" / "controlDict").write_text(text, encoding="utf-8")
+    log = openfoam.run(
+        ["simpleFoam"], folder, folder / _LOG, step=lambda i: advance(i / max(case.iterations, case.settle))
+    )
+    seconds = before.provenance["cpu_seconds"] + read_log(log).seconds
+    result = collect(case, folder, before.provenance | {"cpu_seconds": round(seconds, 1)})
+    write_json(folder / RESULT, result.to_json())
+    shutil.rmtree(folder / str(done))
     return result
 
 
@@ -350,14 +389,14 @@ def collect(case: Case, folder: Path, provenance: dict[str, Any]) -> Result:
         case=case,
         torque=torque,
         y_plus=wall_units(case, folder),
-        provenance={
+        provenance=provenance
+        | {
             "program": "OpenFOAM simpleFoam",
             "version": log.version,
             "model": dictionaries.MODELS[case.model][0],
             "wall_functions": MESHES[case.mesh].wall_functions or case.model == "paper",
             "iterations": done,
             "residuals": log.residuals,
-            **provenance,
         },
     )
 
@@ -396,10 +435,15 @@ def last_time(folder: Path) -> Path:
     InputError
         If there is none.
     """
-    times = [p for p in folder.iterdir() if p.is_dir() and p.name.isdigit() and int(p.name) > 0]
+    times = [path for path in _times(folder) if path.name != "0"]
     if not times:
         raise InputError(f"{folder}: no solution has been written")
     return max(times, key=lambda p: int(p.name))
+
+
+def _times(folder: Path) -> list[Path]:
+    """Return the folders of iterations in a folder."""
+    return [path for path in folder.iterdir() if path.is_dir() and path.name.isdigit()]
 
 
 def write_json(path: Path, content: Any) -> None:
@@ -451,16 +495,6 @@ def _solve(case: Case, folder: Path, root: Path, *, first: Path | None, step: op
         (folder / path).write_text(text, encoding="utf-8")
     _write_start(case, folder, first)
     return read_log(openfoam.run(["simpleFoam"], folder, folder / _LOG, step=step)).seconds
-
-
-def _continue(case: Case, folder: Path, done: int, more: int, *, step: openfoam.Step) -> float:
-    """Go on with a case for some more iterations, and return the CPU time [s]."""
-    text = dictionaries.control_dict(done, more, case.density)
-    (folder / "system" / "controlDict").write_text(text, encoding="utf-8")
-    before = last_time(folder)
-    seconds = read_log(openfoam.run(["simpleFoam"], folder, folder / _LOG, step=step)).seconds
-    shutil.rmtree(before)
-    return seconds
 
 
 def _write_start(case: Case, folder: Path, first: Path | None) -> None:
