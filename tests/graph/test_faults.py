@@ -192,8 +192,6 @@ class Relay:
         # like the controller itself: what is said before the plant listens is lost, and the plant waits for ever
         while self._running and not self._output.get_subscription_count():
             time.sleep(0.005)
-        if self._count == 0:
-            time.sleep(0.3)  # the plant may know of this line a moment later than this line of the plant
         self._count += 1
         for command in self._change(self._count, raw):
             self._output.publish(command)

@@ -1,7 +1,7 @@
 """The node ``plant``: the simulated bench, sample by sample, in one of two clocks.
 
-``lockstep``: it publishes sample 0 once enough subscribers listen, and from then on one sample for each command that
-answers the last one. The run is reproducible, and as fast as the two nodes can talk; ``/clock`` carries the simulated
+``lockstep``: it publishes sample 0 once enough subscribers listen and a controller is there, and from then on one sample
+for each command that answers the last one. The run is reproducible, and as fast as the two nodes can talk; ``/clock`` carries the simulated
 time.
 
 ``realtime``: a sample every period of the bench by the clock on the wall, answered or not; the stamps are the time of
@@ -165,15 +165,13 @@ class PlantNode(BenchNode):
         self._truth = self.publisher(topics.TRUTH) if self.parameter("publish_truth") else None
         self._description = self.publisher(topics.BENCH)
         self._description.publish(String(data=bench.describe()))
-        self._inputs = (
-            self.subscription(topics.ENVIRONMENT, self._on_environment),
-            self.subscription(
-                topics.COMMAND, self._on_command_realtime if self._realtime else self._on_command, raw=True
-            ),
+        self._environment = self.subscription(topics.ENVIRONMENT, self._on_environment)
+        self._commands = self.subscription(
+            topics.COMMAND, self._on_command_realtime if self._realtime else self._on_command, raw=True
         )
 
     def activate(self) -> None:
-        """Publish sample 0 as soon as enough subscribers listen, or go on where the node was deactivated."""
+        """Publish sample 0 as soon as all are there who must not miss it, or go on where the node was deactivated."""
         self.prioritise()
         self._guard.start()
         self._active = True
@@ -203,7 +201,7 @@ class PlantNode(BenchNode):
 
     def cleanup(self) -> None:
         """Give up the plant and its topics."""
-        for subscription in self._inputs:
+        for subscription in (self._environment, self._commands):
             self.destroy_subscription(subscription)
         for publisher in (
             self._measurements,
@@ -247,9 +245,8 @@ class PlantNode(BenchNode):
         values |= {f"refused_{why}": count for why, count in guard.refused.items()}
         if self._realtime:
             values |= self._pace()
-        if self._first is not None:
-            have, need = self._measurements.get_subscription_count(), self.parameter("wait_for_subscribers")
-            return Diagnosis(f"waiting for subscribers: {have} of {need}", values)
+        if self._first is not None and (missing := self._missing()):
+            return Diagnosis(f"waiting for {' and '.join(missing)}", values)
         if guard.trip is not None:
             return Diagnosis(
                 f"{guard.trip}: {guard.reason}; coils off, motor {outputs}", values, DiagnosticStatus.ERROR
@@ -297,11 +294,23 @@ class PlantNode(BenchNode):
     # ---- the first sample
 
     def _publish_first(self) -> None:
-        if self._measurements.get_subscription_count() >= self.parameter("wait_for_subscribers"):
+        if not self._missing():
             self._stop_waiting()
             if self._realtime:
                 self._start_pacing()
             self._publish_sample(self._plant.measure())
+
+    def _missing(self) -> list[str]:
+        """Return what has to be there before sample 0, and is not."""
+        missing = []
+        have, need = self._measurements.get_subscription_count(), self.parameter("wait_for_subscribers")
+        if have < need:
+            missing.append(f"subscribers: {have} of {need}")
+        # Two ends of a line do not know of each other at the same moment: a command from one that this node does not
+        # know yet would be lost, and in lock-step nothing goes on without it.
+        if not self._realtime and not self._commands.get_publisher_count():
+            missing.append("a publisher of commands")
+        return missing
 
     def _stop_waiting(self) -> None:
         if self._first is not None:
@@ -313,6 +322,9 @@ class PlantNode(BenchNode):
     def _on_command(self, raw: bytes) -> None:
         if not self._active:
             self._waiting = raw
+            return
+        if self._first is not None:  # nobody has seen a sample that it could answer
+            self._ignored += 1
             return
         sequence, guard = self._plant.sequence, self._guard
         try:
