@@ -1,8 +1,8 @@
 """The node ``plant``: the simulated bench, sample by sample, in one of two clocks.
 
-``lockstep``: it publishes sample 0 once enough subscribers listen and a controller is there, and from then on one sample
-for each command that answers the last one. The run is reproducible, and as fast as the two nodes can talk; ``/clock`` carries the simulated
-time.
+``lockstep``: it publishes sample 0 once enough subscribers listen and a controller is there, and from then on one
+sample for each command that answers the last one. The run is reproducible, and as fast as the two nodes can talk;
+``/clock`` carries the simulated time.
 
 ``realtime``: a sample every period of the bench by the clock on the wall, answered or not; the stamps are the time of
 the computer. Where no command came, the last one goes on acting.
