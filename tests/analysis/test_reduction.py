@@ -11,7 +11,15 @@ import pytest
 from gyrowheel_analysis.balance import Balance
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.pipeline import prepare, samples_of
-from gyrowheel_analysis.reduction import READING_NOISES, Samples, Windows, reading_noise, reduce
+from gyrowheel_analysis.reduction import (
+    READING_NOISES,
+    Coverage,
+    Samples,
+    Windows,
+    reading_noise,
+    reduce,
+    reduce_and_account,
+)
 from gyrowheel_control.controller import Gains
 from gyrowheel_control.plans import Plan
 from gyrowheel_sim.scenario import Scenario
@@ -118,6 +126,36 @@ def test_a_supply_that_fails_is_noticed(samples: Samples, windows: Windows) -> N
     values[:, 7] += 0.5 * np.where(np.arange(len(values)) % 2, 1.0, -1.0)
     holds = int(np.sum(windows.duration > 0.9))
     assert len(reduce(replace(samples, values=values), BENCH)) < holds / 4
+
+
+def test_what_is_left_out_is_accounted_for(samples: Samples, windows: Windows) -> None:
+    found, whole = reduce_and_account(samples, BENCH)
+    assert len(found) == len(windows)
+    assert whole.complete
+    assert whole.recorded == pytest.approx(samples.time[-1] - samples.time[0], abs=0.001)
+    # windows end with a whole revolution
+    assert whole.used == pytest.approx(windows.duration.sum(), rel=0.06)
+    assert whole.sentence().startswith(f"All {whole.used:.0f} s of steady motion take part")
+
+    values = samples.values.copy()
+    limit = 0.6 * float(np.abs(values[:, 0]).max())
+    values[:, 0] = np.clip(values[:, 0], -limit, limit)
+    lost = samples.time < samples.time[0] + 0.3 * whole.recorded
+    clipped = replace(samples, values=values)
+    _, part = reduce_and_account(clipped, BENCH)
+    assert part.steady == pytest.approx(whole.steady)
+    assert not part.complete
+    assert "with a reading at the end of its range" in part.left_out
+    assert "s with a reading at the end of its range" in part.sentence()
+    # three of four samples missing in the first part
+    thin = ~lost | (np.arange(len(lost)) % 4 == 0)
+    fewer = replace(clipped, time=samples.time[thin], values=values[thin])
+    _, both = reduce_and_account(fewer, BENCH)
+    assert both.left_out["with too few samples or revolutions"] > 0.1 * whole.steady
+    assert both.steady == pytest.approx(whole.steady, rel=0.01)
+    together = Coverage.of([whole, both])
+    assert together.used == pytest.approx(whole.used + both.used)
+    assert together.left_out == both.left_out
 
 
 def test_parts_of_a_cone_have_whole_revolutions_at_the_final_speed(tmp_path: Path) -> None:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import io
 import math
+from dataclasses import replace
 
 import pytest
 from rich.console import Console
 
 from gyrowheel_analysis.errors import ErrorRow
 from gyrowheel_analysis.model import Model
+from gyrowheel_analysis.reduction import Coverage
 from gyrowheel_bringup.cli.finding import following
 from gyrowheel_bringup.render.diagnosis import diagnosis as rendered
 from gyrowheel_bringup.render.diagnosis import verdict_sentence
@@ -135,6 +137,15 @@ def test_verdicts_are_plain_sentences():
     assert verdict_sentence(VERDICTS["effect"]) == "An effect is missing: drag of the air on the spin."
     assert verdict_sentence(VERDICTS["two"]).startswith("Two effects are missing: ")
     assert "either cross torque of the air on the tilted rotor or additional" in verdict_sentence(AMBIGUOUS)
+
+
+def test_what_takes_no_part_is_said():
+    part = Coverage(60.0, 30.0, {"of a kind": 2.0, "of another": 8.0, "of a third": 0.01})
+    words = " ".join(text_of(rendered(replace(AMBIGUOUS, coverage=part))).split())
+    said = "30 of 40 s of steady motion take part (of 60 s recorded); left out: 8.0 s of another, 2.0 s of a kind."
+    assert said in words
+    nearly = replace(AMBIGUOUS, coverage=Coverage(60.0, 39.0, {"of a kind": 1.0}))
+    assert "take part" not in text_of(rendered(nearly))
 
 
 def test_ties_name_the_test_or_say_that_there_is_none():

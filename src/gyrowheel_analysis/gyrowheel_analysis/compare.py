@@ -23,7 +23,7 @@ from gyrowheel_analysis.errors import (
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.pipeline import FEWEST_WINDOWS, Prepared, Progress, errors_of, one_thread, prepare
 from gyrowheel_analysis.recording import Recording
-from gyrowheel_analysis.reduction import concatenate
+from gyrowheel_analysis.reduction import Coverage, concatenate
 from gyrowheel_analysis.where.dependence import Dependence, Whiteness, dependences, sentences, whiteness
 from gyrowheel_analysis.where.maps import ResidualMap, all_maps, maps_json
 from gyrowheel_analysis.where.regions import Region, regions
@@ -91,6 +91,8 @@ class Comparison:
         Names of the recordings.
     model : str
         File of the model.
+    coverage : Coverage
+        How much of the recordings takes part.
     """
 
     channels: dict[str, ChannelMetrics]
@@ -104,6 +106,7 @@ class Comparison:
     residuals: list[Residuals]
     recordings: list[str]
     model: str
+    coverage: Coverage
 
     @property
     def maps(self) -> list[ResidualMap]:
@@ -127,6 +130,7 @@ class Comparison:
             "maps": maps_json(self.maps),
             "recordings": self.recordings,
             "model": self.model,
+            "coverage": self.coverage.to_json(),
         }
 
 
@@ -145,7 +149,8 @@ def compare(recordings: Sequence[Recording], model: Model, *, progress: Progress
     prepared = prepare(recordings, model, progress=progress)
     if prepared.windows < FEWEST_WINDOWS:
         raise InputError(
-            f"{', '.join(prepared.names)}: {prepared.windows} steady windows; at least {FEWEST_WINDOWS} are needed"
+            f"{', '.join(prepared.names)}: {prepared.windows} steady windows; at least {FEWEST_WINDOWS} are needed; "
+            f"{prepared.coverage.sentence()}"
         )
     problem = prepared.problem
     problem.estimate_noise()
@@ -174,6 +179,7 @@ def compare(recordings: Sequence[Recording], model: Model, *, progress: Progress
         residuals=errors.residuals,
         recordings=[str(r.path) for r in recordings],
         model=model.origin,
+        coverage=prepared.coverage,
     )
 
 

@@ -14,7 +14,7 @@ from gyrowheel_analysis.discovery.fit import Fit, Problem
 from gyrowheel_analysis.errors import ErrorRow, ErrorTable, Residuals, error_row, floor_row, residuals
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.recording import Recording
-from gyrowheel_analysis.reduction import Samples, Windows, reduce
+from gyrowheel_analysis.reduction import Coverage, Samples, Windows, reduce_and_account
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.errors import InputError
 
@@ -26,11 +26,24 @@ FEWEST_WINDOWS = 6
 
 @dataclass(frozen=True)
 class Prepared:
-    """Recordings made ready: the problem and the names of the recordings in it, in order."""
+    """Recordings made ready.
+
+    Attributes
+    ----------
+    problem : Problem
+        What can be fitted.
+    names : list of str
+        The recordings in it, in order.
+    windows : int
+        How many windows they have.
+    coverage : Coverage
+        How much of them lies in these windows.
+    """
 
     problem: Problem
     names: list[str]
     windows: int
+    coverage: Coverage
 
 
 @contextlib.contextmanager
@@ -68,15 +81,17 @@ def prepare(
     if not recordings:
         raise InputError("no recording given")
     bench = model.reference_bench
-    balances = []
+    balances, coverages = [], []
     for recording in recordings:
         if progress:
             progress(f"reducing {recording.name}")
-        windows = reduce(samples_of(recording), bench)
+        windows, coverage = reduce_and_account(samples_of(recording), bench)
         _check(windows, bench, str(recording.path))
+        coverages.append(coverage)
         balances.append(Balance(windows, bench, harmonics=harmonics))
     problem = Problem(balances, bench, model.effects, model.effect_errors, model.declared)
-    return Prepared(problem, [r.name for r in recordings], sum(len(b.windows) for b in balances))
+    count = sum(len(b.windows) for b in balances)
+    return Prepared(problem, [r.name for r in recordings], count, Coverage.of(coverages))
 
 
 def _check(windows: Windows, bench: Bench, where: str) -> None:

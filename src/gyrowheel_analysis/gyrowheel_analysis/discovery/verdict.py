@@ -19,7 +19,7 @@ from gyrowheel_analysis.errors import ErrorTable, Residuals
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.pipeline import FEWEST_WINDOWS, Prepared, errors_of, one_thread, prepare
 from gyrowheel_analysis.recording import Recording
-from gyrowheel_analysis.reduction import concatenate
+from gyrowheel_analysis.reduction import Coverage, concatenate
 from gyrowheel_analysis.where.growth import growth
 from gyrowheel_analysis.where.regions import Region, regions
 from gyrowheel_analysis.where.residuals import window_residuals
@@ -167,6 +167,10 @@ class Diagnosis:
         Size of the slow drifts over the stated size.
     seconds : float
         How long it took [s].
+    versions : dict of str to str
+        Of the programs that found it.
+    coverage : Coverage
+        How much of the recordings takes part.
     """
 
     verdict: Verdict
@@ -184,6 +188,7 @@ class Diagnosis:
     drift_scales: dict[str, float]
     seconds: float
     versions: dict[str, str] = field(default_factory=dict)
+    coverage: Coverage = field(default_factory=Coverage)
 
     def to_json(self) -> dict[str, Any]:
         """Return the diagnosis as a JSON object."""
@@ -257,6 +262,7 @@ class Diagnosis:
             ],
             "recordings": self.recordings,
             "model": self.model,
+            "coverage": self.coverage.to_json(),
             "versions": self.versions,
         }
 
@@ -293,10 +299,13 @@ def diagnose(
     validation = prepare(validate, model, harmonics=not averages, progress=progress) if validate else None
     paths = [str(r.path) for r in recordings]
     if fitted.windows < FEWEST_WINDOWS:
-        text = f"{fitted.windows} steady windows; at least {FEWEST_WINDOWS} are needed to tell anything"
+        text = (
+            f"{fitted.windows} steady windows; at least {FEWEST_WINDOWS} are needed to tell anything; "
+            f"{fitted.coverage.sentence()}"
+        )
         return Diagnosis(
             "insufficient_data", text, [], [], None, [], None, {}, [], [], paths, model.origin, {},
-            clock.monotonic() - began, _versions(),
+            clock.monotonic() - began, _versions(), fitted.coverage,
         )  # fmt: skip
     problem = fitted.problem
     say("estimating noise and drift")
@@ -357,6 +366,7 @@ def diagnose(
         drift_scales=dict(problem.noise.scales),
         seconds=clock.monotonic() - began,
         versions=_versions(),
+        coverage=fitted.coverage,
     )
 
 

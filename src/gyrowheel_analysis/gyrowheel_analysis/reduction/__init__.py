@@ -6,10 +6,11 @@ turn with the tilt), the smooth spin rate, and the harmonics of the motor's curr
 means, which leaves their noise simple.
 """
 
+from gyrowheel_analysis.reduction.coverage import Coverage
 from gyrowheel_analysis.reduction.motor_heat import MOTOR_THERMAL, motor_temperatures
 from gyrowheel_analysis.reduction.planned import planned_windows
 from gyrowheel_analysis.reduction.readings import READING_NOISES, reading_noise
-from gyrowheel_analysis.reduction.recorded import reduce
+from gyrowheel_analysis.reduction.recorded import reduce, reduce_and_account
 from gyrowheel_analysis.reduction.samples import Samples
 from gyrowheel_analysis.reduction.spans import SETTLING, SPIN_SETTLING, steady_spans
 from gyrowheel_analysis.reduction.windows import FORWARD, HARMONICS, Windows, concatenate, without_noise
@@ -21,6 +22,7 @@ __all__ = [
     "READING_NOISES",
     "SETTLING",
     "SPIN_SETTLING",
+    "Coverage",
     "Samples",
     "Windows",
     "concatenate",
@@ -28,6 +30,7 @@ __all__ = [
     "planned_windows",
     "reading_noise",
     "reduce",
+    "reduce_and_account",
     "steady_spans",
     "without_noise",
 ]

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections import defaultdict
 from typing import Any
 
 import numpy as np
 
+from gyrowheel_analysis.reduction.coverage import Coverage
 from gyrowheel_analysis.reduction.motor_heat import motor_temperatures
 from gyrowheel_analysis.reduction.readings import clipped_readings, reading_noise
 from gyrowheel_analysis.reduction.samples import Samples
@@ -19,10 +21,20 @@ from gyrowheel_sim.bench import Bench
 #: A window of a cone in which the speed changes faster than so [rad/s^2], or is farther from the last one, is left out.
 _CONE_DRIFT, _CONE_OFF = 2.0, 0.01
 _SETTLES_BY = 0.2  # s; by so much later a window begins if its motion has not settled
+#: Why steady motion lies in no window.
+_TOO_FEW = "with too few samples or revolutions"
+_CLIPPED = "with a reading at the end of its range"
+_UNSETTLED = "with a motion or motor current that had not settled"
+_OFF_SPEED = "of a cone before its speed was reached"
 
 
 def reduce(data: Samples, bench: Bench) -> Windows:
-    """Reduce a recording to windows of whole revolutions.
+    """Reduce a recording to windows of whole revolutions; see `reduce_and_account`."""
+    return reduce_and_account(data, bench)[0]
+
+
+def reduce_and_account(data: Samples, bench: Bench) -> tuple[Windows, Coverage]:
+    """Reduce a recording to windows of whole revolutions, and say how much of it lies in them.
 
     Parameters
     ----------
@@ -33,42 +45,62 @@ def reduce(data: Samples, bench: Bench) -> Windows:
 
     Returns
     -------
-    Windows
+    windows : Windows
         In time order; empty if the recording has no steady motion.
+    coverage : Coverage
+        What became of the steady motion.
     """
     h = bench.sample_period
     rows: list[dict[str, Any]] = []
+    used, left_out = 0.0, defaultdict[str, float](float)
     noise = reading_noise(data, bench)
     clipped = clipped_readings(data)
     heat = motor_temperatures(data, bench)
     for start, stop, segment, turn in steady_spans(data):
+        if stop <= start:
+            continue  # a hold that ends before it has settled
         longest, last = LONGEST, 0.0
         if turn > 0.0:
             first, end = np.searchsorted(data.time, (start, stop))
             inside = data.values[first:end, 3]
             speed = float(np.median(inside)) if len(inside) else math.nan
             if not speed > 0.0:
+                left_out[_TOO_FEW] += stop - start
                 continue
             last = float(np.median(inside[-max(len(inside) // 10, 1) :]))
             longest = cone_window(turn, speed)
         count = window_count(stop - start, longest, cone=bool(turn))
         edges = np.linspace(start, stop, count + 1)
         for a, b in itertools.pairwise(edges):
-            row = None
-            while row is None and b - a >= SHORTEST:
-                i, j = (int(k) for k in np.searchsorted(data.time, (a - 1e-9, b - 1e-9)))
+            why = _TOO_FEW
+            begin, row = a, None
+            while row is None and b - begin >= SHORTEST:
+                i, j = (int(k) for k in np.searchsorted(data.time, (begin - 1e-9, b - 1e-9)))
                 if clipped[i:j].any():
+                    why = _CLIPPED
                     break
                 row = fit_window(data, i, j, h, bench, heat, noise)
-                if turn and row is not None and not _at_speed(row, last, b - a):
-                    row = None
-                if turn or row is None or not row.pop("unsettled"):
+                if row is None:
                     break
-                row, a = None, a + _SETTLES_BY
-            if row is not None and not row.pop("unsettled", False):
-                row["segment"] = segment
-                rows.append(row)
-    return Windows.of(rows)
+                unsettled = row.pop("unsettled")
+                if turn and not _at_speed(row, last, b - begin):
+                    row, why = None, _OFF_SPEED
+                    break
+                if unsettled:
+                    row, why = None, _UNSETTLED
+                    if turn:
+                        break
+                    begin += _SETTLES_BY
+            if row is None:
+                left_out[why] += b - a
+                continue
+            row["segment"] = segment
+            rows.append(row)
+            used += b - begin
+            if begin > a:
+                left_out[_UNSETTLED] += begin - a
+    length = float(data.time[-1] - data.time[0]) + h if len(data.time) else 0.0
+    return Windows.of(rows), Coverage(length, used, dict(left_out))
 
 
 def _at_speed(row: dict[str, Any], last: float, length: float) -> bool:

@@ -22,6 +22,7 @@ from gyrowheel_sim.units import DEG, RPM
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.compare import Comparison
+    from gyrowheel_analysis.reduction import Coverage
     from gyrowheel_analysis.where.maps import ResidualMap, Span
     from gyrowheel_analysis.where.regions import Region
     from gyrowheel_analysis.where.residuals import WindowResiduals
@@ -64,10 +65,16 @@ def comparison(result: Comparison, maps: Iterable[ResidualMap] | None = None) ->
     yield heading("How well the model predicts, with the bench's parameters within their uncertainties")
     yield channel_table(result)
     yield Text(_LEGEND, style="dim")
+    yield from coverage(result.coverage)
     failing = fails(result)
     yield from failures(result.where, result.dependence, failing=failing)
     for each in [m for m in result.maps if m.over == DEFAULT and failing] if maps is None else maps:
         yield from map_table(each, result)
+
+
+def coverage(found: Coverage) -> Iterator[RenderableType]:
+    """Yield how much of the recordings takes part; in yellow if it is not nearly all of their steady motion."""
+    yield Text(f"{found.sentence()}.", style="dim" if found.complete else "yellow")
 
 
 def channel_table(result: Comparison) -> Table:

@@ -11,7 +11,7 @@ from rich.panel import Panel
 from rich.text import Text
 
 from gyrowheel_analysis.wording import listed
-from gyrowheel_bringup.render.comparison import failures
+from gyrowheel_bringup.render.comparison import coverage, failures
 from gyrowheel_bringup.render.errors import error_table
 from gyrowheel_bringup.render.formulas import pretty
 from gyrowheel_bringup.render.layout import command, heading, sentences, words_table
@@ -73,6 +73,8 @@ def diagnosis(result: Diagnosis, *, following: str | None = None) -> Iterator[Re
     if result.error is not None:
         yield heading("Error before and after" if result.effects or result.free_form else "Error")
         yield Padding(error_table(result.error), _INDENT)
+    if not result.coverage.complete:
+        yield from coverage(result.coverage)
     yield from _moved(result.nuisance)
     yield from detection_limits(result.detection_limits)
     if following:
