@@ -384,6 +384,19 @@ def test_a_solver_that_fails_says_why(tmp_path: Path, player: Player):
     assert not (tmp_path / tiny().name / RESULT).exists()
 
 
+@pytest.mark.parametrize(
+    ("text", "code", "why"),
+    [
+        ("Time = 7\n\nSolving for Ux, Initial residual = 0.1\n", -15, "ended by signal 15 (Terminated)"),
+        ("#1 Foam::sigFpe::sigHandler\n", -8, "the solution diverged (floating-point exception)"),
+        ("some words\nlast words\n", 3, "last words"),
+        ("", 3, "exit status 3"),
+    ],
+)
+def test_a_solver_that_ends_without_a_word_is_explained(text: str, code: int, why: str):
+    assert openfoam.reason(text, code) == why
+
+
 def test_a_folder_of_somebody_else_is_left_alone(tmp_path: Path, player: Player):
     (tmp_path / tiny().name).mkdir()
     (tmp_path / tiny().name / "thesis.tex").write_text("years of work")

@@ -124,6 +124,8 @@ def reason(text: str, code: int) -> str:
         return " ".join(error.group(1).split())
     if "sigFpe" in text or code in (-signal.SIGFPE, 128 + signal.SIGFPE):
         return "the solution diverged (floating-point exception)"
+    if code < 0:
+        return f"ended by signal {-code} ({signal.strsignal(-code)})"
     last = text.strip().splitlines()[-1:]
     return " ".join(last[0].split()) if last else f"exit status {code}"
 
