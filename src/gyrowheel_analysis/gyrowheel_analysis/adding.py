@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from gyrowheel_analysis.discovery.fit import ERRORS, Fit, Problem, Term
-from gyrowheel_analysis.discovery.verdict import Estimate, judge_noise_with, nuisance_estimates
+from gyrowheel_analysis.discovery.verdict import Estimate, nuisance_estimates
 from gyrowheel_analysis.errors import ErrorTable, Residuals
 from gyrowheel_analysis.model import Model, Override
 from gyrowheel_analysis.pipeline import FEWEST_WINDOWS, Progress, errors_of, one_thread, prepare
@@ -22,6 +22,7 @@ from gyrowheel_sim.errors import InputError
 #: Stands for all effects that a model of the air has: ``aero:MODEL``.
 AIR = "aero"
 _HARDLY = 3.0  # standard errors from zero below which an effect is hardly there
+_MOVED = 4.0  # standard errors by which a coefficient of the model hardly moves by chance
 _TOLD = 0.9  # of an uncertainty: a recording that leaves more of it has told nothing
 
 
@@ -66,10 +67,10 @@ def add_effect(
     model : Model
         The model as it is.
     names : sequence of str or Effect
-        Effects, or errors of bench parameters (``stiffness_error`` and the like), to add. An `Effect` that is not
-        registered goes into the model with its declaration. ``aero:MODEL`` stands for the effects that a model of the
-        air has (`gyrowheel_sim.air.MODELS`); sizes and exponents are fitted from what the model says, within its
-        uncertainties.
+        Effects, or errors of bench parameters (``stiffness_error`` and the like), to add. One that the model has is
+        fitted anew. An `Effect` that is not registered goes into the model with its declaration. ``aero:MODEL`` stands
+        for the effects that a model of the air has (`gyrowheel_sim.air.MODELS`); sizes and exponents are fitted from
+        what the model says, within its uncertainties.
     fit : sequence of Recording
         Recordings on which coefficients and bench parameters are fitted.
     validate : sequence of Recording
@@ -78,7 +79,8 @@ def add_effect(
     Raises
     ------
     InputError
-        If an effect is unknown or in the model already, or the recordings have too little steady motion.
+        If an effect is unknown, the name of a formula is in the model already, or the recordings have too little
+        steady motion.
     """
     terms: list[Term] = []
     declared: dict[str, Effect] = {}
@@ -97,7 +99,7 @@ def add_effect(
         name = item.name if isinstance(item, Effect) else item
         if is_air(name):
             continue
-        if name in start.effects:
+        if name in start.effects and (isinstance(item, Effect) or name not in model.effects):
             raise InputError(f"{model.origin}: effects.{name}: the model has it already")
         if any(t.name == name for t in terms):
             raise InputError(f"effect: '{name}' is given twice")
@@ -108,7 +110,7 @@ def add_effect(
         terms.append(
             Term(name)
             if name in ERRORS
-            else Term(name, get(name, declared=declared, bench=model.stated_bench))
+            else Term(name, get(name, declared={**model.declared, **declared}, bench=model.stated_bench))
         )
     if not terms and not air:
         raise InputError("no effect given")
@@ -123,7 +125,7 @@ def add_effect(
         progress("fitting")
     problem.estimate_noise()
     if declared:
-        judge_noise_with(problem, problem.fit(terms))
+        problem.estimate_noise_with(problem.fit(terms))
     elif problem.reweigh(first := problem.fit(terms)) and validation:
         validation.problem.reweigh(first)
     before, after = _before(model, problem, air), problem.refined(problem.fit(terms))
@@ -142,6 +144,11 @@ def add_effect(
             notes.append(
                 f"{term.name} is hardly there: {after.significance(term.name):.1f} standard errors from zero"
             )
+    notes += [
+        f"{name} {key} of the model moved by {abs(far):.1f} of its standard errors: its size there may be wrong"
+        for (name, key), far in problem.moved(after.nuisance).items()
+        if abs(far) > _MOVED and name not in air
+    ]
     values = problem.effects(after.nuisance, {})
     effects = {active.effect.name: dict(active.values) for active in values}
     effect_errors = {name: dict(model.effect_errors.get(name, {})) for name in effects}
@@ -157,7 +164,7 @@ def add_effect(
     }
     entry: dict[str, Any] = {
         "time": datetime.now(UTC).isoformat(timespec="seconds"),
-        "what": f"add {', '.join([*(n for n in names if isinstance(n, str) and is_air(n)), *(t.name for t in terms)])}",
+        "what": _what([n for n in names if isinstance(n, str) and is_air(n)], terms, model),
         "fit": [str(r.path) for r in fit],
         "validate": [str(r.path) for r in validate],
         "error": errors.table.to_json(),
@@ -178,6 +185,14 @@ def add_effect(
         entry, overrides=overrides, effects=effects, effect_errors=effect_errors, declared=declared
     )
     return Added(changed, coefficients, errors.table, errors.residuals, notes)
+
+
+def _what(air: Sequence[str], terms: Sequence[Term], model: Model) -> str:
+    """Return what is done to the model, for its history."""
+    new = [*air, *(t.name for t in terms if t.name not in model.effects)]
+    again = [t.name for t in terms if t.name in model.effects]
+    parts = (("add", new), ("fit anew", again))
+    return "; ".join(f"{verb} {', '.join(those)}" for verb, those in parts if those)
 
 
 def is_air(name: str) -> bool:

@@ -165,7 +165,7 @@ class Problem:
     bench : Bench
         The bench as its file describes it: the stated values and uncertainties.
     known : EffectValues
-        Effects that the model has already.
+        Effects that the model has already. A term of the same name stands in the place of one.
     known_errors : dict
         Standard errors of their coefficients; a coefficient that has none is held.
     declared : dict of str to Effect
@@ -226,12 +226,36 @@ class Problem:
 
     def effects(self, nuisance: Array, coefficients: EffectValues) -> list[ActiveEffect]:
         """Return all effects with their coefficients: those known and those of the terms."""
+        every = self.library
+        present = {**self._known_at(nuisance), **coefficients}
+        return [ActiveEffect(every[name], v) for name, v in present.items() if name in every]
+
+    def _known_at(self, nuisance: Array) -> EffectValues:
+        """Return the coefficients of the known effects for deviations `nuisance`."""
         known = {name: dict(v) for name, v in self.known.items()}
         for (name, key, error), u in zip(self._loose, nuisance[len(self.nuisances) :], strict=True):
             known[name][key] += u * error
-        every = self.library
-        active = [ActiveEffect(every[name], v) for name, v in known.items()]
-        return active + [ActiveEffect(every[name], v) for name, v in coefficients.items() if name in every]
+        return known
+
+    def moved(self, nuisance: Array) -> dict[tuple[str, str], float]:
+        """Return by how many of its standard errors each coefficient of the known effects has moved."""
+        names = [(name, key) for name, key, _ in self._loose]
+        return dict(zip(names, nuisance[len(self.nuisances) :].tolist(), strict=True))
+
+    def _present(self, term: Term, nuisance: Array, coefficients: EffectValues) -> dict[str, float] | None:
+        """Return the coefficients that a term has in a state; None if the state is without it."""
+        if term.name in coefficients:
+            return coefficients[term.name]
+        return self._known_at(nuisance).get(term.name)
+
+    def candidates(self) -> list[Term]:
+        """Return what the rows may ask for: every registered effect, every parameter error that is a finding.
+
+        An effect that the model has is among them: its coefficients may be wrong. As a term it stands in the place of
+        what the model has of it.
+        """
+        own = [Term(name, self.library[name]) for name in self.known if name not in registry()]
+        return candidate_terms(self.bench) + own
 
     def predict(self, nuisance: Array, coefficients: EffectValues) -> Array:
         """Return the predicted rows of all recordings."""
@@ -261,7 +285,7 @@ class Problem:
         if term.effect is None:
             return self._predict_step(nuisance, coefficients, nuisance, changed)
         effect = self.library[term.name] = term.effect
-        before = coefficients.get(term.name)
+        before = self._present(term, nuisance, coefficients)
         values, instants, _ = self._state(nuisance, coefficients)
         found = self._from(instants, lambda b, at: b.changed(at, values, effect, before, own))
         return self._predict_step(nuisance, coefficients, nuisance, changed) if found is None else found
@@ -336,15 +360,16 @@ class Problem:
             self.library[term.name] = term.effect
         columns = []
         for name in term.coefficients if names is None else names:
-            own = dict(coefficients.get(term.name, self.null(term)))
+            own = dict(self._present(term, nuisance, coefficients) or self.null(term))
             step = self._step(term, name)
             own[name] += step
             columns.append((self._predict_changed(nuisance, coefficients, term, own) - at) / step)
         return np.column_stack(columns)
 
-    @staticmethod
-    def null(term: Term) -> dict[str, float]:
-        """Return the coefficients of a term for which it does nothing."""
+    def null(self, term: Term) -> dict[str, float]:
+        """Return the coefficients for which a term changes nothing: those of the model if it has the effect."""
+        if term.name in self.known:
+            return dict(self.known[term.name])
         return term.effect.nulls() if term.effect else {"relative_error": 0.0}
 
     @staticmethod
@@ -397,7 +422,7 @@ class Problem:
             for index, (term, name) in enumerate(columns):
                 x[self.count + index] = start.coefficients.get(term, {}).get(name, x[self.count + index])
         # The derivatives by the bench parameters change little; they are taken anew where a parameter has moved far.
-        nuisance_jacobian = start.jacobian[:, : self.count] if start is not None else self.base_jacobian
+        nuisance_jacobian = self._nuisance_columns(terms, start)
         taken_at = start.nuisance if start is not None else np.zeros(self.count)
         at = self._at(x, terms, inverse, centre)
         bold = True
@@ -435,6 +460,26 @@ class Problem:
             at.pull,
             jacobian,
         )
+
+    def _nuisance_columns(self, terms: Sequence[Term], start: Fit | None) -> Array:
+        """Return the derivatives by the bench parameters, and the coefficients of known effects, to start a fit with.
+
+        What the model has of an effect does nothing where a term stands in its place.
+        """
+        if start is None:
+            columns, before = self.base_jacobian, set()
+        else:
+            columns, before = start.jacobian[:, : self.count], {t.name for t in start.terms}
+        replaced = {t.name for t in terms}
+        at = len(self.nuisances)
+        if any(name in replaced | before for name, _, _ in self._loose):
+            columns = columns.copy()
+            for k, (name, _, _) in enumerate(self._loose, at):
+                if name in replaced:
+                    columns[:, k] = 0.0
+                elif name in before:
+                    columns[:, k] = self.base_jacobian[:, k]
+        return columns
 
     def _linear(
         self, terms: Sequence[Term], x: Array, at: _Point, nuisance_jacobian: Array, inverse: Array
@@ -562,11 +607,22 @@ class Problem:
 
     def estimate_noise(self) -> None:
         """Estimate the size of the slow drifts, leaving out whatever bench parameters or effects can explain."""
+        columns = np.hstack([self.base_jacobian, self._candidate_columns()])
+        self.noise.estimate_scales(self.measured - self.base, columns)
+
+    def estimate_noise_with(self, fit: Fit) -> None:
+        """Estimate it anew, leaving out also what the terms of a fit can: forms that no registered effect has."""
+        width = [1.0] * self.count + [self.scale(t, n) for t in fit.terms for n in t.coefficients]
+        rows = fit.residual + fit.jacobian[:, : self.count] @ fit.nuisance
+        columns = np.hstack([fit.jacobian * np.array(width), self._candidate_columns()])
+        self.noise.use_scales(self.noise.best_scales(rows, columns)[0])
+
+    def _candidate_columns(self) -> Array:
+        """Return the derivatives of the rows by the amplitudes of all candidates, each of its generous size."""
         zero = np.zeros(self.count)
-        columns: list[Any] = [self.base_jacobian]
-        for term in candidate_terms(self.bench):
-            if term.effect is None or term.name in self.known:
-                continue
-            own = self.term_jacobian(term, zero, {}, self.base, term.amplitudes)
-            columns.append(own * [self.scale(term, name) for name in term.amplitudes])
-        self.noise.estimate_scales(self.measured - self.base, np.hstack(columns))
+        columns: list[Any] = []
+        for term in self.candidates():
+            if term.effect is not None:
+                own = self.term_jacobian(term, zero, {}, self.base, term.amplitudes)
+                columns.append(own * [self.scale(term, name) for name in term.amplitudes])
+        return np.hstack(columns)

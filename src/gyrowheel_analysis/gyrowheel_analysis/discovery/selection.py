@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.discovery.fit import ERRORS, Fit, Problem, Term, candidate_terms
+from gyrowheel_analysis.discovery.fit import ERRORS, Fit, Problem, Term
 from gyrowheel_analysis.grouping import direction_groups, masks, speed_groups
 
 Array = NDArray[np.float64]
@@ -96,13 +96,14 @@ def select(problem: Problem, *, progress: Progress | None = None) -> Selection:
     """Find the terms that the rows ask for.
 
     A term is taken if it brings the threshold in chi-squared and, for the error of a bench parameter, if the
-    parameter then lies beyond five of its stated uncertainties. Every term in the model is tried against every other
-    (swaps) and against none (elimination). When nothing more is asked for, each term must stand the test that the
+    parameter then lies beyond five of its stated uncertainties. An effect that the model has is a candidate like any
+    other: it may be of another size than the model says. Every term that was taken is tried against every other (swaps)
+    and against none (elimination). When nothing more is asked for, each term must stand the test that the
     prediction of a speed, a tilt direction or a recording that was left out does not worsen by it; one that fails goes,
     and the search continues without it. (Earlier this test would judge a term by what is still missing beside it.)
     """
     say = progress or (lambda text: None)
-    pool = [t for t in candidate_terms(problem.bench) if t.name not in problem.known]
+    pool = problem.candidates()
     null = problem.fit(())
     dof = max(expected_chi2(problem), 1.0)
     current = null
@@ -325,7 +326,8 @@ def _survives_cross_validation(problem: Problem, without: Fit, with_: Fit, term:
                 error = left_out @ left_out - slope @ _inverse(kept + part.T @ part) @ slope
                 found.append((float(error), covariance))
             own = found[1][1][np.ix_(amplitudes, amplitudes)]
-            values = np.array([with_.coefficients[term.name][name] for name in term.amplitudes])
+            null = problem.null(term)
+            values = np.array([with_.coefficients[term.name][name] - null[name] for name in term.amplitudes])
             if not np.all(np.isfinite(own)) or values @ np.linalg.pinv(own) @ values < 4.0 * len(values):
                 continue
             errors += [found[0][0], found[1][0]]

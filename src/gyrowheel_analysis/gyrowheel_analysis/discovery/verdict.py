@@ -28,6 +28,8 @@ from gyrowheel_sim.effects.typed import effect_to_line
 
 Verdict = Literal["nothing_missing", "effect", "ambiguous", "unknown", "insufficient_data"]
 
+#: A rival this part of the evidence worse explains nothing.
+_EXPLAINS_NOTHING = 0.95
 _ERROR_TITLES = {
     "stiffness_error": "flexure stiffness differs from the bench file",
     "gimbal_inertia_error": "gimbal inertia differs from the bench file",
@@ -64,7 +66,10 @@ class TieReport:
 
 @dataclass(frozen=True)
 class EffectFinding:
-    """An effect that the recordings ask for."""
+    """An effect that the recordings ask for.
+
+    `in_model` has the coefficients with which the model has it already; None where it is missing.
+    """
 
     name: str
     title: str
@@ -74,6 +79,7 @@ class EffectFinding:
     sentence: str
     evidence: list[str]
     ties: list[TieReport]
+    in_model: dict[str, Estimate] | None = None
 
 
 @dataclass(frozen=True)
@@ -210,6 +216,7 @@ class Diagnosis:
                     "delta_chi2": e.delta_chi2,
                     "formula": e.formula,
                     "evidence": e.evidence,
+                    "in_model": None if e.in_model is None else coefficients(e.in_model),
                     "ties": [
                         {
                             "name": tie.name,
@@ -318,7 +325,7 @@ def diagnose(
         selection = select(problem, progress=progress)
     proposal = search(problem, selection, progress=progress)
     if proposal is not None:
-        judge_noise_with(problem, proposal.fit)
+        problem.estimate_noise_with(proposal.fit)
     best = proposal.fit if proposal else selection.best
     before = problem.fit_within() if proposal or selection.findings else best
     data = window_residuals(
@@ -376,14 +383,6 @@ def _beside(problem: Problem, proposal: Proposal, term: Term) -> Finding:
     return Finding(term, without.chi2 - proposal.fit.chi2, (), (), without)
 
 
-def judge_noise_with(problem: Problem, fit: Fit) -> None:
-    """Judge the noise again with the terms of a fit, so that what a form of no registered effect does is no drift."""
-    width = [1.0] * problem.count + [problem.scale(t, n) for t in fit.terms for n in t.coefficients]
-    rows = fit.residual + fit.jacobian[:, : problem.count] @ fit.nuisance
-    scales, _ = problem.noise.best_scales(rows, fit.jacobian * np.array(width))
-    problem.noise.use_scales(scales)
-
-
 def _verdict(
     findings: list[EffectFinding], proposal: Proposal | None, limits: list[DetectionLimit]
 ) -> tuple[Verdict, str]:
@@ -400,13 +399,19 @@ def _verdict(
                 "nothing was found, but these recordings could not have shown any usual effect",
             )
         return "nothing_missing", "the model explains the recordings within noise and stated uncertainties"
-    names = " and ".join(f.name for f in findings)
+    missing = [f.name for f in findings if f.in_model is None]
+    wrong = [f.name for f in findings if f.in_model is not None]
+    names = "; ".join(
+        f"{what}: {' and '.join(those)}"
+        for what, those in (("missing", missing), ("of another size than in the model", wrong))
+        if those
+    )
     if any(f.ties for f in findings):
         tied = "; ".join(
             f"{f.name} cannot be told from {', '.join(t.name for t in f.ties)}" for f in findings if f.ties
         )
-        return "ambiguous", f"missing: {names}, but {tied}"
-    return "effect", f"missing: {names}"
+        return "ambiguous", f"{names}, but {tied}"
+    return "effect", names
 
 
 def _report(fitted: Prepared, finding: Finding, best: Fit, planner: Planner) -> EffectFinding:
@@ -419,7 +424,9 @@ def _report(fitted: Prepared, finding: Finding, best: Fit, planner: Planner) -> 
     evidence = [f"all else accounted for, {sentence}" for sentence in growth(data)]
     evidence.append(f"leaving it out worsens chi-squared by {finding.delta_chi2:.0f}, all else fitted again")
     evidence += [
-        f"{rival.term.name} in its place is {rival.delta_chi2:.0f} worse" for rival in finding.rivals
+        f"{rival.term.name} in its place is {rival.delta_chi2:.0f} worse"
+        for rival in finding.rivals
+        if rival.delta_chi2 < _EXPLAINS_NOTHING * finding.delta_chi2
     ]
     ties = []
     for tie in finding.ties:
@@ -428,7 +435,7 @@ def _report(fitted: Prepared, finding: Finding, best: Fit, planner: Planner) -> 
         ties.append(
             TieReport(
                 tie.term.name,
-                _title(tie.term),
+                _title(tie.term, problem),
                 tie.delta_chi2,
                 useful.plan if useful else None,
                 useful.expected if useful else None,
@@ -437,7 +444,7 @@ def _report(fitted: Prepared, finding: Finding, best: Fit, planner: Planner) -> 
         )
     return EffectFinding(
         name=term.name,
-        title=_title(term),
+        title=_title(term, problem),
         coefficients=_estimates(term, best),
         delta_chi2=finding.delta_chi2,
         formula=term.effect.formula
@@ -448,11 +455,24 @@ def _report(fitted: Prepared, finding: Finding, best: Fit, planner: Planner) -> 
         else "The parameter lies beyond five of its stated uncertainties.",
         evidence=evidence,
         ties=ties,
+        in_model=_in_model(term, problem),
     )
 
 
-def _title(term: Term) -> str:
-    return term.effect.title if term.effect else _ERROR_TITLES[term.name]
+def _title(term: Term, problem: Problem) -> str:
+    if term.effect is None:
+        return _ERROR_TITLES[term.name]
+    return f"another size of the {term.effect.title}" if term.name in problem.known else term.effect.title
+
+
+def _in_model(term: Term, problem: Problem) -> dict[str, Estimate] | None:
+    if term.effect is None or term.name not in problem.known:
+        return None
+    errors = problem.known_errors.get(term.name, {})
+    return {
+        c.name: Estimate(problem.known[term.name][c.name], errors.get(c.name, 0.0), c.unit)
+        for c in term.effect.coefficients
+    }
 
 
 def _estimates(term: Term, fit: Fit) -> dict[str, Estimate]:

@@ -1,0 +1,100 @@
+"""Effects that the model has already: of the right size, of a wrong one, and on a machine that does not have them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from gyrowheel_analysis.adding import add_effect
+from gyrowheel_analysis.compare import compare
+from gyrowheel_analysis.discovery.verdict import diagnose
+from gyrowheel_analysis.model import Model
+from gyrowheel_analysis.recording import Recording
+from gyrowheel_sim.effects import effect_from_text
+from gyrowheel_sim.errors import InputError
+
+from .machines import hidden_machine, record
+
+TRUTH = {"c": 0.0054, "n": 1.9}
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Recording]:
+    """Return recordings of a machine with a cross torque of the air, and of one without."""
+    folder: Path = tmp_path_factory.mktemp("known")
+    machine, bare = hidden_machine(6, {"aero_cross": TRUTH}), hidden_machine(7, {})
+    return {
+        "with": record(folder, "with", machine, "quick"),
+        "unused": record(folder, "unused", machine, "check"),
+        "without": record(folder, "without", bare, "quick"),
+    }
+
+
+def model_with(c: float, error: float = 8.0e-5) -> Model:
+    """Return a model that has the cross torque already."""
+    errors = {"c": error, "n": 0.05} if error else {"c": 0.0, "n": 0.0}
+    return replace(
+        Model.new(), effects={"aero_cross": {"c": c, "n": 1.9}}, effect_errors={"aero_cross": errors}
+    )
+
+
+def test_of_the_right_size_nothing_is_missing(recordings: dict[str, Recording]) -> None:
+    found = diagnose([recordings["with"]], model_with(TRUTH["c"]))
+    assert found.verdict == "nothing_missing"
+    assert not found.effects
+
+
+@pytest.mark.parametrize("error", [8.0e-5, 0.0])
+def test_of_a_wrong_size_it_is_named_and_no_other(recordings: dict[str, Recording], error: float) -> None:
+    found = diagnose([recordings["with"]], model_with(0.003, error))
+    assert found.verdict == "effect"
+    assert found.summary == "of another size than in the model: aero_cross"
+    (effect,) = found.effects
+    assert effect.name == "aero_cross"
+    # the size that it has, not what is to be added to that of the model
+    assert abs(effect.coefficients["c"].value - TRUTH["c"]) < 3.0 * effect.coefficients["c"].standard_error
+    assert effect.in_model is not None
+    assert (effect.in_model["c"].value, effect.in_model["c"].standard_error) == (0.003, error)
+    assert found.to_json()["effects"][0]["in_model"]["c"]["value"] == 0.003
+    assert found.error is not None
+    assert found.error.after.chi2_per_n < 1.2 < found.error.before.chi2_per_n
+
+
+def test_what_the_machine_does_not_have_is_found_to_be_none(recordings: dict[str, Recording]) -> None:
+    found = diagnose([recordings["without"]], model_with(TRUTH["c"]))
+    assert found.verdict == "effect"
+    (effect,) = found.effects
+    assert effect.name == "aero_cross"
+    assert abs(effect.coefficients["c"].value) < 3.0 * effect.coefficients["c"].standard_error
+
+
+def test_it_is_fitted_anew(recordings: dict[str, Recording]) -> None:
+    added = add_effect(model_with(0.003), ["aero_cross"], [recordings["with"]], [recordings["unused"]])
+    assert added.model.history[-1]["what"] == "fit anew aero_cross"
+    error = added.model.effect_errors["aero_cross"]["c"]
+    assert abs(added.model.effects["aero_cross"]["c"] - TRUTH["c"]) < 3.0 * error
+    assert added.error.validation_before is not None
+    assert added.error.validation_after is not None
+    assert added.error.validation_after.chi2_per_n < 1.2 < added.error.validation_before.chi2_per_n
+    assert diagnose([recordings["unused"]], added.model).verdict == "nothing_missing"
+
+
+def test_a_size_that_another_effect_bends_is_remarked(recordings: dict[str, Recording]) -> None:
+    added = add_effect(model_with(0.003), ["windage"], [recordings["with"]])
+    assert any("aero_cross c of the model moved by" in note for note in added.notes)
+    fine = add_effect(model_with(TRUTH["c"]), ["windage"], [recordings["with"]])
+    assert not any("of the model moved" in note for note in fine.notes)
+
+
+def test_a_formula_that_explains_nothing_does_not_raise_the_noise(recordings: dict[str, Recording]) -> None:
+    useless = effect_from_text("stator_pull: torque = -k*r*z; k [N*m/rad]")
+    added = add_effect(Model.new(), [useless], [recordings["with"]], [recordings["unused"]])
+    plain = compare([recordings["with"]], Model.new())
+    noise = plain.channels["tilt_x"].noise_floor_rms
+    assert added.error.noise_floor.rms["tilt_x"] == pytest.approx(noise, rel=0.05)
+    assert added.error.after.chi2_per_n > 5.0
+    # and it is not taken twice
+    with pytest.raises(InputError, match=r"effects\.stator_pull: the model has it already"):
+        add_effect(added.model, [useless], [recordings["with"]])
