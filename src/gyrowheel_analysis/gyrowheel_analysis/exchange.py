@@ -42,6 +42,8 @@ SUFFIXES: Final = (".csv", ".parquet")
 TIMESTAMP: Final = "timestamp"
 _STEP: Final = 0.1  # how much a step of time may differ from the sample period, as part of it
 _PERIOD: Final = 0.01  # how much the mean step may
+#: How a map that was written begins.
+_MAP_HEAD: Final = "# What the columns of the table mean, for `gyrowheel import`.\n"
 _CHUNK: Final = 200_000  # rows written at a time
 _RECORDING_CHUNK: Final = 1 << 20  # bytes
 
@@ -311,6 +313,36 @@ def check_suffix(path: Path) -> None:
     """
     if path.suffix not in SUFFIXES:
         raise InputError(f"{path}: the ending '{path.suffix}' is not known; allowed: {', '.join(SUFFIXES)}")
+
+
+def is_exported_table(file: Path) -> bool:
+    """Return whether a file is plainly a table of `export_recording`.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read.
+    """
+    if file.suffix == ".csv":
+        with file.open(encoding="utf-8", errors="replace") as stream:
+            first = [name.strip().strip('"') for name in stream.readline(100_000).split(",")]
+        return first[: 2 + len(_READINGS)] == ["time", "sequence", *_READINGS]
+    try:
+        return b"gyrowheel" in (pq.read_schema(file).metadata or {})
+    except pa.ArrowException:
+        return False
+
+
+def is_exported_map(file: Path) -> bool:
+    """Return whether a file is plainly a map of `export_recording`.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read.
+    """
+    with file.open(encoding="utf-8", errors="replace") as stream:
+        return stream.readline(1000) == _MAP_HEAD
 
 
 # --- reading
@@ -815,8 +847,7 @@ def _map_text(recording: Recording, groups: dict[str, dict[str, str]]) -> str:
             }
             for event in recording.environment
         ]
-    head = "# What the columns of the table mean, for `gyrowheel import`.\n"
-    return head + yaml.safe_dump(content, sort_keys=False, default_flow_style=None)
+    return _MAP_HEAD + yaml.safe_dump(content, sort_keys=False, default_flow_style=None)
 
 
 @contextlib.contextmanager

@@ -51,6 +51,24 @@ def new_directory(directory: Path) -> Iterator[Path]:
         shutil.rmtree(workplace, ignore_errors=True)
 
 
+def require_writable(file: Path) -> None:
+    """Refuse a file that could not be written, before the work begins of which it takes the result.
+
+    Raises
+    ------
+    InputError
+        If it is no file, or the folder where it goes cannot be written to.
+    """
+    if file.exists() and not file.is_file():
+        raise InputError(f"{file}: cannot be written: it is not a file")
+    with disk_errors(file):
+        folder = file.absolute().parent
+        while not folder.exists():  # those that are missing are made with the file
+            folder = folder.parent
+        with tempfile.NamedTemporaryFile(dir=folder, prefix=f".{file.name[:40]}."):
+            pass
+
+
 def write_text(file: Path, text: str) -> None:
     """Write a text file that is whole or as it was before.
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, TypeAlias
 import typer
 
 from gyrowheel_bringup.cli.options import Json, example
+from gyrowheel_bringup.cli.outputs import TORQUE_TABLE
 from gyrowheel_bringup.cli.shell import advancing, finding, notes, out, put_json, put_text
 from gyrowheel_sim.errors import InputError
 
@@ -284,6 +285,7 @@ def table(
         typer.Option(
             "-o", "--output", metavar="FILE", help="Write the table (JSON, SI units).", show_default=False
         ),
+        TORQUE_TABLE,
     ] = None,
     check: Annotated[bool, typer.Option("--check", help="Check what a table must reproduce.")] = False,
     fail: Annotated[

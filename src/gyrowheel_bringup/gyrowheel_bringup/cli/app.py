@@ -23,6 +23,7 @@ from gyrowheel_bringup.cli import (
     running,
     viewing,
 )
+from gyrowheel_bringup.cli.outputs import guard
 
 app = typer.Typer(
     name="gyrowheel",
@@ -70,3 +71,4 @@ for module in (
     ros,
 ):
     module.register(app)
+guard(app)

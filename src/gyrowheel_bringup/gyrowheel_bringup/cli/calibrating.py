@@ -10,6 +10,7 @@ import typer
 from gyrowheel_bringup.cli.finding import open_all
 from gyrowheel_bringup.cli.options import Json, ModelFile, Recordings, example
 from gyrowheel_bringup.cli.shell import put_json, put_text, working
+from gyrowheel_bringup.files import require_writable
 
 
 def register(app: typer.Typer) -> None:
@@ -34,6 +35,8 @@ def calibrate(
 
     loaded = Model.load(model)
     recordings = open_all(directories)
+    if write:
+        require_writable(model)
     with working("calibrating") as say:
         from gyrowheel_analysis.calibration import calibrate as run
         from gyrowheel_bringup.render.calibration import calibration_page

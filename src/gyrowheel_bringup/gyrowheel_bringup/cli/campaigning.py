@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, cast
 import typer
 
 from gyrowheel_bringup.cli.options import BenchName, Json, example
+from gyrowheel_bringup.cli.outputs import CASE_LIST
 from gyrowheel_bringup.cli.shell import INTERRUPTED, notes, put_json, put_text
 
 if TYPE_CHECKING:
@@ -81,6 +82,7 @@ def campaign(
     list_file: Annotated[
         Path | None,
         typer.Option("--list", metavar="FILE", help="Write every case as JSON here.", show_default=False),
+        CASE_LIST,
     ] = None,
     bench: BenchName = "gyrowheel",
     json: Json = None,

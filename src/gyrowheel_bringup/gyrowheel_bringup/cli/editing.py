@@ -12,6 +12,7 @@ import typer
 from gyrowheel_bringup.cli.finding import open_all
 from gyrowheel_bringup.cli.options import BenchName, Json, ModelFile, Validation, example
 from gyrowheel_bringup.cli.shell import out, put_json, put_text, working
+from gyrowheel_bringup.files import require_writable
 from gyrowheel_sim.errors import InputError
 
 if TYPE_CHECKING:
@@ -91,6 +92,7 @@ def add(
     if shared := {path.resolve() for path in fit} & {path.resolve() for path in validate or ()}:
         raise InputError(f"{min(shared)}: a recording that was fitted cannot validate the fit")
     recordings, unused = open_all(fit), open_all(validate or ())
+    require_writable(model)
     with working("fitting") as say:
         from gyrowheel_analysis.adding import add_effect
         from gyrowheel_bringup.render.errors import error_table

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from gyrowheel_bringup.cli.options import Json, example
+from gyrowheel_bringup.cli.outputs import COLUMN_MAP, TABLE, NewRecording
 from gyrowheel_bringup.cli.shell import advancing, out, put_json, working
 
 
@@ -34,6 +35,7 @@ def import_(
         typer.Option(
             "-o", "--output", metavar="DIR", help="New directory for the recording.", show_default=False
         ),
+        NewRecording(),
     ],
     json: Json = None,
 ) -> None:
@@ -75,6 +77,7 @@ def export(
         typer.Option(
             "-o", "--output", metavar="FILE", help="Table to write, .csv or .parquet.", show_default=False
         ),
+        TABLE,
     ],
     column_map: Annotated[
         Path | None,
@@ -84,6 +87,7 @@ def export(
             help="Write the map too with which import reads the table back.",
             show_default=False,
         ),
+        COLUMN_MAP,
     ] = None,
     json: Json = None,
 ) -> None:

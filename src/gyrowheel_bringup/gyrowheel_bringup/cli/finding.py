@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gyrowheel_bringup.cli.options import Json, ModelFile, Recordings, Validation, example
+from gyrowheel_bringup.cli.options import Json, ModelFile, Picture, Recordings, Validation, example
 from gyrowheel_bringup.cli.shell import finding, out, put_json, put_text, working
 
 if TYPE_CHECKING:
@@ -48,10 +48,7 @@ def compare(
             show_default="speed,tilt where the model fails",
         ),
     ] = None,
-    picture: Annotated[
-        Path | None,
-        typer.Option("--picture", metavar="FILE.png", help="Draw where the model fails.", show_default=False),
-    ] = None,
+    picture: Picture = None,
     json: Json = None,
 ) -> None:
     """Show how far a model is from recordings: where, and on what the error depends."""

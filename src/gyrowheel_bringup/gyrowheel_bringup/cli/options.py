@@ -7,8 +7,17 @@ from typing import Annotated, TypeAlias
 
 import typer
 
+from gyrowheel_bringup.cli.outputs import JSON_RESULT, PICTURE
+
 Json: TypeAlias = Annotated[
-    str | None, typer.Option("--json", metavar="FILE", help="Write the result as JSON ('-': to stdout).")
+    str | None,
+    typer.Option("--json", metavar="FILE", help="Write the result as JSON ('-': to stdout)."),
+    JSON_RESULT,
+]
+Picture: TypeAlias = Annotated[
+    Path | None,
+    typer.Option("--picture", metavar="FILE.png", help="Draw where the model fails.", show_default=False),
+    PICTURE,
 ]
 Recordings: TypeAlias = Annotated[
     list[Path], typer.Argument(metavar="DIR...", help="Recordings.", show_default=False)

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from gyrowheel_bringup.cli.options import Json, example
+from gyrowheel_bringup.cli.outputs import NewRecording
 from gyrowheel_bringup.cli.shell import advancing, out, put_json
 
 
@@ -45,6 +46,7 @@ def salvage(
     target: Annotated[
         Path,
         typer.Option("-o", "--output", metavar="DIR", help="Recording to create.", show_default=False),
+        NewRecording(),
     ],
     json: Json = None,
 ) -> None:

@@ -20,6 +20,7 @@ from gyrowheel_bringup.cli.options import (
     Truth,
     example,
 )
+from gyrowheel_bringup.cli.outputs import NewRecording
 from gyrowheel_bringup.cli.shell import advancing, notes, out, put_json, working
 from gyrowheel_sim.errors import InputError
 
@@ -48,6 +49,7 @@ def up(
     record: Annotated[
         Path | None,
         typer.Option("--record", metavar="DIR", help="Record into this new directory.", show_default=False),
+        NewRecording(),
     ] = None,
     realtime: Annotated[
         bool,
@@ -125,6 +127,7 @@ def simulate(
         typer.Option(
             "-o", "--output", metavar="DIR", help="New directory for the recording.", show_default=False
         ),
+        NewRecording(),
     ],
     effect: Effects = None,
     model: Truth = None,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import itertools
 import os
 import re
 import sys
@@ -32,6 +33,7 @@ def run(app: typer.Typer, arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code; errors of the user become one line on stderr."""
     given = list(sys.argv[1:] if arguments is None else arguments)
     try:
+        _refuse_empty(given)
         result = app(args=given or ["--help"], prog_name="gyrowheel", standalone_mode=False)
         sys.stdout.flush()
         if result == INTERRUPTED:
@@ -135,6 +137,16 @@ def advancing(title: str) -> Iterator[Fraction]:
     with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task(title, total=1.0)
         yield lambda part: progress.update(task, completed=part)
+
+
+def _refuse_empty(given: Sequence[str]) -> None:
+    """Refuse an option with an empty text, as an unset variable of a shell gives; a path would make a folder of it."""
+    if given and given[0] == "run":  # whose arguments are those of a node
+        return
+    for before, text in itertools.pairwise(["", *given]):
+        option = before if not text else text.removesuffix("=")
+        if (not text or text.endswith("=")) and re.fullmatch(r"--[a-z-]+|-[a-z]", option):
+            raise InputError(f"{option}: the value is empty")
 
 
 def _bad_input(text: str) -> int:
