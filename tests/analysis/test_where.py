@@ -305,6 +305,48 @@ def test_the_variable_on_which_a_residual_depends_is_named(part: str, values: An
     assert right >= 5
 
 
+@pytest.mark.parametrize("part", ["tilt", "tilt_2n"])
+def test_the_speed_is_named_where_the_temperature_hardly_varies(part: str) -> None:
+    """Plan quick has warm coils at the end, at one speed; a zero error of the tilt sensors depends on the speed."""
+    p = problem("quick")
+    (balance,) = p.balances
+    w, rng = balance.windows, np.random.default_rng(8)
+    rows = rng.normal(size=len(p.measured)) * p.noise.deviation()
+    law = 3e-4 * (2.0 * (w.mean_spin / 366.0) ** 2 - 1.0) * np.exp(1.1j)
+    # what else is wrong takes a part of it, unlike noise
+    law += 4e-5 * np.exp(3j * np.angle(w.mean_tilt)) * (np.abs(w.mean_tilt) > 0.01)
+    for row, own in zip(PARTS[part].rows, (np.real, np.imag), strict=True):
+        rows[balance.channel(row)] += own(law)
+    data = window_residuals([balance], w, rows, p.noise.deviation())
+    found = dependences(data, [balance], rows, lambda values: (values.T / p.noise.deviation()).T)
+    stated = [test for test in found if test.part == part and test.stated]
+    assert max(stated, key=lambda test: test.share_beside).variable == "speed"
+    assert "temperature" not in {test.variable for test in stated}
+
+
+def test_of_variables_that_do_as_well_the_plainest_is_named_and_the_other_too() -> None:
+    p = problem()
+    (balance,) = p.balances
+    spin = balance.windows.mean_spin
+    for seed in range(6):
+        rng = np.random.default_rng([seed, 11])
+        warm = 293.0 + 0.1 * (spin - spin.min()) + 0.3 * rng.normal(size=len(spin))
+        own = Balance(replace(balance.windows, coil_temperature=warm), BENCH)
+        rows = rng.normal(size=len(p.measured)) * p.noise.deviation()
+        rows[own.channel("tilt_x")] += 1e-4 * (warm - warm.mean()) / np.std(warm)
+        data = window_residuals([own], own.windows, rows, p.noise.deviation())
+        found = dependences(data, [own], rows, lambda values: (values.T / p.noise.deviation()).T)
+        tests = {test.variable: test for test in found if test.part == "tilt"}
+        assert tests["speed"].stated
+        assert tests["temperature"].instead == "speed"
+        (said,) = (
+            text
+            for text in sentences(found, whiteness(data, [own], rows / p.noise.deviation()))
+            if text.startswith("tilt:")
+        )
+        assert "or on the temperature of the coils, which went with that in these recordings" in said
+
+
 def test_order_among_small_residuals_is_noticed() -> None:
     """A swing far below the noise of a window shows in neighbours that are alike."""
     p = problem()

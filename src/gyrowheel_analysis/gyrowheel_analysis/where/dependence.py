@@ -38,10 +38,11 @@ _MOSTLY = 0.5
 #: Descriptions are as good as each other within this (of Schwarz's criterion); time, which stands for anything that
 #: changes, must be better by it.
 _ALIKE = 14.0
+_STRONG = 6.0  # difference of the criterion that speaks strongly against the worse (Kass and Raftery, 1995)
 _MOST = 3  # variables together
 _FEWEST = 8
 _LAGS = 4
-#: Variables that act on coils and case, and those that act on the motor.
+#: Variables that act on coils and case, and those that act on the motor; what was set first, what went along behind.
 _OF_TILT = ("speed", "tilt", "azimuth", "temperature", "air_pressure", "time")
 _OF_MOTOR = ("speed", "tilt", "azimuth", "motor_temperature", "air_pressure", "time")
 #: Variables: what they are called, and the smallest range over which anything can depend on them.
@@ -289,6 +290,7 @@ def _variables(w: Windows) -> dict[str, Array]:
     result = {}
     spin = 2.0 * (w.mean_spin - w.mean_spin.min()) / max(float(np.ptp(w.mean_spin)), 1e-9) - 1.0
     turning = float(np.ptp(w.mean_spin)) > VARIABLES["speed"][1]
+    of_speed = np.column_stack([np.ones(len(w)), spin, spin**2])
     for name, (_, least) in VARIABLES.items():
         if name == "azimuth":
             tilted = np.abs(z) > UPRIGHT
@@ -298,9 +300,17 @@ def _variables(w: Windows) -> dict[str, Array]:
                 result[name] = np.where(tilted[:, None], np.column_stack(waves), 0.0)
         elif float(np.ptp(plain[name])) > least:
             x = 2.0 * (plain[name] - plain[name].min()) / np.ptp(plain[name]) - 1.0
-            # the effect of another variable may be larger at a higher speed
-            result[name] = np.column_stack([x, x**2, *([x * spin] if turning and name != "speed" else [])])
+            result[name] = np.column_stack([x, x**2])
+            if turning and name != "speed":
+                # its effect may be larger at a higher speed; of what hardly varies the product is the speed itself
+                beyond = _beyond(of_speed, x * spin)
+                result[name] = np.column_stack([result[name], beyond])
     return result
+
+
+def _beyond(columns: Array, values: Array) -> Array:
+    """Return what columns (n, k) leave of values (n,)."""
+    return values - columns @ np.linalg.lstsq(columns, values, rcond=1e-9)[0]
 
 
 def _patterns(
@@ -395,23 +405,34 @@ class _Squares:
         return 1.0 - self.left(())[0] / self._total if self._total else 0.0
 
     def criterion(self, names: Iterable[str]) -> float:
-        """Return Schwarz's criterion, the lower the better."""
+        """Return Schwarz's criterion with the correction for few rows (McQuarrie, 1999), the lower the better."""
         names = tuple(names)
-        rest, used = self.left(names)
-        if used > self._n / 2 or rest <= 0.0:
+        _, used = self.left(names)
+        if used > self._n / 2 or used > self._n - 3:
             return math.inf
-        return self._n * math.log(rest) + used * math.log(self._n) + (_ALIKE if "time" in names else 0.0)
+        return self._misfit(names) + used * math.log(self._n) * self._n / (self._n - used - 2.0)
+
+    def _misfit(self, names: Iterable[str]) -> float:
+        """Return the logarithm of what variables leave, as it stands in the criterion."""
+        names = tuple(names)
+        rest, _ = self.left(names)
+        if rest <= 0.0:
+            return math.inf
+        return self._n * math.log(rest) + (_ALIKE if "time" in names else 0.0)
 
     def best(self) -> tuple[str, ...]:
-        """Return the few variables that describe the rows best."""
+        """Return the few variables that describe the rows best; of as many that do as well, the plainest."""
         sets = [s for k in range(_MOST + 1) for s in itertools.combinations(self._columns, k)]
-        return min(sets, key=self.criterion)
+        best = min(sets, key=self.criterion)
+        limit = self.criterion(best) + _STRONG
+        # variables come in the order of how plain they are
+        return next(s for s in sets if len(s) == len(best) and self.criterion(s) <= limit)
 
     def instead(self, name: str, chosen: Sequence[str]) -> str | None:
         """Return the chosen variable in whose place another does as well; None if there is none."""
         if name in chosen or not chosen:
             return None
-        best = self.criterion(chosen)
-        trials = {own: self.criterion({*chosen, name} - {own}) for own in chosen}
+        # that it takes more columns is why it was not chosen, not that it explains less
+        trials = {own: self._misfit({*chosen, name} - {own}) for own in chosen}
         nearest = min(trials, key=lambda own: trials[own])
-        return nearest if trials[nearest] < best + _ALIKE else None
+        return nearest if trials[nearest] < self._misfit(chosen) + _ALIKE else None
