@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Sequence
+import json
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +16,7 @@ from gyrowheel_analysis.discovery.fit import Fit, Problem
 from gyrowheel_analysis.errors import ErrorRow, ErrorTable, Residuals, error_row, floor_row, residuals
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.recording import Recording
-from gyrowheel_analysis.reduction import Coverage, Samples, Windows, reduce_and_account
+from gyrowheel_analysis.reduction import NEEDED, Coverage, Samples, Windows, reduce_and_account
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.errors import InputError
 
@@ -22,6 +24,17 @@ Progress = Callable[[str], None]
 
 #: Fewer windows than this show nothing.
 FEWEST_WINDOWS = 6
+#: Parameters that tell one machine from another, and by which factor they must lie apart for that. Stated uncertainties
+#: would not do: a better figure for the same machine often lies tens of them from the first one, while a factor of
+#: two in an inertia, a flexure or the sample period is no matter of knowing it better.
+_TELLING = (
+    "rotor_inertia_x",
+    "rotor_inertia_z",
+    "flexure_stiffness_x",
+    "flexure_stiffness_y",
+    "sample_period",
+)
+_APART = 2.0
 
 
 @dataclass(frozen=True)
@@ -54,7 +67,19 @@ def one_thread() -> Iterator[None]:
 
 
 def samples_of(recording: Recording) -> Samples:
-    """Return the columns of a recording that the reduction needs."""
+    """Return the columns of a recording that the reduction needs.
+
+    Raises
+    ------
+    InputError
+        If one that nothing can stand for was never measured.
+    """
+    finite = np.isfinite(recording.readings)
+    if missing := [name for k, name in enumerate(NEEDED) if not finite[:, k].any()]:
+        raise InputError(
+            f"{recording.path}: {', '.join(missing)}: no reading is a number; "
+            f"allowed: readings of {', '.join(NEEDED)} in most samples, all else may be missing"
+        )
     return Samples(
         time=recording.time,
         values=recording.readings,
@@ -76,10 +101,12 @@ def prepare(
     Raises
     ------
     InputError
-        If there is no recording, or the readings of one cannot be those of this bench.
+        If there is no recording, one is of another bench (`require_one_bench`), or its readings cannot be those of this
+        one.
     """
     if not recordings:
         raise InputError("no recording given")
+    require_one_bench(recordings, model)
     bench = model.reference_bench
     balances, coverages = [], []
     for recording in recordings:
@@ -92,6 +119,51 @@ def prepare(
     problem = Problem(balances, bench, model.effects, model.effect_errors, model.declared)
     count = sum(len(b.windows) for b in balances)
     return Prepared(problem, [r.name for r in recordings], count, Coverage.of(coverages))
+
+
+def require_one_bench(recordings: Sequence[Recording], model: Model) -> None:
+    """Refuse recordings that are plainly of another bench than the model, or than one another.
+
+    Benches are taken to be different if both their names and their machines are: one of some telling parameters is more
+    than twice that of the other. A bench file of one's own under another name for the same machine passes, and so does
+    a machine that differs from its bench, which it is the model's business to find. A recording that does not say of
+    which bench it is goes unchecked.
+
+    Raises
+    ------
+    InputError
+        If there are two different benches; it names the recording, the parameter and both benches.
+    """
+    stated = model.stated_bench
+    known: list[tuple[str, str, Mapping[str, float]]] = [(model.origin, stated.name, stated.values())]
+    for recording in recordings:
+        if (carried := _carried_bench(recording)) is None:
+            continue
+        name, values = carried
+        for other, its_name, its_values in known:
+            if name == its_name:
+                continue
+            for key in _TELLING:
+                own, its = values.get(key, math.nan), its_values.get(key, math.nan)
+                # false for what is not a number
+                if max(own, its) > _APART * min(own, its) > 0.0:
+                    raise InputError(
+                        f"{recording.path}: is of bench {name}, {other} of bench {its_name}: {key} is {own:.4g} and "
+                        f"{its:.4g} {stated.parameters[key].unit}; allowed: the same machine"
+                    )
+        known.append((str(recording.path), name, values))
+
+
+def _carried_bench(recording: Recording) -> tuple[str, Mapping[str, float]] | None:
+    """Return name and values of the bench that a recording says it is of; None if it says nothing that is known."""
+    try:
+        content = json.loads(recording.bench_text)
+        name = content["name"]
+        entries = {str(key): entry["value"] for key, entry in content["parameters"].items()}
+    except (ValueError, TypeError, KeyError, AttributeError):
+        return None
+    values = {key: float(value) for key, value in entries.items() if isinstance(value, int | float)}
+    return (name, values) if isinstance(name, str) else None
 
 
 def _check(windows: Windows, bench: Bench, where: str) -> None:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from gyrowheel_analysis.balance import ActiveEffect, Balance
 from gyrowheel_analysis.discovery.noise import Noise
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.pipeline import one_thread, samples_of
+from gyrowheel_analysis.pipeline import one_thread, require_one_bench, samples_of
 from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.reduction import Windows, concatenate, reduce
 from gyrowheel_sim.effects import registry
@@ -121,6 +121,7 @@ def rates(
     """
     if not recordings:
         raise InputError("no recording given")
+    require_one_bench(recordings, model)
     bench = model.bench
     values = bench.values()
     effects = [ActiveEffect(model.library[name], given) for name, given in model.effects.items()]

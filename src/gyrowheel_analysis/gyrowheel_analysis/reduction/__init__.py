@@ -9,7 +9,7 @@ means, which leaves their noise simple.
 from gyrowheel_analysis.reduction.coverage import Coverage
 from gyrowheel_analysis.reduction.motor_heat import MOTOR_THERMAL, motor_temperatures
 from gyrowheel_analysis.reduction.planned import planned_windows
-from gyrowheel_analysis.reduction.readings import READING_NOISES, reading_noise
+from gyrowheel_analysis.reduction.readings import NEEDED, READING_NOISES, readable, reading_noise
 from gyrowheel_analysis.reduction.recorded import reduce, reduce_and_account
 from gyrowheel_analysis.reduction.samples import Samples
 from gyrowheel_analysis.reduction.spans import SETTLING, SPIN_SETTLING, steady_spans
@@ -19,6 +19,7 @@ __all__ = [
     "FORWARD",
     "HARMONICS",
     "MOTOR_THERMAL",
+    "NEEDED",
     "READING_NOISES",
     "SETTLING",
     "SPIN_SETTLING",
@@ -28,6 +29,7 @@ __all__ = [
     "concatenate",
     "motor_temperatures",
     "planned_windows",
+    "readable",
     "reading_noise",
     "reduce",
     "reduce_and_account",

@@ -22,11 +22,14 @@ class Coverage:
         What lies in windows [s].
     left_out : dict of str to float
         Steady motion that lies in none, by reason [s].
+    assumed : tuple of str
+        What was never measured, and what was taken in its place.
     """
 
     recorded: float = 0.0
     used: float = 0.0
     left_out: dict[str, float] = field(default_factory=dict)
+    assumed: tuple[str, ...] = ()
 
     @property
     def steady(self) -> float:
@@ -35,18 +38,21 @@ class Coverage:
 
     @property
     def complete(self) -> bool:
-        """Whether nearly all of the steady motion takes part."""
-        return self.used >= _NEARLY_ALL * self.steady
+        """Whether nearly all of the steady motion takes part, and nothing had to be assumed in place of readings."""
+        return not self.assumed and self.used >= _NEARLY_ALL * self.steady
 
     @classmethod
     def of(cls, parts: Iterable[Coverage]) -> Coverage:
         """Return that of several recordings."""
+        parts = list(parts)
         recorded, used, left_out = 0.0, 0.0, dict[str, float]()
         for part in parts:
             recorded, used = recorded + part.recorded, used + part.used
             for why, length in part.left_out.items():
                 left_out[why] = left_out.get(why, 0.0) + length
-        return cls(recorded, used, left_out)
+        # each once, in order
+        assumed = dict.fromkeys(what for part in parts for what in part.assumed)
+        return cls(recorded, used, left_out, tuple(assumed))
 
     def sentence(self) -> str:
         """Return it in one sentence."""
@@ -55,11 +61,14 @@ class Coverage:
             for why, length in sorted(self.left_out.items(), key=lambda item: -item[1])
             if length >= _SHOWN
         ]
+        never = f"; not measured: {', '.join(self.assumed)}" if self.assumed else ""
         if not reasons:
-            return f"All {self.used:.0f} s of steady motion take part (of {self.recorded:.0f} s recorded)"
+            return (
+                f"All {self.used:.0f} s of steady motion take part (of {self.recorded:.0f} s recorded){never}"
+            )
         return (
             f"{self.used:.0f} of {self.steady:.0f} s of steady motion take part (of {self.recorded:.0f} s recorded); "
-            f"left out: {', '.join(reasons)}"
+            f"left out: {', '.join(reasons)}{never}"
         )
 
     def to_json(self) -> dict[str, Any]:

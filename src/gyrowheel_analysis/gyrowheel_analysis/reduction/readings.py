@@ -1,9 +1,10 @@
-"""What is wrong with single readings: their white noise, the ends of their ranges, and spikes."""
+"""What is wrong with single readings: their noise, the ends of their ranges, spikes, and those that are missing."""
 
 from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.signal.windows import blackmanharris
 
 from gyrowheel_analysis.reduction.samples import Array, Samples
+from gyrowheel_sim import wire
 from gyrowheel_sim.bench import Bench
 
 #: What the noise of the readings is called in the bench file, in the order of `Windows.reading_noise`.
@@ -22,6 +24,10 @@ READING_NOISES = (
     "motor_voltage_noise",
     "motor_current_noise",
 )
+#: Readings by column; a sample without one of the first ones is of no use, the others hardly change.
+_NAMES = tuple(wire.MEASUREMENT.fields)
+_NEEDED = 8
+NEEDED = _NAMES[:_NEEDED]
 _NOISE_BLOCKS = (256, 64)  # samples; the short ones where many samples are lost
 _MOST_BLOCKS = 400
 _FEWEST_BLOCKS = 20
@@ -30,6 +36,53 @@ _NOISE_RANGE = (0.5, 50.0)  # times the stated noise that is believed
 _SPIKE = 8.0  # robust standard deviations
 _MOST_SPIKES = 0.02  # of the samples; more of them are no spikes
 _SPIKE_ROUNDS = 12
+
+
+def readable(data: Samples, bench: Bench) -> tuple[Samples, Array, tuple[str, ...]]:
+    """Return a recording in which every reading is a number.
+
+    Parameters
+    ----------
+    data : Samples
+        The recording; what was not measured is NaN (or not finite).
+    bench : Bench
+        Gives the state of the air where it was not measured.
+
+    Returns
+    -------
+    data : Samples
+        Without the samples that lack one of `NEEDED`, as if they had been lost; between readings of the temperatures
+        and the pressure, which hardly change, it is interpolated. The same object if nothing is missing.
+    without : ndarray (m,)
+        Times of the samples left out [s].
+    assumed : tuple of str
+        What was never measured, and what is taken in its place.
+    """
+    finite = np.isfinite(data.values)
+    if finite.all():
+        return data, np.zeros(0), ()
+    values, assumed = data.values.copy(), []
+    # the air first: where the coils have no thermometer they are taken to be as warm as the air
+    for column in (9, 10, 8):
+        known = finite[:, column]
+        if known.all():
+            continue
+        if known.any():
+            values[~known, column] = np.interp(data.time[~known], data.time[known], values[known, column])
+        elif column == 8:
+            values[:, column] = values[:, 9]
+            assumed.append("coil_temperature (that of the air is taken)")
+        else:
+            values[:, column] = bench.value(_NAMES[column])
+            if column == 10:
+                for event in data.environment:
+                    values[data.time >= event.time, column] = (
+                        bench.value("air_pressure") * event.air_density_ratio
+                    )
+            assumed.append(f"{_NAMES[column]} (that of the bench is taken)")
+    whole = finite[:, :_NEEDED].all(axis=1)
+    read = replace(data, time=data.time[whole], values=values[whole])
+    return read, data.time[~whole], tuple(assumed)
 
 
 def reading_noise(data: Samples, bench: Bench) -> Array:

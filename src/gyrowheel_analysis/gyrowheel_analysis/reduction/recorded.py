@@ -11,10 +11,10 @@ import numpy as np
 
 from gyrowheel_analysis.reduction.coverage import Coverage
 from gyrowheel_analysis.reduction.motor_heat import motor_temperatures
-from gyrowheel_analysis.reduction.readings import clipped_readings, reading_noise
-from gyrowheel_analysis.reduction.samples import Samples
+from gyrowheel_analysis.reduction.readings import clipped_readings, readable, reading_noise
+from gyrowheel_analysis.reduction.samples import Array, Samples
 from gyrowheel_analysis.reduction.spans import LONGEST, SHORTEST, cone_window, steady_spans, window_count
-from gyrowheel_analysis.reduction.window_fit import fit_window
+from gyrowheel_analysis.reduction.window_fit import FEWEST_SAMPLES, fit_window
 from gyrowheel_analysis.reduction.windows import DEGREE, MEAN, RISE, Windows
 from gyrowheel_sim.bench import Bench
 
@@ -23,6 +23,7 @@ _CONE_DRIFT, _CONE_OFF = 2.0, 0.01
 _SETTLES_BY = 0.2  # s; by so much later a window begins if its motion has not settled
 #: Why steady motion lies in no window.
 _TOO_FEW = "with too few samples or revolutions"
+_UNREAD = "with too many readings missing"
 _CLIPPED = "with a reading at the end of its range"
 _UNSETTLED = "with a motion or motor current that had not settled"
 _OFF_SPEED = "of a cone before its speed was reached"
@@ -39,7 +40,7 @@ def reduce_and_account(data: Samples, bench: Bench) -> tuple[Windows, Coverage]:
     Parameters
     ----------
     data : Samples
-        The recording's columns.
+        The recording's columns; a reading that is not finite was not measured, see `readable`.
     bench : Bench
         Gives the noise of the readings.
 
@@ -51,6 +52,8 @@ def reduce_and_account(data: Samples, bench: Bench) -> tuple[Windows, Coverage]:
         What became of the steady motion.
     """
     h = bench.sample_period
+    length = float(data.time[-1] - data.time[0]) + h if len(data.time) else 0.0
+    data, without, assumed = readable(data, bench)
     rows: list[dict[str, Any]] = []
     used, left_out = 0.0, defaultdict[str, float](float)
     noise = reading_noise(data, bench)
@@ -65,14 +68,14 @@ def reduce_and_account(data: Samples, bench: Bench) -> tuple[Windows, Coverage]:
             inside = data.values[first:end, 3]
             speed = float(np.median(inside)) if len(inside) else math.nan
             if not speed > 0.0:
-                left_out[_TOO_FEW] += stop - start
+                left_out[_why_too_few(data.time, without, start, stop, h)] += stop - start
                 continue
             last = float(np.median(inside[-max(len(inside) // 10, 1) :]))
             longest = cone_window(turn, speed)
         count = window_count(stop - start, longest, cone=bool(turn))
         edges = np.linspace(start, stop, count + 1)
         for a, b in itertools.pairwise(edges):
-            why = _TOO_FEW
+            why = ""
             begin, row = a, None
             while row is None and b - begin >= SHORTEST:
                 i, j = (int(k) for k in np.searchsorted(data.time, (begin - 1e-9, b - 1e-9)))
@@ -92,15 +95,21 @@ def reduce_and_account(data: Samples, bench: Bench) -> tuple[Windows, Coverage]:
                         break
                     begin += _SETTLES_BY
             if row is None:
-                left_out[why] += b - a
+                left_out[why or _why_too_few(data.time, without, begin, b, h)] += b - a
                 continue
             row["segment"] = segment
             rows.append(row)
             used += b - begin
             if begin > a:
                 left_out[_UNSETTLED] += begin - a
-    length = float(data.time[-1] - data.time[0]) + h if len(data.time) else 0.0
-    return Windows.of(rows), Coverage(length, used, dict(left_out))
+    return Windows.of(rows), Coverage(length, used, dict(left_out), assumed)
+
+
+def _why_too_few(time: Array, without: Array, start: float, stop: float, h: float) -> str:
+    """Return why too few samples lie between two times: whether there would be enough if all had been read."""
+    have, unread = (int(np.diff(np.searchsorted(times, (start, stop)))[0]) for times in (time, without))
+    needed = FEWEST_SAMPLES * (stop - start) / h
+    return _UNREAD if have < needed <= have + unread else _TOO_FEW
 
 
 def _at_speed(row: dict[str, Any], last: float, length: float) -> bool:

@@ -57,6 +57,8 @@ def _spans_from_setpoints(data: Samples) -> list[tuple[float, float, int, float]
 
 def _spans_from_motion(data: Samples) -> list[tuple[float, float, int, float]]:
     """Find steady motion by itself: the tilt rate and the spin acceleration change little over 0.25 s."""
+    if len(data.time) < 2:
+        return []
     h = float(np.median(np.diff(data.time)))
     block = max(round(0.05 / h), 1)
     n = len(data.time) // block

@@ -19,6 +19,8 @@ from gyrowheel_sim.environment import Environment
 #: Terms of the polynomial of the spin angle in windows shorter than so many seconds: the short ones know the
 #: acceleration far better by a cubic, the long ones hold what the spin loop does after every change of the tilt.
 _SPIN_TERMS = ((0.5, 4), (1.0, 8), (math.inf, 12))
+#: Share of the samples of a window that must be there.
+FEWEST_SAMPLES = 0.7
 #: Mean square, in its noise, of four more terms of the polynomials: beyond it the motion is not settled.
 _UNSETTLED_TILT, _UNSETTLED_ANGLE = 10.0, 20.0
 _FURTHER = 4
@@ -78,7 +80,7 @@ def fit_window(
     stop = int(np.searchsorted(angle, angle[0] + 2.0 * math.pi * turns - 0.5 * (angle[1] - angle[0])))
     j, angle = i + stop, angle[:stop]
     time, values = data.time[i:j], data.values[i:j]
-    if len(time) < 0.7 * (time[-1] - time[0]) / h or time[-1] - time[0] < 0.5 * SHORTEST:
+    if len(time) < FEWEST_SAMPLES * (time[-1] - time[0]) / h or time[-1] - time[0] < 0.5 * SHORTEST:
         return None  # too many samples lost
     # a reading of a voltage is of the interval that ends with it
     begin, end = float(time[0]) - h, float(time[-1])

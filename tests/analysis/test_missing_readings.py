@@ -1,0 +1,206 @@
+"""What the analysis makes of readings that were not taken: single ones, stretches of them, and whole columns."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from gyrowheel_analysis.compare import compare
+from gyrowheel_analysis.discovery.verdict import diagnose
+from gyrowheel_analysis.model import Model
+from gyrowheel_analysis.pipeline import samples_of
+from gyrowheel_analysis.rate_sensor import rates
+from gyrowheel_analysis.recording import Recording
+from gyrowheel_analysis.reduction import (
+    NEEDED,
+    Coverage,
+    Samples,
+    Windows,
+    reading_noise,
+    reduce,
+    reduce_and_account,
+)
+from gyrowheel_control.plans import Plan
+from gyrowheel_sim import wire
+from gyrowheel_sim.errors import InputError
+
+from .machines import BENCH, hidden_machine, record
+
+NAMES = tuple(wire.MEASUREMENT.fields)
+UNREAD = "with too many readings missing"
+THIN = """\
+schema: 1
+name: thin
+hold_s: 1.0
+segments:
+  - {spin_rpm: 2000, tilt_deg: [[2, 0]]}
+  - {spin_rpm: 2000, air_density_ratio: 0.3, tilt_deg: [[0, 0], [2, 0]]}
+"""
+pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    return record(tmp_path_factory.mktemp("run"), "run", hidden_machine(3, {}), "check")
+
+
+@pytest.fixture(scope="module")
+def samples(recording: Recording) -> Samples:
+    return samples_of(recording)
+
+
+@pytest.fixture(scope="module")
+def windows(samples: Samples) -> Windows:
+    return reduce(samples, BENCH)
+
+
+def without(recording: Recording, name: str, rows: Any = slice(None), value: float = np.nan) -> Recording:
+    measurement = recording.measurement.copy()
+    measurement[name][rows] = value
+    return replace(recording, measurement=measurement)
+
+
+def same(one: Windows, other: Windows) -> bool:
+    return all(np.array_equal(getattr(one, f.name), getattr(other, f.name)) for f in fields(Windows))
+
+
+@settings(max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    column=st.integers(0, len(NEEDED) - 1),
+    row=st.floats(0.0, 1.0),
+    value=st.sampled_from([np.nan, np.inf, -np.inf]),
+)
+def test_a_sample_without_a_reading_counts_as_lost(
+    samples: Samples, column: int, row: float, value: float
+) -> None:
+    first = samples.time < 8.0
+    time, values = samples.time[first], samples.values[first]
+    k = round(row * (len(values) - 1))
+    values[k, column] = value
+    lost = replace(samples, time=np.delete(time, k), values=np.delete(values, k, axis=0))
+    found = reduce(replace(samples, time=time, values=values), BENCH)
+    assert len(found) > 3
+    assert same(found, reduce(lost, BENCH))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_scattered_missing_readings_hardly_move_a_window(
+    samples: Samples, windows: Windows, name: str
+) -> None:
+    rng = np.random.default_rng(4)
+    values = samples.values.copy()
+    values[rng.random(len(values)) < 0.01, NAMES.index(name)] = np.nan
+    data = replace(samples, values=values)
+    found, coverage = reduce_and_account(data, BENCH)
+    assert len(found) == len(windows)
+    assert coverage.complete
+    n = np.sqrt(windows.samples)
+    for own, other, noise in (
+        (found.mean_tilt, windows.mean_tilt, windows.noise("tilt_noise")),
+        (found.motor_current, windows.motor_current, windows.noise("motor_current_noise")),
+        (found.motor_voltage, windows.motor_voltage, windows.noise("motor_voltage_noise")),
+    ):
+        assert np.all(np.abs(own - other) < noise / n)
+    assert np.abs(found.coil_temperature - windows.coil_temperature).max() < 0.01
+    assert np.abs(found.air_pressure - windows.air_pressure).max() < 2.0
+
+
+def test_the_noise_is_that_of_the_readings_that_there_are(samples: Samples) -> None:
+    rng = np.random.default_rng(5)
+    values = samples.values.copy()
+    values[rng.random(len(values)) < 0.003, 0] = np.nan
+    found = reduce(replace(samples, values=values), BENCH).reading_noise[0]
+    assert found == pytest.approx(reading_noise(samples, BENCH), rel=0.1)
+
+
+def test_a_stretch_without_readings_is_left_out_and_accounted_for(samples: Samples, windows: Windows) -> None:
+    gone = windows.select(np.flatnonzero(windows.duration > 0.9)[2:3])
+    values = samples.values.copy()
+    start, length = float(gone.start[0]), float(gone.duration[0])
+    rows = (samples.time > start) & (samples.time < start + length)
+    values[rows, NAMES.index("motor_current")] = np.nan
+    found, coverage = reduce_and_account(replace(samples, values=values), BENCH)
+    assert len(found) == len(windows) - 1
+    assert coverage.left_out[UNREAD] == pytest.approx(length, rel=0.1)
+    assert f"s {UNREAD}" in coverage.sentence()
+    _, whole = reduce_and_account(samples, BENCH)
+    assert coverage.steady == pytest.approx(whole.steady)
+    assert coverage.recorded == whole.recorded
+
+
+def test_samples_that_are_lost_are_not_taken_for_unread_ones(samples: Samples) -> None:
+    kept = np.arange(len(samples.time)) % 4 == 0
+    thin = replace(samples, time=samples.time[kept], values=samples.values[kept].copy())
+    thin.values[5, 0] = np.nan
+    _, coverage = reduce_and_account(thin, BENCH)
+    assert UNREAD not in coverage.left_out
+    assert coverage.left_out["with too few samples or revolutions"] > 0.0
+
+
+def test_nothing_is_left_where_hardly_anything_was_read(samples: Samples) -> None:
+    values = samples.values.copy()
+    values[10:, 7] = np.nan
+    for data in (replace(samples, values=values), replace(samples, values=values * np.nan)):
+        for own in (data, replace(data, setpoint_time=data.setpoint_time[:0], setpoint=data.setpoint[:0])):
+            found, coverage = reduce_and_account(own, BENCH)
+            assert len(found) == 0
+            assert coverage.used == 0.0
+
+
+def test_what_is_found_is_the_same_with_a_reading_missing(recording: Recording) -> None:
+    """The whole way, by both verbs; a missing reading once ended it with a traceback."""
+    hurt = without(without(recording, "tilt_x", 20000), "motor_current", 30000)
+    before, after = (compare([r], Model.new()) for r in (recording, hurt))
+    for channel, metrics in before.channels.items():
+        # the noise of the readings is estimated from other stretches, its square to within a few per cent
+        assert after.channels[channel].chi2_per_n == pytest.approx(metrics.chi2_per_n, rel=0.1)
+    assert diagnose([hurt], Model.new()).verdict == "nothing_missing"
+
+
+@pytest.mark.parametrize("name", NEEDED)
+def test_a_needed_column_without_any_reading_is_named(recording: Recording, name: str) -> None:
+    hurt = without(recording, name)
+    for verb in (compare, rates):
+        with pytest.raises(InputError, match=rf"^{recording.path}: {name}: no reading is a number; [^\n]+$"):
+            verb([hurt], Model.new())
+
+
+def test_what_the_analysis_can_do_without_is_assumed_and_said(recording: Recording, windows: Windows) -> None:
+    hurt = recording
+    for name in NAMES[len(NEEDED) :]:
+        hurt = without(hurt, name)
+    found, coverage = reduce_and_account(samples_of(hurt), BENCH)
+    assert len(found) == len(windows)
+    assert found.coil_temperature == pytest.approx(BENCH.value("air_temperature"))
+    assert found.air_temperature == pytest.approx(BENCH.value("air_temperature"))
+    assert found.air_pressure == pytest.approx(windows.air_pressure, abs=300.0)
+    assert not coverage.complete
+    assert len(coverage.assumed) == 3
+    said = compare([hurt], Model.new()).coverage.sentence()
+    assert "; not measured: air_temperature (that of the bench is taken)" in said
+    assert "coil_temperature (that of the air is taken)" in said
+    both = Coverage.of([coverage, coverage, reduce_and_account(samples_of(recording), BENCH)[1]])
+    assert both.assumed == coverage.assumed
+
+
+def test_the_pressure_that_was_set_stands_for_the_one_that_was_not_measured(tmp_path: Path) -> None:
+    thin = record(tmp_path, "run", hidden_machine(3, {}), Plan.load(THIN))
+    measured = reduce(samples_of(thin), BENCH).air_pressure
+    taken = reduce(samples_of(without(thin, "air_pressure")), BENCH).air_pressure
+    assert measured.min() < 0.7 * measured.max()
+    assert np.median(np.abs(taken / measured - 1.0)) < 0.01
+
+
+def test_with_all_readings_nothing_is_copied_or_warned_of(samples: Samples, windows: Windows) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found, coverage = reduce_and_account(samples, BENCH)
+    assert same(found, windows)
+    assert coverage.assumed == ()
