@@ -98,7 +98,7 @@ class Parameter:
     value : float
         Value in `unit`.
     unit : str
-        SI unit.
+        SI unit; a bench file may have any other of the same kind.
     uncertainty : float
         Standard uncertainty (1 sigma), absolute, in `unit`.
     source : str
@@ -106,7 +106,8 @@ class Parameter:
     description : str
         What it is.
     group : str
-        Parameters of one group vary by one common factor; the own name where there is no group.
+        Parameters of one group vary by one common factor; the own name where there is no group. The analysis knows
+        groups by name, so that those of the default bench hold for all.
     """
 
     name: str
@@ -159,7 +160,8 @@ class Bench:
         Raises
         ------
         InputError
-            If the file is missing, is no YAML, or a field of it is missing, unknown or out of range.
+            If the file is missing, is no YAML, or a field of it is missing, unknown, out of range or in a unit of
+            another kind.
         """
         if str(source) in _SHIPPED:
             name = _SHIPPED[str(source)]
@@ -185,7 +187,7 @@ class Bench:
             raise InputError(f"{origin}: not a bench file (a mapping with 'parameters' is expected)")
         if raw.get("schema") != SCHEMA:
             raise InputError(f"{origin}: schema: {raw.get('schema')!r} is not known; allowed: {SCHEMA}")
-        known = _default_names()
+        known = _defaults()
         parameters: dict[str, Parameter] = {}
         for name, entry in raw["parameters"].items():
             if known and name not in known:
@@ -287,14 +289,7 @@ class Bench:
 
 def check_value(name: str, value: Any, where: str) -> float:
     """Return `value` as a float allowed for parameter `name`; else raise InputError naming `where`."""
-    if isinstance(value, bool) or not isinstance(value, int | float | str):
-        raise InputError(f"{where}.{name}: {value!r} is not a number")
-    try:
-        number = float(value)
-    except ValueError:
-        raise InputError(f"{where}.{name}: {value!r} is not a number") from None
-    if not math.isfinite(number):
-        raise InputError(f"{where}.{name}: {value!r} is not finite")
+    number = _number(value, f"{where}.{name}")
     if name in _POSITIVE and number <= 0.0:
         raise InputError(f"{where}.{name}: {number:g} is out of range; allowed: > 0")
     if name in _NOT_NEGATIVE and number < 0.0:
@@ -302,10 +297,46 @@ def check_value(name: str, value: Any, where: str) -> float:
     return number
 
 
+def _number(value: Any, where: str) -> float:
+    """Return a finite number; else raise InputError naming `where`."""
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        raise InputError(f"{where}: {value!r} is not a number")
+    try:
+        number = float(value)
+    except (ValueError, OverflowError):
+        raise InputError(f"{where}: {value!r} is not a number") from None
+    if not math.isfinite(number):
+        raise InputError(f"{where}: {value!r} is not finite")
+    return number
+
+
+def _conversion(unit: str, needed: str, where: str) -> tuple[float, float]:
+    """Return offset and factor from `unit` to the unit `needed`; InputError naming `where` if there is no way."""
+    if unit == needed:
+        return 0.0, 1.0
+    units = unit_registry()
+    try:
+        own, other = units.parse_units(unit), units.parse_units(needed)
+    except Exception as error:  # pint raises several unrelated classes for a bad unit
+        raise InputError(f"{where}: {unit!r} is no unit ({_one_line(error)}); allowed: {needed}") from None
+    # a frequency counts revolutions to people, but radians to the library of units
+    names = {
+        name
+        for part in dict(units.Quantity(1.0, own).unit_items())
+        for _, name, _ in units.parse_unit_name(part)
+    }
+    if own.dimensionality != other.dimensionality or "hertz" in names:
+        raise InputError(f"{where}: {unit!r} cannot be converted; allowed: {needed} and its like")
+    zero = float(units.Quantity(0.0, own).to(other).magnitude)
+    return zero, float(units.Quantity(1.0, own).to(other).magnitude) - zero
+
+
 @functools.cache
-def _default_names() -> tuple[str, ...]:
+def _defaults() -> dict[str, tuple[str, str]]:
+    """Return the SI unit and the group of every parameter, as the default bench has them."""
     text = resources.files("gyrowheel_sim").joinpath("config/bench.yaml").read_text(encoding="utf-8")
-    return tuple(yaml.safe_load(text)["parameters"])
+    parameters = yaml.safe_load(text)["parameters"]
+    return {name: (str(entry["unit"]), str(entry.get("group", name))) for name, entry in parameters.items()}
 
 
 def _parameter(name: str, entry: Any, origin: str) -> Parameter:
@@ -320,29 +351,34 @@ def _parameter(name: str, entry: Any, origin: str) -> Parameter:
     for needed in ("value", "unit", "uncertainty", "source"):
         if needed not in entry:
             raise InputError(f"{where}.{name}.{needed}: missing")
-    value = check_value(name, entry["value"], where)
-    try:
-        unit_registry().parse_units(str(entry["unit"]))
-    except Exception as error:  # pint raises several unrelated classes for a bad unit
-        raise InputError(f"{where}.{name}.unit: {entry['unit']!r} is no unit ({_one_line(error)})") from None
+    unit, own = _defaults()[name]
+    offset, factor = _conversion(str(entry["unit"]), unit, f"{where}.{name}.unit")
+    given = _number(entry["value"], f"{where}.{name}")
+    value = check_value(name, factor * given + offset, where)
     raw = entry["uncertainty"]
     relative = isinstance(raw, str) and raw.strip().endswith("%")
     try:
-        uncertainty = float(str(raw).strip().removesuffix("%")) * (abs(value) / 100.0 if relative else 1.0)
+        uncertainty = float(str(raw).strip().removesuffix("%")) * (abs(given) / 100.0 if relative else 1.0)
     except ValueError:
         raise InputError(
             f"{where}.{name}.uncertainty: {raw!r} is neither a number nor a percentage"
         ) from None
+    uncertainty *= factor
     if not math.isfinite(uncertainty) or uncertainty < 0.0:
         raise InputError(f"{where}.{name}.uncertainty: {raw!r} is out of range; allowed: >= 0")
+    group = str(entry.get("group", own))
+    if group != own:
+        # the analysis knows by these names which parameters err together
+        allowed = "no group" if own == name else f"{own}"
+        raise InputError(f"{where}.{name}.group: {group!r} is not its group; allowed: {allowed}")
     return Parameter(
         name=name,
         value=value,
-        unit=str(entry["unit"]),
+        unit=unit,
         uncertainty=uncertainty,
         source=str(entry["source"]),
         description=str(entry.get("description", "")),
-        group=str(entry.get("group", name)),
+        group=group,
     )
 
 
