@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gyrowheel_bringup.cli.finding import open_all
+from gyrowheel_bringup.cli.finding import open_apart
 from gyrowheel_bringup.cli.options import BenchName, Json, ModelFile, Validation, example
 from gyrowheel_bringup.cli.shell import out, put_json, put_text, working
 from gyrowheel_bringup.files import require_writable
@@ -89,9 +89,7 @@ def add(
         raise InputError("nothing to add: name an effect, or give --formula")
     for effect in effects or ():
         _require_known(effect)
-    if shared := {path.resolve() for path in fit} & {path.resolve() for path in validate or ()}:
-        raise InputError(f"{min(shared)}: a recording that was fitted cannot validate the fit")
-    recordings, unused = open_all(fit), open_all(validate or ())
+    recordings, unused = open_apart(fit, validate or ())
     require_writable(model)
     with working("fitting") as say:
         from gyrowheel_analysis.adding import add_effect

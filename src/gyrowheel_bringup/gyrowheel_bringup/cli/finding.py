@@ -99,7 +99,7 @@ def diagnose(
     from gyrowheel_analysis.model import Model
 
     loaded = Model.load(model)
-    recordings, unused = open_all(directories), open_all(validate or ())
+    recordings, unused = open_apart(directories, validate or ())
     with working("diagnosing") as say:
         from gyrowheel_analysis.discovery.verdict import diagnose as run
         from gyrowheel_bringup.machine import bench_place
@@ -145,6 +145,17 @@ def open_all(directories: Sequence[Path]) -> list[Recording]:
         if place in places[:index]:
             raise InputError(f"{directories[index]}: is given twice")
     return [Recording.open(directory) for directory in directories]
+
+
+def open_apart(fitted: Sequence[Path], unused: Sequence[Path]) -> tuple[list[Recording], list[Recording]]:
+    """Open recordings to fit and those to validate the fit on; InputError also if one is given as both."""
+    from gyrowheel_sim.errors import InputError
+
+    places = {directory.resolve() for directory in fitted}
+    for directory in unused:
+        if directory.resolve() in places:
+            raise InputError(f"--validate: {directory}: a recording that is fitted cannot validate the fit")
+    return open_all(fitted), open_all(unused)
 
 
 def following(
