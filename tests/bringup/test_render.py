@@ -4,28 +4,54 @@ from __future__ import annotations
 
 import io
 import math
+import re
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from rich.console import Console
 
-from gyrowheel_analysis.errors import ErrorRow
+from gyrowheel_analysis.compare import ChannelMetrics
+from gyrowheel_analysis.discovery.verdict import Estimate
+from gyrowheel_analysis.errors import CHANNELS, ErrorRow
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction import Coverage
 from gyrowheel_bringup.cli.finding import following
+from gyrowheel_bringup.render.air import check_page, table_page
+from gyrowheel_bringup.render.bench import bench_page
+from gyrowheel_bringup.render.comparison import channel_table
+from gyrowheel_bringup.render.diagnosis import detection_limits, verdict_sentence
 from gyrowheel_bringup.render.diagnosis import diagnosis as rendered
-from gyrowheel_bringup.render.diagnosis import verdict_sentence
+from gyrowheel_bringup.render.effects import effect_list, effect_page
 from gyrowheel_bringup.render.errors import fall
 from gyrowheel_bringup.render.formulas import pretty
-from gyrowheel_bringup.render.layout import show
+from gyrowheel_bringup.render.layout import figures_table, show, words_table
 from gyrowheel_bringup.render.models import model_page
-from gyrowheel_bringup.render.quantities import edge, fixed, quantity, seconds, short, span, with_error
+from gyrowheel_bringup.render.plans import plan_list, plan_page
+from gyrowheel_bringup.render.quantities import (
+    decimal,
+    edge,
+    fixed,
+    minus,
+    quantity,
+    seconds,
+    short,
+    span,
+    with_error,
+)
+from gyrowheel_bringup.render.replay import estimates_table
+from gyrowheel_control.plans import Plan
+from gyrowheel_sim.air.check import check_table
+from gyrowheel_sim.air.table import TorqueTable
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import Effect, effect_from_text, registry
 from gyrowheel_sim.effects.formula import parse
 from gyrowheel_sim.effects.parts import split
 
-from .findings import AMBIGUOUS, UNKNOWN, diagnosis, finding, tie
+from .findings import AMBIGUOUS, UNKNOWN, diagnosis, finding, limit, tie
 
 VERDICTS = {
     "nothing": diagnosis("nothing_missing"),
@@ -59,6 +85,13 @@ def text_of(parts, width: int = 80) -> str:
         (span(0.0008, 0.0013, "N*m"), "0.8 .. 1.3 mN·m"),
         (span(0.001, 0.004, "1/K"), "0.1 .. 0.4 %/K"),
         (fixed(0.0), "0.00"),
+        (fixed(-0.0), "0.00"),
+        (with_error(-0.0001, 0.1, "N*m/rad^3"), "0.00 ± 0.10 N·m/rad³"),
+        (decimal(-0.3, 0), "0"),
+        (decimal(-12.34, 1), "−12.3"),
+        (decimal(12.34, 1, sign=True), "+12.3"),
+        (decimal(math.nan, 1), "–"),
+        (minus("T1 -0.3 %, (-2) and 1e-5 of k-omega, 3-4"), "T1 −0.3 %, (−2) and 1e-5 of k-omega, 3-4"),
         (fixed(0.99996), "1.00"),
         (fixed(0.031789), "0.0318"),
         (fixed(math.nan), "–"),
@@ -118,6 +151,77 @@ def test_a_model_shows_an_effect_of_its_own():
     assert "torque on the rotor = −k·Ω·z/Ω₀" in words
 
 
+SHIPPED_TABLES = {
+    **{f"bench {name}": (lambda name=name: bench_page(Bench.load(name))) for name in ("gyrowheel", "dtg")},
+    "effects": lambda: effect_list(registry().values()),
+    **{f"effect {e.name}": (lambda e=e: effect_page(e)) for e in registry().values()},
+    "plans": lambda: plan_list(map(Plan.load, Plan.shipped())),
+    **{f"plan {name}": (lambda name=name: plan_page(Plan.load(name))) for name in Plan.shipped()},
+    "limits": lambda: detection_limits(
+        [replace(each, value=1.9 * each.usual[1]) for e in registry() for each in limit(e, 1.0)]
+    ),
+    "channels": lambda: [channel_table(COMPARED)],
+    "estimates": lambda: [estimates_table([ESTIMATE])],
+    "air table": lambda: table_page(TorqueTable.load()),
+    "air check": lambda: check_page(TorqueTable.load(), check_table(TorqueTable.load())),
+}
+#: Everything of a size that takes as much room as there can be.
+COMPARED: Any = SimpleNamespace(
+    channels={
+        name: ChannelMetrics(0.0543e-3, 0.0123e-3, 99.9, 0.999, 1.0, 0.0, 0.0, 12345.6) for name in CHANNELS
+    },
+    raw_rms=dict.fromkeys(CHANNELS, 0.0543e-3),
+)
+ESTIMATE = {
+    "segment": 11,
+    "tilt_x": -0.0523,
+    "tilt_y": -0.0523,
+    "spin_rate": 408.4,
+    "dc_voltage": (-1.0123, -1.0123, 11.234),
+    "simulated_torque": (-0.0123, -0.0123, -0.0123),
+    "residual": (-0.0123, -0.0123, -0.0123),
+}
+
+
+@pytest.mark.parametrize("width", [80, 110])
+@pytest.mark.parametrize("name", SHIPPED_TABLES)
+def test_no_table_is_cut(name: str, width: int):
+    shown = text_of(SHIPPED_TABLES[name](), width)
+    assert "…" not in shown
+    lines = shown.splitlines()
+    assert all(len(line) <= width for line in lines if "gyrowheel " not in line)
+    assert not [line for line in lines if re.search(r"[ (]-\d", line)]
+    # whatever is a word or a number stands in one piece
+    pieces = set(shown.split())
+    assert not set(text_of(SHIPPED_TABLES[name](), 400).split()) - pieces - {"─" * n for n in range(400)}
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.data(), st.integers(12, 80))
+def test_nothing_of_a_table_is_lost_on_any_terminal(data: st.DataObject, width: int):
+    word = st.text("abcxyz0189.−", min_size=1, max_size=30)
+    count = data.draw(st.integers(1, 6))
+    rows = data.draw(st.lists(st.lists(word, min_size=count, max_size=count), min_size=1, max_size=4))
+    figures = figures_table("", *[""] * (count - 1))
+    words = words_table(*[""] * count, whole=range(0, count, 2))
+    for table in (figures, words):
+        for row in rows:
+            table.add_row(*row)
+        shown = text_of([table], width)
+        assert "…" not in shown
+        assert all(len(line) <= width for line in shown.splitlines())
+        letters = "".join(character for row in rows for character in "".join(row))
+        assert sorted(letters) == sorted(shown.replace("─", "").replace(" ", "").replace("\n", ""))
+
+
+def test_what_would_have_to_be_larger_than_anything_real_is_not_to_be_seen():
+    (plain,) = limit("aero_cross", 0.1)
+    (far,) = limit("flexure_damping", 0.12)
+    words = " ".join(text_of(detection_limits([plain, far])).split())
+    assert "aero_cross c 100 mN·m/rad" in words
+    assert "Not to be seen here at any size that occurs: flexure_damping." in words
+
+
 @pytest.mark.parametrize("width", [80, 110])
 @pytest.mark.parametrize("name", VERDICTS)
 def test_every_verdict_can_be_shown(name: str, width: int):
@@ -128,7 +232,7 @@ def test_every_verdict_can_be_shown(name: str, width: int):
     assert verdict_sentence(found).split(":")[0] in words
     if found.detection_limits:
         assert "gravity_offset G 11 mN·m/rad 0.8 .. 6 mN·m/rad not visible" in words
-        assert "Not to be seen here, however large: tilt_bias." in words
+        assert "Not to be seen here at any size that occurs: tilt_bias." in words
         assert "coil_constant 20.600 ± 0.050 mN·m/V 20.00 ± 0.40 mN·m/V" in words
         assert "motor_constant" not in words
 
@@ -137,6 +241,19 @@ def test_verdicts_are_plain_sentences():
     assert verdict_sentence(VERDICTS["effect"]) == "An effect is missing: drag of the air on the spin."
     assert verdict_sentence(VERDICTS["two"]).startswith("Two effects are missing: ")
     assert "either cross torque of the air on the tilted rotor or additional" in verdict_sentence(AMBIGUOUS)
+
+
+def test_an_effect_of_the_model_that_does_not_fit_is_told_from_one_that_is_missing():
+    own, new = finding("aero_cross"), finding("windage")
+    wrong = replace(
+        own, in_model={name: Estimate(2.0e-3, 1e-4, e.unit) for name, e in own.coefficients.items()}
+    )
+    alone, both = diagnosis("effect", wrong), diagnosis("effect", new, wrong)
+    assert verdict_sentence(alone) == "The model has another size of aero_cross than these recordings show."
+    assert verdict_sentence(both).startswith(
+        "An effect is missing: drag of the air on the spin. The model has"
+    )
+    assert "in the model 2.00 ± 0.10 mN·m/rad" in " ".join(text_of(rendered(both)).split())
 
 
 def test_what_takes_no_part_is_said():

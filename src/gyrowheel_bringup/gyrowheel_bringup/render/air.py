@@ -10,7 +10,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from gyrowheel_bringup.render.layout import Unbroken, command, figures_table, heading, sentences, words_table
-from gyrowheel_bringup.render.quantities import fixed, pair, short, with_error
+from gyrowheel_bringup.render.quantities import decimal, fixed, minus, pair, short, with_error
 from gyrowheel_sim.units import DEG, RPM
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def comparison_page(found: Comparison) -> Iterator[RenderableType]:
     yield table
     yield Text(f"\n{_AXES}; – means that the model says nothing", style="dim")
     yield heading("As coefficients of the air's effects")
-    laws = words_table("model", "effect", "size", "exponent n")
+    laws = words_table("model", "effect", "size", "exponent n", whole=(0, 1, 2, 3))
     for model, effects in found.coefficients.items():
         shown: str | Text = Text(model, style="cyan")
         for effect, members in effects.items():
@@ -78,7 +78,7 @@ def mesh_page(case: Case, quality: dict[str, Any], folder: str) -> Iterator[Rend
         ("checkMesh", "mesh OK" if quality["ok"] else "bad"),
     ):
         table.add_row(name, value)
-    yield Text.assemble((case.mesh, "bold cyan"), f"  tilt {case.tilt / DEG:.4g}°\n")
+    yield Text.assemble((case.mesh, "bold cyan"), f"  tilt {short(case.tilt / DEG, 4)}°\n")
     yield table
     yield Unbroken(f"mesh: {folder}")
 
@@ -88,7 +88,7 @@ def result_page(result: Result, folder: str) -> Iterator[RenderableType]:
     case, torque, origin = result.case, result.torque, result.provenance
     yield Text.assemble(
         (f"{case.mesh} {origin['model']}", "bold cyan"),
-        f"  tilt {case.tilt / DEG:.4g}°, {case.spin_rate / RPM:.6g} rpm, {origin['cells']} cells\n",
+        f"  tilt {short(case.tilt / DEG, 4)}°, {case.spin_rate / RPM:.6g} rpm, {origin['cells']} cells\n",
     )
     table = figures_table(f"mean of {torque.window} iterations", "torque", "scatter", "drift", "of pressure")
     table.add_row("", *[Text("mN·m", style="dim")] * 3, Text("%", style="dim"))
@@ -100,7 +100,7 @@ def result_page(result: Result, folder: str) -> Iterator[RenderableType]:
             fixed(1e3 * torque.mean[i], 4),
             fixed(1e3 * torque.scatter[i], 2),
             fixed(1e3 * torque.drift[i], 2),
-            f"{100.0 * torque.pressure[i] / torque.mean[i]:.0f}" if whole else "–",
+            decimal(100.0 * torque.pressure[i] / torque.mean[i], 0) if whole else "–",
         )
     yield table
     wall = result.y_plus["rotor"]
@@ -122,6 +122,7 @@ def sweep_line(case: Case, result: Result | str, done: int, total: int) -> str:
     what = f"{done}/{total}  {case.tilt / DEG:+.4g}° {case.spin_rate / RPM:.6g} rpm  {case.mesh} {case.model}"
     if case.direction:
         what += f" axis {case.direction / DEG:.4g}°"
+    what = minus(what)
     if isinstance(result, str):
         return f"{what}: failed: {result}"
     torques = "  ".join(fixed(1e3 * value) for value in result.torque.mean)
@@ -158,7 +159,7 @@ def table_page(table: TorqueTable) -> Iterator[RenderableType]:
                 assert row is not None
                 zero = i < 2 and tilt == 0.0
                 cells.append("0" if zero else f"{_marks(row)} {fixed(1e3 * row.torque.mean[i])}".strip())
-            part.add_row(f"{tilt / DEG:.4g}°", *cells)
+            part.add_row(f"{short(tilt / DEG, 4)}°", *cells)
         yield part
         yield Text("")
     beside = [r for r in table.rows if r not in table.grid]
@@ -171,7 +172,7 @@ def table_page(table: TorqueTable) -> Iterator[RenderableType]:
             name += f" axis {c.direction / DEG:.4g}°" if c.direction else ""
             values = ["0" if i < 2 and c.tilt == 0.0 else fixed(1e3 * row.torque.mean[i]) for i in range(3)]
             values[0] = f"{_marks(row)} {values[0]}".strip()
-            part.add_row(name, str(row.provenance["cells"]), f"{row.y_plus['rotor'][0]:.1f}", *values)
+            part.add_row(minus(name), str(row.provenance["cells"]), f"{row.y_plus['rotor'][0]:.1f}", *values)
         yield part
     yield Text("\nd: mean still drifting by more than 1 %; u: unsteady, scatter above 2 %", style="dim")
 
@@ -182,7 +183,9 @@ def check_page(table: TorqueTable, checks: Sequence[Check]) -> Iterator[Renderab
     part = words_table("", "")
     for item in checks:
         mark, style = {True: ("holds", "green"), False: ("MISSES", "red"), None: ("–", "dim")}[item.holds]
-        part.add_row(Text(mark, style=style), Text.assemble(item.what, "\n", (item.found, "dim")))
+        part.add_row(
+            Text(mark, style=style), Text.assemble(minus(item.what), "\n", (minus(item.found), "dim"))
+        )
     yield part
     held = sum(item.holds is True for item in checks)
     yield Text(f"\n{held} of {len(checks)} hold")

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 def bench_page(bench: Bench) -> Iterator[RenderableType]:
     """Yield the bench as a table."""
     yield Text.assemble((bench.name, "bold cyan"), f"  {bench.title}\n")
-    table = words_table("parameter", "value", "source")
+    table = words_table("parameter", "value", "source", whole=(0, 1))
     for p in bench.parameters.values():
         pure = p.unit == "1"
         table.add_row(

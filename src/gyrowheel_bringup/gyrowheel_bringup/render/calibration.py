@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gyrowheel_bringup.render.layout import command, figures_table, heading, sentences
-from gyrowheel_bringup.render.quantities import edge, pair, short
+from gyrowheel_bringup.render.quantities import decimal, edge, pair, short
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.calibration import Calibration
@@ -52,7 +52,7 @@ def _table(result: Calibration) -> Table:
             pair(value.value / unit.size, value.standard_error / unit.size) for value in (c.before, c.after)
         )
         far = abs(c.after.value - c.stated.value) > _FAR * c.stated.standard_error
-        change = f"{100.0 * (c.after.value / c.before.value - 1.0):+.2f} %".replace("-", "−")
+        change = f"{decimal(100.0 * (c.after.value / c.before.value - 1.0), 2, sign=True)} %"
         table.add_row(
             c.name, unit.label, before, Text(after, style="bold"), Text(change, style="yellow" if far else "")
         )

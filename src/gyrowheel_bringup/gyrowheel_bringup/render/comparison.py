@@ -17,7 +17,7 @@ from gyrowheel_analysis.where.residuals import PARTS
 from gyrowheel_analysis.wording import unit_for
 from gyrowheel_bringup.render.errors import unit_of
 from gyrowheel_bringup.render.layout import figures_table, heading, sentences, words_table
-from gyrowheel_bringup.render.quantities import fixed
+from gyrowheel_bringup.render.quantities import decimal, fixed
 from gyrowheel_sim.units import DEG, RPM
 
 if TYPE_CHECKING:
@@ -171,7 +171,7 @@ def _list_of(shown: ResidualMap, data: WindowResiduals) -> Table:
         table.add_row(
             span_text(variable, cell.spans[variable]),
             str(cell.count),
-            *("–" if value is None else f"{value / size:+.0f}".replace("-", "−") for value in values),
+            *("–" if value is None else decimal(value / size, 0, sign=True) for value in values),
             *(_chi2(cell.chi2_per_n[part]) for part in parts),
         )
     return table
@@ -201,7 +201,7 @@ def span_text(variable: str, span: Span) -> str:
     if math.isnan(span.low):
         return "upright"
     if variable == "azimuth":
-        return f"{math.degrees(span.middle):.0f}"
+        return decimal(math.degrees(span.middle), 0)
     size, offset = {
         "tilt": (DEG, 0.0), "speed": (RPM, 0.0), "time": (1.0, 0.0), "temperature": (1.0, 273.15),
     }[variable]  # fmt: skip
@@ -209,7 +209,7 @@ def span_text(variable: str, span: Span) -> str:
     digits = 1 if variable == "tilt" else 0
     if variable == "speed":
         low, high = round(low, -1), round(high, -1)
-    a, b = f"{low:.{digits}f}", f"{high:.{digits}f}"
+    a, b = decimal(low, digits), decimal(high, digits)
     return a if a == b or (variable == "speed" and high - low < _SAME_SPEED * high) else f"{a} .. {b}"
 
 

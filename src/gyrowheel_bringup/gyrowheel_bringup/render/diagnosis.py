@@ -35,7 +35,7 @@ _COLOURS = {
 }
 _SETTLED = ("nothing_missing", "effect")
 _INDENT = (0, 0, 0, 2)
-_NEVER = 1000.0  # times the largest usual size: what is seen only beyond that is not seen at all
+_NEVER = 20.0  # times the largest usual size: nothing on a real bench is so far from what is usual
 _MOVED = 1.0  # stated uncertainties
 
 
@@ -45,8 +45,15 @@ def verdict_sentence(result: Diagnosis) -> str:
     if result.verdict == "nothing_missing":
         return "Nothing is missing: the model explains these recordings down to their noise."
     if result.verdict == "effect":
-        verb = "An effect is" if len(names) == 1 else f"{_count(len(names))} effects are"
-        return f"{verb} missing: {listed(names, 'and')}."
+        missing = [finding.title for finding in result.effects if finding.in_model is None]
+        wrong = [finding.name for finding in result.effects if finding.in_model is not None]
+        said = []
+        if missing:
+            verb = "An effect is" if len(missing) == 1 else f"{_count(len(missing))} effects are"
+            said.append(f"{verb} missing: {listed(missing, 'and')}.")
+        if wrong:
+            said.append(f"The model has another size of {listed(wrong, 'and')} than these recordings show.")
+        return " ".join(said)
     if result.verdict == "ambiguous":
         choices = [_either([f.title, *(tie.title for tie in f.ties)]) for f in result.effects]
         return f"Missing: {'; and '.join(choices)}. These recordings cannot tell which."
@@ -106,7 +113,7 @@ def detection_limits(limits: list[DetectionLimit]) -> Iterator[RenderableType]:
     if not limits:
         return
     yield heading("What could not have been seen here")
-    table = words_table("effect", "seen from", "usual size", "")
+    table = words_table("effect", "seen from", "usual size", "", whole=(0, 1, 2))
     for group, remark in ((hidden, "not visible"), (partly, "only if large")):
         for limit in group:
             table.add_row(
@@ -119,7 +126,7 @@ def detection_limits(limits: list[DetectionLimit]) -> Iterator[RenderableType]:
         yield Padding(table, _INDENT)
     if never:
         names = ", ".join(dict.fromkeys(limit.effect for limit in never))
-        yield Padding(Text(f"Not to be seen here, however large: {names}."), _INDENT)
+        yield Padding(Text(f"Not to be seen here at any size that occurs: {names}."), _INDENT)
     rest = "All other known effects" if never or hidden or partly else "All known effects"
     if seen:
         yield Padding(Text(f"{rest} would show at any usual size.", style="dim"), _INDENT)
@@ -130,7 +137,11 @@ def _finding(finding: EffectFinding) -> Iterator[RenderableType]:
     body = words_table("", "")
     for name, estimate in finding.coefficients.items():
         pure = is_pure(finding.name, name)
-        body.add_row(name, with_error(estimate.value, estimate.standard_error, estimate.unit, pure=pure))
+        shown = with_error(estimate.value, estimate.standard_error, estimate.unit, pure=pure)
+        if finding.in_model is not None:
+            of_model = finding.in_model[name]
+            shown += f"  in the model {with_error(of_model.value, of_model.standard_error, of_model.unit, pure=pure)}"
+        body.add_row(name, shown)
     body.add_row("law", pretty(finding.formula))
     body.add_row("Δχ²", f"{finding.delta_chi2:.0f} without it")
     yield Padding(body, _INDENT)
@@ -169,7 +180,7 @@ def _moved(nuisance: Mapping[str, Any]) -> Iterator[RenderableType]:
     if not moved:
         return
     yield heading("Parameters of the bench that moved more than their stated uncertainty")
-    table = words_table("parameter", "fitted", "stated")
+    table = words_table("parameter", "fitted", "stated", whole=(0, 1, 2))
     for name, n in moved.items():
         table.add_row(
             name,

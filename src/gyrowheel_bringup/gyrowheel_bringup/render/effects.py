@@ -11,7 +11,7 @@ from rich.text import Text
 
 from gyrowheel_bringup.render.formulas import pretty
 from gyrowheel_bringup.render.layout import command, heading, sentences, words_table
-from gyrowheel_bringup.render.quantities import span
+from gyrowheel_bringup.render.quantities import minus, span
 
 if TYPE_CHECKING:
     from gyrowheel_sim.effects import Coefficient, Effect
@@ -21,7 +21,7 @@ def effect_list(effects: Iterable[Effect]) -> Iterator[RenderableType]:
     """Yield all effects, a line each."""
     table = words_table("effect", "acts through", "what it is")
     for effect in effects:
-        table.add_row(Text(effect.name, style="cyan", no_wrap=True), effect.category, effect.title)
+        table.add_row(Text(effect.name, style="cyan"), effect.category, effect.title)
     yield table
     yield Text("\nMore about one:", style="dim")
     yield command("gyrowheel effects windage")
@@ -40,7 +40,7 @@ def effect_page(effect: Effect) -> Iterator[RenderableType]:
         table.add_row(
             Text(c.name, style="bold"),
             f"{span(*c.usual, c.unit, pure=c.shape is not None)}{sign}",
-            f"{c.description} [{c.source}]",
+            minus(f"{c.description} [{c.source}]"),
         )
     yield Padding(table, (0, 0, 0, 2))
     facts = words_table("", "")

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from gyrowheel_bringup.render.formulas import pretty
 from gyrowheel_bringup.render.layout import heading, words_table
-from gyrowheel_bringup.render.quantities import fixed, with_error
+from gyrowheel_bringup.render.quantities import decimal, fixed, with_error
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.model import Model
@@ -26,12 +26,12 @@ def model_page(model: Model, path: str) -> Iterator[RenderableType]:
     yield Text.assemble((path, "bold cyan"), f"  bench {model.bench_source}")
     yield from content(model)
     yield heading("History")
-    history = words_table("time", "what", "χ²/N", "recordings")
+    history = words_table("time", "what", "χ²/N", "recordings", whole=(0, 2))
     for entry in model.history:
         time = str(entry.get("time", "")).replace("T", " ").removesuffix("+00:00")
         words = (Text(text, overflow="fold") for text in (str(entry.get("what", "")), _recordings(entry)))
         what, recordings = words
-        history.add_row(time.rpartition(":")[0], what, Text(_fall(entry), no_wrap=True), recordings)
+        history.add_row(time.rpartition(":")[0], what, _fall(entry), recordings)
     yield Padding(history if model.history else Text("none", style="dim"), _INDENT)
 
 
@@ -71,7 +71,7 @@ def difference(old: Model, new: Model) -> Iterator[RenderableType]:
         yield from _changed_effect(name, old, new)
     moved, rest = _moved_parameters(old, new)
     if moved:
-        table = words_table("parameter", "before", "after", "")
+        table = words_table("parameter", "before", "after", "", whole=(0, 1, 2, 3))
         for row in moved:
             table.add_row(*row)
         yield Text()
@@ -127,7 +127,7 @@ def _moved_parameters(old: Model, new: Model) -> tuple[list[tuple[str, str, str,
             "as stated" if value is None else with_error(value.value, value.standard_error, p.unit, pure=True)
             for value in (before, after)
         )
-        rows.append((name, *shown, f"{(now - was) / uncertainty:+.1f} σ".replace("-", "−")))
+        rows.append((name, *shown, f"{decimal((now - was) / uncertainty, 1, sign=True)} σ"))
     return rows, rest  # type: ignore[return-value]
 
 
@@ -147,7 +147,7 @@ def _effects(model: Model) -> RenderableType:
 
 
 def _overrides(model: Model, names: Iterable[str]) -> RenderableType:
-    table = words_table("parameter", "learned", "stated")
+    table = words_table("parameter", "learned", "stated", whole=(0, 1, 2))
     for name in names:
         override = model.overrides[name]
         p = model.stated_bench.parameters[name]

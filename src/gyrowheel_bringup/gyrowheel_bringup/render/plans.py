@@ -10,7 +10,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from gyrowheel_bringup.render.layout import command, figures_table, words_table
-from gyrowheel_bringup.render.quantities import seconds, short
+from gyrowheel_bringup.render.quantities import minus, seconds, short
 from gyrowheel_sim.units import DEG, RPM
 
 if TYPE_CHECKING:
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 def plan_list(plans: Iterable[Plan]) -> Iterator[RenderableType]:
     """Yield all plans, a line each."""
-    table = words_table("plan", "takes", "what it is")
+    table = words_table("plan", "takes", "what it is", whole=(0, 1))
     for plan in plans:
-        table.add_row(Text(plan.name, style="cyan", no_wrap=True), seconds(plan.duration), plan.title)
+        table.add_row(Text(plan.name, style="cyan"), seconds(plan.duration), plan.title)
     yield table
     yield Text("\nMore about one:", style="dim")
     yield command("gyrowheel plans quick")
@@ -32,7 +32,7 @@ def plan_page(plan: Plan) -> Iterator[RenderableType]:
     """Yield a plan segment by segment."""
     count = len(plan.segments)
     yield Text.assemble((plan.name, "bold cyan"), f"  {plan.title}")
-    yield Text(f"\n{plan.description}\n")
+    yield Text(f"\n{minus(plan.description)}\n")
     yield Text(
         f"{count} segments, {seconds(plan.duration)} of bench time, from {_rpm(plan.initial_spin_rate)} rpm\n"
     )
@@ -46,7 +46,7 @@ def plan_page(plan: Plan) -> Iterator[RenderableType]:
             f"{s.hold:.2f}",
             _rpm(s.spin) if s.spin_end == s.spin else f"{_rpm(s.spin)}→{_rpm(s.spin_end)}",
             f"{short(s.tilt.real / DEG)}, {short(s.tilt.imag / DEG)}",
-            ", ".join(filter(None, (s.label, _turning(s), _surroundings(s.environment)))),
+            minus(", ".join(filter(None, (s.label, _turning(s), _surroundings(s.environment))))),
         )
     yield table
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
 from typing import NamedTuple
 
@@ -87,7 +88,7 @@ def pair(value: float, error: float) -> str:
     digits = 1 - math.floor(math.log10(float(f"{error:.1e}")))
     if -3 <= digits <= 6:
         places = max(digits, 0)
-        return f"{_minus(f'{round(value, digits):.{places}f}')} ± {round(error, digits):.{places}f}"
+        return f"{_minus(f'{round(value, digits) + 0.0:.{places}f}')} ± {round(error, digits):.{places}f}"
     return f"{short(value)} ± {error:.1e}"
 
 
@@ -121,11 +122,24 @@ def fixed(value: float, digits: int = 3) -> str:
     """Return a number to some significant digits with the zeros kept, for columns of numbers."""
     if not math.isfinite(value):
         return "–"
+    value += 0.0  # no sign before a zero
     size = abs(float(f"{value:.{digits - 1}e}"))
     if size >= 10 ** (digits - 1):
         return _minus(f"{value:.0f}") if size < 1e6 else _minus(f"{value:.{digits - 1}e}")
     places = digits - 1 - (math.floor(math.log10(size)) if size > 0.0 else 0)
     return _minus(f"{value:.{places}f}") if places <= 6 else _minus(f"{value:.{digits - 1}e}")
+
+
+def decimal(value: float, places: int, *, sign: bool = False) -> str:
+    """Return a number with some digits behind the point, with its sign if asked for; a zero is never negative."""
+    if not math.isfinite(value):
+        return "–"
+    return _minus(f"{round(value, places) + 0.0:{'+' if sign else ''}.{places}f}")
+
+
+def minus(text: str) -> str:
+    """Return a text with the minus sign of tables before its negative numbers."""
+    return re.sub(r"(?<![\w.)-])-(?=\.?\d)", "−", text)
 
 
 def seconds(value: float) -> str:

@@ -10,6 +10,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from gyrowheel_bringup.render.layout import figures_table, heading, sentences
+from gyrowheel_bringup.render.quantities import decimal
 from gyrowheel_sim.units import DEG, RPM
 
 if TYPE_CHECKING:
@@ -42,10 +43,10 @@ def estimates_table(estimates: Sequence[Mapping[str, Any]]) -> RenderableType:
     for row in estimates:
         x, y, motor = row["dc_voltage"]
         cells = [
-            f"{_figure(row['tilt_x'] / DEG, 2)}  {_figure(row['tilt_y'] / DEG, 2)}",
-            _figure(row["spin_rate"] / RPM, 0),
-            f"{_figure(1e3 * x, 2)}  {_figure(1e3 * y, 2)}",
-            _figure(motor, 3),
+            f"{decimal(row['tilt_x'] / DEG, 2)}  {decimal(row['tilt_y'] / DEG, 2)}",
+            decimal(row["spin_rate"] / RPM, 0),
+            f"{decimal(1e3 * x, 2)}  {decimal(1e3 * y, 2)}",
+            decimal(motor, 3),
             *_torques(row["simulated_torque"]),
             *(_torques(row["residual"]) if calibrated else ()),
         ]
@@ -55,10 +56,5 @@ def estimates_table(estimates: Sequence[Mapping[str, Any]]) -> RenderableType:
 
 def _torques(values: Sequence[float]) -> tuple[str, str]:
     """Return torques of the coils and of the motor in mN·m."""
-    x, y, spin = (_figure(1e3 * value, 3) for value in values)
+    x, y, spin = (decimal(1e3 * value, 3) for value in values)
     return f"{x}  {y}", spin
-
-
-def _figure(value: float, digits: int) -> str:
-    """Return a number with some digits behind the point; no minus before a zero."""
-    return f"{round(value, digits) + 0.0:.{digits}f}" if math.isfinite(value) else "–"
