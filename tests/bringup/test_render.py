@@ -5,14 +5,16 @@ from __future__ import annotations
 import io
 import math
 import re
+from collections.abc import Callable, Iterable
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rich.console import Console
+from rich.console import Console, RenderableType
 
 from gyrowheel_analysis.compare import ChannelMetrics
 from gyrowheel_analysis.discovery.verdict import Estimate
@@ -151,20 +153,6 @@ def test_a_model_shows_an_effect_of_its_own():
     assert "torque on the rotor = −k·Ω·z/Ω₀" in words
 
 
-SHIPPED_TABLES = {
-    **{f"bench {name}": (lambda name=name: bench_page(Bench.load(name))) for name in ("gyrowheel", "dtg")},
-    "effects": lambda: effect_list(registry().values()),
-    **{f"effect {e.name}": (lambda e=e: effect_page(e)) for e in registry().values()},
-    "plans": lambda: plan_list(map(Plan.load, Plan.shipped())),
-    **{f"plan {name}": (lambda name=name: plan_page(Plan.load(name))) for name in Plan.shipped()},
-    "limits": lambda: detection_limits(
-        [replace(each, value=1.9 * each.usual[1]) for e in registry() for each in limit(e, 1.0)]
-    ),
-    "channels": lambda: [channel_table(COMPARED)],
-    "estimates": lambda: [estimates_table([ESTIMATE])],
-    "air table": lambda: table_page(TorqueTable.load()),
-    "air check": lambda: check_page(TorqueTable.load(), check_table(TorqueTable.load())),
-}
 #: Everything of a size that takes as much room as there can be.
 COMPARED: Any = SimpleNamespace(
     channels={
@@ -172,7 +160,7 @@ COMPARED: Any = SimpleNamespace(
     },
     raw_rms=dict.fromkeys(CHANNELS, 0.0543e-3),
 )
-ESTIMATE = {
+ESTIMATE: dict[str, Any] = {
     "segment": 11,
     "tilt_x": -0.0523,
     "tilt_y": -0.0523,
@@ -180,6 +168,20 @@ ESTIMATE = {
     "dc_voltage": (-1.0123, -1.0123, 11.234),
     "simulated_torque": (-0.0123, -0.0123, -0.0123),
     "residual": (-0.0123, -0.0123, -0.0123),
+}
+SHIPPED_TABLES: dict[str, Callable[[], Iterable[RenderableType]]] = {
+    **{f"bench {name}": partial(bench_page, Bench.load(name)) for name in ("gyrowheel", "dtg")},
+    "effects": lambda: effect_list(registry().values()),
+    **{f"effect {e.name}": partial(effect_page, e) for e in registry().values()},
+    "plans": lambda: plan_list(map(Plan.load, Plan.shipped())),
+    **{f"plan {name}": partial(plan_page, Plan.load(name)) for name in Plan.shipped()},
+    "limits": lambda: detection_limits(
+        [replace(each, value=1.9 * each.usual[1]) for e in registry() for each in limit(e, 1.0)]
+    ),
+    "channels": lambda: [channel_table(COMPARED)],
+    "estimates": lambda: [estimates_table([ESTIMATE])],
+    "air table": lambda: table_page(TorqueTable.load()),
+    "air check": lambda: check_page(TorqueTable.load(), check_table(TorqueTable.load())),
 }
 
 
