@@ -161,7 +161,10 @@ def test_without_openfoam_one_line_and_exit_2(gyrowheel: Shell, verb: str, tmp_p
     ("arguments", "words"),
     [
         (["air", "--tilt", "95"], ["tilt", "below 90 deg"]),
-        (["air", "--speed", "-3"], ["spin rate"]),
+        (["air", "--tilt", "60"], ["tilt", "60 deg", "allowed: up to"]),
+        (["air", "--speed", "-5"], ["speed", "-5 rpm", "> 0"]),
+        (["air", "--speed", "nan"], ["speed", "nan rpm"]),
+        (["air", "--speed", "100000"], ["speed", "100000 rpm", "allowed"]),
         (["air", "--temperature", "900"], ["temperature", "200 .. 400 K"]),
         (["air", "--geometry", "nowhere.yaml"], ["nowhere.yaml", "shipped: gyrowheel"]),
         (["air", "--table", "nowhere.json"], ["nowhere.json", "shipped: gyrowheel"]),

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+from gyrowheel_bringup.files import disk_errors
 from gyrowheel_bringup.judging import Judgement, hidden_effects, judge
 
 if TYPE_CHECKING:
@@ -129,6 +130,8 @@ def demonstrate(seed: int, folder: Path, stage: Stage) -> Outcome:
     """
     begin = time.monotonic()
     place = Place(folder)
+    with disk_errors(folder):
+        folder.mkdir(parents=True, exist_ok=True)
     _hide_and_record(seed, place, stage)
     _compare(place, stage)
     diagnosis = _diagnose(place, stage)
@@ -152,7 +155,6 @@ def _hide_and_record(seed: int, place: Place, stage: Stage) -> None:
             )
         ]
     )
-    place.folder.mkdir(parents=True, exist_ok=True)
     scenario = _machine(seed, PLAN, place.key)
     stage.step(f"The bench runs plan {PLAN}, and is recorded")
     _run_graph(PLAN, scenario, place.recording, stage)

@@ -26,6 +26,8 @@ from gyrowheel_sim.yaml_text import read_yaml
 #: Interval of the setpoints [s]; the controller continues each by its rates until the next.
 SETPOINT_PERIOD = 0.005
 RAMP, HOLD = 0, 1
+#: Longest plan [s]; all its samples are held in memory.
+LONGEST = 86_400.0
 SETPOINT_DTYPE = np.dtype(
     [
         ("stamp_ns", np.int64),
@@ -61,7 +63,7 @@ class Block(BaseModel):
     tilt_rate_deg_s: Annotated[Number, Field(gt=0.0)] | None = None
     spin_acceleration_rpm_s: Annotated[Number, Field(gt=0.0)] | None = None
     cone_radius_deg: Annotated[Number, Field(gt=0.0)] | None = None
-    cone_period_s: Annotated[Number, Field(gt=0.05)] | None = None
+    cone_period_s: Annotated[Number, Field(gt=0.05, le=3600.0)] | None = None
     cone_turns: Annotated[Number, Field(gt=0.0, le=1000.0)] = 1.0
     sweep_to_rpm: Number | None = None
     repeat: Annotated[int, Field(ge=1, le=1000)] = 1
@@ -94,7 +96,7 @@ class PlanFile(BaseModel):
     description: str = ""
     tilt_rate_deg_s: Annotated[Number, Field(gt=0.0)] = 8.0
     spin_acceleration_rpm_s: Annotated[Number, Field(gt=0.0)] = 1000.0
-    hold_s: Annotated[Number, Field(gt=0.0)] = 1.5
+    hold_s: Annotated[Number, Field(gt=0.0, le=3600.0)] = 1.5
     tilt_limit_deg: Annotated[Number, Field(gt=0.0)] | None = None
     segments: Annotated[list[Block], Field(min_length=1)]
 
@@ -368,6 +370,11 @@ def _segments(content: PlanFile, origin: str) -> Iterator[Segment]:
                     label=block.label,
                 )
                 time = round(time + ramp + hold, 9)
+                if time > LONGEST:
+                    raise InputError(
+                        f"{where}: here the plan is {time:.6g} s long; allowed: up to {LONGEST:g} s "
+                        "(hold_s, ramp_s, cone_turns, repeat and the number of tilts make its length)"
+                    )
                 tilt = target * complex(math.cos(cone_rate * hold), math.sin(cone_rate * hold))
                 spin = end
 

@@ -17,7 +17,7 @@ import numpy as np
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.declaration import Effect
 from gyrowheel_sim.effects.outside import OUTSIDE
-from gyrowheel_sim.effects.registry import EffectValues, registry
+from gyrowheel_sim.effects.registry import EffectValues, registry, validated
 from gyrowheel_sim.effects.sizes import for_bench
 from gyrowheel_sim.errors import InputError
 from gyrowheel_sim.scenario import Scenario, write_private_json
@@ -83,15 +83,31 @@ def reuse_or_draw(bench: Bench, key: Path, seed: int, *, kinds: Sequence[Kind] =
         If the key file exists and is not one.
     """
     if key.exists():
-        try:
-            raw = json.loads(key.read_text(encoding="utf-8"))
-            scenario = Scenario(values=raw["values"], effects=raw["effects"], noise_seed=seed)
-            bench.with_values(scenario.values, where=f"{key}: values")
-        except InputError:
-            raise
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise InputError(f"{key}: not a key file ({error}); name a new file") from None
-        return scenario
+        return replace(_read_key(bench, key), noise_seed=seed)
     scenario = draw(bench, seed, kinds=kinds)
     write_private_json(key, {"values": dict(scenario.values), "effects": scenario.effects})
     return replace(scenario, noise_seed=seed)
+
+
+def _read_key(bench: Bench, key: Path) -> Scenario:
+    """Return the machine of a key file."""
+    try:
+        raw = json.loads(key.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{key}: cannot be read: {error.strerror or error}") from None
+    except (ValueError, RecursionError):
+        raise InputError(f"{key}: not a key file: it is no JSON; name a new file") from None
+    for name in ("values", "effects"):
+        if not isinstance(raw, dict) or not isinstance(raw.get(name), dict):
+            raise InputError(
+                f"{key}: not a key file: a JSON object with the objects values and effects is expected; "
+                "name a new file"
+            )
+    bench.with_values(raw["values"], where=f"{key}: values")
+    outside = {effect.name: effect for effect in OUTSIDE}
+    effects: EffectValues = {}
+    for name, given in raw["effects"].items():
+        if not isinstance(given, dict):
+            raise InputError(f"{key}: effects.{name}: {given!r:.60} is not an object of coefficients")
+        effects[name] = validated(name, given, where=f"{key}: effects", declared=outside, bench=bench)
+    return Scenario(values=raw["values"], effects=effects)

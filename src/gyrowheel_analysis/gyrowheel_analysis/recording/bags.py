@@ -22,6 +22,7 @@ from gyrowheel_sim.errors import InputError
 from gyrowheel_sim.yaml_text import read_yaml
 
 _BATCH: Final = 1 << 14  # messages that are looked at together
+_SQLITE: Final = b"SQLite format 3\0"
 _MESSAGE_LIMIT: Final = 1 << 28  # bytes of a decompressed message; more is taken for damage
 
 
@@ -46,6 +47,8 @@ def read_bag(path: Path, wanted: Wanted) -> dict[str, TopicData]:
         If there is no such bag, or it is incomplete or damaged.
     """
     if path.is_file():
+        if path.suffix != ".mcap":
+            _require_database(path)
         return _merge(path, read_mcap(path, wanted) if path.suffix == ".mcap" else _read_other(path, wanted))
     if not path.is_dir():
         raise InputError(f"{path}: no such recording")
@@ -194,6 +197,17 @@ def _read_other(path: Path, wanted: Wanted) -> list[TopicData]:
         if count != topic.count:
             raise InputError(f"{path}: {topic.name} has {count} messages where {topic.count} are counted")
     return list(channels.values())
+
+
+def _require_database(file: Path) -> None:
+    """Refuse a file that is neither MCAP by its name nor a database by its first bytes."""
+    try:
+        with file.open("rb") as stream:
+            head = stream.read(len(_SQLITE))
+    except OSError as error:
+        raise InputError(f"{file}: cannot be read: {error.strerror or error}") from None
+    if file.suffix != ".db3" and head != _SQLITE:
+        raise InputError(f"{file}: not a recording; allowed: a folder of a bag, or its .mcap or .db3 file")
 
 
 def _check_database(file: Path) -> None:

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 
 OK, FINDING, BAD_INPUT, NODE_FAILED, INTERRUPTED = 0, 1, 2, 3, 130
 
+#: How limits of values, and kinds of numbers, are told.
+_LIMITS = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
+_NUMBERS = {"int": "whole numbers", "float": "numbers"}
 _TRAILING = re.compile(r" +$", re.MULTILINE)
 
 #: A line about what is being done.
@@ -46,6 +49,8 @@ def run(app: typer.Typer, arguments: Sequence[str] | None = None) -> int:
     except (KeyboardInterrupt, typer.Abort):
         sys.stderr.write("interrupted\n")
         return INTERRUPTED
+    except MemoryError as error:
+        return _bad_input(f"not enough memory: {error}")
     except BrokenPipeError:
         # whoever read the output has had enough; what is left in the buffer has nowhere to go
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -155,12 +160,27 @@ def _bad_input(text: str) -> int:
 
 
 def _usage(error: typer.TyperException) -> int:
-    message = getattr(error, "format_message", lambda: str(error))()
+    message = _value_message(error) or getattr(error, "format_message", lambda: str(error))()
     if type(error).__name__ == "NoArgsIsHelpError":  # has shown the help
         return BAD_INPUT
     context = getattr(error, "ctx", None)
     hint = f" (see: {context.command_path} --help)" if context is not None else ""
     return _bad_input(message.rstrip(".") + hint)
+
+
+def _value_message(error: typer.TyperException) -> str:
+    """Return what is wrong with a value, and what is allowed; empty where the error is of another kind."""
+    found = getattr(error.__cause__, "errors", None)
+    parameter = getattr(error, "param", None)
+    if found is None or parameter is None:
+        return ""
+    first = found()[0]
+    limits = first.get("ctx", {})
+    allowed = [f"{sign} {limits[name]:g}" for name, sign in _LIMITS.items() if name in limits]
+    allowed += [words for name, words in _NUMBERS.items() if first["type"].startswith(name)]
+    if not allowed:
+        return ""
+    return f"{parameter.get_error_hint()}: {first['input']} is not allowed; allowed: {', '.join(allowed)}"
 
 
 class _Trimmed:

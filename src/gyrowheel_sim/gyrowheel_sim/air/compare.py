@@ -11,11 +11,12 @@ from numpy.typing import ArrayLike
 from gyrowheel_sim.air import MODELS, get_model
 from gyrowheel_sim.air.effects import options_of
 from gyrowheel_sim.air.geometry import Geometry
-from gyrowheel_sim.air.state import AirState, density_change, reynolds_number
+from gyrowheel_sim.air.state import MACH_LIMIT, AirState, density_change, reynolds_number
 from gyrowheel_sim.air.surrogate import coefficients
 from gyrowheel_sim.air.table import TorqueTable
 from gyrowheel_sim.air.torque import AirTorque, split_tilt
 from gyrowheel_sim.errors import InputError
+from gyrowheel_sim.units import DEG, RPM
 
 
 @dataclass(frozen=True)
@@ -85,6 +86,25 @@ class Comparison:
         }
 
 
+def _check_state(geometry: Geometry, air: AirState, tilt: float, spin_rate: float) -> None:
+    """Refuse a tilt at which the rotor touches the case, and a speed at which the air is compressed.
+
+    All models are of air of one density, which holds up to a Mach number of about 0.3 at the rim.
+    """
+    fastest = MACH_LIMIT * air.speed_of_sound / geometry.rotor_radius
+    if not 0.0 < spin_rate <= fastest:
+        raise InputError(
+            f"speed: {spin_rate / RPM:g} rpm is out of range; allowed: > 0, and up to {fastest / RPM:.0f} rpm, "
+            f"where the rim moves at {MACH_LIMIT:g} times the speed of sound"
+        )
+    free = geometry.free_tilt
+    if not tilt <= free:
+        raise InputError(
+            f"tilt: {tilt / DEG:.4g} deg is out of range; allowed: up to {free / DEG:.2f} deg, "
+            "where the rotor touches the case"
+        )
+
+
 def compare(
     geometry: Geometry, air: AirState, tilt: ArrayLike, spin_rate: float, table: TorqueTable
 ) -> Comparison:
@@ -99,7 +119,7 @@ def compare(
     refused: dict[str, str] = {}
     found: dict[str, Mapping[str, Mapping[str, tuple[float, float]]]] = {}
     pair = tuple(float(value) for value in tilt)  # type: ignore[union-attr, arg-type]
-    split_tilt(pair)
+    _check_state(geometry, air, split_tilt(pair)[0], spin_rate)
     for name in MODELS:
         model = get_model(name, table)
         try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from gyrowheel_sim.errors import InputError
+from gyrowheel_sim.units import DEG
 from gyrowheel_sim.yaml_text import read_yaml
 
 SCHEMA = 1
@@ -155,6 +157,12 @@ class Geometry:
         side = self.rotor_radius * c + 0.5 * self.rotor_height * s
         top = self.rotor_radius * s + 0.5 * self.rotor_height * c
         return min(self.case_radius - side, 0.5 * self.case_height - top)
+
+    @property
+    def free_tilt(self) -> float:
+        """Tilt up to which the rotor does not touch the case, to a hundredth of a degree [rad]."""
+        steps = itertools.takewhile(lambda k: self.clearance(0.01 * k * DEG) >= 0.0, range(9001))
+        return 0.01 * max(steps, default=0) * DEG
 
     def to_dict(self) -> dict[str, float]:
         """Return the four lengths by name [m]."""

@@ -11,6 +11,8 @@ from gyrowheel_sim.errors import InputError
 GAS_CONSTANT = 287.05287
 #: Ratio of the specific heats of air.
 HEAT_RATIO = 1.4
+#: Mach number up to which the density of the air may be taken as constant (it changes by 6 %).
+MACH_LIMIT = 0.3
 #: Sutherland's law for air (ISO 2533): mu = B T^1.5 / (T + S).
 _SUTHERLAND_B, _SUTHERLAND_S = 1.458e-6, 110.4
 

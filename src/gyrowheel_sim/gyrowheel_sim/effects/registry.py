@@ -117,11 +117,13 @@ def parse_option(
     InputError
         If the text is not of that form or a name or value is not allowed.
     """
-    name, _, rest = text.partition(":")
+    name, colon, rest = text.partition(":")
     values: dict[str, object] = {}
-    for item in filter(None, rest.split(",")):
-        key, equals, value = item.partition("=")
+    for item in rest.split(",") if colon else ():
+        key, equals, value = (part.strip() for part in item.partition("="))
         if not equals:
             raise InputError(f"--effect: {text!r}: expected NAME:COEF=VALUE,..., not {item!r}")
-        values[key.strip()] = value.strip()
+        if key in values:
+            raise InputError(f"--effect: {text!r}: {key} is given twice")
+        values[key] = value
     return name.strip(), validated(name.strip(), values, where="--effect", declared=declared, bench=bench)
