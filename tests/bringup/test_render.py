@@ -217,11 +217,18 @@ def test_nothing_of_a_table_is_lost_on_any_terminal(data: st.DataObject, width: 
 
 
 def test_what_would_have_to_be_larger_than_anything_real_is_not_to_be_seen():
-    (plain,) = limit("aero_cross", 0.1)
-    (far,) = limit("flexure_damping", 0.12)
-    words = " ".join(text_of(detection_limits([plain, far])).split())
-    assert "aero_cross c 100 mN·m/rad" in words
-    assert "Not to be seen here at any size that occurs: flexure_damping." in words
+    (plain,) = limit("aero_cross", 0.09)
+    far = [
+        *limit("external_damping", 0.12),
+        *limit("runout", math.radians(23.0)),
+        *limit("inertia_anisotropy", 3.1e-3),
+    ]
+    words = " ".join(text_of(detection_limits([plain, *far])).split())
+    assert "aero_cross c 90 mN·m/rad" in words
+    assert (
+        "Not to be seen here at any size that occurs: external_damping, runout, inertia_anisotropy." in words
+    )
+    assert "e+" not in words
 
 
 @pytest.mark.parametrize("width", [80, 110])

@@ -35,7 +35,7 @@ _COLOURS = {
 }
 _SETTLED = ("nothing_missing", "effect")
 _INDENT = (0, 0, 0, 2)
-_NEVER = 20.0  # times the largest usual size: nothing on a real bench is so far from what is usual
+_NEVER = 10.0  # times the largest usual size: nothing on a real bench is so far from what is usual
 _MOVED = 1.0  # stated uncertainties
 
 
