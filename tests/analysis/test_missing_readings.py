@@ -34,7 +34,7 @@ from gyrowheel_sim.errors import InputError
 from .machines import BENCH, hidden_machine, record
 
 NAMES = tuple(wire.MEASUREMENT.fields)
-UNREAD = "with too many readings missing"
+UNREAD = "with readings missing"
 THIN = """\
 schema: 1
 name: thin
@@ -133,6 +133,20 @@ def test_a_stretch_without_readings_is_left_out_and_accounted_for(samples: Sampl
     _, whole = reduce_and_account(samples, BENCH)
     assert coverage.steady == pytest.approx(whole.steady)
     assert coverage.recorded == whole.recorded
+
+
+def test_what_is_missing_within_a_window_does_not_count_as_used(samples: Samples, windows: Windows) -> None:
+    own = windows.select(np.flatnonzero(windows.duration > 0.9)[2:3])
+    end = float(own.start[0] + own.duration[0])
+    turn = 2.0 * np.pi / float(own.mean_spin[0])  # what follows the last whole revolution counts as well
+    for start, stop, length in ((end - 0.3, end + 0.1, 0.3 + 0.5 * turn), (end - 0.5, end - 0.495, 0.005)):
+        values = samples.values.copy()
+        values[(samples.time > start) & (samples.time < stop), 0] = np.nan
+        found, coverage = reduce_and_account(replace(samples, values=values), BENCH)
+        _, whole = reduce_and_account(samples, BENCH)
+        assert len(found) == len(windows)
+        assert coverage.left_out[UNREAD] == pytest.approx(length, abs=0.5 * turn if stop > end else 0.001)
+        assert coverage.used == pytest.approx(whole.used - coverage.left_out[UNREAD])
 
 
 def test_samples_that_are_lost_are_not_taken_for_unread_ones(samples: Samples) -> None:

@@ -23,7 +23,7 @@ _CONE_DRIFT, _CONE_OFF = 2.0, 0.01
 _SETTLES_BY = 0.2  # s; by so much later a window begins if its motion has not settled
 #: Why steady motion lies in no window.
 _TOO_FEW = "with too few samples or revolutions"
-_UNREAD = "with too many readings missing"
+_UNREAD = "with readings missing"
 _CLIPPED = "with a reading at the end of its range"
 _UNSETTLED = "with a motion or motor current that had not settled"
 _OFF_SPEED = "of a cone before its speed was reached"
@@ -99,7 +99,10 @@ def reduce_and_account(data: Samples, bench: Bench) -> tuple[Windows, Coverage]:
                 continue
             row["segment"] = segment
             rows.append(row)
-            used += b - begin
+            unread = h * float(np.diff(np.searchsorted(without, (begin, b)))[0])
+            used += b - begin - unread
+            if unread > 0.0:
+                left_out[_UNREAD] += unread
             if begin > a:
                 left_out[_UNSETTLED] += begin - a
     return Windows.of(rows), Coverage(length, used, dict(left_out), assumed)
