@@ -115,6 +115,7 @@ def test_file_that_breaks_off(tmp_path, data, part):
     # at most the chunk that was cut is lost
     assert len(recording.measurement) >= SAMPLES * (len(complete) / len(chunks(data))) - 40
     assert "has no end" in result.render()
+    assert "samples: none missing up to where it breaks off" in result.render()
 
 
 def test_time_lost_at_the_end_is_said_where_it_is_known(tmp_path, data):

@@ -254,6 +254,30 @@ def test_text_among_the_numbers_is_named(case: Case) -> None:
     case.refused("column 'Motor [V]', line 41: 'off'", "allowed: a number")
 
 
+@pytest.mark.parametrize("skipped", [0, 2])
+def test_a_row_of_another_length_is_named_by_its_line(case: Case, skipped: int) -> None:
+    case.map["csv"] = {"skip_lines": skipped}
+    case.run()
+    lines = (case.folder / "table.csv").read_text(encoding="utf-8").splitlines()
+    lines[7] = lines[7].rpartition(",")[0]
+    table = write(case.folder / "short.csv", "\n".join(["made by me"] * skipped + lines) + "\n")
+    place = case.folder / "other"
+    result = case.gyrowheel("import", table, "--map", case.folder / "map.yaml", "-o", place)
+    assert result.code == 2
+    assert f"{table}: line {8 + skipped}: 10 columns; allowed: 11" in result.err
+    assert not place.exists()
+
+
+def test_two_quantities_do_not_share_a_column(case: Case) -> None:
+    case.map["columns"]["tilt_y"] = case.map["columns"]["tilt_x"]
+    case.refused("columns.tilt_y.column", "'TiltX [deg]'", "tilt_x")
+
+
+def test_one_thermometer_may_stand_for_coils_and_air(case: Case) -> None:
+    case.map["columns"]["air_temperature"] = case.map["columns"]["coil_temperature"]
+    assert case.run().code == 0
+
+
 def test_text_in_parquet_is_named(case: Case) -> None:
     case.columns["Motor [V]"] = ["6.0"] * N
     case.refused("column 'Motor [V]': holds string; allowed: numbers", suffix=".parquet")

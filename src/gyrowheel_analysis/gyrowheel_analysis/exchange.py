@@ -176,6 +176,8 @@ class ColumnMap:
             groups[group] = {
                 name: _source(entries[name], f"{where}.{name}", field) for name, field in fields.items()
             }
+            if group != "setpoint":  # whose rates may all be one column of zeros
+                _refuse_shared(groups[group], fields, where)
         sequence = content.get("sequence")
         return cls(
             origin=origin,
@@ -547,6 +549,9 @@ class _Table:
         try:
             with pc.open_csv(self.path, read_options=read, parse_options=parse) as stream:
                 self._check_columns(stream.schema.names, names)
+        except pa.ArrowInvalid:
+            self._name_the_row(read)
+            raise
         except LookupError:
             raise InputError(
                 f"{self._map.origin}: csv.encoding: '{settings['encoding']}' is not known; allowed: such as utf-8"
@@ -565,11 +570,32 @@ class _Table:
                 self.path, read_options=read, parse_options=parse, convert_options=options(pa.float64())
             )
         except pa.ArrowInvalid:
+            self._name_the_row(read)
             texts = pc.read_csv(
                 self.path, read_options=read, parse_options=parse, convert_options=options(pa.string())
             )
             self._name_the_text(texts)
             raise
+
+    def _name_the_row(self, read: Any) -> None:
+        """Raise for the first row that has too few columns or too many."""
+        wrong: list[Any] = []
+
+        def note(row: Any) -> str:
+            wrong.append(row)
+            return "skip"
+
+        # rows are counted by one thread alone
+        one = pc.ReadOptions(skip_rows=read.skip_rows, encoding=read.encoding, use_threads=False)
+        parse = pc.ParseOptions(delimiter=self._map.csv["delimiter"], invalid_row_handler=note)
+        with contextlib.suppress(pa.ArrowInvalid):
+            pc.read_csv(self.path, read_options=one, parse_options=parse)
+        if wrong and wrong[0].number is not None:
+            row = wrong[0]
+            raise InputError(
+                f"{self.path}: line {row.number}: {row.actual_columns} columns; "
+                f"allowed: {row.expected_columns}, as in the line of names"
+            )
 
     def _name_the_text(self, table: Any) -> None:
         """Raise for the first text that is no number."""
@@ -685,6 +711,20 @@ def _source(raw: Any, where: str, field: _Field) -> Source:
         raise InputError(f"{where}.scale: 0 is out of range; allowed: any other number")
     column = _text(entry["column"], f"{where}.column") if "column" in entry else ""
     return Source(column=column, unit=unit, **numbers)
+
+
+def _refuse_shared(sources: Mapping[str, Source], fields: Mapping[str, _Field], where: str) -> None:
+    """Refuse a column that is said to hold two quantities; one thermometer may stand for coils and air."""
+    owners: dict[str, str] = {}
+    for name, source in sources.items():
+        if fields[name].constant:
+            continue
+        if source.column in owners:
+            raise InputError(
+                f"{where}.{name}.column: '{source.column}' is that of {owners[source.column]}, too; "
+                "allowed: a column of its own"
+            )
+        owners[source.column] = name
 
 
 def _unit(raw: Any, where: str, si: str) -> str:

@@ -55,15 +55,15 @@ class Integrity:
         """Whether no sample is missing and every reading is finite."""
         return self.missing == 0 and self.not_finite == 0
 
-    def render(self) -> str:
-        """Return it as one line of text for people."""
+    def render(self, whole: str = "all there") -> str:
+        """Return it as one line of text for people; `whole` is said where there is nothing to tell."""
         counts = {
             "missing": self.missing,
             "duplicate": self.duplicates,
             "out of order": self.out_of_order,
             "not finite": self.not_finite,
         }
-        text = ", ".join(f"{n} {what}" for what, n in counts.items() if n) or "all there"
+        text = ", ".join(f"{n} {what}" for what, n in counts.items() if n) or whole
         if self.gaps:
             shown = ", ".join(f"{n} from {first}" for first, n in self.gaps[:_GAPS_SHOWN])
             more = ", ..." if len(self.gaps) > _GAPS_SHOWN else ""

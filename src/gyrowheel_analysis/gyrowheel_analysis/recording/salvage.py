@@ -160,7 +160,9 @@ class Salvaged:
         if self.unchecked:
             lines.append(f"  {self.unchecked} messages have no checksum: damage within them would not show")
         if self.integrity is not None:
-            lines.append(f"  {self.integrity.render()}")
+            short = self.broken_off or self.lost_at_end
+            whole = "none missing up to where it breaks off" if short else "all there"
+            lines.append(f"  {self.integrity.render(whole)}")
         width = max(map(len, self.messages), default=0)
         lines += [f"  {name:<{width}}  {count}" for name, count in self.messages.items()]
         return "\n".join(lines)
