@@ -183,3 +183,20 @@ def test_nothing_is_left_of_the_check(gyrowheel: Shell, bench: Path):
 def test_an_empty_name_is_refused(gyrowheel: Shell):
     refused(gyrowheel("simulate", "--plan", "quick", "-o", ""), "-o: ", "empty")
     refused(gyrowheel("plans", "--json="), "--json: ", "empty")
+
+
+def test_an_interruption_before_anything_is_done_writes_and_promises_nothing(
+    gyrowheel: Shell, bench: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def stop(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("gyrowheel_bringup.campaign.workers.judged_cases", stop)
+    cases = gyrowheel("campaign", "--cases", 1, "--json", bench / "cases.json")
+    assert (cases.code, cases.out) == (130, "")
+    assert not (bench / "cases.json").exists()
+    monkeypatch.setattr("gyrowheel_bringup.simulated.record_simulation", stop)
+    model = bench / "wheel.yaml"
+    found = gyrowheel("investigate", "--model", model, "--simulate", "-o", bench / "all")
+    assert found.code == 130
+    assert "recordings:" not in found.out

@@ -124,6 +124,8 @@ def campaign(
     try:
         _work(wanted, done, cores() if jobs is None else jobs, dask, keep)
     except KeyboardInterrupt:
+        if not done:
+            raise  # there is nothing to report
         interrupted = True
     summary = Summary.of(seed, len(wanted), done)
     if json is not None:

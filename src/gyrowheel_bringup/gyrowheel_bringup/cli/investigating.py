@@ -205,7 +205,9 @@ def _finish(
         more = f"gyrowheel investigate {again} --model {shlex.quote(str(model))}"
         stage.show([heading("To go on from here"), command(more + (" --averages" if done.averages else ""))])
     colour = "green" if done.settled else "yellow"
-    stage.show([Text(f"\n{end_sentence(done)}", style=f"bold {colour}"), Unbroken(f"recordings: {folder}")])
+    stage.show([Text(f"\n{end_sentence(done)}", style=f"bold {colour}")])
+    if folder.is_dir() and any(folder.iterdir()):
+        stage.show([Unbroken(f"recordings: {folder}")])
 
 
 def _new_folder(parent: Path) -> Path:
