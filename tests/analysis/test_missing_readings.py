@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from gyrowheel_analysis.compare import compare
 from gyrowheel_analysis.discovery.verdict import diagnose
+from gyrowheel_analysis.drag_estimator import DragEstimator
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.pipeline import samples_of
 from gyrowheel_analysis.rate_sensor import rates
@@ -218,3 +219,23 @@ def test_with_all_readings_nothing_is_copied_or_warned_of(samples: Samples, wind
         found, coverage = reduce_and_account(samples, BENCH)
     assert same(found, windows)
     assert coverage.assumed == ()
+
+
+def test_the_drag_estimate_forgets_a_sample_with_a_reading_missing(recording: Recording) -> None:
+    def estimates(values: np.ndarray[Any, Any]) -> list[Any]:
+        estimator = DragEstimator(Model.new())
+        for row in recording.setpoint:
+            motion = [row[n] for n in ("tilt_x", "tilt_y", "tilt_rate_x", "tilt_rate_y")]
+            speed = [row["spin_rate"], row["spin_acceleration"]]
+            estimator.setpoint(row["stamp_ns"], row["segment"], row["phase"], [*motion, *speed])
+        return estimator.add_block(recording.measurement["stamp_ns"], values) + estimator.finish()
+
+    whole = recording.readings.copy()
+    holed = whole.copy()
+    holed[5000, NAMES.index("coil_voltage_x")] = np.nan
+    holed[20000:20003, NAMES.index("tilt_y")] = np.nan
+    own, plain = estimates(holed), estimates(whole)
+    assert len(own) == len(plain) > 5
+    for a, b in zip(own, plain, strict=True):
+        assert np.all(np.isfinite(a.dc_voltage))
+        assert np.all(np.abs(a.dc_voltage - b.dc_voltage) < b.dc_voltage_std)

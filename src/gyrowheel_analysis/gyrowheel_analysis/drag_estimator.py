@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance import ActiveEffect, Balance
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.reduction import SETTLING, SPIN_SETTLING, Samples, reduce
+from gyrowheel_analysis.reduction import NEEDED, SETTLING, SPIN_SETTLING, Samples, reduce
 from gyrowheel_control.plans import HOLD, SETPOINT_DTYPE
 from gyrowheel_sim.units import DEG
 
@@ -127,8 +127,11 @@ class DragEstimator:
         stamps_ns : ndarray (m,)
             Sampling instants [ns].
         values : ndarray (m, 11)
-            Readings, columns as in the Measurement message.
+            Readings, columns as in the Measurement message. A sample that lacks one it needs (NaN) counts as lost.
         """
+        whole = np.isfinite(values[:, : len(NEEDED)]).all(axis=1)
+        if not whole.all():  # the filters would never forget it
+            stamps_ns, values = stamps_ns[whole], values[whole]
         filtered = np.empty((len(values), len(_COLUMNS)))
         notch(values, _COLUMNS, values[:, 3], self._bench.sample_period, _RADIUS, self._state, filtered)
         estimates: list[Estimate] = []
