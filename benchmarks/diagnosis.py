@@ -29,7 +29,7 @@ from gyrowheel_bringup.render.layout import figures_table
 #: Functions that are stages: module, name, and what the stage is called. What none of them takes is the last one.
 STAGES = (
     ("gyrowheel_analysis.recording.reader", "Recording.open", "reading"),
-    ("gyrowheel_analysis.pipeline", "reduce", "reduction"),
+    ("gyrowheel_analysis.pipeline", "reduce_and_account", "reduction"),
     ("gyrowheel_analysis.discovery.verdict", "prepare", "balance"),
     ("gyrowheel_analysis.discovery.fit", "Problem.estimate_noise", "noise and drift"),
     ("gyrowheel_analysis.discovery.verdict", "select", "selection"),

@@ -292,7 +292,11 @@ def test_adding_twice_fits_anew_and_an_unknown_effect_is_refused(tmp_path: Path)
     fit = record(tmp_path, "fit", machine, "quick")
     added = add_effect(Model.new(), ["windage"], [fit])
     again = add_effect(added.model, ["windage"], [fit])
-    assert again.model.effects["windage"]["w"] == pytest.approx(added.model.effects["windage"]["w"], rel=1e-3)
+    # it knows the bench better than the first time, the sizes agree
+    error = added.model.effect_errors["windage"]["w"]
+    assert again.model.effects["windage"]["w"] == pytest.approx(
+        added.model.effects["windage"]["w"], abs=0.3 * error
+    )
     with pytest.raises(InputError, match="did you mean windage"):
         add_effect(Model.new(), ["windadge"], [fit])
     with pytest.raises(InputError, match="no recording"):
