@@ -5,7 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from gyrowheel_analysis.recording import Recording, write_run
+from gyrowheel_analysis.reduction import Windows
 from gyrowheel_control.closed_loop import simulate
 from gyrowheel_control.controller import Gains
 from gyrowheel_control.plans import Plan
@@ -47,3 +50,15 @@ def record(
         sample_period=BENCH.sample_period,
     )
     return Recording.open(folder / name)
+
+
+def assert_same_means(own: Windows, other: Windows) -> None:
+    """Check that two reductions of one motion have the same windows, and means that agree within their noise."""
+    assert len(own) == len(other)
+    n = np.sqrt(other.samples)
+    for name, noise in (
+        ("mean_tilt", "tilt_noise"),
+        ("motor_current", "motor_current_noise"),
+        ("motor_voltage", "motor_voltage_noise"),
+    ):
+        assert np.all(np.abs(getattr(own, name) - getattr(other, name)) < other.noise(noise) / n)

@@ -24,7 +24,7 @@ from gyrowheel_control.controller import Gains
 from gyrowheel_control.plans import Plan
 from gyrowheel_sim.scenario import Scenario
 
-from .machines import BENCH, hidden_machine, record
+from .machines import BENCH, assert_same_means, hidden_machine, record
 
 STATED = np.array([BENCH.value(name) for name in READING_NOISES])
 CONES = """\
@@ -80,14 +80,7 @@ def test_spikes_do_not_move_a_window(samples: Samples, windows: Windows) -> None
         hit = rng.choice(len(values), len(values) // 2000, replace=False)
         values[hit, column] += size * rng.choice((-1.0, 1.0), len(hit))
     spiked = reduce(replace(samples, values=values), BENCH)
-    assert len(spiked) == len(windows)
-    n = np.sqrt(windows.samples)
-    for own, other, noise in (
-        (spiked.mean_tilt, windows.mean_tilt, windows.noise("tilt_noise")),
-        (spiked.motor_current, windows.motor_current, windows.noise("motor_current_noise")),
-        (spiked.motor_voltage, windows.motor_voltage, windows.noise("motor_voltage_noise")),
-    ):
-        assert np.all(np.abs(own - other) < noise / n)
+    assert_same_means(spiked, windows)
     # the mean of a coil's voltage knows no better than what the controller makes of the tilt's noise
     assert np.abs(spiked.coil_voltage - windows.coil_voltage).max() < 2.0e-3
     assert np.abs(spiked.coil_temperature - windows.coil_temperature).max() < 0.02

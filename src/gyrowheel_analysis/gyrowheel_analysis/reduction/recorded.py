@@ -5,9 +5,11 @@ from __future__ import annotations
 import itertools
 import math
 from collections import defaultdict
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gyrowheel_analysis.reduction.coverage import Coverage
 from gyrowheel_analysis.reduction.motor_heat import motor_temperatures
@@ -59,6 +61,10 @@ def reduce_and_account(data: Samples, bench: Bench) -> tuple[Windows, Coverage]:
     noise = reading_noise(data, bench)
     clipped = clipped_readings(data)
     heat = motor_temperatures(data, bench)
+
+    def fit(i: int, j: int) -> dict[str, Any] | None:
+        return fit_window(data, i, j, h, bench, heat, noise)
+
     for start, stop, segment, turn in steady_spans(data):
         if stop <= start:
             continue  # a hold that ends before it has settled
@@ -75,25 +81,7 @@ def reduce_and_account(data: Samples, bench: Bench) -> tuple[Windows, Coverage]:
         count = window_count(stop - start, longest, cone=bool(turn))
         edges = np.linspace(start, stop, count + 1)
         for a, b in itertools.pairwise(edges):
-            why = ""
-            begin, row = a, None
-            while row is None and b - begin >= SHORTEST:
-                i, j = (int(k) for k in np.searchsorted(data.time, (begin - 1e-9, b - 1e-9)))
-                if clipped[i:j].any():
-                    why = _CLIPPED
-                    break
-                row = fit_window(data, i, j, h, bench, heat, noise)
-                if row is None:
-                    break
-                unsettled = row.pop("unsettled")
-                if turn and not _at_speed(row, last, b - begin):
-                    row, why = None, _OFF_SPEED
-                    break
-                if unsettled:
-                    row, why = None, _UNSETTLED
-                    if turn:
-                        break
-                    begin += _SETTLES_BY
+            row, begin, why = _window(data, clipped, fit, a, b, last if turn else None)
             if row is None:
                 left_out[why or _why_too_few(data.time, without, begin, b, h)] += b - a
                 continue
@@ -106,6 +94,38 @@ def reduce_and_account(data: Samples, bench: Bench) -> tuple[Windows, Coverage]:
             if begin > a:
                 left_out[_UNSETTLED] += begin - a
     return Windows.of(rows), Coverage(length, used, dict(left_out), assumed)
+
+
+def _window(
+    data: Samples,
+    clipped: NDArray[np.bool_],
+    fit: Callable[[int, int], dict[str, Any] | None],
+    begin: float,
+    end: float,
+    cone_speed: float | None,
+) -> tuple[dict[str, Any] | None, float, str]:
+    """Return the window between two times, when it begins, and why there is none (empty: too few samples).
+
+    A hold that has not settled begins later. A cone cannot; `cone_speed` is the one that it must have reached.
+    """
+    why = ""
+    while end - begin >= SHORTEST:
+        i, j = (int(k) for k in np.searchsorted(data.time, (begin - 1e-9, end - 1e-9)))
+        if clipped[i:j].any():
+            return None, begin, _CLIPPED
+        row = fit(i, j)
+        if row is None:
+            return None, begin, why
+        unsettled = row.pop("unsettled")
+        if cone_speed is not None and not _at_speed(row, cone_speed, end - begin):
+            return None, begin, _OFF_SPEED
+        if not unsettled:
+            return row, begin, ""
+        why = _UNSETTLED
+        if cone_speed is not None:
+            break
+        begin += _SETTLES_BY
+    return None, begin, why
 
 
 def _why_too_few(time: Array, without: Array, start: float, stop: float, h: float) -> str:
