@@ -7,13 +7,17 @@ import shlex
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import typer
 
 import gyrowheel_bringup.simulated
 from gyrowheel_analysis.recording import Recording
+from gyrowheel_bringup.cli.app import app
 from gyrowheel_bringup.machine import noise_seed
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.errors import InputError
@@ -23,36 +27,42 @@ from .helpers import DRAG_PLAN, SHORT_PLAN, TOO_FAST_PLAN, Result, Shell, write
 
 #: The rest of an addition to a model.
 ADD = ["--model", "new.yaml", "--fit", "x"]
-VERBS = [
-    "demo",
-    "up",
-    "simulate",
-    "info",
-    "compare",
-    "diagnose",
-    "investigate",
-    "calibrate",
-    "campaign",
-    "effects",
-    "plans",
-    "bench",
-    "run",
-]
-EDITS = [f"model {verb}" for verb in ["new", "add", "remove", "show", "undo", "diff"]]
+COMMAND = typer.main.get_command(app)
+
+
+def verbs(command: Any = COMMAND, before: str = "") -> Iterator[tuple[str, Any]]:
+    """Go through all verbs, those of groups too: what one types, and the command."""
+    for name, verb in command.commands.items():
+        if hasattr(verb, "commands"):
+            yield from verbs(verb, f"{before}{name} ")
+        else:
+            yield before + name, verb
+
+
+VERBS = dict(verbs())
 
 
 # ---- help
 
 
-@pytest.mark.parametrize("verb", [verb for verb in VERBS if verb != "run"] + EDITS)
+# what `run` is given belongs to the node, its --help too
+@pytest.mark.parametrize("verb", sorted(VERBS.keys() - {"run"}))
 def test_every_verb_has_help_with_an_example(gyrowheel: Shell, verb: str):
     shown = gyrowheel.good(*verb.split(), "--help").out
     assert f"Example: gyrowheel {verb}" in shown
 
 
+@pytest.mark.parametrize("verb", sorted(VERBS.keys() - {"run"}))
+def test_help_shows_all_that_is_said_of_an_option(gyrowheel: Shell, verb: str):
+    shown = "".join(gyrowheel.good(*verb.split(), "--help").out.replace("│", " ").split())
+    for option in VERBS[verb].params:
+        if not option.hidden:
+            assert "".join((option.help or "").split()) in shown, option.name
+
+
 def test_help_lists_every_verb(gyrowheel: Shell):
     shown = gyrowheel.good().out
-    assert all(f" {verb} " in shown for verb in [*VERBS, "model"])
+    assert all(f" {verb} " in shown for verb in COMMAND.commands)
 
 
 def test_help_needs_none_of_the_heavy_modules():

@@ -31,10 +31,10 @@ GeometryFile: TypeAlias = Annotated[
     ),
 ]
 Tilt: TypeAlias = Annotated[
-    float, typer.Option("--tilt", metavar="DEG", help="Tilt about the case's x axis [deg].")
+    float, typer.Option("--tilt", metavar="DEG", help="Tilt about the case's x axis, in deg.")
 ]
 Direction: TypeAlias = Annotated[
-    float, typer.Option("--direction", metavar="DEG", help="Axis of the tilt, turned from x towards y [deg].")
+    float, typer.Option("--direction", metavar="DEG", help="Axis of the tilt, turned from x towards y, in deg.")
 ]
 MeshName: TypeAlias = Annotated[
     str,
@@ -53,11 +53,11 @@ ModelName: TypeAlias = Annotated[
 ]
 Temperature: TypeAlias = Annotated[
     float | None,
-    typer.Option("--temperature", metavar="C", help="Air temperature [°C].", show_default="the paper's 20"),
+    typer.Option("--temperature", metavar="C", help="Air temperature, in °C.", show_default="the paper's 20"),
 ]
 Pressure: TypeAlias = Annotated[
     float | None,
-    typer.Option("--pressure", metavar="HPA", help="Air pressure [hPa].", show_default="the paper's 1013.25"),
+    typer.Option("--pressure", metavar="HPA", help="Air pressure, in hPa.", show_default="the paper's 1013.25"),
 ]
 Iterations: TypeAlias = Annotated[
     int, typer.Option("--iterations", metavar="N", help="Iterations of the solver.")
@@ -94,7 +94,7 @@ def register(app: typer.Typer) -> None:
 
 def air(
     tilt: Tilt = 5.0,
-    speed: Annotated[float, typer.Option("--speed", metavar="RPM", help="Spin rate [rpm].")] = 3500.0,
+    speed: Annotated[float, typer.Option("--speed", metavar="RPM", help="Spin rate, in rpm.")] = 3500.0,
     temperature: Temperature = None,
     pressure: Pressure = None,
     geometry: GeometryFile = "gyrowheel",
@@ -146,7 +146,7 @@ def mesh(
 def run(
     output: Study,
     tilt: Tilt = 5.0,
-    speed: Annotated[float, typer.Option("--speed", metavar="RPM", help="Spin rate [rpm].")] = 3500.0,
+    speed: Annotated[float, typer.Option("--speed", metavar="RPM", help="Spin rate, in rpm.")] = 3500.0,
     direction: Direction = 0.0,
     mesh: MeshName = "low_re",
     model: ModelName = None,
@@ -185,9 +185,9 @@ def run(
 @cfd_app.command(epilog=example("gyrowheel cfd sweep -o runs/air --jobs 4"))
 def sweep(
     output: Study,
-    tilts: Annotated[str, typer.Option("--tilts", metavar="DEG,..", help="Tilts [deg].")] = "0,1,2,3,4,5",
+    tilts: Annotated[str, typer.Option("--tilts", metavar="DEG,..", help="Tilts, in deg.")] = "0,1,2,3,4,5",
     speeds: Annotated[
-        str, typer.Option("--speeds", metavar="RPM,..", help="Spin rates [rpm].")
+        str, typer.Option("--speeds", metavar="RPM,..", help="Spin rates, in rpm.")
     ] = "1000,2000,3000,3500,4000",
     base: Annotated[
         float, typer.Option("--base", metavar="RPM", help="Speed from which the others of a tilt start.")
@@ -277,7 +277,7 @@ def table(
     study: Annotated[
         str,
         typer.Argument(
-            metavar="[DIR|FILE]", help="Folder of a study, or a table; the shipped table by default."
+            metavar="DIR|FILE", help="Folder of a study, or a table; the shipped table by default."
         ),
     ] = "gyrowheel",
     output: Annotated[
@@ -321,7 +321,7 @@ def pictures(
     study: Annotated[
         Path | None,
         typer.Argument(
-            metavar="[DIR]", help="Folder of a study, for the pictures of mesh and flow.", show_default=False
+            metavar="DIR", help="Folder of a study, for the pictures of mesh and flow.", show_default=False
         ),
     ] = None,
     table: Annotated[
