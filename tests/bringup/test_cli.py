@@ -27,7 +27,7 @@ from .helpers import DRAG_PLAN, SHORT_PLAN, TOO_FAST_PLAN, Result, Shell, write
 
 #: The rest of an addition to a model.
 ADD = ["--model", "new.yaml", "--fit", "x"]
-COMMAND = typer.main.get_command(app)
+COMMAND: Any = typer.main.get_command(app)
 
 
 def verbs(command: Any = COMMAND, before: str = "") -> Iterator[tuple[str, Any]]:

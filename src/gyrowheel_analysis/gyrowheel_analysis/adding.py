@@ -79,8 +79,8 @@ def add_effect(
     Raises
     ------
     InputError
-        If an effect is unknown, the name of a formula is in the model already, or the recordings have too little
-        steady motion.
+        If an effect is unknown, the name of a formula is in the model already, the bench states as exact what is
+        to have an error, or the recordings have too little steady motion.
     """
     terms: list[Term] = []
     declared: dict[str, Effect] = {}
@@ -95,6 +95,7 @@ def add_effect(
                 **{n: {k: e for k, (_, e) in own.items()} for n, own in air.items()},
             },
         )
+    uncertain = model.reference_bench.groups()
     for item in names:
         name = item.name if isinstance(item, Effect) else item
         if is_air(name):
@@ -103,6 +104,10 @@ def add_effect(
             raise InputError(f"{model.origin}: effects.{name}: the model has it already")
         if any(t.name == name for t in terms):
             raise InputError(f"effect: '{name}' is given twice")
+        if exact := [group for group in ERRORS.get(name, ()) if group not in uncertain]:
+            raise InputError(
+                f"{model.origin}: {name}: the bench states {', '.join(exact)} as exact (uncertainty 0)"
+            )
         if isinstance(item, Effect) and item != registry().get(name):
             check_name(name, "effect", registry())
             # as the model file will have it

@@ -82,13 +82,16 @@ class Term:
         return tuple(c.name for c in self.effect.amplitudes) if self.effect else ("relative_error",)
 
 
-def candidate_terms(bench: Bench | None = None) -> list[Term]:
-    """Return every registered effect, in its sizes on a bench, and every parameter error that is a finding."""
-    effects = [
-        Term(name, effect if bench is None else for_bench(effect, bench))
-        for name, effect in registry().items()
-    ]
-    return effects + [Term(name) for name in ERRORS]
+def parameter_errors(bench: Bench) -> list[str]:
+    """Return the errors of bench parameters that can be a finding: a parameter stated as exact has none."""
+    uncertain = bench.groups()
+    return [name for name, groups in ERRORS.items() if all(group in uncertain for group in groups)]
+
+
+def candidate_terms(bench: Bench) -> list[Term]:
+    """Return every registered effect, in its sizes on a bench, and every parameter error that can be a finding."""
+    effects = [Term(name, for_bench(effect, bench)) for name, effect in registry().items()]
+    return effects + [Term(name) for name in parameter_errors(bench)]
 
 
 @dataclass(frozen=True)

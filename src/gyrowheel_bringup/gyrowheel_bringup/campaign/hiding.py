@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance import Balance
-from gyrowheel_analysis.discovery.fit import ERRORS, Problem, Term, candidate_terms
+from gyrowheel_analysis.discovery.fit import ERRORS, Problem, Term, candidate_terms, parameter_errors
 from gyrowheel_analysis.discovery.selection import ERROR_LIMIT, THRESHOLD, threshold
 from gyrowheel_analysis.pipeline import one_thread
 from gyrowheel_analysis.recording import write_run
@@ -120,6 +120,7 @@ class Yardstick:
         self._problem.library.update({form.effect.name: form.effect for form in outside_forms()})
         self._zero = np.zeros(self._problem.count)
         self._responses: dict[str, Array] = {}
+        self.errors = parameter_errors(self._problem.bench)
 
     def size(self, name: str, values: dict[str, float], drift: float, beside: EffectValues) -> float:
         """Return an effect's size over its detection limit; NaN where the recording shows nothing of it.
@@ -141,7 +142,7 @@ class Yardstick:
 
     def size_outside(self, form: OutsideForm, values: dict[str, float], drift: float) -> float:
         """Return the same for an effect outside the library: what no single library effect can explain counts."""
-        terms = [self._columns(term) for term in candidate_terms()]
+        terms = [self._columns(term) for term in candidate_terms(self._problem.bench)]
         left = self._left(np.column_stack([*terms, self._response(form.effect.name, values)]), drift)
         edges = np.cumsum([0, *(columns.shape[1] for columns in terms)])
         chi2 = min(_apart(left[:, -1], left[:, a:b]) for a, b in itertools.pairwise(edges))
@@ -272,7 +273,7 @@ def _library(
     known = registry()
     chosen: list[str] = []
     if case.kind == "single":
-        chosen = [_turn((*known, *ERRORS), seed, case.ordinal, "single")]
+        chosen = [_turn((*known, *measure.errors), seed, case.ordinal, "single")]
     elif case.kind == "pair":
         first = _turn(tuple(known), seed, case.ordinal, "pair")
         chosen = [first, str(rng.choice([name for name in known if name != first]))]

@@ -34,7 +34,8 @@ Tilt: TypeAlias = Annotated[
     float, typer.Option("--tilt", metavar="DEG", help="Tilt about the case's x axis, in deg.")
 ]
 Direction: TypeAlias = Annotated[
-    float, typer.Option("--direction", metavar="DEG", help="Axis of the tilt, turned from x towards y, in deg.")
+    float,
+    typer.Option("--direction", metavar="DEG", help="Axis of the tilt, turned from x towards y, in deg."),
 ]
 MeshName: TypeAlias = Annotated[
     str,
@@ -57,7 +58,9 @@ Temperature: TypeAlias = Annotated[
 ]
 Pressure: TypeAlias = Annotated[
     float | None,
-    typer.Option("--pressure", metavar="HPA", help="Air pressure, in hPa.", show_default="the paper's 1013.25"),
+    typer.Option(
+        "--pressure", metavar="HPA", help="Air pressure, in hPa.", show_default="the paper's 1013.25"
+    ),
 ]
 Iterations: TypeAlias = Annotated[
     int, typer.Option("--iterations", metavar="N", help="Iterations of the solver.")
