@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -151,11 +152,41 @@ def test_missing_samples_are_told_by_their_numbers(case: Case) -> None:
     assert recording.integrity().gaps == ((10, 2), (30, 1))
 
 
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_readings_that_are_missing_stay_so_where_the_map_says_it(case: Case, suffix: str) -> None:
+    for name, row, value in (
+        ("Motor [A]", 6, None),
+        ("Encoder [counts]", 9, math.nan),
+        ("Coil [degC]", 3, math.inf),
+    ):
+        _set(name, row, value)(case)
+    case.refused("number in every row", suffix=suffix)
+    case.map["missing"] = "keep"
+    assert case.run(suffix).code == 0
+    samples = Recording.open(case.folder / "run").measurement
+    missing = {"motor_current": [6], "spin_angle": [9], "coil_temperature": [3]}
+    for name in case.map["columns"]:
+        assert np.flatnonzero(~np.isfinite(samples[name])).tolist() == missing.get(name, []), name
+
+
+def test_only_readings_may_be_missing(case: Case) -> None:
+    case.map["missing"] = "keep"
+    _set("t_ms", 6, None)(case)
+    case.refused("column 't_ms', line 8", "missing")
+
+
+def test_what_is_there_is_checked_beside_what_is_missing(case: Case) -> None:
+    case.map["missing"] = "keep"
+    _set("Motor [A]", 6, None)(case)
+    _set("Motor [A]", 7, 1e4)(case)
+    case.refused("column 'Motor [A]', line 9: 10000 A; allowed: -100 .. 100 A")
+
+
 def _set(name: str, row: int, value: Any) -> Callable[[Case], None]:
     def change(case: Case) -> None:
-        values = case.columns[name].astype(object)
+        values = list(case.columns[name])
         values[row] = value
-        case.columns[name] = list(values)
+        case.columns[name] = values
 
     return change
 
@@ -238,6 +269,7 @@ BAD = {
     "scale no number": (_put("columns.tilt_x.scale", "1e"), ("columns.tilt_x.scale: '1e'",)),
     "rig": (_put("environment", [{"rig": "sideways"}]), ("environment[0]", "sideways", "upright")),
     "not a mapping": (_put("columns.tilt_x", "TiltX"), ("columns.tilt_x: 'TiltX' is not a mapping",)),
+    "missing": (_put("missing", "skip"), ("missing: 'skip'", "allowed: refuse, keep")),
     "both": (_put("columns.tilt_x.value", 1.0), ("columns.tilt_x: either column or value",)),
 }
 
@@ -393,6 +425,21 @@ def test_rows_without_command_or_setpoint_come_back_without(tmp_path: Path) -> N
         assert np.array_equal(after.command, before.command)
         assert np.array_equal(after.measurement, before.measurement)
         assert len(after.setpoint) == 0
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_missing_readings_come_back_as_they_went(wheel: Wheel, tmp_path: Path, suffix: str) -> None:
+    whole = Recording.open(wheel.recording)
+    samples = whole.measurement[:500].copy()
+    samples["tilt_x"][7] = samples["coil_temperature"][11:400] = math.nan
+    export_recording(
+        replace(whole, measurement=samples), tmp_path / f"t{suffix}", map_file=tmp_path / "map.yaml"
+    )
+    import_table(tmp_path / f"t{suffix}", ColumnMap.load(tmp_path / "map.yaml"), tmp_path / "back")
+    back = Recording.open(tmp_path / "back").measurement
+    for name in samples.dtype.names or ():
+        equal_nan = samples[name].dtype.kind == "f"
+        assert np.array_equal(back[name], samples[name], equal_nan=equal_nan), name
 
 
 _JUNK = st.recursive(

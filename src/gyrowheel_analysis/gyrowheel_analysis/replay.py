@@ -20,7 +20,7 @@ from rosbags.rosbag2 import Reader
 
 from gyrowheel_analysis.recording.bags import read_bag
 from gyrowheel_sim import topics, wire
-from gyrowheel_sim.errors import InputError
+from gyrowheel_sim.errors import InputError, one_line
 from gyrowheel_sim.topics import Topic
 
 #: One message: when it is due on the clock of the recording [ns], its topic, its bytes.
@@ -199,7 +199,7 @@ class Tape:
             for connection, time, data in self._reader.messages(connections, start_ns, end_ns + 1):
                 yield time, by_name[connection.topic], bytes(data)
         except Exception as error:  # rosbags lets through what its parsers raise on damaged files
-            raise InputError(f"{self.path}: cannot be read: {_line(error)}") from None
+            raise InputError(f"{self.path}: cannot be read: {one_line(error)}") from None
 
 
 class Pace:
@@ -270,7 +270,7 @@ def _opened(path: Path) -> Reader:
         reader = Reader(path)
         reader.open()
     except Exception as error:  # rosbags lets through what its parsers and sqlite3 raise on damaged files
-        raise InputError(f"{path}: cannot be read: {_line(error)}") from None
+        raise InputError(f"{path}: cannot be read: {one_line(error)}") from None
     return reader
 
 
@@ -292,7 +292,3 @@ def _check_type(path: Path, connection: Any, topic: Topic) -> None:
         raise InputError(
             f"{path}: {topic.name}: encoded as '{connection.ext.serialization_format}'; allowed: cdr"
         )
-
-
-def _line(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__

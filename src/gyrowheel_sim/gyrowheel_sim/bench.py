@@ -15,7 +15,7 @@ from typing import Any
 import pint
 import yaml
 
-from gyrowheel_sim.errors import InputError
+from gyrowheel_sim.errors import InputError, one_line
 from gyrowheel_sim.yaml_text import read_yaml
 
 SCHEMA = 1
@@ -318,7 +318,7 @@ def _conversion(unit: str, needed: str, where: str) -> tuple[float, float]:
     try:
         own, other = units.parse_units(unit), units.parse_units(needed)
     except Exception as error:  # pint raises several unrelated classes for a bad unit
-        raise InputError(f"{where}: {unit!r} is no unit ({_one_line(error)}); allowed: {needed}") from None
+        raise InputError(f"{where}: {unit!r} is no unit ({one_line(error)}); allowed: {needed}") from None
     # a frequency counts revolutions to people, but radians to the library of units
     names = {
         name
@@ -380,7 +380,3 @@ def _parameter(name: str, entry: Any, origin: str) -> Parameter:
         description=str(entry.get("description", "")),
         group=group,
     )
-
-
-def _one_line(error: BaseException) -> str:
-    return " ".join(str(error).split())

@@ -9,3 +9,8 @@ class InputError(ValueError):
     The text is one line that names the file, the field, the value and what is allowed. The command line shows
     it without a traceback and exits with status 2.
     """
+
+
+def one_line(error: BaseException) -> str:
+    """Return what an error says, in one line; the name of its class where it says nothing."""
+    return " ".join(str(error).split()) or type(error).__name__

@@ -18,7 +18,7 @@ from rosbags.rosbag2 import Reader
 
 from gyrowheel_analysis.recording.mcap_reader import Damaged, TopicData, Wanted, read_mcap
 from gyrowheel_analysis.recording.writer import METADATA_FILE
-from gyrowheel_sim.errors import InputError
+from gyrowheel_sim.errors import InputError, one_line
 from gyrowheel_sim.yaml_text import read_yaml
 
 _BATCH: Final = 1 << 14  # messages that are looked at together
@@ -97,7 +97,7 @@ def _parse_metadata(file: Path) -> _Metadata:
     except KeyError as error:
         raise InputError(f"{file}: {error.args[0]}: missing") from None
     except (TypeError, ValueError, AttributeError, OverflowError, RecursionError) as error:
-        raise InputError(f"{file}: not the metadata of a recording ({_line(error)})") from None
+        raise InputError(f"{file}: not the metadata of a recording ({one_line(error)})") from None
     if len(set(result.files)) != len(result.files):
         raise InputError(f"{file}: relative_file_paths: a file is named twice")
     if result.compression not in ("none", "file", "message", "storage"):
@@ -129,7 +129,7 @@ def _decompressed(file: Path) -> Iterator[Path]:
         except OSError as error:
             raise InputError(f"{file}: cannot be read: {error.strerror or error}") from None
         except zstandard.ZstdError as error:
-            raise InputError(f"{file}: damaged: cannot be decompressed ({_line(error)})") from None
+            raise InputError(f"{file}: damaged: cannot be decompressed ({one_line(error)})") from None
         yield plain
 
 
@@ -191,7 +191,7 @@ def _read_other(path: Path, wanted: Wanted) -> list[TopicData]:
     except InputError:
         raise
     except Exception as error:  # rosbags lets through what its parsers and sqlite3 raise on damaged files
-        raise InputError(f"{path}: cannot be read: {_line(error) or type(error).__name__}") from None
+        raise InputError(f"{path}: cannot be read: {one_line(error) or type(error).__name__}") from None
     for number, count in counts.items():
         topic = channels[number]
         if count != topic.count:
@@ -218,7 +218,7 @@ def _check_database(file: Path) -> None:
             database.text_factory = functools.partial(str, encoding="utf-8", errors="replace")
             found = [str(row[0]) for row in database.execute("PRAGMA integrity_check(1)")]
     except sqlite3.Error as error:
-        raise InputError(f"{file}: cannot be read: {_line(error)}") from None
+        raise InputError(f"{file}: cannot be read: {one_line(error)}") from None
     except UnicodeDecodeError:  # an error of SQLite that quotes from the damage, too
         raise InputError(f"{file}: damaged: its description of the tables is no text") from None
     if found != ["ok"]:
@@ -239,7 +239,3 @@ def _merge(path: Path, channels: Iterable[TopicData]) -> dict[str, TopicData]:
         topic.times += channel.times
         topic.pieces += channel.pieces
     return merged
-
-
-def _line(error: Exception) -> str:
-    return " ".join(str(error).split())

@@ -16,7 +16,7 @@ from rosbags.typesys.store import Typestore
 from gyrowheel_analysis.recording.definitions import typestore
 from gyrowheel_analysis.recording.mcap_reader import Rows, TopicData, Want
 from gyrowheel_sim import wire
-from gyrowheel_sim.errors import InputError
+from gyrowheel_sim.errors import InputError, one_line
 from gyrowheel_sim.wire import Layout
 
 _SEPARATOR = "=" * 80 + "\n"
@@ -153,8 +153,9 @@ def _decoder(topic: TopicData, layout: Layout, where: str) -> Callable[[list[byt
             try:
                 decoded: Any = store.deserialize_cdr(message, topic.type_name)
             except Exception as error:  # rosbags lets through what its generated code raises on bad data
-                text = " ".join(str(error).split())
-                raise InputError(f"{where}: message {first + k} cannot be decoded ({text})") from None
+                raise InputError(
+                    f"{where}: message {first + k} cannot be decoded ({one_line(error)})"
+                ) from None
             try:
                 stamp = decoded.header.stamp
                 layout.set_stamps(result[k : k + 1], stamp.sec * wire.SECOND + stamp.nanosec)
@@ -191,8 +192,9 @@ def _types(topic: TopicData, where: str) -> Typesdict:
                 )
             return types
     except Exception as error:  # rosbags lets through what its parser raises on damaged text
-        text = " ".join(str(error).split())
-        raise InputError(f"{where}: the definition of {topic.type_name} cannot be read ({text})") from None
+        raise InputError(
+            f"{where}: the definition of {topic.type_name} cannot be read ({one_line(error)})"
+        ) from None
     raise InputError(f"{where}: message definition of encoding {topic.definition_encoding!r}")
 
 

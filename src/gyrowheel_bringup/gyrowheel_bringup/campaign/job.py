@@ -15,6 +15,7 @@ from gyrowheel_bringup.campaign.finding import find
 from gyrowheel_bringup.campaign.hiding import Secret, hide, record, yardstick
 from gyrowheel_bringup.campaign.judge import Judged, failed, judge
 from gyrowheel_bringup.files import json_text, write_text
+from gyrowheel_sim.errors import one_line
 from gyrowheel_sim.scenario import write_private_json
 
 
@@ -58,7 +59,7 @@ def _answered(case: Case, secret: Secret, recording: Path, unused: Path, folder:
         answer = find(recording, unused, Model(case.campaign.bench))
     except Exception as error:  # one case that cannot be answered must not take the others with it
         write_text(folder / "error.txt", traceback.format_exc())
-        return failed(case, secret, f"{type(error).__name__}: {' '.join(str(error).split())}")
+        return failed(case, secret, f"{type(error).__name__}: {one_line(error)}")
     write_text(folder / "diagnosis.json", json_text(answer.to_json()))
     return judge(case, secret, answer)
 

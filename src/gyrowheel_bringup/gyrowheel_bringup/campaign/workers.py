@@ -11,7 +11,7 @@ from typing import Any
 from gyrowheel_bringup.campaign.cases import Case
 from gyrowheel_bringup.campaign.job import run_case
 from gyrowheel_bringup.campaign.judge import Judged
-from gyrowheel_sim.errors import InputError
+from gyrowheel_sim.errors import InputError, one_line
 
 _CONNECT = 20.0  # s
 
@@ -101,7 +101,7 @@ def _on_cluster(cases: Sequence[Case], address: str, keep: str | None) -> Iterat
     try:
         client: Any = Client(address, timeout=_CONNECT, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
-        reason = " ".join(str(error).split())
+        reason = one_line(error)
         raise InputError(
             f"--dask {address}: no scheduler answers there ({reason}); expected an address such as tcp://10.0.0.5:8786"
         ) from None

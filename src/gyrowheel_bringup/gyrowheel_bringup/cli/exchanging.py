@@ -42,8 +42,9 @@ def import_(
     """Make a recording of a table: one row a sample.
 
     The map says which column holds which reading, in which unit. A value that
-    is missing, a time that repeats or leaps, a unit of something else: each is
-    refused, with its place. docs/exchange.md shows a map.
+    is missing (unless the map says to keep such readings), a time that repeats
+    or leaps, a unit of something else: each is refused, with its place.
+    docs/exchange.md shows a map.
     """
     from gyrowheel_analysis.exchange import ColumnMap, import_table
     from gyrowheel_bringup.files import new_directory, require_new

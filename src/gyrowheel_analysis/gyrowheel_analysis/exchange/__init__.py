@@ -1,0 +1,19 @@
+"""Tables of other programs (CSV, Parquet) become recordings, and recordings become tables.
+
+A map file says which column of a table holds which reading, and in which unit; docs/exchange.md describes it.
+"""
+
+from gyrowheel_analysis.exchange.column_map import ColumnMap, Source
+from gyrowheel_analysis.exchange.exporting import export_recording, is_exported_map, is_exported_table
+from gyrowheel_analysis.exchange.importing import import_table
+from gyrowheel_analysis.exchange.table import check_suffix
+
+__all__ = [
+    "ColumnMap",
+    "Source",
+    "check_suffix",
+    "export_recording",
+    "import_table",
+    "is_exported_map",
+    "is_exported_table",
+]
