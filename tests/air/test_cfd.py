@@ -443,16 +443,24 @@ def test_a_plan_starts_each_tilt_at_one_speed_and_the_others_from_there():
         assert step.first.tilt == step.case.tilt
 
 
-def test_companions_vary_one_thing_each():
-    steps = companions(tiny(mesh="low_re"), 5 * DEG, 3500 * RPM)
+@pytest.mark.parametrize(
+    ("mesh", "other", "laminar"),
+    [
+        ("low_re", "low_re_fine", "low_re"),
+        ("low_re_fine", "low_re", "low_re_fine"),
+        ("tiny", "low_re_fine", "low_re"),
+    ],
+)
+def test_companions_vary_one_thing_each(mesh: str, other: str, laminar: str):
+    steps = companions(tiny(mesh=mesh), 5 * DEG, 3500 * RPM)
     cases = [step.case for step in steps]
     assert len({case.name for case in cases}) == len(cases)
     assert any(case.tilt == -5 * DEG for case in cases)
     assert any(case.direction == pytest.approx(math.pi / 4) for case in cases)
     assert {(c.mesh, c.model) for c in cases} >= {
-        ("low_re_fine", "sst"),
+        (other, "sst"),
         ("coarse", "paper"),
-        ("low_re", "laminar"),
+        (laminar, "laminar"),
     }
 
 

@@ -12,7 +12,7 @@ from typing import Any, Final
 from gyrowheel_analysis.recording.definitions import definition
 from gyrowheel_bringup.viewers import robot_description
 from gyrowheel_sim import topics, wire
-from gyrowheel_sim.errors import InputError
+from gyrowheel_sim.errors import InputError, one_line
 from gyrowheel_sim.node import BenchNode, Diagnosis, Param, run_node
 from gyrowheel_sim.topics import Topic
 
@@ -51,7 +51,7 @@ class FoxgloveNode(BenchNode):
                 name="gyrowheel", host=HOST, port=port, context=self._sink, message_backlog_size=_BACKLOG
             )
         except Exception as error:  # the library has no class of its own for a port that is taken
-            reason = " ".join(str(error).split())
+            reason = one_line(error)
             raise InputError(f"parameter port: {port} cannot be opened on {HOST}: {reason}") from None
         self.address = f"ws://{HOST}:{self._server.port}"
         self._now = 0  # time of the bench [ns]

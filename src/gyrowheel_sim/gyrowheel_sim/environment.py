@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from gyrowheel_sim.errors import InputError
+from gyrowheel_sim.errors import InputError, one_line
 
 #: Attitudes of the rig: case z up, case z down (turned about x), case x up, case y up.
 RIGS = ("upright", "inverted", "x_up", "y_up")
@@ -115,6 +115,4 @@ def from_json(text: str) -> list[Environment]:
     except (ValueError, TypeError) as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(
-            f"environment: not a list of environments ({' '.join(str(error).split())})"
-        ) from None
+        raise InputError(f"environment: not a list of environments ({one_line(error)})") from None

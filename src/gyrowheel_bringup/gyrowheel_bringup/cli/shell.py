@@ -14,7 +14,7 @@ from typing import IO, TYPE_CHECKING, Any, TextIO, cast
 
 import typer
 
-from gyrowheel_sim.errors import InputError
+from gyrowheel_sim.errors import InputError, one_line
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -60,7 +60,7 @@ def run(app: typer.Typer, arguments: Sequence[str] | None = None) -> int:
         graph = sys.modules.get("gyrowheel_bringup.graph")
         if graph is None or not isinstance(error, graph.GraphError):
             raise
-        sys.stderr.write(f"error: {' '.join(str(error).split())}\n")
+        sys.stderr.write(f"error: {one_line(error)}\n")
         if error.report:
             sys.stderr.write(f"{error.report}\n")
         return NODE_FAILED

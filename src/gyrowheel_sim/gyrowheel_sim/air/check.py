@@ -163,7 +163,7 @@ def _quality(table: TorqueTable) -> Iterator[Check]:
     mesh, model = table.spread
     if np.any(mesh) or np.any(model):
         yield Check(
-            "mesh: T1, T2, T3 on the finer mesh with the same model within 5 %",
+            "mesh: T1, T2, T3 on another mesh with the same model within 5 %",
             ", ".join(f"{name} {100 * value:.1f} %" for name, value in zip(_NAMES, mesh, strict=True)),
             bool(np.all(mesh <= 0.05)) if np.any(mesh) else None,
         )

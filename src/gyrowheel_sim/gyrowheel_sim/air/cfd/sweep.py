@@ -12,7 +12,8 @@ from pathlib import Path
 
 from gyrowheel_sim.air.cfd import openfoam
 from gyrowheel_sim.air.cfd.case import Case, Result, finished, run_case
-from gyrowheel_sim.errors import InputError
+from gyrowheel_sim.air.cfd.mesh import MESHES
+from gyrowheel_sim.errors import InputError, one_line
 
 #: Told after every case: the case, its result or the reason why it failed, how many are done, how many there are.
 Tell = Callable[[Case, "Result | str", int, int], None]
@@ -99,13 +100,15 @@ def companions(template: Case, tilt: float, speed: float) -> list[Step]:
     """
     there = replace(template, tilt=tilt, spin_rate=speed)
     upright = replace(there, tilt=0.0)
+    # a model shows its part on the mesh of the table, so far as that suits it
+    resolved = "low_re" if MESHES[template.mesh].wall_functions else template.mesh
     methods = [
         ("low_re", "sst"),
-        ("low_re", "laminar"),
+        ("low_re_fine", "sst"),
+        (resolved, "laminar"),
         ("low_re", "paper"),
         ("coarse", "paper"),
         ("medium", "paper"),
-        ("low_re_fine", "sst"),
         ("fine", "paper"),
     ]
     others = [m for m in methods if m != (template.mesh, template.model)]
@@ -228,7 +231,7 @@ def _dask(address: str) -> Iterator[None]:
         client = Client(address, timeout="10s")
     except (OSError, ValueError, TimeoutError) as error:
         raise InputError(
-            f"--dask {address}: no scheduler answers there ({' '.join(str(error).split())}); "
+            f"--dask {address}: no scheduler answers there ({one_line(error)}); "
             "expected an address such as tcp://10.0.0.5:8786"
         ) from None
     with client, joblib.parallel_config(backend="dask", wait_for_workers_timeout=60):
