@@ -312,6 +312,7 @@ def test_info(tmp_path, run):
         "2 holds in 2 segments",
         "at 1500, 3000 rpm",
         "tilted by 5 deg",
+        "bench not stated",
         "rig upright, inverted",
         "/gyrowheel/measurement    400",
     ):

@@ -254,7 +254,7 @@ def test_simulate_records_the_run_and_nothing_of_the_truth(gyrowheel: Shell, tmp
     assert b"987654" not in content
     assert sorted(path.name for path in run.iterdir()) == ["metadata.yaml", "run_0.mcap"]
     found = gyrowheel.good("info", run, "--json", "-").json
-    assert found["integrity"]["missing"] == 0
+    assert (found["bench"], found["integrity"]["missing"]) == ("gyrowheel", 0)
     assert found["topics"]["/gyrowheel/measurement"] == round(result["simulated_seconds"] / 0.0005)
 
 

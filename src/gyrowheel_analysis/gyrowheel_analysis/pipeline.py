@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -137,7 +136,7 @@ def require_one_bench(recordings: Sequence[Recording], model: Model) -> None:
     stated = model.stated_bench
     known: list[tuple[str, str, Mapping[str, float]]] = [(model.origin, stated.name, stated.values())]
     for recording in recordings:
-        if (carried := _carried_bench(recording)) is None:
+        if (carried := recording.carried_bench) is None:
             continue
         name, values = carried
         for other, its_name, its_values in known:
@@ -152,18 +151,6 @@ def require_one_bench(recordings: Sequence[Recording], model: Model) -> None:
                         f"{its:.4g} {stated.parameters[key].unit}; allowed: the same machine"
                     )
         known.append((str(recording.path), name, values))
-
-
-def _carried_bench(recording: Recording) -> tuple[str, Mapping[str, float]] | None:
-    """Return name and values of the bench that a recording says it is of; None if it says nothing that is known."""
-    try:
-        content = json.loads(recording.bench_text)
-        name = content["name"]
-        entries = {str(key): entry["value"] for key, entry in content["parameters"].items()}
-    except (ValueError, TypeError, KeyError, AttributeError):
-        return None
-    values = {key: float(value) for key, value in entries.items() if isinstance(value, int | float)}
-    return (name, values) if isinstance(name, str) else None
 
 
 def _check(windows: Windows, bench: Bench, where: str) -> None:

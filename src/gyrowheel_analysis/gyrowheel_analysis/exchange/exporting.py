@@ -178,8 +178,8 @@ def _rows(
 def _map_text(recording: Recording, groups: dict[str, dict[str, str]]) -> str:
     """Return the map file with which a table reads back."""
     content: dict[str, Any] = {"schema": SCHEMA}
-    with contextlib.suppress(ValueError, TypeError, KeyError):
-        content["bench"] = str(json.loads(recording.bench_text)["name"])
+    if recording.carried_bench is not None:
+        content["bench"] = recording.carried_bench[0]
     content["time"] = {"column": "time", "unit": "s"}
     content["sequence"] = {"column": "sequence"}
     if any(not np.all(np.isfinite(recording.measurement[name])) for name in READINGS):

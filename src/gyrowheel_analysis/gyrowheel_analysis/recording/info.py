@@ -50,6 +50,8 @@ class RecordingInfo:
         Where it is.
     size : int
         Of its files [bytes].
+    bench : str
+        Name of the bench that it says it is of; empty where it says none.
     duration : float
         From the first to the last sample [s].
     rate : float
@@ -74,6 +76,7 @@ class RecordingInfo:
 
     path: str
     size: int
+    bench: str
     duration: float
     rate: float
     topics: dict[str, int]
@@ -94,6 +97,7 @@ class RecordingInfo:
         faults = self.integrity
         lines = [
             f"{self.path}  ({self.size / 1e6:.1f} MB)",
+            f"  bench {self.bench or 'not stated'}",
             f"  {self.duration:.2f} s, {faults.samples} samples at {self.rate:.1f} Hz",
         ]
         lines.append(f"  {faults.render()}")
@@ -131,6 +135,7 @@ def info(directory: str | Path) -> RecordingInfo:
     return RecordingInfo(
         path=str(path),
         size=sum(file.stat().st_size for file in files),
+        bench=recording.carried_bench[0] if recording.carried_bench else "",
         duration=recording.duration,
         rate=steps / recording.duration if steps else 0.0,
         topics=recording.topics,

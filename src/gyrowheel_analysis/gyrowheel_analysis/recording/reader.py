@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -159,6 +160,18 @@ class Recording:
     def duration(self) -> float:
         """Time from the first to the last sample [s]."""
         return float(self.seconds(self.measurement["stamp_ns"][-1:])[0])
+
+    @cached_property
+    def carried_bench(self) -> tuple[str, dict[str, float]] | None:
+        """Name and parameters [SI] of the bench that it says it is of; None where it says nothing that is known."""
+        try:
+            content = json.loads(self.bench_text)
+            name = content["name"]
+            entries = {str(key): entry["value"] for key, entry in content["parameters"].items()}
+        except (ValueError, TypeError, KeyError, AttributeError):
+            return None
+        values = {key: float(value) for key, value in entries.items() if isinstance(value, int | float)}
+        return (name, values) if isinstance(name, str) else None
 
     @cached_property
     def time(self) -> npt.NDArray[np.float64]:
