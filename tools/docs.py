@@ -21,7 +21,7 @@ from PIL import Image
 from sympy.core.sorting import default_sort_key
 from sympy.printing.latex import LatexPrinter
 
-from gyrowheel_analysis.discovery.fit import ERRORS
+from gyrowheel_analysis.discovery.terms import ERRORS
 from gyrowheel_analysis.report.momentum import body_png, caps_png, envelope
 from gyrowheel_analysis.report.signature import Signature, signature, to_svg
 from gyrowheel_bringup.render.formulas import in_words, pretty

@@ -21,8 +21,8 @@ from benchmarks.independent.sequence import (
     references,
     short_sequence,
 )
-from gyrowheel_analysis.discovery.fit import Term
 from gyrowheel_analysis.discovery.selection import ERROR_LIMIT, THRESHOLD, threshold
+from gyrowheel_analysis.discovery.terms import Term
 from gyrowheel_analysis.discovery.verdict import Diagnosis, diagnose
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.pipeline import one_thread, prepare

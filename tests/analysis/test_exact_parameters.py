@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from gyrowheel_analysis.adding import add_effect
-from gyrowheel_analysis.discovery.fit import candidate_terms
+from gyrowheel_analysis.discovery.terms import candidate_terms
 from gyrowheel_analysis.discovery.verdict import diagnose
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.recording import Recording

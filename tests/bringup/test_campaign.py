@@ -19,7 +19,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gyrowheel_analysis.discovery.fit import ERRORS
+from gyrowheel_analysis.discovery.terms import ERRORS
 from gyrowheel_analysis.recording import Recording
 from gyrowheel_bringup.campaign import hiding, workers
 from gyrowheel_bringup.campaign.cases import Campaign, Case, cases

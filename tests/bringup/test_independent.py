@@ -15,7 +15,7 @@ from benchmarks.independent.cases import solve
 from benchmarks.independent.loop import run
 from benchmarks.independent.machine import COEFFICIENTS, ERRORS, Secret, bench_file
 from benchmarks.independent.sequence import Step, long_sequence, references, short_sequence
-from gyrowheel_analysis.discovery.fit import ERRORS as KNOWN_ERRORS
+from gyrowheel_analysis.discovery.terms import ERRORS as KNOWN_ERRORS
 from gyrowheel_sim.effects import registry
 
 Array = NDArray[np.float64]

@@ -15,8 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gyrowheel_analysis.balance import ALL_CHANNELS, ActiveEffect, Balance
-from gyrowheel_analysis.discovery.fit import ERRORS
 from gyrowheel_analysis.discovery.noise import Noise
+from gyrowheel_analysis.discovery.terms import ERRORS
 from gyrowheel_analysis.reduction import READING_NOISES, Samples, reduce
 from gyrowheel_control.controller import loop_code
 from gyrowheel_control.plans import Plan

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from gyrowheel_analysis.discovery.fit import ERRORS, Fit, Problem, Term
+from gyrowheel_analysis.discovery.fit import Fit, Problem
+from gyrowheel_analysis.discovery.terms import ERRORS, Term
 from gyrowheel_analysis.discovery.verdict import Estimate, nuisance_estimates
 from gyrowheel_analysis.errors import ErrorTable, Residuals
 from gyrowheel_analysis.model import Model, Override

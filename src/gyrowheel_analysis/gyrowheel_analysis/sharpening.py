@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance import CHANNELS, Balance
-from gyrowheel_analysis.discovery.fit import ERRORS, Fit, Problem, Term
+from gyrowheel_analysis.discovery.fit import Fit, Problem
 from gyrowheel_analysis.discovery.planning import SEPARATING_PLANS, VARIED_PLANS
+from gyrowheel_analysis.discovery.terms import ERRORS, Term
 from gyrowheel_analysis.discovery.verdict import Diagnosis, EffectFinding
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.pipeline import Progress, one_thread, prepare

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gyrowheel_analysis.discovery.fit import ERRORS, Fit, Problem, Term
+from gyrowheel_analysis.discovery.fit import Fit, Problem
+from gyrowheel_analysis.discovery.terms import ERRORS, Term
 from gyrowheel_analysis.errors import channel_values
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.pipeline import one_thread, prepare

@@ -13,6 +13,7 @@ from scipy.optimize import lsq_linear
 
 from gyrowheel_analysis.balance import ActiveEffect, Balance, Instants
 from gyrowheel_analysis.discovery.noise import Noise
+from gyrowheel_analysis.discovery.terms import ERRORS, Term, candidate_terms
 from gyrowheel_analysis.reduction import MOTOR_THERMAL
 from gyrowheel_sim.bench import Bench, Parameter
 from gyrowheel_sim.effects import Effect, EffectValues, registry
@@ -49,49 +50,8 @@ _FAR = 5.0  # stated uncertainties after which the derivatives by the bench para
 _BOLD_STEPS = 3
 _WORTH = 5.0  # gain in chi-squared that a step must promise to be followed uphill
 _HELD = 1.0e4  # inverse prior deviation of an unknown that is not to move
-#: Bench parameters whose error is a finding of its own name: {finding: groups that move by one common factor}.
-ERRORS: dict[str, tuple[str, ...]] = {
-    "stiffness_error": ("flexure_stiffness_x", "flexure_stiffness_y"),
-    "gimbal_inertia_error": ("gimbal_inertia",),
-    "shaft_inertia_error": ("shaft_inertia",),
-    "rotor_inertia_error": ("rotor_inertia_z",),
-    "coil_gain_error": ("coil_constant",),
-    "motor_constant_error": ("motor_constant",),
-}
-
-
 #: Shares of a step that are tried, the whole one first.
 _SHORTENINGS = (1.0, 0.5, 0.2, 0.05, 0.01)
-
-
-@dataclass(frozen=True)
-class Term:
-    """Something beyond the uncertain bench parameters that a fit may use: an effect, or the error of a parameter."""
-
-    name: str
-    effect: Effect | None = None
-
-    @property
-    def coefficients(self) -> tuple[str, ...]:
-        """Names of the free coefficients; the error of a parameter has one, its relative deviation."""
-        return tuple(c.name for c in self.effect.coefficients) if self.effect else ("relative_error",)
-
-    @property
-    def amplitudes(self) -> tuple[str, ...]:
-        """Names of the coefficients for which zero means no effect."""
-        return tuple(c.name for c in self.effect.amplitudes) if self.effect else ("relative_error",)
-
-
-def parameter_errors(bench: Bench) -> list[str]:
-    """Return the errors of bench parameters that can be a finding: a parameter stated as exact has none."""
-    uncertain = bench.groups()
-    return [name for name, groups in ERRORS.items() if all(group in uncertain for group in groups)]
-
-
-def candidate_terms(bench: Bench) -> list[Term]:
-    """Return every registered effect, in its sizes on a bench, and every parameter error that can be a finding."""
-    effects = [Term(name, for_bench(effect, bench)) for name, effect in registry().items()]
-    return effects + [Term(name) for name in parameter_errors(bench)]
 
 
 @dataclass(frozen=True)

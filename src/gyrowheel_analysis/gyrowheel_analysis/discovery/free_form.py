@@ -18,8 +18,9 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.discovery.fit import Fit, Problem, Term
+from gyrowheel_analysis.discovery.fit import Fit, Problem
 from gyrowheel_analysis.discovery.selection import Progress, Selection, rank
+from gyrowheel_analysis.discovery.terms import Term
 from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law, Target
 from gyrowheel_sim.effects.quantities import QUANTITIES, Omega, Omega_ref, z, z_ref
 from gyrowheel_sim.effects.sizes import for_bench

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance import CHANNELS, Balance
-from gyrowheel_analysis.discovery.fit import Fit, Problem, Term
+from gyrowheel_analysis.discovery.fit import Fit, Problem
 from gyrowheel_analysis.discovery.selection import threshold
+from gyrowheel_analysis.discovery.terms import Term
 from gyrowheel_analysis.reduction import planned_windows
 from gyrowheel_control.plans import Plan
 from gyrowheel_control.variation import MARK

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.discovery.fit import ERRORS, Fit, Problem, Term
+from gyrowheel_analysis.discovery.fit import Fit, Problem
+from gyrowheel_analysis.discovery.terms import ERRORS, Term
 from gyrowheel_analysis.grouping import direction_groups, masks, speed_groups
 
 Array = NDArray[np.float64]

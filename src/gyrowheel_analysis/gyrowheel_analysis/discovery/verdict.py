@@ -11,10 +11,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from gyrowheel_analysis.discovery.fit import ERRORS, Fit, Problem, Term, candidate_terms
+from gyrowheel_analysis.discovery.fit import Fit, Problem
 from gyrowheel_analysis.discovery.free_form import Proposal, search
 from gyrowheel_analysis.discovery.planning import SETTLED, Planner, Separation, detection_limits
 from gyrowheel_analysis.discovery.selection import Finding, select
+from gyrowheel_analysis.discovery.terms import ERRORS, Term, candidate_terms
 from gyrowheel_analysis.errors import ErrorTable, Residuals
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.pipeline import FEWEST_WINDOWS, Prepared, errors_of, one_thread, prepare

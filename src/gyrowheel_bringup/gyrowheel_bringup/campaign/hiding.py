@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance import Balance
-from gyrowheel_analysis.discovery.fit import ERRORS, Problem, Term, candidate_terms, parameter_errors
+from gyrowheel_analysis.discovery.fit import Problem
 from gyrowheel_analysis.discovery.selection import ERROR_LIMIT, THRESHOLD, threshold
+from gyrowheel_analysis.discovery.terms import ERRORS, Term, candidate_terms, parameter_errors
 from gyrowheel_analysis.pipeline import one_thread
 from gyrowheel_analysis.recording import write_run
 from gyrowheel_analysis.reduction import Samples, reduce

@@ -195,7 +195,7 @@ def _typed(formulas: Sequence[str], name: str | None, target: str | None, model:
 def _require_known(name: str) -> None:
     """Refuse what is neither an effect, nor a model of the air, nor the error of a bench parameter."""
     from gyrowheel_analysis.adding import is_air
-    from gyrowheel_analysis.discovery.fit import ERRORS
+    from gyrowheel_analysis.discovery.terms import ERRORS
     from gyrowheel_sim.effects import get
 
     if name not in ERRORS and not is_air(name):
