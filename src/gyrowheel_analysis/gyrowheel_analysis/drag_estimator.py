@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance import ActiveEffect, Balance
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.reduction import NEEDED, SETTLING, SPIN_SETTLING, Samples, reduce
+from gyrowheel_analysis.reduction import LONGEST, NEEDED, SETTLING, SPIN_SETTLING, Samples, reduce
 from gyrowheel_control.plans import HOLD, SETPOINT_DTYPE
 from gyrowheel_sim.units import DEG
 
@@ -23,7 +24,8 @@ Array = NDArray[np.float64]
 _COLUMNS = np.array([0, 1, 4, 5, 6, 7])
 _RADIUS = 0.97  # of the notch's poles: 10 Hz wide, settles in 0.1 s
 _NOTCH_SETTLING = 0.15  # s
-_UPDATE = 0.5  # s between two estimates of one hold
+_UPDATE, _SELDOM = 0.5, 5.0  # s between two estimates of one hold, at its beginning and in the long run
+_SHARE = 0.1  # of a hold's length that is new in the next estimate
 
 
 @dataclass(frozen=True)
@@ -91,6 +93,35 @@ def notch(values: Any, columns: Any, rate: Any, period: float, radius: float, st
             out[i, c] = x
 
 
+@dataclass
+class _Hold:
+    """A hold under way: sums over all of it, and the samples whose windows are not final yet."""
+
+    setpoint: tuple[Any, ...]
+    start: float  # s, when it has settled
+    due: float  # s, of the next estimate
+    first: float = math.nan
+    last: float = math.nan
+    count: int = 0
+    filtered: Array = field(default_factory=lambda: np.zeros(len(_COLUMNS)))  # sum
+    spin: float = 0.0  # sum
+    torque: Array = field(default_factory=lambda: np.zeros(3))  # simulated, times the length of its windows
+    length: float = 0.0  # of those windows [s]
+    times: list[Array] = field(default_factory=list)
+    readings: list[Array] = field(default_factory=list)
+
+    def add(self, time: Array, readings: Array, filtered: Array) -> None:
+        """Take samples."""
+        if not self.count:
+            self.first = float(time[0])
+        self.last = float(time[-1])
+        self.count += len(time)
+        self.filtered += filtered.sum(axis=0)
+        self.spin += float(readings[:, 3].sum())
+        self.times.append(time)
+        self.readings.append(readings.copy())
+
+
 class DragEstimator:
     """Turns samples and setpoints into drag estimates as they come.
 
@@ -105,13 +136,8 @@ class DragEstimator:
         self._bench = model.bench
         self._effects = [ActiveEffect(model.library[name], values) for name, values in model.effects.items()]
         self._state = np.full(4 * len(_COLUMNS) + 1, math.nan)
-        self._raw: list[Array] = []
-        self._filtered: list[Array] = []
-        self._times: list[Any] = []
-        self._setpoints: list[tuple[Any, ...]] = []
-        self._hold: tuple[Any, ...] | None = None
-        self._start = math.inf
-        self._next = math.inf
+        self._setpoints: deque[tuple[Any, ...]] = deque()
+        self._hold: _Hold | None = None
         self._spin_before: float | None = None
         self._reference: Array | None = None
 
@@ -140,20 +166,19 @@ class DragEstimator:
             # setpoints that begin within the block cut it
             stop = len(stamps_ns)
             if self._setpoints and self._setpoints[0][0] <= stamps_ns[at]:
-                estimates += self._take(self._setpoints.pop(0))
+                estimates += self._take(self._setpoints.popleft())
                 continue
             if self._setpoints:
                 stop = min(stop, int(np.searchsorted(stamps_ns, self._setpoints[0][0])))
             if self._hold is not None:
-                time = stamps_ns[at:stop] * 1e-9
-                keep = time >= self._start
+                time = np.asarray(stamps_ns[at:stop] * 1e-9, dtype=np.float64)
+                keep = time >= self._hold.start
                 if keep.any():
-                    self._times.append(time[keep])
-                    self._raw.append(values[at:stop][keep].copy())
-                    self._filtered.append(filtered[at:stop][keep])
-                    if time[-1] >= self._next:
-                        self._next = float(time[-1]) + _UPDATE
-                        estimates += self._estimate(settled=False)
+                    self._hold.add(time[keep], values[at:stop][keep], filtered[at:stop][keep])
+                    if time[-1] >= self._hold.due:
+                        step = _SHARE * (self._hold.last - self._hold.first)
+                        self._hold.due = self._hold.last + min(max(step, _UPDATE), _SELDOM)
+                        estimates += self._estimate(self._hold, settled=False)
             at = stop
         return estimates
 
@@ -164,45 +189,55 @@ class DragEstimator:
     def _take(self, setpoint: tuple[Any, ...]) -> list[Estimate]:
         stamp, segment, phase = setpoint[:3]
         spin = float(setpoint[7])
-        if self._hold is not None and phase == HOLD and segment == self._hold[1]:
+        if self._hold is not None and phase == HOLD and segment == self._hold.setpoint[1]:
             return []
         estimates = self._end()
         if phase == HOLD and math.hypot(setpoint[5], setpoint[6]) < 0.1 * DEG and abs(setpoint[8]) < 0.5:
             changed = self._spin_before is not None and abs(spin - self._spin_before) > 2.0
-            self._hold = setpoint
-            self._start = stamp * 1e-9 + (SPIN_SETTLING if changed else SETTLING)
-            self._next = self._start + _UPDATE
+            start = stamp * 1e-9 + (SPIN_SETTLING if changed else SETTLING)
+            self._hold = _Hold(setpoint, start, start + _UPDATE)
         if phase == HOLD:
             self._spin_before = spin
         return estimates
 
     def _end(self) -> list[Estimate]:
-        estimates = self._estimate(settled=True) if self._hold is not None else []
-        self._hold, self._raw, self._filtered, self._times = None, [], [], []
-        return estimates
+        hold, self._hold = self._hold, None
+        return [] if hold is None else self._estimate(hold, settled=True)
 
-    def _estimate(self, *, settled: bool) -> list[Estimate]:
-        if not self._times or self._hold is None:
-            return []
-        time, raw, filtered = np.concatenate(self._times), np.vstack(self._raw), np.vstack(self._filtered)
-        if time[-1] - time[0] < _NOTCH_SETTLING:
-            return []
-        bench, values = self._bench, self._bench.values()
-        setpoint = np.array([self._hold], dtype=SETPOINT_DTYPE)
+    def _simulated(self, hold: _Hold) -> Array:
+        """Return the torques that the model says the motion needs, averaged over the windows of a hold."""
+        time, readings = np.concatenate(hold.times), np.vstack(hold.readings)
+        # what is far behind is reduced once and forgotten, or a long hold would take longer and longer
+        while time[-1] - time[0] >= LONGEST + _UPDATE:
+            cut = int(np.searchsorted(time, time[0] + LONGEST))
+            torque, length = self._windows(hold, time[:cut], readings[:cut])
+            hold.torque += torque
+            hold.length += length
+            time, readings = time[cut:], readings[cut:]
+        hold.times, hold.readings = [time], [readings]
+        torque, length = self._windows(hold, time, readings)
+        whole = hold.length + length
+        return (hold.torque + torque) / whole if whole > 0.0 else np.full(3, math.nan)
+
+    def _windows(self, hold: _Hold, time: Array, readings: Array) -> tuple[Array, float]:
+        """Return the simulated torques of some samples, times the length of their windows, and that length."""
         # the reduction drops the settling itself: give it the beginning of the hold as it was
-        hold = Samples(
-            time, raw, np.array([time[0] - SETTLING, time[-1]]), np.concatenate([setpoint, setpoint])
-        )
-        windows = reduce(hold, bench)
-        simulated = np.full(3, math.nan)
-        if len(windows):
-            coil, motor = Balance(windows, bench, clean=False).required(values, self._effects)
-            weight = windows.duration / windows.duration.sum()
-            simulated = np.array([coil.real @ weight, coil.imag @ weight, motor @ weight])
-        mean = filtered.mean(axis=0)
+        setpoint = np.array([hold.setpoint] * 2, dtype=SETPOINT_DTYPE)
+        samples = Samples(time, readings, np.array([time[0] - SETTLING, time[-1]]), setpoint)
+        windows = reduce(samples, self._bench)
+        if not len(windows):
+            return np.zeros(3), 0.0
+        coil, motor = Balance(windows, self._bench, clean=False).required(self._bench.values(), self._effects)
+        lengths = windows.duration
+        return np.array([coil.real @ lengths, coil.imag @ lengths, motor @ lengths]), float(lengths.sum())
+
+    def _estimate(self, hold: _Hold, *, settled: bool) -> list[Estimate]:
+        if not hold.count or hold.last - hold.first < _NOTCH_SETTLING:
+            return []
+        simulated = self._simulated(hold)
+        mean, count = hold.filtered / hold.count, hold.count
         # white noise of the readings and their slow drift, which averaging over a hold does not remove
-        count = len(time)
-        v = bench.value
+        v = self._bench.value
         std = np.array(
             [
                 math.hypot(v("coil_voltage_noise") / math.sqrt(count), v("coil_voltage_drift")),
@@ -217,13 +252,13 @@ class DragEstimator:
         measured, measured_std = self._measured(dc, float(mean[5]), std)
         return [
             Estimate(
-                stamp_ns=round(float(time[-1]) * 1e9),
-                segment=int(self._hold[1]),
+                stamp_ns=round(hold.last * 1e9),
+                segment=int(hold.setpoint[1]),
                 settled=settled,
-                duration=float(time[-1] - time[0]),
+                duration=hold.last - hold.first,
                 tilt_x=float(mean[0]),
                 tilt_y=float(mean[1]),
-                spin_rate=float(raw[:, 3].mean()),
+                spin_rate=hold.spin / count,
                 dc_voltage=dc,
                 dc_voltage_std=std,
                 voltage_increment=increment,

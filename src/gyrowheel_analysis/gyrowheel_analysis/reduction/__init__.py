@@ -12,12 +12,13 @@ from gyrowheel_analysis.reduction.planned import planned_windows
 from gyrowheel_analysis.reduction.readings import NEEDED, READING_NOISES, readable, reading_noise
 from gyrowheel_analysis.reduction.recorded import reduce, reduce_and_account
 from gyrowheel_analysis.reduction.samples import Samples
-from gyrowheel_analysis.reduction.spans import SETTLING, SPIN_SETTLING, steady_spans
+from gyrowheel_analysis.reduction.spans import LONGEST, SETTLING, SPIN_SETTLING, steady_spans
 from gyrowheel_analysis.reduction.windows import FORWARD, HARMONICS, Windows, concatenate, without_noise
 
 __all__ = [
     "FORWARD",
     "HARMONICS",
+    "LONGEST",
     "MOTOR_THERMAL",
     "NEEDED",
     "READING_NOISES",
