@@ -55,7 +55,7 @@ def test_a_long_hold_is_estimated_as_a_whole(run: Run) -> None:
     last = list(estimates(run))[-1]
     assert last.settled
     assert last.duration == pytest.approx(LONG, abs=1.0)
-    time = np.arange(len(run.measurement)) * BENCH.sample_period
+    time = np.arange(len(run.measurement), dtype=np.float64) * BENCH.sample_period
     stop = last.stamp_ns * 1e-9
     inside = (time >= stop - last.duration) & (time <= stop)
     assert last.spin_rate == pytest.approx(run.measurement[inside, 3].mean(), rel=1e-7)
