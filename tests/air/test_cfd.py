@@ -326,6 +326,19 @@ def test_what_has_not_settled_goes_on_later(tmp_path: Path, player: Player):
     assert finished(study / later.case.name, tiny(settle=75)) is not None
 
 
+def test_a_case_with_too_few_iterations_goes_on_to_more(tmp_path: Path, player: Player):
+    begun = run_case(tiny(), tmp_path)
+    more = tiny(iterations=75, window=37)
+    assert finished(tmp_path / more.name, more) is None
+    result = run_case(more, tmp_path)
+    assert player.calls == [more.name] * 2
+    assert (result.provenance["iterations"], result.torque.window) == (75, 37)
+    assert result.provenance["first_guess"] == begun.provenance["first_guess"]
+    # and answers who asks for fewer, from whatever first guess: a study loses nothing
+    assert run_case(tiny(start_iterations=0), tmp_path).provenance["iterations"] == 75
+    assert len(player.calls) == 2
+
+
 def test_what_a_kill_left_does_not_get_into_the_average(tmp_path: Path, player: Player):
     case = tiny(settle=75)
     expected = run_case(case, tmp_path / "one")

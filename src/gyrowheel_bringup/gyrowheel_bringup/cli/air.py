@@ -63,7 +63,10 @@ Pressure: TypeAlias = Annotated[
     ),
 ]
 Iterations: TypeAlias = Annotated[
-    int, typer.Option("--iterations", metavar="N", help="Iterations of the solver.")
+    int,
+    typer.Option(
+        "--iterations", metavar="N", help="Iterations of the solver; a case that is there with fewer goes on."
+    ),
 ]
 Settle: TypeAlias = Annotated[
     int,
@@ -375,9 +378,10 @@ def _case(
     from gyrowheel_sim.air.cfd.case import Case
     from gyrowheel_sim.units import DEG, RPM
 
-    options = (
-        {} if iterations is None else {"iterations": iterations, "window": max(2, min(200, iterations // 2))}
-    )
+    options = {}
+    if iterations is not None:
+        window = iterations // 2 if iterations > Case.iterations else min(Case.window, iterations // 2)
+        options = {"iterations": iterations, "window": max(2, window)}
     return Case.of(
         _geometry(geometry),
         _air(temperature, pressure),

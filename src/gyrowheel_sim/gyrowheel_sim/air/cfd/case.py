@@ -36,6 +36,7 @@ SCHEMA = 1
 FIRST_SWIRL = 0.42
 RESULT, REQUEST = "result.json", "case.json"
 _LOG = "log.simpleFoam"
+_STRETCH = 200  # iterations that a case goes on for at a time; a kill costs no more than these
 
 
 @dataclass(frozen=True)
@@ -223,8 +224,8 @@ class Result:
 def finished(folder: Path, case: Case) -> Result | None:
     """Return the result in a folder if it answers the case; None if there is none or it is of another case.
 
-    A case that may go on until it has settled (`Case.settle`) is answered by one that has settled, or that went on for
-    as many iterations.
+    A case is answered by one of at least as many iterations, from whatever first guess. One that may go on until it has
+    settled (`Case.settle`) is answered by one that has settled, or that went on for as many iterations.
     """
     result = _recorded(folder, case)
     return result if result is not None and _answers(result, case) else None
@@ -237,11 +238,13 @@ def _recorded(folder: Path, case: Case) -> Result | None:
         result = Result.from_json(content)
     except (OSError, ValueError, KeyError, TypeError):
         return None
-    return result if replace(result.case, settle=case.settle) == case else None
+    own = {name: getattr(case, name) for name in ("settle", "iterations", "window", "start_iterations")}
+    return result if replace(result.case, **own) == case else None
 
 
 def _answers(result: Result, case: Case) -> bool:
-    return result.torque.settled or result.provenance["iterations"] >= case.settle
+    done = result.provenance["iterations"]
+    return done >= case.iterations and (result.torque.settled or done >= case.settle)
 
 
 def make_mesh(case: Case, folder: Path) -> dict[str, Any]:
@@ -298,7 +301,7 @@ def run_case(
 ) -> Result:
     """Run a case below a folder, or return its result if it is there.
 
-    A case that has not settled goes on from where it was, in this call or a later one.
+    A case goes on from where it was if it has too few iterations or has not settled, in this call or a later one.
 
     Parameters
     ----------
@@ -358,14 +361,15 @@ def _begin(case: Case, folder: Path, root: Path, first: Path | None, advance: Ad
 
 
 def _go_on(case: Case, folder: Path, before: Result, advance: Advance) -> Result:
-    """Go on with a case for another window of iterations; until they are done, what was before them stays."""
+    """Go on with a case for some iterations; until they are done, what was before them stays."""
     done = before.provenance["iterations"]
+    goal = case.iterations if done < case.iterations else case.settle
     for path in [*_times(folder), *_times(folder / "postProcessing" / "torque")]:
         # what a killed run has left
         if int(path.name) > done or (path.parent != folder and int(path.name) == done):
             shutil.rmtree(path)
     write_json(folder / REQUEST, case.to_json())
-    text = dictionaries.control_dict(done, min(case.window, case.settle - done), case.density)
+    text = dictionaries.control_dict(done, min(case.window, _STRETCH, goal - done), case.density)
     (folder / "system" / "controlDict").write_text(text, encoding="utf-8")
     log = openfoam.run(
         ["simpleFoam"], folder, folder / _LOG, step=lambda i: advance(i / max(case.iterations, case.settle))
@@ -404,7 +408,9 @@ def collect(case: Case, folder: Path, provenance: dict[str, Any]) -> Result:
 def _torque(case: Case, folder: Path, done: int) -> Torque:
     """Return the torque after so many iterations."""
     total, pressure = read_history(folder / "postProcessing" / "torque")
-    window = case.window if done <= case.iterations else max(case.window, done // 2)
+    window = case.window if done == case.iterations else done // 2
+    if done > case.iterations:
+        window = max(case.window, window)
     return average(total, pressure, case.axes, window)
 
 
