@@ -9,9 +9,11 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import psutil
 import pytest
 import typer
 
@@ -171,6 +173,17 @@ def test_a_plan_beyond_the_bench_is_refused_before_anything_is_written(
     output = "--output" if verb == "simulate" else "--record"
     result = gyrowheel(verb, "--plan", plan, output, tmp_path / "run", "--blind", tmp_path / "key.json")
     assert_refused(result, "plan.yaml", "9000 rpm", "1000 .. 4000 rpm")
+    assert list(tmp_path.iterdir()) == [plan]
+
+
+def test_a_run_that_would_not_fit_the_memory_is_refused(
+    gyrowheel: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    text = "schema: 1\nname: long\nsegments:\n  - {spin_rpm: 3000, tilt_deg: [[0, 0]], hold_s: 3600}\n"
+    plan = write(tmp_path / "plan.yaml", text)
+    monkeypatch.setattr(psutil, "virtual_memory", lambda: SimpleNamespace(available=3e9))
+    result = gyrowheel("simulate", "--plan", plan, "-o", tmp_path / "run")
+    assert_refused(result, "plan long: 3600 s", "5.04 GB", "allowed: 3 GB", "gyrowheel up")
     assert list(tmp_path.iterdir()) == [plan]
 
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Final
 
 import numpy as np
+import psutil
 
 from gyrowheel_analysis.drag_estimator import DragEstimator, Estimate
 from gyrowheel_analysis.model import Model
@@ -16,8 +18,10 @@ from gyrowheel_control.plans import Plan
 from gyrowheel_sim import wire
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import to_json
+from gyrowheel_sim.errors import InputError
 from gyrowheel_sim.scenario import Scenario
 
+_PER_SAMPLE: Final = 700  # bytes of memory that a sample takes until it is written, as measured
 _BLOCK = 100  # samples that the drag estimator takes at a time, as its node does
 _SETPOINT = ("tilt_x", "tilt_y", "tilt_rate_x", "tilt_rate_y", "spin_rate", "spin_acceleration")
 
@@ -48,8 +52,9 @@ def record_simulation(
     Raises
     ------
     InputError
-        If the plan is beyond the limits of the bench, or the directory cannot be written.
+        If the plan is beyond the limits of the bench or too long for the memory, or the directory cannot be written.
     """
+    _require_memory(plan, bench)
     with new_directory(directory) as place:
         run = simulate(bench, scenario, plan, progress=progress)
         write_run(
@@ -61,6 +66,16 @@ def record_simulation(
             bench.describe(),
             sample_period=bench.sample_period,
             drag_estimates=[(estimate.stamp_ns, _message(estimate)) for estimate in _estimates(run, bench)],
+        )
+
+
+def _require_memory(plan: Plan, bench: Bench) -> None:
+    """Refuse a run that would not fit: the system would end the process in the middle of it, without a word."""
+    needed, free = _PER_SAMPLE * plan.duration / bench.sample_period, psutil.virtual_memory().available
+    if needed > free:
+        raise InputError(
+            f"plan {plan.name}: {plan.duration:.0f} s take {1e-9 * needed:.3g} GB of memory to simulate at once; "
+            f"allowed: {1e-9 * free:.3g} GB, what is free (split the plan, or record it with 'gyrowheel up')"
         )
 
 
