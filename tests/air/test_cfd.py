@@ -339,6 +339,18 @@ def test_a_case_with_too_few_iterations_goes_on_to_more(tmp_path: Path, player: 
     assert len(player.calls) == 2
 
 
+def test_another_window_is_another_average_of_the_same_iterations(tmp_path: Path, player: Player):
+    first = run_case(tiny(), tmp_path)
+    other = run_case(tiny(window=11), tmp_path)
+    assert len(player.calls) == 1
+    total, _ = read_history(tmp_path / first.case.name / "postProcessing" / "torque")
+    np.testing.assert_allclose(other.torque.mean, total[-11:].mean(axis=0) @ other.case.axes.T)
+    kept = finished(tmp_path / first.case.name, first.case)
+    assert kept is not None
+    assert kept.torque.window == 11
+    assert run_case(tiny(), tmp_path).torque.mean == pytest.approx(first.torque.mean)
+
+
 def test_what_a_kill_left_does_not_get_into_the_average(tmp_path: Path, player: Player):
     case = tiny(settle=75)
     expected = run_case(case, tmp_path / "one")

@@ -68,6 +68,15 @@ Iterations: TypeAlias = Annotated[
         "--iterations", metavar="N", help="Iterations of the solver; a case that is there with fewer goes on."
     ),
 ]
+Window: TypeAlias = Annotated[
+    int | None,
+    typer.Option(
+        "--window",
+        metavar="N",
+        help="How many of the last iterations are averaged.",
+        show_default="200, or the last half of more than 420",
+    ),
+]
 Settle: TypeAlias = Annotated[
     int,
     typer.Option(
@@ -157,6 +166,7 @@ def run(
     mesh: MeshName = "low_re",
     model: ModelName = None,
     iterations: Iterations = 420,
+    window: Window = None,
     settle: Settle = 0,
     temperature: Temperature = None,
     pressure: Pressure = None,
@@ -178,6 +188,7 @@ def run(
         temperature=temperature,
         pressure=pressure,
         iterations=iterations,
+        window=window,
         settle=settle,
     )
     with disk_errors(output), advancing(f"{case.mesh} {case.model}, {tilt:g} deg, {speed:g} rpm") as advance:
@@ -373,6 +384,7 @@ def _case(
     temperature: float | None = None,
     pressure: float | None = None,
     iterations: int | None = None,
+    window: int | None = None,
     settle: int = 0,
 ) -> Case:
     from gyrowheel_sim.air.cfd.case import Case
@@ -380,8 +392,10 @@ def _case(
 
     options = {}
     if iterations is not None:
-        window = iterations // 2 if iterations > Case.iterations else min(Case.window, iterations // 2)
-        options = {"iterations": iterations, "window": max(2, window)}
+        usual = iterations // 2 if iterations > Case.iterations else min(Case.window, iterations // 2)
+        options = {"iterations": iterations, "window": max(2, usual)}
+    if window is not None:
+        options["window"] = window
     return Case.of(
         _geometry(geometry),
         _air(temperature, pressure),

@@ -301,7 +301,8 @@ def run_case(
 ) -> Result:
     """Run a case below a folder, or return its result if it is there.
 
-    A case goes on from where it was if it has too few iterations or has not settled, in this call or a later one.
+    A case goes on from where it was if it has too few iterations or has not settled, in this call or a later one. If
+    only its window is another one, it is averaged anew.
 
     Parameters
     ----------
@@ -322,6 +323,9 @@ def run_case(
     folder = root / case.name
     result = _recorded(folder, case)
     if result is not None and _answers(result, case):
+        if result.provenance["iterations"] == case.iterations and result.case.window != case.window:
+            result = replace(result, case=case, torque=_torque(case, folder, case.iterations))
+            write_json(folder / RESULT, result.to_json())
         return result
     openfoam.require()
     if result is None or not (folder / str(result.provenance["iterations"])).is_dir():
