@@ -30,11 +30,11 @@ def test_grid_of_the_shipped_table():
 def test_every_row_says_where_it_comes_from(row):
     origin = row.provenance
     assert origin["version"].startswith("1912")
-    assert origin["iterations"] == row.case.iterations
+    assert origin["iterations"] >= row.case.iterations
     assert origin["cells"] == MESHES[row.case.mesh].cells
     assert origin["first_guess"]
     assert origin["cpu_seconds"] > 10.0
-    assert row.torque.window == 200
+    assert 200 <= row.torque.window < origin["iterations"]
     assert set(origin["residuals"]) >= {"Ux", "Uy", "Uz", "p"}
     assert max(origin["residuals"].values()) < 0.1
     assert 0.1 < row.y_plus["rotor"][0] < 20.0
@@ -61,7 +61,6 @@ def test_pressure_turns_the_rotor_back_and_friction_brakes_it():
 
 # what the check list must say; a table computed anew may do better, and then this list is to be shortened
 MISSED = {
-    "turned by 45°",
     "T3 varies by less than 10 %",
     "T2 is not zero and grows",
     "T3 at all tilts",
