@@ -119,7 +119,7 @@ class _Hold:
         self.filtered += filtered.sum(axis=0)
         self.spin += float(readings[:, 3].sum())
         self.times.append(time)
-        self.readings.append(readings.copy())
+        self.readings.append(readings)
 
 
 class DragEstimator:

@@ -7,10 +7,11 @@ from typing import Any, Final
 
 import yaml
 
-from gyrowheel_sim.errors import InputError
+from gyrowheel_sim.errors import InputError, one_line
 
 #: Values in a file, counted as often as anchors repeat them; more are taken for a trap.
 _MOST: Final = 1_000_000
+_LONGEST: Final = 200  # characters of what the parser says
 
 
 # The loader in C is quicker, but a text that is nested deeply enough crashes it.
@@ -51,12 +52,12 @@ def read_yaml(text: str, origin: str) -> Any:
         content = yaml.load(text, _Loader)
         _expanded(content, {})
     except yaml.YAMLError as error:
-        raise InputError(f"{origin}: not valid YAML: {_line(error)}") from None
+        raise InputError(f"{origin}: not valid YAML: {one_line(error)[:_LONGEST]}") from None
     except RecursionError:
         raise InputError(f"{origin}: not valid YAML: nested too deeply") from None
     except (ValueError, OverflowError, TypeError, AttributeError, KeyError, IndexError) as error:
         # what the constructors of dates and numbers let through
-        raise InputError(f"{origin}: not valid YAML: {_line(error)}") from None
+        raise InputError(f"{origin}: not valid YAML: {one_line(error)[:_LONGEST]}") from None
     return content
 
 
@@ -76,7 +77,3 @@ def _expanded(content: Any, known: dict[int, int]) -> int:
             raise ValueError("its anchors repeat too much")
     known[id(content)] = count
     return count
-
-
-def _line(error: Exception) -> str:
-    return " ".join(str(error).split())[:200]

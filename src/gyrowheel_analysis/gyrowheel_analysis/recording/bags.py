@@ -191,7 +191,7 @@ def _read_other(path: Path, wanted: Wanted) -> list[TopicData]:
     except InputError:
         raise
     except Exception as error:  # rosbags lets through what its parsers and sqlite3 raise on damaged files
-        raise InputError(f"{path}: cannot be read: {one_line(error) or type(error).__name__}") from None
+        raise InputError(f"{path}: cannot be read: {one_line(error)}") from None
     for number, count in counts.items():
         topic = channels[number]
         if count != topic.count:

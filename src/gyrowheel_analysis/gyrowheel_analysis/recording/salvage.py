@@ -40,11 +40,10 @@ from gyrowheel_analysis.recording.writer import (
     write_metadata,
 )
 from gyrowheel_sim.errors import InputError
+from gyrowheel_sim.wire import SECOND
 from gyrowheel_sim.yaml_text import read_yaml
 
 Fraction = Callable[[float], None]
-
-_SECOND: Final = 1_000_000_000
 
 
 @dataclass(frozen=True)
@@ -313,7 +312,7 @@ class _Job:
         last += [gap.end for _, gap in self._losses if gap.end is not None]
         missing = None if expected is None else max(expected - saved, 0)
         known_end = max(last) if last else None
-        lost_at_end = None if known_end is None else max(known_end - end, 0) / _SECOND
+        lost_at_end = None if known_end is None else max(known_end - end, 0) / SECOND
         if not ended and not any(e is not None for e in ends):
             missing = None
             lost_at_end = lost_at_end or None
@@ -325,7 +324,7 @@ class _Job:
                 gap.byte,
                 gap.size,
                 gap.messages,
-                *(None if t is None else (t - origin) / _SECOND for t in (gap.start, gap.end)),
+                *(None if t is None else (t - origin) / SECOND for t in (gap.start, gap.end)),
             )
             for file, gap in self._losses
         )
@@ -337,7 +336,7 @@ class _Job:
             messages={topic: count for topic, (_, count) in sorted(self._topics.items())},
             unchecked=self._unchecked,
             missing=missing,
-            duration=(end - start) / _SECOND,
+            duration=(end - start) / SECOND,
             lost_at_end=lost_at_end,
             broken_off=not ended,
             losses=losses,

@@ -31,8 +31,8 @@ from gyrowheel_analysis.recording.mcap_format import (
     SUMMARY_OFFSET,
 )
 from gyrowheel_analysis.recording.mcap_reader import Chunk, Damaged, Fields, Found, find_messages, open_chunk
+from gyrowheel_sim.wire import SECOND
 
-_SECOND: Final = 1_000_000_000
 _WINDOW: Final = 1 << 22  # bytes that are searched at a time
 SPAN: Final = 1 << 20  # bytes of loose messages that become one chunk
 # the begin of a chunk; looked for with a look-ahead, so that what only looks like one hides none
@@ -388,7 +388,7 @@ def _times(body: bytes) -> tuple[int | None, int | None]:
     if len(body) < 16:
         return None, None
     start, end = struct.unpack_from("<QQ", body)
-    return (start, end) if start <= end < min(start + 3600 * _SECOND, 1 << 63) else (None, None)
+    return (start, end) if start <= end < min(start + 3600 * SECOND, 1 << 63) else (None, None)
 
 
 def _reason(error: Damaged, position: int) -> str:

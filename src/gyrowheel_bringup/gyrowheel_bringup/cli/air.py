@@ -33,6 +33,7 @@ GeometryFile: TypeAlias = Annotated[
 Tilt: TypeAlias = Annotated[
     float, typer.Option("--tilt", metavar="DEG", help="Tilt about the case's x axis, in deg.")
 ]
+Speed: TypeAlias = Annotated[float, typer.Option("--speed", metavar="RPM", help="Spin rate, in rpm.")]
 Direction: TypeAlias = Annotated[
     float,
     typer.Option("--direction", metavar="DEG", help="Axis of the tilt, turned from x towards y, in deg."),
@@ -109,7 +110,7 @@ def register(app: typer.Typer) -> None:
 
 def air(
     tilt: Tilt = 5.0,
-    speed: Annotated[float, typer.Option("--speed", metavar="RPM", help="Spin rate, in rpm.")] = 3500.0,
+    speed: Speed = 3500.0,
     temperature: Temperature = None,
     pressure: Pressure = None,
     geometry: GeometryFile = "gyrowheel",
@@ -161,7 +162,7 @@ def mesh(
 def run(
     output: Study,
     tilt: Tilt = 5.0,
-    speed: Annotated[float, typer.Option("--speed", metavar="RPM", help="Spin rate, in rpm.")] = 3500.0,
+    speed: Speed = 3500.0,
     direction: Direction = 0.0,
     mesh: MeshName = "low_re",
     model: ModelName = None,

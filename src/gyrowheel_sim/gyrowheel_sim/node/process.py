@@ -19,7 +19,7 @@ from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from gyrowheel_sim.errors import InputError
+from gyrowheel_sim.errors import InputError, one_line
 from gyrowheel_sim.node.base import BenchNode, Fault
 from gyrowheel_sim.node.parameters import AUTOSTART
 
@@ -104,7 +104,7 @@ def _ros(arguments: Sequence[str]) -> Iterator[None]:
         rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # rclpy gives a class of its own to each way in which arguments can be wrong
         # what follows " Error: " are places in the source of rcl
-        reason = " ".join(str(error).split()).split(" Error: ")[0]
+        reason = one_line(error).split(" Error: ")[0]
         raise InputError(f"ROS arguments: {reason}") from None
     try:
         if unknown:

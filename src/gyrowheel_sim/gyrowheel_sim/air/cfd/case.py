@@ -412,9 +412,9 @@ def collect(case: Case, folder: Path, provenance: dict[str, Any]) -> Result:
 def _torque(case: Case, folder: Path, done: int) -> Torque:
     """Return the torque after so many iterations."""
     total, pressure = read_history(folder / "postProcessing" / "torque")
-    window = case.window if done == case.iterations else done // 2
-    if done > case.iterations:
-        window = max(case.window, window)
+    window = case.window
+    if done != case.iterations:  # the last half; on the way there may be less than a window
+        window = done // 2 if done < case.iterations else max(case.window, done // 2)
     return average(total, pressure, case.axes, window)
 
 
