@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from gyrowheel_sim.air.cfd.case import Case, Result
 from gyrowheel_sim.air.cfd.history import Torque
+from gyrowheel_sim.air.cfd.sweep import plan
 from gyrowheel_sim.air.geometry import Geometry
 from gyrowheel_sim.air.state import AirState
 from gyrowheel_sim.air.table import TorqueTable
@@ -21,6 +22,18 @@ from gyrowheel_sim.units import DEG, RPM
 RECORDED = Path(__file__).parent / "recorded"
 GEOMETRY = Geometry.load()
 AIR = AirState.paper()
+
+
+def tiny(tilt: float = 5.0, rpm: float = 3500.0, **options: object) -> Case:
+    settings = {"mesh": "tiny", "iterations": 40, "window": 20} | options
+    return Case.of(GEOMETRY, AIR, tilt * DEG, rpm * RPM, **settings)  # type: ignore[arg-type]
+
+
+def levels_of(tilts: list[float], rpms: list[float]):
+    template = tiny()
+    return plan(template, [t * DEG for t in tilts], [w * RPM for w in rpms], 3500 * RPM)
+
+
 SPEEDS = RPM * np.array([1000.0, 2000.0, 3000.0, 3500.0, 4000.0])
 TILTS = DEG * np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0])
 

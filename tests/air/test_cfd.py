@@ -1,156 +1,27 @@
-"""The flow computation without OpenFOAM: mesh, case files, logs, and the logic of runs and sweeps on a recorded run."""
+"""A case of the flow computation: logs, case files, and the logic of a run on a recorded one; one real run."""
 
 from __future__ import annotations
 
 import json
 import math
-import os
 import re
 import shutil
-import signal
-import subprocess
-import sys
-import tarfile
-import time
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from gyrowheel_sim.air.cfd import openfoam
-from gyrowheel_sim.air.cfd.case import RESULT, Case, Result, finished, mesh_quality, run_case
+from gyrowheel_sim.air.cfd.case import RESULT, Result, finished, mesh_quality, run_case
 from gyrowheel_sim.air.cfd.history import average, read_history, read_log, read_moments
-from gyrowheel_sim.air.cfd.mesh import MESHES, block_mesh_dict, both_sides, morph
-from gyrowheel_sim.air.cfd.polymesh import PolyMesh, read_field, read_points, write_field, write_points
-from gyrowheel_sim.air.cfd.sweep import companions, plan, sweep
-from gyrowheel_sim.air.table import collect_results
+from gyrowheel_sim.air.cfd.polymesh import PolyMesh, read_field, write_field
+from gyrowheel_sim.air.cfd.sweep import sweep
 from gyrowheel_sim.air.torque import tilt_axes
 from gyrowheel_sim.errors import InputError
 from gyrowheel_sim.units import DEG, RPM
 
-from .helpers import AIR, GEOMETRY, RECORDED, Player
-
-tilts = st.floats(-5.0, 5.0)
-directions = st.floats(-180.0, 180.0)
-
-
-def tiny(tilt: float = 5.0, rpm: float = 3500.0, **options: object) -> Case:
-    settings = {"mesh": "tiny", "iterations": 40, "window": 20} | options
-    return Case.of(GEOMETRY, AIR, tilt * DEG, rpm * RPM, **settings)  # type: ignore[arg-type]
-
-
-@pytest.fixture(scope="module")
-def upright(tmp_path_factory: pytest.TempPathFactory) -> PolyMesh:
-    """Return the recorded mesh of the resolution `tiny` without tilt."""
-    folder = tmp_path_factory.mktemp("mesh")
-    with tarfile.open(RECORDED / "polyMesh.tar.gz") as archive:
-        archive.extractall(folder / "constant")
-    return PolyMesh.read(folder)
-
-
-def moved(mesh: PolyMesh, tilt: float, direction: float = 0.0) -> PolyMesh:
-    points = morph(mesh.points, GEOMETRY, tilt * DEG, direction * DEG)
-    return PolyMesh(points, mesh.faces, mesh.owner, mesh.neighbour, mesh.patches)
-
-
-# ---- mesh
-
-
-@pytest.mark.parametrize("name", MESHES)
-def test_blocks_have_the_stated_number_of_cells(name: str):
-    text = block_mesh_dict(GEOMETRY, MESHES[name])
-    blocks = re.findall(r"hex \([\d ]+\) \((\d+) (\d+) (\d+)\)", text)
-    assert len(blocks) == 22
-    assert sum(math.prod(map(int, block)) for block in blocks) == MESHES[name].cells
-
-
-def test_low_re_meshes_have_the_published_order_of_cells():
-    assert MESHES["coarse"].cells == 43_200
-    assert 90_000 <= MESHES["low_re"].cells <= 110_000
-    assert MESHES["low_re_fine"].cells > 2 * MESHES["low_re"].cells
-
-
-def test_grading_is_fine_at_both_walls():
-    assert both_sides(10.0) == "((0.5 0.5 10)(0.5 0.5 0.1))"
-    assert both_sides(1.0) == "1"
-
-
-def test_the_mesh_fills_the_gap(upright: PolyMesh):
-    exact = math.pi * (
-        GEOMETRY.case_radius**2 * GEOMETRY.case_height - GEOMETRY.rotor_radius**2 * GEOMETRY.rotor_height
-    )
-    # 16 straight sides in place of a circle
-    polygon = math.sin(2 * math.pi / 16) / (2 * math.pi / 16)
-    assert upright.cells == MESHES["tiny"].cells
-    assert upright.volumes.sum() == pytest.approx(polygon * exact, rel=1e-6)
-
-
-@given(tilt=tilts, direction=directions)
-def test_no_cell_folds_when_the_rotor_tilts(upright: PolyMesh, tilt: float, direction: float):
-    mesh = moved(upright, tilt, direction)
-    assert mesh.volumes.min() > 0.2 * upright.volumes.min()
-    for patch in ("rotor", "case"):
-        assert mesh.wall_distance(patch).min() > 0.0
-        # a closed surface
-        assert mesh.face_areas[mesh.patches[patch]].sum(axis=0) == pytest.approx(0.0, abs=1e-15)
-
-
-@given(tilt=tilts, direction=directions)
-def test_the_rotor_turns_as_a_whole_and_the_case_stays(upright: PolyMesh, tilt: float, direction: float):
-    mesh = moved(upright, tilt, direction)
-    axes, still = tilt_axes(tilt * DEG, direction * DEG), tilt_axes(0.0, direction * DEG)
-    rotor = np.unique(mesh.faces[mesh.patches["rotor"]])
-    assert mesh.points[rotor] @ axes.T == pytest.approx(upright.points[rotor] @ still.T, abs=1e-9)
-    case = np.unique(mesh.faces[mesh.patches["case"]])
-    x, y, z = mesh.points[case].T
-    on_end = np.isclose(np.abs(z), GEOMETRY.case_height / 2, atol=1e-9)
-    on_rim = np.isclose(np.hypot(x, y), GEOMETRY.case_radius, atol=1e-9)
-    assert np.all(on_end | on_rim)
-    assert np.hypot(x, y).max() <= GEOMETRY.case_radius + 1e-9
-
-
-@pytest.mark.parametrize(
-    ("tilt", "geometry", "words"),
-    [
-        (5.5, GEOMETRY, ["5.5 deg", "-5 to 5 deg"]),
-        (
-            5.0,
-            GEOMETRY.with_value("case_radius", 0.0545),
-            ["5 deg", "mm of the case", "a tenth of the rim gap"],
-        ),
-        (float("nan"), GEOMETRY, ["nan"]),
-    ],
-)
-def test_a_tilt_without_a_mesh_is_refused(upright: PolyMesh, tilt: float, geometry, words: list[str]):
-    with pytest.raises(InputError) as refused:
-        morph(upright.points, geometry, tilt * DEG)
-    assert all(word in str(refused.value) for word in words)
-
-
-def test_wall_distance_of_a_mesh_by_hand(upright: PolyMesh):
-    # end gap of 12 mm in 5 equal cells: the first centre is at 1.2 mm
-    faces = upright.patches["rotor"]
-    flat = np.abs(upright.face_areas[faces][:, 2]) > 1e-12
-    assert upright.wall_distance("rotor")[flat] == pytest.approx(1.2e-3, rel=1e-6)
-
-
-def test_points_and_fields_survive_their_files(tmp_path: Path, upright: PolyMesh):
-    write_points(tmp_path / "points", upright.points)
-    assert read_points(tmp_path / "points") == pytest.approx(upright.points, abs=1e-10)
-    for values in (upright.cell_centres, upright.volumes):
-        write_field(tmp_path / "field", "field", "0 0 0 0 0 0 0", values, {"rotor": "type zeroGradient;"})
-        assert read_field(tmp_path / "field", upright.cells) == pytest.approx(values, rel=1e-7, abs=1e-12)
-
-
-def test_a_field_of_another_mesh_is_refused(tmp_path: Path, upright: PolyMesh):
-    write_field(tmp_path / "field", "field", "0 0 0 0 0 0 0", upright.volumes, {})
-    with pytest.raises(InputError, match="1824 values, 7 are expected"):
-        read_field(tmp_path / "field", 7)
-
+from .helpers import RECORDED, Player, levels_of, tiny
 
 # ---- logs
 
@@ -376,19 +247,6 @@ def test_without_its_fields_a_case_begins_anew(tmp_path: Path, player: Player):
     assert player.calls == [tiny().name] * 3
 
 
-def test_a_sweep_goes_on_with_what_has_not_settled(tmp_path: Path, player: Player):
-    levels = levels_of([0, 5], [2000, 3500])
-    sweep(levels, tmp_path, tell=lambda *_: None)
-    further = [[replace(step, case=replace(step.case, settle=60)) for step in level] for level in levels]
-    outcome = sweep(further, tmp_path, tell=lambda *_: None)
-    assert outcome.reused == 0
-    assert [result.provenance["iterations"] for result in outcome.results] == [60] * 4
-    # 40 + 20; those that start from a neighbour 24 + 20 + 16
-    assert len(player.calls) == 4 + 2 * 1 + 2 * 2
-    # a look at the same study without it computes nothing
-    assert sweep(levels, tmp_path, tell=lambda *_: None).reused == 4
-
-
 def test_a_history_with_a_hole_is_refused(tmp_path: Path, player: Player):
     case = tiny(settle=60)
     run_case(case, tmp_path)
@@ -446,154 +304,6 @@ def test_cases_that_make_no_sense_are_refused(options: dict[str, Any], words: li
     assert all(word in str(refused.value) for word in words)
 
 
-# ---- sweeps
-
-
-def levels_of(tilts: list[float], rpms: list[float]):
-    template = tiny()
-    return plan(template, [t * DEG for t in tilts], [w * RPM for w in rpms], 3500 * RPM)
-
-
-def test_a_plan_starts_each_tilt_at_one_speed_and_the_others_from_there():
-    first, rest = levels_of([0, 5], [1000, 3400, 4000])
-    assert [(s.case.tilt / DEG, round(s.case.spin_rate / RPM), s.first) for s in first] == [
-        (0.0, 3400, None),
-        (5.0, 3400, None),
-    ]
-    assert {(round(s.case.tilt / DEG), round(s.case.spin_rate / RPM)) for s in rest} == {
-        (t, w) for t in (0, 5) for w in (1000, 4000)
-    }
-    for step in rest:
-        assert step.first is not None
-        assert step.first.tilt == step.case.tilt
-
-
-@pytest.mark.parametrize(
-    ("mesh", "other", "laminar"),
-    [
-        ("low_re", "low_re_fine", "low_re"),
-        ("low_re_fine", "low_re", "low_re_fine"),
-        ("tiny", "low_re_fine", "low_re"),
-    ],
-)
-def test_companions_vary_one_thing_each(mesh: str, other: str, laminar: str):
-    steps = companions(tiny(mesh=mesh), 5 * DEG, 3500 * RPM)
-    cases = [step.case for step in steps]
-    assert len({case.name for case in cases}) == len(cases)
-    assert any(case.tilt == -5 * DEG for case in cases)
-    assert any(case.direction == pytest.approx(math.pi / 4) for case in cases)
-    assert {(c.mesh, c.model) for c in cases} >= {
-        (other, "sst"),
-        ("coarse", "paper"),
-        (laminar, "laminar"),
-    }
-
-
-def test_a_sweep_computes_nothing_twice(tmp_path: Path, player: Player):
-    seen: list[tuple[str, int, int]] = []
-    levels = levels_of([0, 5], [2000, 3500])
-    first = sweep(levels, tmp_path, tell=lambda case, _, done, total: seen.append((case.name, done, total)))
-    assert [item[1:] for item in seen] == [(1, 4), (2, 4), (3, 4), (4, 4)]
-    assert len(player.calls) == 4
-    again = sweep(levels, tmp_path, tell=lambda *_: None)
-    assert len(player.calls) == 4
-    assert (first.reused, again.reused) == (0, 4)
-    assert [r.to_json() for r in again.results] == [r.to_json() for r in first.results]
-    wider = sweep(levels_of([0, 5], [2000, 3500, 4000]), tmp_path, tell=lambda *_: None)
-    assert len(player.calls) == 6
-    assert wider.reused == 4
-    assert len(collect_results(tmp_path)) == 6
-
-
-def test_a_case_that_fails_holds_up_only_those_that_start_from_it(tmp_path: Path, player: Player):
-    levels = levels_of([0, 5], [2000, 3500])
-    player.fail_in(levels[0][1].case.name)
-    outcome = sweep(levels, tmp_path, tell=lambda *_: None)
-    assert len(outcome.results) == 2
-    assert len(outcome.failed) == 2
-    assert any("Maximum number of iterations" in why for why in outcome.failed.values())
-    assert any("first guess" in why for why in outcome.failed.values())
-
-
-def test_half_written_results_are_computed_again(tmp_path: Path, player: Player):
-    levels = levels_of([5], [3500])
-    sweep(levels, tmp_path, tell=lambda *_: None)
-    path = tmp_path / levels[0][0].case.name / RESULT
-    path.write_text(path.read_text()[:100])
-    assert sweep(levels, tmp_path, tell=lambda *_: None).reused == 0
-    assert len(player.calls) == 2
-
-
-SWEEP = ["cfd", "sweep", "--mesh", "tiny", "--iterations", "40", "--tilts", "0,2,5", "--speeds", "3000,3500"]
-
-
-@pytest.mark.parametrize("jobs", [1, 2])
-def test_a_sweep_that_is_killed_goes_on_where_it_was(tmp_path: Path, player: Player, jobs: int):
-    study = tmp_path / "study"
-    command = [
-        sys.executable,
-        "-c",
-        "from gyrowheel_bringup.cli import main; main()",
-        *SWEEP,
-        "--jobs",
-        str(jobs),
-    ]
-    player.hang_at(3)
-    process = subprocess.Popen([*command, "-o", str(study)], stderr=subprocess.PIPE, text=True)
-    try:
-        done = _wait(lambda: len(player.calls) >= 3 and len(list(study.glob(f"*/{RESULT}"))) >= 2)
-        assert done, process.poll()
-        hanging = player.calls[2]
-        assert _wait(lambda: bool(_running(player)))
-    finally:
-        process.send_signal(signal.SIGKILL)
-        process.communicate()
-    # no solver outlives its sweep
-    assert _wait(lambda: not _running(player))
-    before = {path.parent.name for path in study.glob(f"*/{RESULT}")}
-    assert hanging not in before
-    player.hang_at(None)
-    calls = len(player.calls)
-    finish = subprocess.run([*command, "-o", str(study)], capture_output=True, text=True, check=False)
-    assert finish.returncode == 0, finish.stderr
-    assert f"6 cases finished, {len(before)} of them before; 0 failed" in finish.stdout
-    assert sorted(player.calls[calls:]) == sorted({r.case.name for r in collect_results(study)} - before)
-
-
-def test_two_sweeps_in_one_folder_are_refused(tmp_path: Path, player: Player):
-    import fcntl
-
-    with (tmp_path / ".lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        with pytest.raises(InputError, match="another sweep works in this folder"):
-            sweep(levels_of([5], [3500]), tmp_path, tell=lambda *_: None)
-
-
-def test_a_sweep_runs_on_a_dask_cluster(tmp_path: Path, player: Player):
-    distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
-    ) as cluster:
-        seen: list[int] = []
-        outcome = sweep(
-            levels_of([0, 5], [2000, 3500]),
-            tmp_path / "study",
-            dask=cluster.scheduler_address,
-            tell=lambda case, result, done, total: seen.append(done),
-        )
-    assert seen == [1, 2, 3, 4]
-    assert len(outcome.results) == len(player.calls) == 4
-    assert sweep(levels_of([0, 5], [2000, 3500]), tmp_path / "study", tell=lambda *_: None).reused == 4
-
-
-def test_dask_that_is_missing_is_named(tmp_path: Path, player: Player, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setitem(sys.modules, "dask.distributed", None)
-    with pytest.raises(
-        InputError, match=r"--dask needs the package distributed.*pip install 'gyrowheel-sim\[dask\]'"
-    ):
-        sweep(levels_of([5], [3500]), tmp_path, dask="tcp://127.0.0.1:1", tell=lambda *_: None)
-
-
 # ---- without OpenFOAM
 
 
@@ -630,27 +340,3 @@ def test_a_tiny_case_really_runs(tmp_path: Path):
     other = run_case(tiny(5.0, 2000.0, model="sst", start_iterations=20), tmp_path)
     assert other.torque.mean[0] < 0.0
     assert other.torque.mean[2] < 0.0
-
-
-def _wait(condition, seconds: float = 60.0) -> bool:
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        if condition():
-            return True
-        time.sleep(0.05)
-    return False
-
-
-def _running(player: Player) -> list[int]:
-    """Return the processes that hang in place of a solver of this player."""
-    found = []
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit() and int(entry.name) != os.getpid():
-            try:
-                words = (entry / "cmdline").read_bytes().split(b"\0")
-                here = (entry / "cwd").resolve()
-            except OSError:
-                continue
-            if words[:2] == [b"sleep", b"1000"] and here.is_relative_to(player.path.parent):
-                found.append(int(entry.name))
-    return found
