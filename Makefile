@@ -17,7 +17,7 @@ PIP := $(BIN)/python -m pip -qq --disable-pip-version-check --no-input
 say = @printf '%s\n' '$(1)'
 
 MSGS := src/gyrowheel_msgs
-PACKAGES := src/gyrowheel_sim src/gyrowheel_control src/gyrowheel_analysis src/gyrowheel_bringup
+PACKAGES := $(addprefix src/gyrowheel,_core _sim _control _analysis _bringup) src/gyrowheel
 MSGS_FILES := $(addprefix $(MSGS)/,package.xml CMakeLists.txt pyproject.toml) $(wildcard $(MSGS)/*/*.*)
 # Python modules are used where they stand; these are what an installation copies.
 PACKAGE_FILES := $(foreach p,$(PACKAGES),$(wildcard \
@@ -35,7 +35,7 @@ endif
 
 .PHONY: all demo test bench lint docs lock clean help
 
-all: $(DONE)/packages ## create .venv and install the five packages into it (also: just `make`)
+all: $(DONE)/packages ## create .venv and install the seven packages into it (also: just `make`)
 	$(call say,ready: .venv/bin/gyrowheel ("make demo" shows what it does))
 
 $(DONE)/venv:

@@ -12,9 +12,9 @@ from pathlib import Path
 
 from benchmarks import SUBJECTS
 from benchmarks.results import MeasurementError, Report, shown, to_json
-from gyrowheel_bringup.cli.shell import BAD_INPUT, FINDING, INTERRUPTED, OK, advancing, put_text
-from gyrowheel_bringup.files import disk_errors, write_text
-from gyrowheel_sim.errors import InputError
+from gyrowheel.cli.shell import BAD_INPUT, FINDING, INTERRUPTED, OK, advancing, put_text
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.files import disk_errors, write_text
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -24,17 +24,17 @@ import numpy as np
 import yaml
 
 from benchmarks.results import Bar, Figure, MeasurementError, Report
-from gyrowheel_bringup.render.layout import figures_table
+from gyrowheel.text.layout import figures_table
 
 #: Functions that are stages: module, name, and what the stage is called. What none of them takes is the last one.
 STAGES = (
     ("gyrowheel_analysis.recording.reader", "Recording.open", "reading"),
-    ("gyrowheel_analysis.pipeline", "reduce_and_account", "reduction"),
-    ("gyrowheel_analysis.discovery.verdict", "prepare", "balance"),
-    ("gyrowheel_analysis.discovery.fit", "Problem.estimate_noise", "noise and drift"),
-    ("gyrowheel_analysis.discovery.verdict", "select", "selection"),
-    ("gyrowheel_analysis.discovery.verdict", "search", "free forms"),
-    ("gyrowheel_analysis.discovery.verdict", "errors_of", "error table"),
+    ("gyrowheel_analysis.fitting.preparation", "reduce_and_account", "reduction"),
+    ("gyrowheel_analysis.diagnosis.diagnose", "prepare", "balance"),
+    ("gyrowheel_analysis.fitting.problem", "Problem.estimate_noise", "noise and drift"),
+    ("gyrowheel_analysis.diagnosis.diagnose", "select", "selection"),
+    ("gyrowheel_analysis.diagnosis.diagnose", "search", "free forms"),
+    ("gyrowheel_analysis.diagnosis.diagnose", "errors_of", "error table"),
 )
 _REST, _REPORT = "ties, limits, next test", "report"
 _HIDDEN = {"aero_cross": {"c": 0.0055, "n": 1.98}}
@@ -64,12 +64,12 @@ def plan(name: str) -> str:
 def record(folder: Path, text: str, progress: Callable[[float], None]) -> int:
     """Record a machine with something to find and return the number of samples."""
     from gyrowheel_analysis.recording import write_run
-    from gyrowheel_control.closed_loop import simulate
-    from gyrowheel_control.plans import Plan
+    from gyrowheel_control.loops.closed_loop import simulate
+    from gyrowheel_control.plans.plan import Plan
     from gyrowheel_sim.bench import Bench
-    from gyrowheel_sim.blind import draw_machine
+    from gyrowheel_sim.blind.draw import draw_machine
     from gyrowheel_sim.environment import to_json
-    from gyrowheel_sim.scenario import Scenario
+    from gyrowheel_sim.plant.scenario import Scenario
 
     bench = Bench.load()
     machine = Scenario(draw_machine(bench, np.random.default_rng(6)), _HIDDEN, 6)
@@ -152,10 +152,10 @@ def main(recording: str) -> None:
     stages = dict.fromkeys([*(stage for _, _, stage in STAGES), _REST, _REPORT], 0.0)
     for module_name, path, stage in STAGES:
         _watch(module_name, path, stage, stages)
-    from gyrowheel_analysis.discovery import verdict
+    from gyrowheel.text import diagnosis as render
+    from gyrowheel_analysis.diagnosis import diagnose as verdict
     from gyrowheel_analysis.model import Model
     from gyrowheel_analysis.recording import Recording
-    from gyrowheel_bringup.render import diagnosis as render
     from gyrowheel_sim.bench import Bench
 
     model = Model(Bench.load())

@@ -24,11 +24,11 @@ from rclpy.signals import SignalHandlerOptions
 from benchmarks.results import Bar, Figure, MeasurementError, Report
 from gyrowheel_analysis.recording import info
 from gyrowheel_bringup.graph import EXECUTABLES, Graph, GraphError, Progress, find_executable
-from gyrowheel_control.plans import SETPOINT_PERIOD
-from gyrowheel_sim import topics, wire
-from gyrowheel_sim.errors import InputError
-from gyrowheel_sim.node import PARENT_VARIABLE, make_executor, prepare_environment
-from gyrowheel_sim.units import RPM
+from gyrowheel_control.plans.plan import SETPOINT_PERIOD
+from gyrowheel_core import topics, wire
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.node import PARENT_VARIABLE, make_executor, prepare_environment
+from gyrowheel_core.units import RPM
 
 TURNS, TURN_S = 2, 4.0  # of the bare ping-pong and of the two nodes, one after the other
 REALTIME_S = 60.0

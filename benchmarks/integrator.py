@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from benchmarks.ours import bench, sampled_loop
 from benchmarks.results import Bar, Figure, Report
-from gyrowheel_sim.units import DEG, RPM
+from gyrowheel_core.units import DEG, RPM
 
 TILT, SPIN = 5.0 * DEG, 3500.0 * RPM
 SECONDS = 3.0

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
 from benchmarks.ours import MECHANICAL, bench
-from gyrowheel_sim.dynamics import (
+from gyrowheel_sim.mechanics.dynamics import (
     case_accelerations,
     case_to_joint,
     generalised_forces,

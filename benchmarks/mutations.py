@@ -32,13 +32,13 @@ from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.recording import Recording, RecordingWriter, salvage, write_run
 from gyrowheel_analysis.recording.columns import column_dtype
 from gyrowheel_analysis.recording.definitions import typestore
-from gyrowheel_control.plans import Plan
-from gyrowheel_sim import topics, wire
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core import topics, wire
+from gyrowheel_core.errors import InputError
 from gyrowheel_sim.air.geometry import Geometry
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import Environment, to_json
-from gyrowheel_sim.errors import InputError
-from gyrowheel_sim.scenario import Scenario
+from gyrowheel_sim.plant.scenario import Scenario
 
 Fraction = Callable[[float], None]
 

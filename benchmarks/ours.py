@@ -10,10 +10,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from gyrowheel_control.controller import Controller, loop_code
+from gyrowheel_control.loops.controller import Controller, loop_code
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.plant import Machine, Plant, PlantParameters
-from gyrowheel_sim.scenario import Scenario
+from gyrowheel_sim.plant.plant import Machine, Plant, PlantParameters
+from gyrowheel_sim.plant.scenario import Scenario
 
 #: n_x, n_y, their rates, shaft angle and spin rate: the part of the state that every integrator has.
 MECHANICAL = 6

@@ -14,8 +14,8 @@ from typing import Any
 import rclpy
 from rclpy.node import Node
 
-from gyrowheel_sim import topics, wire
-from gyrowheel_sim.node import StopSignals, make_executor, prepare_environment
+from gyrowheel_core import topics, wire
+from gyrowheel_core.node import StopSignals, make_executor, prepare_environment
 
 _SAMPLE = wire.MEASUREMENT.pack(0, 0, *[0.0] * len(wire.MEASUREMENT.fields))
 _COMMAND = wire.COMMAND.pack(0, 0, *[0.0] * len(wire.COMMAND.fields))

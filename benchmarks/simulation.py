@@ -19,11 +19,11 @@ from benchmarks.mechanism import MujocoWheel, rates, reference
 from benchmarks.ours import MECHANICAL, Held, bench, hold, quiet, steps
 from benchmarks.results import Bar, Figure, MeasurementError, Report, number
 from benchmarks.timing import Timing, by_turns
-from gyrowheel_bringup.render.layout import figures_table
-from gyrowheel_control.closed_loop import simulate
-from gyrowheel_control.plans import Plan
-from gyrowheel_sim.scenario import Scenario
-from gyrowheel_sim.units import DEG, RPM
+from gyrowheel.text.layout import figures_table
+from gyrowheel_control.loops.closed_loop import simulate
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core.units import DEG, RPM
+from gyrowheel_sim.plant.scenario import Scenario
 
 Fraction = Callable[[float], None]
 

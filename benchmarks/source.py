@@ -16,8 +16,8 @@ from typing import Final
 import rclpy
 from rclpy.duration import Duration
 
-from gyrowheel_sim import topics, wire
-from gyrowheel_sim.node import prepare_environment
+from gyrowheel_core import topics, wire
+from gyrowheel_core.node import prepare_environment
 
 PERIOD_NS: Final = 500_000
 #: What is kept in the file: pairs published, and time since the first [s].

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import diagnosis
-from gyrowheel_control.plans import Plan
+from gyrowheel_control.plans.plan import Plan
 
 
 @pytest.mark.parametrize(("name", "seconds"), [("4 minutes", 240.0), ("1 hour", 3600.0)])

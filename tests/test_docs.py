@@ -13,8 +13,8 @@ from typing import get_args
 import pytest
 import yaml
 
+from gyrowheel.text.formulas import in_words
 from gyrowheel_analysis.model import Model
-from gyrowheel_bringup.render.formulas import in_words
 from gyrowheel_sim.effects import Effect, registry
 from gyrowheel_sim.effects.declaration import TARGETS, Category
 from gyrowheel_sim.effects.dimensions import check_effect

@@ -12,7 +12,7 @@ import pytest
 
 from benchmarks import mutations
 from benchmarks.mutations import Hang, Tally, WrongAnswer
-from gyrowheel_sim.errors import InputError
+from gyrowheel_core.errors import InputError
 
 
 def test_damaged_recordings() -> None:

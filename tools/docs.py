@@ -21,19 +21,19 @@ from PIL import Image
 from sympy.core.sorting import default_sort_key
 from sympy.printing.latex import LatexPrinter
 
-from gyrowheel_analysis.discovery.terms import ERRORS
-from gyrowheel_analysis.report.momentum import body_png, caps_png, envelope
-from gyrowheel_analysis.report.signature import Signature, signature, to_svg
-from gyrowheel_bringup.render.formulas import in_words, pretty
-from gyrowheel_bringup.render.quantities import quantity, span
+from gyrowheel.plots.momentum import body_png, caps_png, envelope
+from gyrowheel.plots.signature import Signature, signature, to_svg
+from gyrowheel.text.formulas import in_words, pretty
+from gyrowheel.text.quantities import quantity, span
+from gyrowheel_analysis.fitting.terms import ERRORS
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import Coefficient, Effect, registry
 from gyrowheel_sim.effects.declaration import TARGETS
 from gyrowheel_sim.effects.formula import FUNCTIONS, HANDY
 from gyrowheel_sim.effects.quantities import QUANTITIES, REFERENCES, z
 from gyrowheel_sim.effects.typed import typed_effect
-from gyrowheel_sim.errors import InputError
-from gyrowheel_sim.units import DEG, RPM
 
 #: Texts and pictures by path.
 Pages: TypeAlias = dict[Path, str | bytes]

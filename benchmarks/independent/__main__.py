@@ -16,10 +16,10 @@ from rich.text import Text
 from scipy.stats import binomtest
 
 from benchmarks.independent.cases import DETECTABLE, SEQUENCES, Case, solve
-from gyrowheel_bringup.cli.shell import BAD_INPUT, FINDING, INTERRUPTED, OK, advancing, put_text
-from gyrowheel_bringup.files import disk_errors, write_text
-from gyrowheel_bringup.render.layout import figures_table, heading, sentences
-from gyrowheel_sim.errors import InputError
+from gyrowheel.cli.shell import BAD_INPUT, FINDING, INTERRUPTED, OK, advancing, put_text
+from gyrowheel.text.layout import figures_table, heading, sentences
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.files import disk_errors, write_text
 
 #: Share of right answers that is asked for, and of wrong ones that is allowed.
 BARS = {"none": (1.0 - 0.01), "single": 0.97, "pair": 0.88}

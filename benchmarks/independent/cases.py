@@ -21,11 +21,11 @@ from benchmarks.independent.sequence import (
     references,
     short_sequence,
 )
-from gyrowheel_analysis.discovery.selection import ERROR_LIMIT, THRESHOLD, threshold
-from gyrowheel_analysis.discovery.terms import Term
-from gyrowheel_analysis.discovery.verdict import Diagnosis, diagnose
+from gyrowheel_analysis.diagnosis.diagnose import Diagnosis, diagnose
+from gyrowheel_analysis.diagnosis.selection import ERROR_LIMIT, THRESHOLD, threshold
+from gyrowheel_analysis.fitting.preparation import one_thread, prepare
+from gyrowheel_analysis.fitting.terms import Term
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.pipeline import one_thread, prepare
 from gyrowheel_analysis.recording import Recording, write_run
 from gyrowheel_sim.bench import Bench
 

@@ -17,5 +17,4 @@ setup(
         ("share/gyrowheel_bringup/urdf", sorted(glob("urdf/*"))),
         ("lib/gyrowheel_bringup", sorted(glob("scripts/*"))),
     ],
-    entry_points={"console_scripts": ["gyrowheel = gyrowheel_bringup.cli:main"]},
 )

@@ -9,14 +9,14 @@ import numpy as np
 
 from gyrowheel_analysis.recording import Recording, write_run
 from gyrowheel_analysis.reduction import Windows
-from gyrowheel_control.closed_loop import simulate
-from gyrowheel_control.controller import Gains
-from gyrowheel_control.plans import Plan
-from gyrowheel_sim import blind
+from gyrowheel_control.loops.closed_loop import simulate
+from gyrowheel_control.loops.controller import Gains
+from gyrowheel_control.plans.plan import Plan
 from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.blind import draw as blind
 from gyrowheel_sim.effects import EffectValues
 from gyrowheel_sim.environment import to_json
-from gyrowheel_sim.scenario import Scenario
+from gyrowheel_sim.plant.scenario import Scenario
 
 BENCH = Bench.load()
 

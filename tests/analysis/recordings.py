@@ -8,7 +8,7 @@ from rosbags.rosbag2 import CompressionFormat, StoragePlugin, Writer
 from gyrowheel_analysis.recording import RecordingWriter
 from gyrowheel_analysis.recording.columns import column_dtype
 from gyrowheel_analysis.recording.definitions import typestore
-from gyrowheel_sim import topics, wire
+from gyrowheel_core import topics, wire
 from gyrowheel_sim.environment import Environment, to_json
 
 PERIOD_NS = 500_000

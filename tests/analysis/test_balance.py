@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gyrowheel_analysis.balance import ActiveEffect, Balance
-from gyrowheel_analysis.discovery.fit import NUISANCE_GROUPS
-from gyrowheel_analysis.pipeline import samples_of
+from gyrowheel_analysis.balance.balance import ActiveEffect, Balance
+from gyrowheel_analysis.fitting.preparation import samples_of
+from gyrowheel_analysis.fitting.problem import NUISANCE_GROUPS
 from gyrowheel_analysis.reduction import reduce
 from gyrowheel_sim.effects import registry
 

@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gyrowheel_analysis.adding import add_effect
-from gyrowheel_analysis.calibration import CONSTANTS, Calibration, calibrate
-from gyrowheel_analysis.discovery.verdict import diagnose
+from gyrowheel_analysis.add import add_effect
+from gyrowheel_analysis.calibrate import CONSTANTS, Calibration, calibrate
+from gyrowheel_analysis.diagnosis.diagnose import diagnose
 from gyrowheel_analysis.model import Model, Override
 from gyrowheel_analysis.recording import Recording
-from gyrowheel_control.plans import Plan
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core.errors import InputError
 from gyrowheel_sim.effects import EffectValues
-from gyrowheel_sim.errors import InputError
-from gyrowheel_sim.scenario import Scenario
+from gyrowheel_sim.plant.scenario import Scenario
 
 from .machines import BENCH, hidden_machine, record
 

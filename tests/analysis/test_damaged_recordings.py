@@ -10,8 +10,8 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin
 
 from gyrowheel_analysis.recording import Recording, RecordingWriter
-from gyrowheel_sim import topics, wire
-from gyrowheel_sim.errors import InputError
+from gyrowheel_core import topics, wire
+from gyrowheel_core.errors import InputError
 
 from .recordings import assert_counting, assert_holds, foreign, measurements
 

@@ -9,16 +9,16 @@ from pathlib import Path
 
 import pytest
 
-from gyrowheel_analysis.adding import add_effect
+from gyrowheel_analysis.add import add_effect
 from gyrowheel_analysis.compare import compare
-from gyrowheel_analysis.discovery.verdict import Diagnosis, diagnose
+from gyrowheel_analysis.diagnosis.diagnose import Diagnosis, diagnose
 from gyrowheel_analysis.model import Model
-from gyrowheel_control.controller import Gains
-from gyrowheel_control.plans import Plan
-from gyrowheel_sim import blind
+from gyrowheel_control.loops.controller import Gains
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core.errors import InputError
+from gyrowheel_sim.blind import draw as blind
 from gyrowheel_sim.effects import EffectValues, registry
-from gyrowheel_sim.errors import InputError
-from gyrowheel_sim.scenario import Scenario
+from gyrowheel_sim.plant.scenario import Scenario
 
 from .machines import BENCH, hidden_machine, record
 

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-import gyrowheel_analysis.drag_estimator
-from gyrowheel_analysis.balance import Balance
-from gyrowheel_analysis.drag_estimator import DragEstimator, Estimate
+import gyrowheel_analysis.drag
+from gyrowheel_analysis.balance.balance import Balance
+from gyrowheel_analysis.drag import DragEstimator, Estimate
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction import Samples, reduce
-from gyrowheel_control.closed_loop import Run, simulate
-from gyrowheel_control.plans import Plan
-from gyrowheel_sim.scenario import Scenario
+from gyrowheel_control.loops.closed_loop import Run, simulate
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_sim.plant.scenario import Scenario
 
 from .machines import BENCH
 
@@ -78,7 +78,7 @@ def test_the_work_for_a_hold_grows_with_its_length_only(run: Run, monkeypatch: p
         lengths.append(len(data.time))
         return reduce(data, *rest)
 
-    monkeypatch.setattr(gyrowheel_analysis.drag_estimator, "reduce", counting)
+    monkeypatch.setattr(gyrowheel_analysis.drag, "reduce", counting)
     found = list(estimates(run))
     assert sum(lengths) < 4 * len(run.measurement)
     assert max(lengths) * BENCH.sample_period < 3.0

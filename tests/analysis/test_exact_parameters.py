@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from gyrowheel_analysis.adding import add_effect
-from gyrowheel_analysis.discovery.terms import candidate_terms
-from gyrowheel_analysis.discovery.verdict import diagnose
+from gyrowheel_analysis.add import add_effect
+from gyrowheel_analysis.diagnosis.diagnose import diagnose
+from gyrowheel_analysis.fitting.terms import candidate_terms
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.recording import Recording
-from gyrowheel_sim.errors import InputError
-from gyrowheel_sim.scenario import Scenario
+from gyrowheel_core.errors import InputError
+from gyrowheel_sim.plant.scenario import Scenario
 
 from .machines import BENCH, record
 

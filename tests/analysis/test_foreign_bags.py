@@ -9,8 +9,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.recording.definitions import definition, typestore
-from gyrowheel_sim import wire
-from gyrowheel_sim.errors import InputError
+from gyrowheel_core import wire
+from gyrowheel_core.errors import InputError
 
 from .recordings import assert_counting, foreign, measurements, objects
 

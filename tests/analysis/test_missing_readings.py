@@ -13,10 +13,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from gyrowheel_analysis.compare import compare
-from gyrowheel_analysis.discovery.verdict import diagnose
-from gyrowheel_analysis.drag_estimator import DragEstimator
+from gyrowheel_analysis.diagnosis.diagnose import diagnose
+from gyrowheel_analysis.drag import DragEstimator
+from gyrowheel_analysis.fitting.preparation import samples_of
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.pipeline import samples_of
 from gyrowheel_analysis.rate_sensor import rates
 from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.reduction import (
@@ -28,9 +28,9 @@ from gyrowheel_analysis.reduction import (
     reduce,
     reduce_and_account,
 )
-from gyrowheel_control.plans import Plan
-from gyrowheel_sim import wire
-from gyrowheel_sim.errors import InputError
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core import wire
+from gyrowheel_core.errors import InputError
 
 from .machines import BENCH, assert_same_means, hidden_machine, record
 

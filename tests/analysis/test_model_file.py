@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 import yaml
 
-from gyrowheel_analysis.adding import add_effect
+from gyrowheel_analysis.add import add_effect
 from gyrowheel_analysis.compare import compare
-from gyrowheel_analysis.discovery.verdict import diagnose
-from gyrowheel_analysis.drag_estimator import DragEstimator
+from gyrowheel_analysis.diagnosis.diagnose import diagnose
+from gyrowheel_analysis.drag import DragEstimator
 from gyrowheel_analysis.model import Model, Override
+from gyrowheel_core.errors import InputError
 from gyrowheel_sim.effects import Effect, effect_from_mapping, effect_from_text, registry
-from gyrowheel_sim.errors import InputError
-from gyrowheel_sim.scenario import Scenario
+from gyrowheel_sim.plant.scenario import Scenario
 
 from .machines import hidden_machine, record
 

@@ -11,13 +11,13 @@ from typing import Any
 import pytest
 
 from gyrowheel_analysis.compare import compare
-from gyrowheel_analysis.discovery.verdict import diagnose
+from gyrowheel_analysis.diagnosis.diagnose import diagnose
+from gyrowheel_analysis.fitting.preparation import require_one_bench
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.pipeline import require_one_bench
 from gyrowheel_analysis.rate_sensor import rates
 from gyrowheel_analysis.recording import Recording
+from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.errors import InputError
 
 from .machines import BENCH, hidden_machine, record
 

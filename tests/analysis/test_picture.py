@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gyrowheel_analysis.errors import ErrorRow, ErrorTable, Residuals
-from gyrowheel_analysis.report.picture import save_picture
-from gyrowheel_sim.errors import InputError
+from gyrowheel.plots.picture import save_picture
+from gyrowheel_analysis.residuals.error_table import ErrorRow, ErrorTable, Residuals
+from gyrowheel_core.errors import InputError
 
 TITLE = "An effect is missing: drag of the air on the spin"
 

@@ -9,10 +9,10 @@ import pytest
 
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.rate_sensor import rates
-from gyrowheel_control.plans import Plan
-from gyrowheel_sim.errors import InputError
-from gyrowheel_sim.scenario import Scenario
-from gyrowheel_sim.units import DEG
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.units import DEG
+from gyrowheel_sim.plant.scenario import Scenario
 
 from .machines import hidden_machine, record
 

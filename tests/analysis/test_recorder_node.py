@@ -23,11 +23,11 @@ from rclpy.executors import SingleThreadedExecutor
 from rosbags.highlevel import AnyReader
 
 from benchmarks.recording import Recorder, kill_once
-from gyrowheel_analysis.recorder_node import SERVICES, SampleCount, Session
+from gyrowheel_analysis.nodes.recorder import SERVICES, SampleCount, Session
 from gyrowheel_analysis.recording import Recording, salvage
-from gyrowheel_sim import topics, wire
-from gyrowheel_sim.errors import InputError
-from gyrowheel_sim.node import prepare_environment
+from gyrowheel_core import topics, wire
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.node import prepare_environment
 
 PERIOD_NS = 500_000
 
@@ -312,7 +312,7 @@ class Graph:
         self.node.create_subscription(
             DiagnosticArray, topics.DIAGNOSTICS.name, self.on_diagnostics, topics.DIAGNOSTICS.qos
         )
-        code = "from gyrowheel_analysis.recorder_node import main; raise SystemExit(main())"
+        code = "from gyrowheel_analysis.nodes.recorder import main; raise SystemExit(main())"
         arguments = [part for parameter in parameters for part in ("-p", parameter)]
         self.words = tempfile.TemporaryFile("w+")  # noqa: SIM115
         self.process = subprocess.Popen(

@@ -21,11 +21,11 @@ from rosbags.highlevel import AnyReader
 from gyrowheel_analysis.recording import Recording, RecordingWriter, info, write_run
 from gyrowheel_analysis.recording.columns import column_dtype
 from gyrowheel_analysis.recording.definitions import definition
-from gyrowheel_analysis.recording.mcap_reader import read_mcap
-from gyrowheel_analysis.recording.mcap_writer import Block, McapWriter
-from gyrowheel_sim import topics, wire
+from gyrowheel_analysis.recording.mcap.reader import read_mcap
+from gyrowheel_analysis.recording.mcap.writer import Block, McapWriter
+from gyrowheel_core import topics, wire
+from gyrowheel_core.errors import InputError
 from gyrowheel_sim.environment import Environment, to_json
-from gyrowheel_sim.errors import InputError
 
 from .recordings import ENVIRONMENT, PERIOD_NS, assert_holds, measurements, record
 

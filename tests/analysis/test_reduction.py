@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gyrowheel_analysis.balance import Balance
+from gyrowheel_analysis.balance.balance import Balance
+from gyrowheel_analysis.fitting.preparation import prepare, samples_of
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.pipeline import prepare, samples_of
 from gyrowheel_analysis.reduction import (
     READING_NOISES,
     Coverage,
@@ -20,9 +20,9 @@ from gyrowheel_analysis.reduction import (
     reduce,
     reduce_and_account,
 )
-from gyrowheel_control.controller import Gains
-from gyrowheel_control.plans import Plan
-from gyrowheel_sim.scenario import Scenario
+from gyrowheel_control.loops.controller import Gains
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_sim.plant.scenario import Scenario
 
 from .machines import BENCH, assert_same_means, hidden_machine, record
 

@@ -14,9 +14,9 @@ from rosbags.typesys import Stores, get_typestore
 
 from gyrowheel_analysis.recording import RecordingWriter
 from gyrowheel_analysis.recording.definitions import typestore
-from gyrowheel_analysis.replay import Message, Pace, Tape, parse_names
-from gyrowheel_sim import topics, wire
-from gyrowheel_sim.errors import InputError
+from gyrowheel_analysis.recording.playback import Message, Pace, Tape, parse_names
+from gyrowheel_core import topics, wire
+from gyrowheel_core.errors import InputError
 
 PERIOD_NS = 500_000
 N = 4_000  # samples: 2 s

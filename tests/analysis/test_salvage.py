@@ -16,13 +16,13 @@ from mcap.writer import CompressionType
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
+from gyrowheel.cli.app import app
+from gyrowheel.cli.shell import run
 from gyrowheel_analysis.recording import Recording, RecordingWriter, info, salvage
 from gyrowheel_analysis.recording.definitions import definition, typestore
-from gyrowheel_analysis.recording.mcap_format import CHUNK, RECORD_HEAD
-from gyrowheel_bringup.cli.app import app
-from gyrowheel_bringup.cli.shell import run
-from gyrowheel_sim import topics, wire
-from gyrowheel_sim.errors import InputError
+from gyrowheel_analysis.recording.mcap.format import CHUNK, RECORD_HEAD
+from gyrowheel_core import topics, wire
+from gyrowheel_core.errors import InputError
 
 PERIOD_NS = 500_000
 SAMPLES = 1000

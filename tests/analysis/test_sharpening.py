@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from gyrowheel_analysis.discovery.verdict import diagnose
+from gyrowheel_analysis.diagnosis.diagnose import diagnose
+from gyrowheel_analysis.diagnosis.precision import PRECISE, relative_error, sharpening
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.sharpening import PRECISE, relative_error, sharpening
 
 from .machines import hidden_machine, record
 

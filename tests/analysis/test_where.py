@@ -13,21 +13,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gyrowheel_analysis.balance import Balance
-from gyrowheel_analysis.discovery.fit import Problem
-from gyrowheel_analysis.discovery.noise import SOURCES
-from gyrowheel_analysis.grouping import direction_groups, masks, octants, speed_groups
+from gyrowheel_analysis.balance.balance import Balance
+from gyrowheel_analysis.fitting.noise import SOURCES
+from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.reduction import planned_windows
-from gyrowheel_analysis.where.dependence import SIGNIFICANT, dependences, sentences, whiteness
-from gyrowheel_analysis.where.growth import growth
-from gyrowheel_analysis.where.maps import VARIABLES, all_maps, maps_json, residual_map, variables_of
-from gyrowheel_analysis.where.regions import regions
-from gyrowheel_analysis.where.residuals import PARTS, WindowResiduals, window_residuals
-from gyrowheel_analysis.wording import number, size, size_and_noise
-from gyrowheel_control.plans import Plan
+from gyrowheel_analysis.reduction.groups import direction_groups, masks, octants, speed_groups
+from gyrowheel_analysis.residuals.dependence import SIGNIFICANT, dependences, sentences, whiteness
+from gyrowheel_analysis.residuals.growth import growth
+from gyrowheel_analysis.residuals.maps import VARIABLES, all_maps, maps_json, residual_map, variables_of
+from gyrowheel_analysis.residuals.regions import regions
+from gyrowheel_analysis.residuals.windows import PARTS, WindowResiduals, window_residuals
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.quantities import number, size, size_and_noise
+from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.errors import InputError
-from gyrowheel_sim.units import DEG, RPM
 
 BENCH = Bench.load()
 #: Temperatures and times are told from the speed in it, unlike in a short plan.

@@ -11,8 +11,8 @@ from mcap.exceptions import EndOfFile
 from mcap.stream_reader import StreamReader
 
 from gyrowheel_analysis.recording import Recording, RecordingWriter, write_run
-from gyrowheel_sim import topics, wire
-from gyrowheel_sim.errors import InputError
+from gyrowheel_core import topics, wire
+from gyrowheel_core.errors import InputError
 
 from .recordings import assert_holds, measurements, record
 

@@ -1,43 +1,38 @@
-"""The command line, and recordings and a model that tests share."""
+"""A ROS domain for each test, and processes that never outlive it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
-from gyrowheel_analysis.model import Model
-from gyrowheel_bringup.machine import scenario
-from gyrowheel_bringup.simulated import record_simulation
-from gyrowheel_control.plans import Plan
-from gyrowheel_sim.bench import Bench
-
-from .helpers import DRAG_PLAN, OTHER_PLAN, Shell
+from .helpers import Bystander, NodeProcess, next_domain
 
 
 @pytest.fixture
-def gyrowheel(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Shell:
-    monkeypatch.setenv("COLUMNS", "80")
-    return Shell(capsys)
+def domain() -> int:
+    return next_domain()
 
 
-@dataclass(frozen=True)
-class Wheel:
-    """Two recordings of one machine with windage, and the model without."""
-
-    recording: Path
-    other: Path
-    model: Path
+@pytest.fixture
+def bystander(domain: int) -> Iterator[Bystander]:
+    result = Bystander(domain)
+    yield result
+    result.close()
 
 
-@pytest.fixture(scope="session")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> Wheel:
-    folder = tmp_path_factory.mktemp("wheel")
-    bench = Bench.load()
-    for text in (DRAG_PLAN, OTHER_PLAN):
-        plan = Plan.load(text)
-        machine = scenario(bench, plan.name, effects=["windage:w=0.0013"], seed=4)
-        record_simulation(folder / plan.name, bench, machine, plan)
-    Model.new().save(folder / "model.yaml")
-    return Wheel(folder / "drag", folder / "other", folder / "model.yaml")
+@pytest.fixture
+def start_node(domain: int, tmp_path: Path) -> Iterator[Callable[..., NodeProcess]]:
+    """Return a function that starts a node by its name, with parameters."""
+    started: list[NodeProcess] = []
+
+    def start(name: str, **parameters: object) -> NodeProcess:
+        started.append(NodeProcess(name, domain, tmp_path / f"{name}{len(started)}.log", **parameters))
+        return started[-1]
+
+    yield start
+    for node in started:
+        if not node.ended():
+            node.process.kill()
+            node.process.wait()

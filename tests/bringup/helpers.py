@@ -1,86 +1,165 @@
-"""The command line run within the test, and plans of a few seconds."""
+"""What the tests with real nodes share."""
 
 from __future__ import annotations
 
-import json
-from dataclasses import dataclass
+import fcntl
+import itertools
+import os
+import signal
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 
-from gyrowheel_bringup.cli.app import app
-from gyrowheel_bringup.cli.shell import run
+from gyrowheel_bringup.graph import EXECUTABLES, find_executable
+from gyrowheel_core import topics
+from gyrowheel_core.node import PARENT_VARIABLE, make_executor, prepare_environment
 
-#: A plan that shows drag: three speeds, some tilts.
-DRAG_PLAN = """\
-schema: 1
-name: drag
-hold_s: 1.3
-segments:
-  - {spin_rpm: 3500, tilt_deg: [[0, 0], [3, 0], [0, 3]]}
-  - {spin_rpm: 2500, tilt_deg: [[-3, 0], [0, -3]]}
-  - {spin_rpm: 1500, tilt_deg: [[0, 0], [2, 2], [0, 3]]}
-"""
-#: The same states in another order, under another name.
-OTHER_PLAN = """\
-schema: 1
-name: other
-hold_s: 1.3
-segments:
-  - {spin_rpm: 3000, tilt_deg: [[0, 0], [2, -2]]}
-  - {spin_rpm: 2000, tilt_deg: [[0, 0], [-3, 1]]}
-"""
+#: A plan of about 3 s with ramps, holds and a cone, in environments that are not the ambient one.
 SHORT_PLAN = """\
 schema: 1
 name: short
-hold_s: 0.3
+hold_s: 0.4
 segments:
-  - {spin_rpm: 3000, tilt_deg: [[0, 0], [0.5, 0]]}
+  - {label: level, spin_rpm: 2000, tilt_deg: [0, 0], rig: inverted, air_density_ratio: 0.7, preheat_k: 5}
+  - {label: tilted, tilt_deg: [1.0, 0.5], hold_s: 0.8}
+  - {label: faster, spin_rpm: 2100, tilt_deg: [1.0, -0.5], rig: upright, yaw_deg: 90, preheat_k: 20}
+  - {label: cone, cone_radius_deg: 1.0, cone_period_s: 0.6}
 """
-TOO_FAST_PLAN = """\
+#: A plan that outlasts every test.
+LONG_PLAN = """\
 schema: 1
-name: too_fast
+name: long
 segments:
-  - {spin_rpm: 9000, tilt_deg: [[0, 0]]}
+  - {label: level, spin_rpm: 2000, tilt_deg: [0, 0], hold_s: 2000}
 """
 
+_numbers = itertools.count()
+_held: set[int] = set()
 
-@dataclass(frozen=True)
-class Result:
-    """What a call of the command line gave."""
 
-    code: int
-    out: str
-    err: str
+def next_domain() -> int:
+    """Return a ROS domain that no other test uses, of this run or of another one on this computer.
+
+    A file that stays locked until this process ends keeps it.
+    """
+    for _ in range(80):
+        domain = 20 + (7 * os.getpid() + next(_numbers)) % 80
+        if domain in _held:  # by a test of this run that ended long ago
+            return domain
+        handle = os.open(
+            Path(tempfile.gettempdir()) / f"gyrowheel_test_domain_{domain}", os.O_RDWR | os.O_CREAT, 0o666
+        )
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(handle)
+        else:
+            _held.add(domain)
+            return domain
+    raise RuntimeError("every ROS domain is in use")
+
+
+def alive(pid: int) -> bool:
+    """Return whether a process exists and is no zombie."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def wait_for(condition: Callable[[], Any], timeout: float) -> Any:
+    """Return the first true value of `condition`; fail after `timeout` [s]."""
+    end = time.monotonic() + timeout
+    while not (value := condition()):
+        assert time.monotonic() < end, "timed out"
+        time.sleep(0.02)
+    return value
+
+
+class Bystander:
+    """A node in the test's own process that talks to the node under test."""
+
+    def __init__(self, domain: int) -> None:
+        prepare_environment()
+        self.context = Context()
+        options = SignalHandlerOptions.NO
+        rclpy.init(args=[], context=self.context, domain_id=domain, signal_handler_options=options)
+        self.node = Node("bystander", context=self.context, use_global_arguments=False)
+        self.executor = make_executor(self.context)
+        self.executor.add_node(self.node)
+        self.diagnoses: dict[str, Any] = {}
+        self.listen(topics.DIAGNOSTICS, self._on_diagnostics)
+
+    def listen(self, topic: topics.Topic, callback: Callable[[Any], None], *, raw: bool = False) -> None:
+        self.node.create_subscription(topic.message_class, topic.name, callback, topic.qos, raw=raw)
+
+    def publisher(self, topic: topics.Topic) -> Any:
+        return self.node.create_publisher(topic.message_class, topic.name, topic.qos)
+
+    def spin_until(self, condition: Callable[[], Any], timeout: float = 30.0) -> Any:
+        """Return the first true value of `condition`; fail after `timeout` [s]."""
+        end = time.monotonic() + timeout
+        while not (value := condition()):
+            assert time.monotonic() < end, f"timed out; last diagnoses: {self.diagnoses}"
+            self.executor.spin_once(timeout_sec=0.02)
+        return value
+
+    def said(self, name: str) -> str:
+        """Return the message of the last diagnosis of a node; empty if there was none."""
+        status = self.diagnoses.get(name)
+        return "" if status is None else str(status.message)
+
+    def values(self, name: str) -> dict[str, str]:
+        """Return the values of the last diagnosis of a node; empty if there was none."""
+        status = self.diagnoses.get(name)
+        return {} if status is None else {pair.key: pair.value for pair in status.values}
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+    def _on_diagnostics(self, message: Any) -> None:
+        for status in message.status:
+            self.diagnoses[status.name] = status
+
+
+class NodeProcess:
+    """One node in a process of its own."""
+
+    def __init__(self, name: str, domain: int, log: Path, **parameters: object) -> None:
+        arguments = [f"{key}:={value}" for key, value in parameters.items()]
+        self._log = log
+        with log.open("wb") as output:
+            self.process = subprocess.Popen(
+                [
+                    str(find_executable(*EXECUTABLES[name])),
+                    "--ros-args",
+                    *itertools.chain.from_iterable(("-p", text) for text in arguments),
+                ],
+                stdout=output,
+                stderr=output,
+                env=os.environ | {"ROS_DOMAIN_ID": str(domain), PARENT_VARIABLE: str(os.getpid())},
+                start_new_session=True,
+            )
 
     @property
-    def json(self) -> Any:
-        """What it wrote to stdout, read as JSON that has only finite numbers."""
-        return json.loads(self.out, parse_constant=pytest.fail)
+    def output(self) -> str:
+        return self._log.read_text()
 
+    def ended(self) -> bool:
+        return self.process.poll() is not None
 
-class Shell:
-    """Calls the command line as `gyrowheel ...`, in this process."""
-
-    def __init__(self, capsys: pytest.CaptureFixture[str]) -> None:
-        self._capsys = capsys
-
-    def __call__(self, *arguments: object) -> Result:
-        """Return what `gyrowheel` with these arguments gives."""
-        self._capsys.readouterr()
-        code = run(app, [str(argument) for argument in arguments])
-        captured = self._capsys.readouterr()
-        return Result(code, captured.out, captured.err)
-
-    def good(self, *arguments: object) -> Result:
-        """Return the same, and insist on success."""
-        result = self(*arguments)
-        assert result.code == 0, result.err
-        return result
-
-
-def write(path: Path, text: str) -> Path:
-    """Write a text file and return its path."""
-    path.write_text(text, encoding="utf-8")
-    return path
+    def interrupt(self) -> int:
+        """Send Ctrl-C, which may well come twice; return the exit code."""
+        self.process.send_signal(signal.SIGINT)
+        self.process.send_signal(signal.SIGINT)
+        return self.process.wait(15.0)

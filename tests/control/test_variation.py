@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from gyrowheel_control.plans import Plan
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.units import DEG
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.errors import InputError
-from gyrowheel_sim.units import DEG
 
 SHIPPED = [name for name in Plan.shipped() if not name.startswith("dtg_")]
 

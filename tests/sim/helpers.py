@@ -7,14 +7,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_control.closed_loop import Run, simulate
-from gyrowheel_control.controller import Gains
-from gyrowheel_control.plans import Plan
+from gyrowheel_control.loops.closed_loop import Run, simulate
+from gyrowheel_control.loops.controller import Gains
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.dynamics import Joint, Spin, inverse
 from gyrowheel_sim.effects import EffectValues
-from gyrowheel_sim.scenario import Scenario
-from gyrowheel_sim.units import DEG, RPM
+from gyrowheel_sim.mechanics.dynamics import Joint, Spin, inverse
+from gyrowheel_sim.plant.scenario import Scenario
 
 BENCH = Bench.load()
 #: Readings without noise and drift.

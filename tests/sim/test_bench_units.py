@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 import yaml
 
+from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.errors import InputError
 
 DEFAULT = Bench.load()
 

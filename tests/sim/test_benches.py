@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gyrowheel_control.closed_loop import Run, simulate
-from gyrowheel_control.plans import Plan
+from gyrowheel_control.loops.closed_loop import Run, simulate
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.bench import Bench, unit_registry
-from gyrowheel_sim.blind import draw, draw_effect
+from gyrowheel_sim.blind.draw import draw, draw_effect
 from gyrowheel_sim.effects import Effect, effect_from_text, get, parse_option, registry
 from gyrowheel_sim.effects.sizes import for_bench, torque_scale
-from gyrowheel_sim.errors import InputError
-from gyrowheel_sim.scenario import Scenario
-from gyrowheel_sim.units import DEG, RPM
+from gyrowheel_sim.plant.scenario import Scenario
 
 BENCHES = [Bench.load(name) for name in Bench.shipped()]
 EACH = pytest.mark.parametrize("bench", BENCHES, ids=lambda bench: bench.name)

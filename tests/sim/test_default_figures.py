@@ -9,14 +9,14 @@ import numba
 import numpy as np
 import pytest
 
-from gyrowheel_analysis.balance import Balance
+from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.reduction import Samples, reduce
-from gyrowheel_control.controller import Controller, Gains, loop_code
-from gyrowheel_sim.dynamics import generalised_forces, inertia_terms, joint_accelerations
-from gyrowheel_sim.kinematics import tilt_of_joint
-from gyrowheel_sim.plant import Machine
-from gyrowheel_sim.scenario import Scenario
-from gyrowheel_sim.units import DEG, RPM
+from gyrowheel_control.loops.controller import Controller, Gains, loop_code
+from gyrowheel_core.units import DEG, RPM
+from gyrowheel_sim.mechanics.dynamics import generalised_forces, inertia_terms, joint_accelerations
+from gyrowheel_sim.mechanics.kinematics import tilt_of_joint
+from gyrowheel_sim.plant.plant import Machine
+from gyrowheel_sim.plant.scenario import Scenario
 
 from .helpers import BENCH, INERTIAS, QUIET, TUNING_INERTIA, held, hold_plan, perfect_hold, quiet_run
 

@@ -14,9 +14,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from gyrowheel_control.controller import loop_code
-from gyrowheel_sim import derivation as d
-from gyrowheel_sim.dynamics import (
+from gyrowheel_control.loops.controller import loop_code
+from gyrowheel_core.units import DEG, RPM
+from gyrowheel_sim.effects.code import compile_kernels
+from gyrowheel_sim.mechanics import derivation as d
+from gyrowheel_sim.mechanics.dynamics import (
     Spin,
     case_accelerations,
     case_to_joint,
@@ -27,12 +29,15 @@ from gyrowheel_sim.dynamics import (
     moving_case_forces,
     spin_axis,
 )
-from gyrowheel_sim.effects.code import compile_kernels
-from gyrowheel_sim.inverse_kernel import N_POINT
-from gyrowheel_sim.kinematics import case_to_motor, gimbal_to_rotor, joint_of_azimuth, motor_to_gimbal
-from gyrowheel_sim.plant import Machine, PlantParameters
-from gyrowheel_sim.scenario import Scenario
-from gyrowheel_sim.units import DEG, RPM
+from gyrowheel_sim.mechanics.inverse import N_POINT
+from gyrowheel_sim.mechanics.kinematics import (
+    case_to_motor,
+    gimbal_to_rotor,
+    joint_of_azimuth,
+    motor_to_gimbal,
+)
+from gyrowheel_sim.plant.plant import Machine, PlantParameters
+from gyrowheel_sim.plant.scenario import Scenario
 
 from .helpers import BENCH, INERTIAS, QUIET, TUNING_INERTIA, flexure_forces, perfect_hold
 
@@ -458,7 +463,9 @@ def test_compiled_inverse_dynamics_are_those_of_arrays(turning_case):
         parts.append((np.arctan(t), p_rate, a / (1.0 + t**2) - 2.0 * t * p_rate**2))
     phi = [x + 1j * y for x, y in zip(*parts, strict=True)]
     out = np.empty((N_POINT, n))
-    compile_kernels(("gyrowheel_sim", "dynamics.py"), ("gyrowheel_sim", "inverse_kernel.py")).inverse_points(
+    compile_kernels(
+        ("gyrowheel_sim", "mechanics/dynamics.py"), ("gyrowheel_sim", "mechanics/inverse.py")
+    ).inverse_points(
         *phi, np.sin(angle), np.cos(angle), rate, acceleration, *turn, turning_case, *INERTIAS, out
     )
     np.testing.assert_allclose(out[0] + 1j * out[1], z, rtol=1e-12)

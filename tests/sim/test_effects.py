@@ -14,22 +14,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gyrowheel_analysis.balance import ALL_CHANNELS, ActiveEffect, Balance
-from gyrowheel_analysis.discovery.noise import Noise
-from gyrowheel_analysis.discovery.terms import ERRORS
+from gyrowheel_analysis.balance.balance import ALL_CHANNELS, ActiveEffect, Balance
+from gyrowheel_analysis.fitting.noise import Noise
+from gyrowheel_analysis.fitting.terms import ERRORS
 from gyrowheel_analysis.reduction import READING_NOISES, Samples, reduce
-from gyrowheel_control.controller import loop_code
-from gyrowheel_control.plans import Plan
+from gyrowheel_control.loops.controller import loop_code
+from gyrowheel_control.plans.plan import Plan
 from gyrowheel_sim.bench import unit_registry
+from gyrowheel_sim.blind.outside import THREE_LOBED
 from gyrowheel_sim.effects import Coefficient, Effect, registry
 from gyrowheel_sim.effects.code import OUTPUTS, array_law, coefficient_arrays
 from gyrowheel_sim.effects.declaration import TARGETS
-from gyrowheel_sim.effects.outside import THREE_LOBED
 from gyrowheel_sim.effects.quantities import REFERENCES, Omega
 from gyrowheel_sim.environment import RIGS, Environment
-from gyrowheel_sim.kernel import N_NOISE, N_STATE
-from gyrowheel_sim.plant import Machine, simulated_effects
-from gyrowheel_sim.scenario import Scenario
+from gyrowheel_sim.plant.kernel import N_NOISE, N_STATE
+from gyrowheel_sim.plant.plant import Machine, simulated_effects
+from gyrowheel_sim.plant.scenario import Scenario
 
 from .helpers import BENCH, QUIET, quiet_run
 

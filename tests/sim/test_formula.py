@@ -16,9 +16,11 @@ import sympy as sp
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from gyrowheel_analysis.discovery.free_form import forms
-from gyrowheel_control.closed_loop import simulate
-from gyrowheel_control.plans import Plan
+from gyrowheel_analysis.diagnosis.unknown import forms
+from gyrowheel_control.loops.closed_loop import simulate
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core.errors import InputError
+from gyrowheel_sim.blind.outside import OUTSIDE
 from gyrowheel_sim.effects import (
     Effect,
     effect_from_mapping,
@@ -30,12 +32,10 @@ from gyrowheel_sim.effects import (
 from gyrowheel_sim.effects.code import array_law, laws_source
 from gyrowheel_sim.effects.dimensions import Unit, check_effect, check_unit
 from gyrowheel_sim.effects.formula import MAX_DEPTH, MAX_LENGTH, parse, read, to_text
-from gyrowheel_sim.effects.outside import OUTSIDE
 from gyrowheel_sim.effects.parts import COMPONENTS, ComplexArgumentError, split
 from gyrowheel_sim.effects.quantities import QUANTITIES, Omega, Omega_ref, rho, rho_ref, z, z_rate, z_ref
-from gyrowheel_sim.errors import InputError
-from gyrowheel_sim.plant import plant_code, simulated_effects
-from gyrowheel_sim.scenario import Scenario
+from gyrowheel_sim.plant.plant import plant_code, simulated_effects
+from gyrowheel_sim.plant.scenario import Scenario
 
 from .helpers import BENCH
 

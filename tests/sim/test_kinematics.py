@@ -11,10 +11,10 @@ import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gyrowheel_sim import derivation as d
-from gyrowheel_sim import kinematics as k
-from gyrowheel_sim.dynamics import spin_axis
-from gyrowheel_sim.units import DEG, RPM
+from gyrowheel_core.units import DEG, RPM
+from gyrowheel_sim.mechanics import derivation as d
+from gyrowheel_sim.mechanics import kinematics as k
+from gyrowheel_sim.mechanics.dynamics import spin_axis
 
 from .helpers import INERTIAS
 

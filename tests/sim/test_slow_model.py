@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from gyrowheel_sim import derivation as d
-from gyrowheel_sim.units import DEG, RPM
+from gyrowheel_core.units import DEG, RPM
+from gyrowheel_sim.mechanics import derivation as d
 
 from .helpers import BENCH, INERTIAS, TUNING_INERTIA, perfect_hold
 

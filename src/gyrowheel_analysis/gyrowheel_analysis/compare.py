@@ -9,8 +9,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.discovery.fit import Fit, Problem
-from gyrowheel_analysis.errors import (
+from gyrowheel_analysis.fitting.preparation import (
+    FEWEST_WINDOWS,
+    Prepared,
+    Progress,
+    errors_of,
+    one_thread,
+    prepare,
+)
+from gyrowheel_analysis.fitting.problem import Fit, Problem
+from gyrowheel_analysis.model import Model
+from gyrowheel_analysis.recording import Recording
+from gyrowheel_analysis.reduction import Coverage, concatenate
+from gyrowheel_analysis.residuals.dependence import Dependence, Whiteness, dependences, sentences, whiteness
+from gyrowheel_analysis.residuals.error_table import (
     CHANNELS,
     TORQUE_CHANNELS,
     ErrorRow,
@@ -20,15 +32,10 @@ from gyrowheel_analysis.errors import (
     channels_of,
     error_row,
 )
-from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.pipeline import FEWEST_WINDOWS, Prepared, Progress, errors_of, one_thread, prepare
-from gyrowheel_analysis.recording import Recording
-from gyrowheel_analysis.reduction import Coverage, concatenate
-from gyrowheel_analysis.where.dependence import Dependence, Whiteness, dependences, sentences, whiteness
-from gyrowheel_analysis.where.maps import ResidualMap, all_maps, maps_json
-from gyrowheel_analysis.where.regions import Region, regions
-from gyrowheel_analysis.where.residuals import WindowResiduals, window_residuals
-from gyrowheel_sim.errors import InputError
+from gyrowheel_analysis.residuals.maps import ResidualMap, all_maps, maps_json
+from gyrowheel_analysis.residuals.regions import Region, regions
+from gyrowheel_analysis.residuals.windows import WindowResiduals, window_residuals
+from gyrowheel_core.errors import InputError
 
 Array = NDArray[np.float64]
 

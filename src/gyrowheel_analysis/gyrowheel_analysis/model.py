@@ -11,6 +11,8 @@ from typing import Any
 
 import yaml
 
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.yaml_text import read_yaml
 from gyrowheel_sim.bench import Bench, check_value
 from gyrowheel_sim.effects import (
     Effect,
@@ -22,8 +24,6 @@ from gyrowheel_sim.effects import (
     validated,
 )
 from gyrowheel_sim.effects.user import check_name
-from gyrowheel_sim.errors import InputError
-from gyrowheel_sim.yaml_text import read_yaml
 
 SCHEMA = 1
 

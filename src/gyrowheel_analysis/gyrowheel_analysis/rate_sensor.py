@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.balance import ActiveEffect, Balance
-from gyrowheel_analysis.discovery.noise import Noise
+from gyrowheel_analysis.balance.balance import ActiveEffect, Balance
+from gyrowheel_analysis.fitting.noise import Noise
+from gyrowheel_analysis.fitting.preparation import one_thread, require_one_bench, samples_of
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.pipeline import one_thread, require_one_bench, samples_of
 from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.reduction import Windows, concatenate, reduce
+from gyrowheel_core.errors import InputError
 from gyrowheel_sim.effects import registry
-from gyrowheel_sim.errors import InputError
 
 Array = NDArray[np.float64]
 

@@ -11,10 +11,10 @@ from typing import Any, Final
 
 from gyrowheel_analysis.recording.definitions import definition
 from gyrowheel_bringup.viewers import robot_description
-from gyrowheel_sim import topics, wire
-from gyrowheel_sim.errors import InputError, one_line
-from gyrowheel_sim.node import BenchNode, Diagnosis, Param, run_node
-from gyrowheel_sim.topics import Topic
+from gyrowheel_core import topics, wire
+from gyrowheel_core.errors import InputError, one_line
+from gyrowheel_core.node import BenchNode, Diagnosis, Param, run_node
+from gyrowheel_core.topics import Topic
 
 HOST: Final = "127.0.0.1"
 PORT: Final = 8765

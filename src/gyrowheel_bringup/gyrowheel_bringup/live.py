@@ -10,8 +10,8 @@ import time
 from collections.abc import Iterator
 
 from gyrowheel_bringup.graph import GraphError, find_executable
-from gyrowheel_sim.errors import InputError
-from gyrowheel_sim.node import PARENT_VARIABLE, ExitCode, prepare_environment
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.node import PARENT_VARIABLE, ExitCode, prepare_environment
 
 _START = 60.0  # [s]
 

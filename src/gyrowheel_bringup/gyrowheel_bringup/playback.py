@@ -18,12 +18,12 @@ from typing import Any, Final
 import numpy as np
 import yaml
 
-from gyrowheel_analysis.replay import Tape
-from gyrowheel_analysis.replay_node import ReplayNode
+from gyrowheel_analysis.nodes.replay import ReplayNode
+from gyrowheel_analysis.recording.playback import Tape
 from gyrowheel_bringup.graph import EXECUTABLES, find_executable
-from gyrowheel_sim import topics, wire
-from gyrowheel_sim.errors import InputError
-from gyrowheel_sim.node import PARENT_VARIABLE, ExitCode, prepare_environment, run_node
+from gyrowheel_core import topics, wire
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.node import PARENT_VARIABLE, ExitCode, prepare_environment, run_node
 
 _LOOK: Final = 0.1  # time between two looks at keys and companions [s]
 _ESTIMATOR: Final = "drag_estimator"

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Final
 
-from gyrowheel_sim.errors import InputError
+from gyrowheel_core.errors import InputError
 
 _PACKAGE: Final = "gyrowheel_bringup"
 

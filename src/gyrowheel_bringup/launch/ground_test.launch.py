@@ -13,7 +13,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 
 from gyrowheel_bringup.graph import EXECUTABLES, node_parameters
 from gyrowheel_bringup.viewers import robot_description, rviz_config
-from gyrowheel_control.plans import Plan
+from gyrowheel_control.plans.plan import Plan
 from gyrowheel_sim.bench import Bench
 from launch import LaunchContext, LaunchDescription
 

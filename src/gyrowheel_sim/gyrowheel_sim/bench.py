@@ -15,8 +15,8 @@ from typing import Any
 import pint
 import yaml
 
-from gyrowheel_sim.errors import InputError, one_line
-from gyrowheel_sim.yaml_text import read_yaml
+from gyrowheel_core.errors import InputError, one_line
+from gyrowheel_core.yaml_text import read_yaml
 
 SCHEMA = 1
 #: Files of the benches that come with the project, by name.

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from gyrowheel_sim.errors import InputError, one_line
+from gyrowheel_core.errors import InputError, one_line
 
 #: Attitudes of the rig: case z up, case z down (turned about x), case x up, case y up.
 RIGS = ("upright", "inverted", "x_up", "y_up")

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any, Final
 
 from gyrowheel_analysis.exchange.fields import GROUPS, Field
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.units import DEG
+from gyrowheel_core.yaml_text import read_yaml
 from gyrowheel_sim.bench import Bench, unit_registry
 from gyrowheel_sim.environment import Environment
-from gyrowheel_sim.errors import InputError
-from gyrowheel_sim.units import DEG
-from gyrowheel_sim.yaml_text import read_yaml
 
 SCHEMA: Final = 1
 #: Unit of time stamps written as dates, such as 2026-05-04T10:00:00.0005.

@@ -21,10 +21,10 @@ from gyrowheel_analysis.exchange.column_map import KEEP, SCHEMA
 from gyrowheel_analysis.exchange.fields import COMMANDS, GROUPS, READINGS, SETPOINTS
 from gyrowheel_analysis.exchange.table import check_suffix
 from gyrowheel_analysis.recording import Recording
+from gyrowheel_core import wire
+from gyrowheel_core.errors import InputError, one_line
+from gyrowheel_core.units import DEG
 from gyrowheel_sim import environment as environments
-from gyrowheel_sim import wire
-from gyrowheel_sim.errors import InputError, one_line
-from gyrowheel_sim.units import DEG
 
 #: How a map that was written begins.
 _MAP_HEAD: Final = "# What the columns of the table mean, for `gyrowheel import`.\n"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from gyrowheel_sim import wire
+from gyrowheel_core import wire
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,10 @@ from gyrowheel_analysis.exchange.column_map import ColumnMap
 from gyrowheel_analysis.exchange.fields import COMMANDS, READINGS, SETPOINTS
 from gyrowheel_analysis.exchange.table import Table
 from gyrowheel_analysis.recording import RecordingWriter
-from gyrowheel_control.plans import SETPOINT_PERIOD
+from gyrowheel_control.plans.plan import SETPOINT_PERIOD
+from gyrowheel_core import topics, wire
+from gyrowheel_core.errors import InputError
 from gyrowheel_sim import environment as environments
-from gyrowheel_sim import topics, wire
-from gyrowheel_sim.errors import InputError
 
 _RECORDING_CHUNK: Final = 1 << 20  # bytes
 

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from gyrowheel_analysis.exchange.column_map import TIMESTAMP, ColumnMap, Source
 from gyrowheel_analysis.exchange.fields import Field
+from gyrowheel_core.errors import InputError, one_line
 from gyrowheel_sim.bench import unit_registry
-from gyrowheel_sim.errors import InputError, one_line
 
 Array = NDArray[np.float64]
 

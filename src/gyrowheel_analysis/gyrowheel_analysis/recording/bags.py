@@ -16,10 +16,10 @@ import zstandard
 from rosbags.interfaces import ConnectionExtRosbag2, MessageDefinitionFormat
 from rosbags.rosbag2 import Reader
 
-from gyrowheel_analysis.recording.mcap_reader import Damaged, TopicData, Wanted, read_mcap
+from gyrowheel_analysis.recording.mcap.reader import Damaged, TopicData, Wanted, read_mcap
 from gyrowheel_analysis.recording.writer import METADATA_FILE
-from gyrowheel_sim.errors import InputError, one_line
-from gyrowheel_sim.yaml_text import read_yaml
+from gyrowheel_core.errors import InputError, one_line
+from gyrowheel_core.yaml_text import read_yaml
 
 _BATCH: Final = 1 << 14  # messages that are looked at together
 _SQLITE: Final = b"SQLite format 3\0"

@@ -14,10 +14,10 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 from rosbags.typesys.store import Typestore
 
 from gyrowheel_analysis.recording.definitions import typestore
-from gyrowheel_analysis.recording.mcap_reader import Rows, TopicData, Want
-from gyrowheel_sim import wire
-from gyrowheel_sim.errors import InputError, one_line
-from gyrowheel_sim.wire import Layout
+from gyrowheel_analysis.recording.mcap.reader import Rows, TopicData, Want
+from gyrowheel_core import wire
+from gyrowheel_core.errors import InputError, one_line
+from gyrowheel_core.wire import Layout
 
 _SEPARATOR = "=" * 80 + "\n"
 

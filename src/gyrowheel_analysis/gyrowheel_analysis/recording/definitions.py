@@ -11,7 +11,7 @@ from pathlib import Path
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from gyrowheel_sim.errors import InputError
+from gyrowheel_core.errors import InputError
 
 _PACKAGE = "gyrowheel_msgs"
 _SEPARATOR = "=" * 80

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from gyrowheel_analysis.recording.reader import Integrity, Recording
-from gyrowheel_sim.units import DEG, RPM
+from gyrowheel_core.units import DEG, RPM
 
 _HOLD = 1  # Setpoint.HOLD
 

@@ -13,11 +13,11 @@ import numpy.typing as npt
 
 from gyrowheel_analysis.recording.bags import read_bag
 from gyrowheel_analysis.recording.columns import columns, texts, wanted
-from gyrowheel_analysis.recording.mcap_reader import Want
+from gyrowheel_analysis.recording.mcap.reader import Want
+from gyrowheel_core import topics, wire
+from gyrowheel_core.errors import InputError
 from gyrowheel_sim import environment as environments
-from gyrowheel_sim import topics, wire
 from gyrowheel_sim.environment import Environment
-from gyrowheel_sim.errors import InputError
 
 _COLUMNS = (topics.MEASUREMENT, topics.COMMAND, topics.SETPOINT, topics.DRAG_ESTIMATE)
 _GAPS_SHOWN = 4

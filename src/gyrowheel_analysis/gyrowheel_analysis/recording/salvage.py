@@ -22,13 +22,13 @@ import numpy.typing as npt
 import zstandard
 
 from gyrowheel_analysis.recording.bags import read_bag
-from gyrowheel_analysis.recording.mcap_format import (
+from gyrowheel_analysis.recording.mcap.format import (
     CHANNEL,
     RECORD_HEAD,
     SCHEMA,
 )
-from gyrowheel_analysis.recording.mcap_reader import Damaged, Fields, Found, find_messages
-from gyrowheel_analysis.recording.mcap_writer import McapWriter
+from gyrowheel_analysis.recording.mcap.reader import Damaged, Fields, Found, find_messages
+from gyrowheel_analysis.recording.mcap.writer import McapWriter
 from gyrowheel_analysis.recording.reader import Integrity, Recording
 from gyrowheel_analysis.recording.survey import SPAN, Gap, Survey, load_piece, take_survey
 from gyrowheel_analysis.recording.writer import (
@@ -39,9 +39,9 @@ from gyrowheel_analysis.recording.writer import (
     metadata_text,
     write_metadata,
 )
-from gyrowheel_sim.errors import InputError
-from gyrowheel_sim.wire import SECOND
-from gyrowheel_sim.yaml_text import read_yaml
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.wire import SECOND
+from gyrowheel_core.yaml_text import read_yaml
 
 Fraction = Callable[[float], None]
 

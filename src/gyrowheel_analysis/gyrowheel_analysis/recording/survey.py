@@ -13,7 +13,7 @@ from typing import BinaryIO, Final
 
 import numpy as np
 
-from gyrowheel_analysis.recording.mcap_format import (
+from gyrowheel_analysis.recording.mcap.format import (
     CHANNEL,
     CHUNK,
     DATA_END,
@@ -30,8 +30,8 @@ from gyrowheel_analysis.recording.mcap_format import (
     STATISTICS,
     SUMMARY_OFFSET,
 )
-from gyrowheel_analysis.recording.mcap_reader import Chunk, Damaged, Fields, Found, find_messages, open_chunk
-from gyrowheel_sim.wire import SECOND
+from gyrowheel_analysis.recording.mcap.reader import Chunk, Damaged, Fields, Found, find_messages, open_chunk
+from gyrowheel_core.wire import SECOND
 
 _WINDOW: Final = 1 << 22  # bytes that are searched at a time
 SPAN: Final = 1 << 20  # bytes of loose messages that become one chunk

@@ -16,10 +16,10 @@ import numpy.typing as npt
 import yaml
 
 from gyrowheel_analysis.recording.definitions import definition
-from gyrowheel_analysis.recording.mcap_writer import Block, McapWriter
-from gyrowheel_sim import topics, wire
-from gyrowheel_sim.errors import InputError
-from gyrowheel_sim.topics import Topic
+from gyrowheel_analysis.recording.mcap.writer import Block, McapWriter
+from gyrowheel_core import topics, wire
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.topics import Topic
 
 #: Name of the file that makes a directory a recording; it is written last.
 METADATA_FILE: Final = "metadata.yaml"

@@ -22,7 +22,7 @@ from gyrowheel_analysis.reduction.spans import (
 )
 from gyrowheel_analysis.reduction.window_fit import spin_terms
 from gyrowheel_analysis.reduction.windows import DEGREE, FORWARD, HARMONICS, MODULATION, Windows, attitude
-from gyrowheel_control.plans import Plan
+from gyrowheel_control.plans.plan import Plan
 from gyrowheel_sim.bench import Bench
 
 

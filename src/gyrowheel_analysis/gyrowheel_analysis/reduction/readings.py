@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.signal.windows import blackmanharris
 
 from gyrowheel_analysis.reduction.samples import Array, Samples
-from gyrowheel_sim import wire
+from gyrowheel_core import wire
 from gyrowheel_sim.bench import Bench
 
 #: What the noise of the readings is called in the bench file, in the order of `Windows.reading_noise`.

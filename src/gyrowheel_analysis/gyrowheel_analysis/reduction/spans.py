@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from gyrowheel_analysis.reduction.samples import Samples
-from gyrowheel_control.plans import HOLD
-from gyrowheel_sim.units import DEG
+from gyrowheel_control.plans.plan import HOLD
+from gyrowheel_core.units import DEG
 
 #: Time given to the loops to settle at the start of a steady motion [s]; the spin loop is the slower one.
 SETTLING = 0.5

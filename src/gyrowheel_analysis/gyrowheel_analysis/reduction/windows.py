@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from gyrowheel_analysis.reduction.motor_heat import MOTOR_THERMAL
 from gyrowheel_analysis.reduction.readings import READING_NOISES
 from gyrowheel_analysis.reduction.samples import Array
+from gyrowheel_core.units import DEG
 from gyrowheel_sim.environment import Environment
-from gyrowheel_sim.units import DEG
 
 HARMONICS = (-2, -1, 1, 2)
 #: Those of the coils' voltages that are compared: an effect that turns with the rotor acts forward.

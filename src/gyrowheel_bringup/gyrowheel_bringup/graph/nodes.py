@@ -8,10 +8,10 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import NoReturn
 
-from gyrowheel_control.plans import Plan
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.node import prepare_environment
 from gyrowheel_sim.environment import to_json
-from gyrowheel_sim.errors import InputError
-from gyrowheel_sim.node import prepare_environment
 
 #: Package and executable of each node, by the node's name.
 EXECUTABLES: Mapping[str, tuple[str, str]] = {

@@ -32,13 +32,13 @@ from gyrowheel_bringup.graph.children import Child, remove_left, uninterrupted
 from gyrowheel_bringup.graph.cores import share_core
 from gyrowheel_bringup.graph.nodes import EXECUTABLES, find_executable, node_parameters
 from gyrowheel_bringup.graph.results import GraphError, GraphResult, Progress
-from gyrowheel_control.limits import plan_tilt_limit, tilt_limit
-from gyrowheel_control.plans import Plan
-from gyrowheel_sim import topics
+from gyrowheel_control.loops.limits import plan_tilt_limit, tilt_limit
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core import topics
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.node import PARENT_VARIABLE, ExitCode, make_executor, prepare_environment
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.errors import InputError
-from gyrowheel_sim.node import PARENT_VARIABLE, ExitCode, make_executor, prepare_environment
-from gyrowheel_sim.scenario import Scenario
+from gyrowheel_sim.plant.scenario import Scenario
 
 _STOP_TIMEOUT = 20.0  # for a node to end by itself [s]
 _SETTLE_TIMEOUT = 30.0  # for a node to take what was sent to it [s]

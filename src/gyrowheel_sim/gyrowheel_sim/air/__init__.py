@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from gyrowheel_sim.errors import InputError
+from gyrowheel_core.errors import InputError
 
 if TYPE_CHECKING:
     from gyrowheel_sim.air.table import TorqueTable

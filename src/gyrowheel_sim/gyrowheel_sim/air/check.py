@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.air.cfd.case import Result
 from gyrowheel_sim.air.correlations import drag
 from gyrowheel_sim.air.geometry import Geometry
 from gyrowheel_sim.air.surrogate import fit_table
 from gyrowheel_sim.air.table import WALL_FUNCTION_Y, TorqueTable
-from gyrowheel_sim.errors import InputError
-from gyrowheel_sim.units import DEG, RPM
 
 Array = NDArray[np.float64]
 _NAMES = ("T1", "T2", "T3")

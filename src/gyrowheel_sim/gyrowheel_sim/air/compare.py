@@ -8,6 +8,8 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.air import MODELS, get_model
 from gyrowheel_sim.air.effects import options_of
 from gyrowheel_sim.air.geometry import Geometry
@@ -15,8 +17,6 @@ from gyrowheel_sim.air.state import MACH_LIMIT, AirState, density_change, reynol
 from gyrowheel_sim.air.surrogate import coefficients
 from gyrowheel_sim.air.table import TorqueTable
 from gyrowheel_sim.air.torque import AirTorque, split_tilt
-from gyrowheel_sim.errors import InputError
-from gyrowheel_sim.units import DEG, RPM
 
 
 @dataclass(frozen=True)

@@ -22,9 +22,9 @@ from typing import Final
 
 from scipy.optimize import brentq
 
+from gyrowheel_core.errors import InputError
 from gyrowheel_sim.air.geometry import Geometry
 from gyrowheel_sim.air.state import AirState, reynolds_number
-from gyrowheel_sim.errors import InputError
 
 CYLINDERS: Final = ("bilgen_boulos", "wendt", "vrancik")
 REGIMES: Final = ("I", "II", "III", "IV")

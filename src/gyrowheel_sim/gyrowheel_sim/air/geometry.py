@@ -10,9 +10,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from gyrowheel_sim.errors import InputError
-from gyrowheel_sim.units import DEG
-from gyrowheel_sim.yaml_text import read_yaml
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.units import DEG
+from gyrowheel_core.yaml_text import read_yaml
 
 SCHEMA = 1
 LENGTHS = ("rotor_radius", "rotor_height", "case_radius", "case_height")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from gyrowheel_sim.errors import InputError
+from gyrowheel_core.errors import InputError
 
 #: Specific gas constant of dry air [J/(kg K)] (ISO 2533).
 GAS_CONSTANT = 287.05287

@@ -17,12 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.air.geometry import Geometry
 from gyrowheel_sim.air.state import AirState
 from gyrowheel_sim.air.table import Table, TorqueTable
 from gyrowheel_sim.air.torque import AirModel, AirTorque, check_speed, split_tilt, tilt_axes
-from gyrowheel_sim.errors import InputError
-from gyrowheel_sim.units import DEG, RPM
 
 Array = NDArray[np.float64]
 #: The effect of each component, and the name of its size.

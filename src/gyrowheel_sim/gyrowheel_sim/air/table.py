@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import RegularGridInterpolator
 
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.air.cfd.case import Case, Result
 from gyrowheel_sim.air.geometry import LENGTHS, Geometry
 from gyrowheel_sim.air.state import AirState, reynolds_number
 from gyrowheel_sim.air.torque import AirTorque, check_speed, split_tilt, tilt_axes
-from gyrowheel_sim.errors import InputError
-from gyrowheel_sim.units import DEG, RPM
 
 Array = NDArray[np.float64]
 SCHEMA = 1

@@ -9,9 +9,9 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gyrowheel_core.errors import InputError
 from gyrowheel_sim.air.geometry import Geometry
 from gyrowheel_sim.air.state import AirState
-from gyrowheel_sim.errors import InputError
 
 Array = NDArray[np.float64]
 

@@ -180,8 +180,8 @@ _COMPOSED: dict[Any, ModuleType] = {}
 
 
 def _compose(effects: Sequence[Effect], extra: Sequence[tuple[str, str]]) -> ModuleType:
-    parts = [_kernel_text("gyrowheel_sim", "dynamics.py"), _cached_laws(tuple(effects))]
-    parts += [_kernel_text(package, name) for package, name in (("gyrowheel_sim", "kernel.py"), *extra)]
+    parts = [_kernel_text("gyrowheel_sim", "mechanics/dynamics.py"), _cached_laws(tuple(effects))]
+    parts += [_kernel_text(package, name) for package, name in (("gyrowheel_sim", "plant/kernel.py"), *extra)]
     return _compiled(parts, "the laws of the effects and the kernels of the bench")
 
 

@@ -11,11 +11,11 @@ from fractions import Fraction
 
 from pint.errors import PintError
 
+from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import unit_registry
 from gyrowheel_sim.effects.declaration import TARGETS, Effect
 from gyrowheel_sim.effects.formula import Formula, Node, read, to_text
 from gyrowheel_sim.effects.quantities import QUANTITIES
-from gyrowheel_sim.errors import InputError
 
 _FACTOR = re.compile(r"([*/]?)(1|[^\W\d_]+)(?:\^(-?[0-9]))?")
 _SPELLED = str.maketrans({"·": "*", "⋅": "*", "²": "^2", "³": "^3", "Ω": "ohm", "µ": "u", "μ": "u"})

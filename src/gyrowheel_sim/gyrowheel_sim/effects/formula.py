@@ -19,9 +19,9 @@ from typing import Any, Literal
 import sympy as sp
 from sympy.core.sorting import default_sort_key
 
+from gyrowheel_core.errors import InputError
 from gyrowheel_sim.effects.parts import COMPONENTS, ComplexArgumentError, Parts, is_real
 from gyrowheel_sim.effects.quantities import QUANTITIES, Omega, Omega_ref, z
-from gyrowheel_sim.errors import InputError
 
 MAX_LENGTH = 1000
 MAX_DEPTH = 30

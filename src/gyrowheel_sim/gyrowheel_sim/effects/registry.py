@@ -11,12 +11,12 @@ from importlib.metadata import entry_points
 from types import MappingProxyType
 from typing import TypeAlias
 
+from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.declaration import Effect
 from gyrowheel_sim.effects.dimensions import check_effect
 from gyrowheel_sim.effects.library import LIBRARY
 from gyrowheel_sim.effects.sizes import for_bench
-from gyrowheel_sim.errors import InputError
 
 #: Coefficients of effects: {effect: {coefficient: value}}.
 EffectValues: TypeAlias = dict[str, dict[str, float]]

@@ -10,11 +10,11 @@ import itertools
 import re
 from collections.abc import Mapping, Sequence
 
+from gyrowheel_core.errors import InputError
 from gyrowheel_sim.effects.declaration import TARGETS, Effect
 from gyrowheel_sim.effects.dimensions import MissingUnitError, Unit, check_unit
 from gyrowheel_sim.effects.formula import MAX_LENGTH, NAME, RESERVED, read
 from gyrowheel_sim.effects.user import LAW_FIELDS, effect_from_text, effect_to_mapping
-from gyrowheel_sim.errors import InputError
 
 _PREFIX = re.compile(rf"\s*({NAME.pattern})\s*:(.*)", re.DOTALL)
 #: A name of one letter, numbered or with an index at most: ``k``, ``k2``, ``F_x``.

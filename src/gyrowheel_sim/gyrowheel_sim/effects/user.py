@@ -23,12 +23,12 @@ from typing import Any, get_args
 import numpy as np
 import sympy as sp
 
+from gyrowheel_core.errors import InputError
 from gyrowheel_sim.effects.declaration import TARGETS, Category, Coefficient, Effect, Law
 from gyrowheel_sim.effects.dimensions import MissingUnitError, Unit, check_unit
 from gyrowheel_sim.effects.formula import NAME, RESERVED, Formula, read, to_text
 from gyrowheel_sim.effects.parts import ComplexArgumentError, is_real
 from gyrowheel_sim.effects.quantities import theta, theta_rate
-from gyrowheel_sim.errors import InputError
 
 #: Names that a law may have in a declaration, and the targets that they mean.
 LAW_FIELDS: dict[str, str] = {"torque": "rotor_torque", **{target: target for target in TARGETS}}

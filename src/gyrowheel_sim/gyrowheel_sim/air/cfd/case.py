@@ -19,14 +19,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.air.cfd import dictionaries, openfoam, polymesh
 from gyrowheel_sim.air.cfd.history import Torque, average, read_history, read_log
 from gyrowheel_sim.air.cfd.mesh import MESHES, block_mesh_dict, check_tilt, get_mesh, morph
 from gyrowheel_sim.air.geometry import LENGTHS, Geometry
 from gyrowheel_sim.air.state import AirState
 from gyrowheel_sim.air.torque import tilt_axes
-from gyrowheel_sim.errors import InputError
-from gyrowheel_sim.units import DEG, RPM
 
 Array = NDArray[np.float64]
 #: Told the part that is done, 0 .. 1.

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_core.errors import InputError
 from gyrowheel_sim.air.cfd.openfoam import version_in
-from gyrowheel_sim.errors import InputError
 
 Array = NDArray[np.float64]
 #: A torque is settled when the means of both halves of the window differ by less than this part of it.

@@ -14,8 +14,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_core.errors import InputError
 from gyrowheel_sim.air.geometry import Geometry
-from gyrowheel_sim.errors import InputError
 
 #: Largest tilt for which the moved mesh was checked [rad].
 TILT_LIMIT = math.radians(5.0)

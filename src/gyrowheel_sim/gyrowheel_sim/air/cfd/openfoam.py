@@ -12,7 +12,7 @@ import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
-from gyrowheel_sim.errors import InputError
+from gyrowheel_core.errors import InputError
 
 #: Where distributions put OpenFOAM's own files; the programs need to know it, and nothing else of its shell setup.
 _HOMES = ("/usr/share/openfoam", "/usr/lib/openfoam")

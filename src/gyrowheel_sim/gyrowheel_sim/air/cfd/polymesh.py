@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_sim.errors import InputError
+from gyrowheel_core.errors import InputError
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -10,10 +10,10 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from gyrowheel_core.errors import InputError, one_line
 from gyrowheel_sim.air.cfd import openfoam
 from gyrowheel_sim.air.cfd.case import Case, Result, finished, run_case
 from gyrowheel_sim.air.cfd.mesh import MESHES
-from gyrowheel_sim.errors import InputError, one_line
 
 #: Told after every case: the case, its result or the reason why it failed, how many are done, how many there are.
 Tell = Callable[[Case, "Result | str", int, int], None]

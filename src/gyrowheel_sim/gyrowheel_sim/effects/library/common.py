@@ -12,9 +12,7 @@ speed_ratio = Omega / Omega_ref
 density_ratio = rho / rho_ref
 tilt_squared = z * sp.conjugate(z) / z_ref**2
 
-BALANCE = (
-    "average torque balance of the flex-gimbal rotor in the case frame, derived in gyrowheel_sim.dynamics"
-)
+BALANCE = "average torque balance of the flex-gimbal rotor in the case frame, derived in mechanics.derivation"
 CFD = "assumed: usual size from steady CFD of the published rotor and case (Huo et al. 2016, Table 2) at 3500 rpm"
 #: Tests that tell look-alikes apart.
 LOW_PRESSURE = "change the air: repeat speeds and tilts at low pressure (plan air_density)"

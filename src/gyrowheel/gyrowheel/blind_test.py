@@ -1,0 +1,128 @@
+"""Whether a verdict was right, once the key of a blind test is open."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from gyrowheel_core.errors import InputError
+from gyrowheel_sim.effects import EffectValues
+
+if TYPE_CHECKING:
+    from gyrowheel_analysis.diagnosis.diagnose import Diagnosis
+
+Outcome = Literal["exact", "tied", "below_limit", "wrong"]
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """How a verdict compares with the truth.
+
+    Attributes
+    ----------
+    outcome : str
+        ``exact``; ``tied`` (the truth is among alternatives that the verdict names with the test that separates
+        them); ``below_limit`` (nothing found, and the truth is smaller than the detection limit that was stated);
+        ``wrong``.
+    sentence : str
+        The same in words.
+    """
+
+    outcome: Outcome
+    sentence: str
+
+    @property
+    def right(self) -> bool:
+        """Whether the verdict stands."""
+        return self.outcome != "wrong"
+
+
+def hidden_effects(key: Path) -> EffectValues:
+    """Return the effects that a key file holds.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or no key file.
+    """
+    try:
+        effects = json.loads(key.read_text(encoding="utf-8"))["effects"]
+        return {str(name): {str(k): float(v) for k, v in values.items()} for name, values in effects.items()}
+    except OSError as error:
+        raise InputError(f"{key}: cannot be read: {error.strerror}") from None
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(f"{key}: not a key file ({error})") from None
+
+
+def judge(diagnosis: Diagnosis, truth: EffectValues) -> Judgement:
+    """Return whether a verdict agrees with the effects that were hidden."""
+    named = [finding.name for finding in diagnosis.effects]
+    if sorted(named) == sorted(truth) and diagnosis.verdict in ("effect", "ambiguous", "nothing_missing"):
+        ties = any(finding.ties for finding in diagnosis.effects)
+        return Judgement(
+            "exact", "The verdict is right" + ("; what could also be was named too." if ties else ".")
+        )
+    tests = _tests_for(diagnosis, truth)
+    if tests is not None:
+        return Judgement("tied", f"The verdict names it among what could also be; plan {tests} would tell.")
+    if not named and diagnosis.verdict == "nothing_missing" and _below_limits(diagnosis, truth):
+        return Judgement(
+            "below_limit",
+            "Nothing was found, rightly: what was hidden is below the detection limit stated above.",
+        )
+    return Judgement("wrong", "WRONG: the verdict does not agree with the key.")
+
+
+def matched(diagnosis: Diagnosis, truth: Iterable[str]) -> tuple[set[str], list[str | None]] | None:
+    """Match what a verdict names with what was hidden.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+        The verdict.
+    truth : iterable of str
+        Names of what was hidden.
+
+    Returns
+    -------
+    left : set of str
+        What was hidden and is not named.
+    tests : list of str or None
+        For everything that is named among the alternatives only, the test that separates them, if there is one.
+
+    None if an effect is named that is not there, and no alternative to it is.
+    """
+    left = set(truth)
+    tests: list[str | None] = []
+    for finding in sorted(diagnosis.effects, key=lambda f: f.name not in left):
+        if finding.name in left:
+            left.discard(finding.name)
+            continue
+        ties = sorted((t for t in finding.ties if t.name in left), key=lambda t: t.separating_plan is None)
+        if not ties:
+            return None
+        left.discard(ties[0].name)
+        tests.append(ties[0].separating_plan)
+    return left, tests
+
+
+def _tests_for(diagnosis: Diagnosis, truth: EffectValues) -> str | None:
+    """Return the tests that lead to the truth if it is what was found up to ties; None if it is not."""
+    left, tests = matched(diagnosis, truth) or (set(truth), [])
+    named = [test for test in tests if test]
+    if left or len(named) < len(tests):
+        return None
+    return " and ".join(dict.fromkeys(named)) or None
+
+
+def _below_limits(diagnosis: Diagnosis, truth: EffectValues) -> bool:
+    limits = {(limit.effect, limit.coefficient): limit.value for limit in diagnosis.detection_limits}
+    return all(_below(name, values, limits) for name, values in truth.items())
+
+
+def _below(name: str, values: Mapping[str, float], limits: Mapping[tuple[str, str], float]) -> bool:
+    stated = {key: limits[name, key] for key in values if (name, key) in limits}
+    return bool(stated) and all(abs(values[key]) < limit for key, limit in stated.items())

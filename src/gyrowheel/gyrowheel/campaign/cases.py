@@ -1,0 +1,127 @@
+"""What a campaign consists of: its settings, and the list of its cases."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core.errors import InputError
+from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.blind.draw import KINDS, Kind
+
+#: Most samples that may be lost: with more of them missing no window is whole.
+MOST_LOST = 0.2
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """Settings of a campaign; together with a number they determine a case.
+
+    Attributes
+    ----------
+    plan, validation_plan : str
+        Text of the plan that is diagnosed, and of the plan of the recording that is only predicted.
+    bench : Bench
+        The bench as its file describes it.
+    seed : int
+        Seed of everything that is drawn; not negative.
+    kinds : tuple of str
+        What may be hidden; see `gyrowheel_sim.blind.draw.KINDS` for how often.
+    noise, drift : float
+        White noise and slow drifts of the readings over those stated; every case varies about them.
+    gains : float
+        Spin gains over those of the default controller; every case varies all gains.
+    lost : float
+        Part of the samples that is lost, 0 .. 0.2.
+    """
+
+    plan: str
+    validation_plan: str
+    bench: Bench = field(default_factory=Bench.load)
+    seed: int = 0
+    kinds: tuple[Kind, ...] = tuple(KINDS)
+    noise: float = 1.0
+    drift: float = 1.0
+    gains: float = 1.0
+    lost: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check every setting, and both plans against the bench."""
+        if self.seed < 0:
+            raise InputError(f"seed: {self.seed} is out of range; allowed: >= 0")
+        if not self.kinds:
+            raise InputError(f"kinds: none given; allowed: {', '.join(KINDS)}")
+        for kind in self.kinds:
+            if kind not in KINDS:
+                raise InputError(f"kinds: '{kind}' is not known; allowed: {', '.join(KINDS)}")
+        if len(set(self.kinds)) < len(self.kinds):
+            raise InputError(f"kinds: {', '.join(self.kinds)}: one is given twice")
+        for name, low, high in (
+            ("noise", 0.0, 100.0),
+            ("drift", 0.0, 100.0),
+            ("gains", 0.1, 4.0),
+            ("lost", 0.0, MOST_LOST),
+        ):
+            value = getattr(self, name)
+            if not math.isfinite(value) or not low <= value <= high:
+                raise InputError(f"{name}: {value:g} is out of range; allowed: {low:g} .. {high:g}")
+        for text in (self.plan, self.validation_plan):
+            Plan.load(text).check(self.bench)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One case: all that a worker needs to make, find and judge it.
+
+    Attributes
+    ----------
+    campaign : Campaign
+        The settings.
+    index : int
+        Number of the case, from 0.
+    kind : str
+        What is hidden.
+    ordinal : int
+        How many cases of its kind come before it: effects take turns.
+    """
+
+    campaign: Campaign
+    index: int
+    kind: Kind
+    ordinal: int
+
+
+def cases(campaign: Campaign, count: int, only: Sequence[int] = ()) -> list[Case]:
+    """Return the cases of a campaign; the first ones are the same however many there are.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        The settings.
+    count : int
+        How many cases.
+    only : sequence of int
+        Numbers of the cases wanted; all if empty.
+
+    Raises
+    ------
+    InputError
+        If there is no case, or one of `only` is not among them.
+    """
+    if count < 1:
+        raise InputError(f"cases: {count} is out of range; allowed: >= 1")
+    for index in only:
+        if not 0 <= index < count:
+            raise InputError(f"only: {index} is out of range; allowed: 0 .. {count - 1}")
+    total = sum(KINDS[kind] for kind in campaign.kinds)
+    share = {kind: KINDS[kind] / total for kind in campaign.kinds}
+    made = dict.fromkeys(campaign.kinds, 0)
+    result = []
+    for index in range(count):
+        # whoever lags furthest behind its share is next
+        kind = max(campaign.kinds, key=lambda k: share[k] * (index + 1) - made[k])
+        result.append(Case(campaign, index, kind, made[kind]))
+        made[kind] += 1
+    return [case for case in result if not only or case.index in only]

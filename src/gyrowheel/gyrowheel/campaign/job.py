@@ -1,0 +1,69 @@
+"""One case from beginning to end: the function that workers run, here or on a cluster."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import traceback
+from pathlib import Path
+
+from threadpoolctl import threadpool_limits
+
+from gyrowheel.campaign.cases import Case
+from gyrowheel.campaign.finding import find
+from gyrowheel.campaign.hiding import Secret, hide, record, yardstick
+from gyrowheel.campaign.judge import Judged, failed, judge
+from gyrowheel_analysis.model import Model
+from gyrowheel_core.errors import one_line
+from gyrowheel_core.files import json_text, write_text
+from gyrowheel_sim.plant.scenario import write_private_json
+
+
+def run_case(case: Case, keep: str | None = None, scratch: str | None = None) -> Judged:
+    """Make a case, let it be found, judge the answer.
+
+    Parameters
+    ----------
+    case : Case
+        The case; it alone determines the result.
+    keep : str, optional
+        Existing folder in which recordings, key and diagnosis stay, each case in a folder of its own.
+    scratch : str, optional
+        Existing folder for what is needed for a while; that of the system if not given.
+
+    Raises
+    ------
+    InputError
+        If recordings cannot be written.
+    """
+    # for good, not for a while: several threads of one worker may be at work, and all want just this
+    threadpool_limits(limits=1, user_api="blas")
+    campaign = case.campaign
+    secret = hide(case, yardstick(campaign.bench, campaign.plan))
+    folder = Path(tempfile.mkdtemp(prefix=f"case-{case.index}-", dir=scratch))
+    try:
+        recording, unused = folder / "recording", folder / "unused"
+        record(case, secret, campaign.plan, 0, recording)
+        record(case, secret, campaign.validation_plan, 1, unused)
+        judged = _answered(case, secret, recording, unused, folder)
+        if keep is not None:
+            write_private_json(folder / "key.json", secret.to_json())
+            _move(folder, Path(keep) / f"case-{case.index:04d}")
+        return judged
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _answered(case: Case, secret: Secret, recording: Path, unused: Path, folder: Path) -> Judged:
+    try:
+        answer = find(recording, unused, Model(case.campaign.bench))
+    except Exception as error:  # one case that cannot be answered must not take the others with it
+        write_text(folder / "error.txt", traceback.format_exc())
+        return failed(case, secret, f"{type(error).__name__}: {one_line(error)}")
+    write_text(folder / "diagnosis.json", json_text(answer.to_json()))
+    return judge(case, secret, answer)
+
+
+def _move(folder: Path, target: Path) -> None:
+    shutil.rmtree(target, ignore_errors=True)
+    shutil.copytree(folder, target)

@@ -1,0 +1,181 @@
+"""What the judged cases of a campaign add up to."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from gyrowheel.campaign.judge import Interval, Judged
+
+#: Levels at which the stated intervals are checked.
+LEVELS = (0.5, 0.8, 0.9, 0.95, 0.99)
+#: An error on an unused recording counts as fallen to the noise up to this many noise floors ...
+WITHIN_FLOOR = 1.2
+#: ... and with a formula proposed for something unknown up to this many.
+WITHIN_FORMULA = 1.5
+
+
+@dataclass(frozen=True)
+class Rate:
+    """How often something happened, with its 95 % interval (Clopper and Pearson's, which holds for any number)."""
+
+    count: int
+    n: int
+
+    @property
+    def part(self) -> float:
+        """The part; NaN of nothing."""
+        return self.count / self.n if self.n else math.nan
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Where the true part lies, with 95 % confidence."""
+        if not self.n:
+            return 0.0, 1.0
+        from scipy.stats import binomtest
+
+        found = binomtest(self.count, self.n).proportion_ci(method="exact")
+        return float(found.low), float(found.high)
+
+
+@dataclass(frozen=True)
+class Summary:
+    """The figures of a campaign.
+
+    Attributes
+    ----------
+    seed : int
+        Seed of the campaign.
+    asked : int
+        How many cases were asked for.
+    cases : tuple of Judged
+        Those that were finished, by number.
+    """
+
+    seed: int
+    asked: int
+    cases: tuple[Judged, ...]
+
+    @classmethod
+    def of(cls, seed: int, asked: int, cases: Iterable[Judged]) -> Summary:
+        """Put finished cases together; their order does not matter."""
+        return cls(seed, asked, tuple(sorted(cases, key=lambda c: c.index)))
+
+    def of_kind(self, kind: str) -> list[Judged]:
+        """Return the cases of a kind."""
+        return [c for c in self.cases if c.kind == kind]
+
+    @property
+    def false_alarms(self) -> Rate:
+        """Of the cases with nothing hidden, those in which something was found."""
+        none = self.of_kind("none")
+        return Rate(sum(c.outcome not in ("exact", "missed") for c in none), len(none))
+
+    def detectable(self, kind: str) -> list[Judged]:
+        """Return the cases of a kind in which everything is detectable."""
+        return [c for c in self.of_kind(kind) if c.detectable]
+
+    def outcomes(self, cases: Iterable[Judged]) -> Counter[str]:
+        """Count the outcomes of cases."""
+        return Counter(c.outcome for c in cases)
+
+    @property
+    def intervals(self) -> list[Interval]:
+        """All coefficients of effects that were named right."""
+        return [i for c in self.cases for i in c.intervals]
+
+    @property
+    def parameters(self) -> list[Interval]:
+        """All bench parameters as fitted along, of the cases in which just the truth was named."""
+        return [i for c in self.cases for i in c.parameters]
+
+    @property
+    def validated(self) -> Rate:
+        """Of the cases named exactly, those whose error on an unused recording falls to the noise."""
+        errors = [
+            c.validation for c in self.cases if c.truth and c.outcome == "exact" and c.validation is not None
+        ]
+        return Rate(sum(e <= WITHIN_FLOOR for e in errors), len(errors))
+
+    @property
+    def formulas_validated(self) -> Rate:
+        """Of the unknowns rightly called so, those whose error falls with the proposed formula."""
+        errors = [
+            c.validation
+            for c in self.of_kind("outside")
+            if c.outcome == "unknown" and c.validation is not None
+        ]
+        return Rate(sum(e <= WITHIN_FORMULA for e in errors), len(errors))
+
+    @property
+    def median_seconds(self) -> float:
+        """Median time of a diagnosis [s]; NaN if there is none."""
+        seconds = [c.seconds for c in self.cases if not math.isnan(c.seconds)]
+        return statistics.median(seconds) if seconds else math.nan
+
+    @property
+    def confusion(self) -> dict[str, dict[str, int]]:
+        """{truth: {answer: how often}}."""
+        table: dict[str, Counter[str]] = {}
+        for case in self.cases:
+            table.setdefault(case.truth_label, Counter())[case.named_label] += 1
+        return {truth: dict(counts.most_common()) for truth, counts in sorted(table.items())}
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the figures as a JSON object."""
+        outside = self.of_kind("outside")
+        how = self.outcomes(outside)
+        return {
+            "schema": 1,
+            "seed": self.seed,
+            "cases": len(self.cases),
+            "none": {"n": self.false_alarms.n, "false_alarms": self.false_alarms.count},
+            "single": self._found("single"),
+            "pair": self._found("pair"),
+            "outside": {
+                "n": len(outside),
+                "unknown": how["unknown"],
+                "named_right": how["named_right"],
+                "absorbed": how["misnamed"],
+                "missed": how["missed"],
+                "formula_validated": self.formulas_validated.count,
+            },
+            "coverage95": covered(self.intervals, 0.95).part,
+            "validated": {"n": self.validated.n, "within_1p2_floor": self.validated.count},
+            "median_seconds": self.median_seconds,
+            "confusion": self.confusion,
+            # beyond the contract
+            "asked": self.asked,
+            "false_alarm_interval95": list(self.false_alarms.interval),
+            "coverage": {
+                name: {"n": len(given), **{f"{level:g}": covered(given, level).part for level in LEVELS}}
+                for name, given in (("coefficients", self.intervals), ("bench", self.parameters))
+            },
+            "failed": [c.index for c in self.cases if c.outcome == "failed"],
+            "not_right": [c.index for c in self.cases if not c.right],
+        }
+
+    def _found(self, kind: str) -> dict[str, Any]:
+        """Return the counts of a kind; exact, tied and wrong are among the detectable and add up to them."""
+        seen = self.detectable(kind)
+        how = self.outcomes(seen)
+        below = self.outcomes(c for c in self.of_kind(kind) if not c.detectable)
+        return {
+            "n": len(self.of_kind(kind)),
+            "detectable": len(seen),
+            "exact": how["exact"],
+            "tied": how["tied"],
+            "wrong": len(seen) - how["exact"] - how["tied"],
+            "wrong_how": {k: v for k, v in sorted(how.items()) if k not in ("exact", "tied")},
+            "below": dict(sorted(below.items())),
+        }
+
+
+def covered(intervals: Sequence[Interval], level: float) -> Rate:
+    """Return how many intervals of a level contain the truth."""
+    width = statistics.NormalDist().inv_cdf(0.5 + 0.5 * level)
+    return Rate(sum(abs(i.pull) <= width for i in intervals), len(intervals))

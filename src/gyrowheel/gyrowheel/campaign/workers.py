@@ -1,0 +1,114 @@
+"""Who runs the cases: this process, several processes of this machine, or a Dask cluster."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import tempfile
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from gyrowheel.campaign.cases import Case
+from gyrowheel.campaign.job import run_case
+from gyrowheel.campaign.judge import Judged
+from gyrowheel_core.errors import InputError, one_line
+
+_CONNECT = 20.0  # s
+
+
+def cores() -> int:
+    """Return how many cases this machine can run at a time."""
+    import joblib
+
+    return int(joblib.cpu_count())
+
+
+@contextlib.contextmanager
+def judged_cases(
+    cases: Sequence[Case], *, jobs: int, dask: str | None = None, keep: str | None = None
+) -> Iterator[Iterator[Judged]]:
+    """Give an iterator over judged cases in the order in which they finish; leaving the block ends all work.
+
+    Parameters
+    ----------
+    cases : sequence of Case
+        What is to be done.
+    jobs : int
+        How many processes; one works in this process.
+    dask : str, optional
+        Address of a Dask scheduler; its workers do the cases then, and need this software.
+    keep : str, optional
+        See `run_case`; on a cluster a path that its workers can write to.
+
+    Raises
+    ------
+    InputError
+        If there are no jobs, Dask is not installed, or the scheduler does not answer.
+    """
+    if jobs < 1:
+        raise InputError(f"jobs: {jobs} is out of range; allowed: >= 1")
+    if dask is not None:
+        with _on_cluster(cases, dask, keep) as results:
+            yield results
+    elif jobs == 1 or len(cases) == 1:
+        yield (run_case(case, keep) for case in cases)
+    else:
+        with _in_processes(cases, jobs, keep) as results:
+            yield results
+
+
+@contextlib.contextmanager
+def _in_processes(cases: Sequence[Case], jobs: int, keep: str | None) -> Iterator[Iterator[Judged]]:
+    import joblib
+    from joblib.externals.loky import get_reusable_executor
+
+    parallel = joblib.Parallel(
+        n_jobs=min(jobs, len(cases)), return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs"
+    )
+    with (
+        # of this process: workers that are ended in the middle of a case leave their files behind
+        tempfile.TemporaryDirectory(prefix="campaign-") as scratch,
+        _ended(get_reusable_executor),
+        joblib.parallel_config("loky", inner_max_num_threads=1),
+    ):
+        # the workers inherit what is blocked here: Ctrl-C is for this process, which then ends them
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            results = parallel(joblib.delayed(run_case)(case, keep, scratch) for case in cases)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        with contextlib.closing(results):
+            yield results
+
+
+@contextlib.contextmanager
+def _ended(executor: Any) -> Iterator[None]:
+    """End the workers at the end of the block, whatever they are at."""
+    try:
+        yield
+    finally:
+        executor().shutdown(wait=True, kill_workers=True)
+
+
+@contextlib.contextmanager
+def _on_cluster(cases: Sequence[Case], address: str, keep: str | None) -> Iterator[Iterator[Judged]]:
+    try:
+        from dask.distributed import Client, as_completed
+    except ImportError:
+        raise InputError(
+            "--dask needs the package distributed, which is not installed: pip install 'gyrowheel-bringup[dask]'"
+        ) from None
+    try:
+        client: Any = Client(address, timeout=_CONNECT, set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as error:
+        reason = one_line(error)
+        raise InputError(
+            f"--dask {address}: no scheduler answers there ({reason}); expected an address such as tcp://10.0.0.5:8786"
+        ) from None
+    with client:
+        # pure=False: two campaigns on one cluster must not take each other's results for their own
+        futures = client.map(run_case, cases, keep=keep, pure=False, retries=1)
+        try:
+            yield (future.result() for future in as_completed(futures, loop=client.loop))
+        finally:
+            client.cancel(futures)

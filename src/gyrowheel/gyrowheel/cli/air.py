@@ -1,0 +1,426 @@
+"""The verbs of the air: `air` shows the models side by side, `cfd` computes torques with OpenFOAM."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, TypeAlias
+
+import typer
+
+from gyrowheel.cli.options import Json, example
+from gyrowheel.cli.outputs import TORQUE_TABLE
+from gyrowheel.cli.shell import advancing, finding, notes, out, put_json, put_text
+from gyrowheel_core.errors import InputError
+
+if TYPE_CHECKING:
+    from gyrowheel_sim.air.cfd.case import Case, Result
+    from gyrowheel_sim.air.geometry import Geometry
+    from gyrowheel_sim.air.state import AirState
+    from gyrowheel_sim.air.table import TorqueTable
+
+cfd_app = typer.Typer(
+    help="Compute the torque of the air with OpenFOAM: mesh, run, sweep, table, pictures.",
+    no_args_is_help=True,
+    rich_markup_mode="rich",
+)
+
+GeometryFile: TypeAlias = Annotated[
+    str,
+    typer.Option(
+        "--geometry", metavar="G", help="Rotor and case: shipped name, or a file like geometry.yaml."
+    ),
+]
+Tilt: TypeAlias = Annotated[
+    float, typer.Option("--tilt", metavar="DEG", help="Tilt about the case's x axis, in deg.")
+]
+Speed: TypeAlias = Annotated[float, typer.Option("--speed", metavar="RPM", help="Spin rate, in rpm.")]
+Direction: TypeAlias = Annotated[
+    float,
+    typer.Option("--direction", metavar="DEG", help="Axis of the tilt, turned from x towards y, in deg."),
+]
+MeshName: TypeAlias = Annotated[
+    str,
+    typer.Option(
+        "--mesh", metavar="M", help="coarse, medium, fine (wall functions); low_re, low_re_fine; tiny."
+    ),
+]
+ModelName: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        "--model",
+        metavar="T",
+        help="Turbulence: sst, paper (k-ε with wall functions), laminar.",
+        show_default="sst on low_re meshes, else paper",
+    ),
+]
+Temperature: TypeAlias = Annotated[
+    float | None,
+    typer.Option("--temperature", metavar="C", help="Air temperature, in °C.", show_default="the paper's 20"),
+]
+Pressure: TypeAlias = Annotated[
+    float | None,
+    typer.Option(
+        "--pressure", metavar="HPA", help="Air pressure, in hPa.", show_default="the paper's 1013.25"
+    ),
+]
+Iterations: TypeAlias = Annotated[
+    int,
+    typer.Option(
+        "--iterations", metavar="N", help="Iterations of the solver; a case that is there with fewer goes on."
+    ),
+]
+Window: TypeAlias = Annotated[
+    int | None,
+    typer.Option(
+        "--window",
+        metavar="N",
+        help="How many of the last iterations are averaged.",
+        show_default="200, or the last half of more than 420",
+    ),
+]
+Settle: TypeAlias = Annotated[
+    int,
+    typer.Option(
+        "--settle",
+        metavar="N",
+        help="Go on until the torque has settled, but not beyond N iterations. 0: do not go on.",
+    ),
+]
+Study: TypeAlias = Annotated[
+    Path,
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="DIR",
+        help="Folder of the study; finished cases in it are kept.",
+        show_default=False,
+    ),
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verbs."""
+    app.command(epilog=example("gyrowheel air --tilt 5 --speed 3500"))(air)
+    app.add_typer(
+        cfd_app,
+        name="cfd",
+        epilog=example("gyrowheel cfd run --tilt 5 --speed 3500 --mesh coarse -o runs/air"),
+    )
+
+
+def air(
+    tilt: Tilt = 5.0,
+    speed: Speed = 3500.0,
+    temperature: Temperature = None,
+    pressure: Pressure = None,
+    geometry: GeometryFile = "gyrowheel",
+    table: Annotated[
+        str,
+        typer.Option("--table", metavar="T", help="Torque table: shipped name, or a file of 'cfd table -o'."),
+    ] = "gyrowheel",
+    json: Json = None,
+) -> None:
+    """Show the torque of the air by all models side by side, and as coefficients of the air's effects."""
+    from gyrowheel.text import air as render
+    from gyrowheel_core.units import DEG, RPM
+    from gyrowheel_sim.air.compare import compare
+    from gyrowheel_sim.air.table import TorqueTable
+
+    state = _air(temperature, pressure)
+    found = compare(_geometry(geometry), state, (tilt * DEG, 0.0), speed * RPM, TorqueTable.load(table))
+    if json is not None:
+        put_json(json, found.to_json())
+    if json != "-":
+        put_text(render.comparison_page(found))
+
+
+@cfd_app.command(epilog=example("gyrowheel cfd mesh --tilt 5 --mesh low_re -o runs/mesh"))
+def mesh(
+    output: Study,
+    tilt: Tilt = 0.0,
+    direction: Direction = 0.0,
+    mesh: MeshName = "low_re",
+    geometry: GeometryFile = "gyrowheel",
+    json: Json = None,
+) -> None:
+    """Make the mesh of one tilt, and check it."""
+    from gyrowheel.text import air as render
+    from gyrowheel_core.files import disk_errors
+    from gyrowheel_sim.air.cfd import case as cases
+
+    case = _case(geometry, tilt, 3500.0, mesh, None, direction=direction)
+    with disk_errors(output):
+        quality = cases.shared_mesh(case, output)
+    content = {"schema": 1, "mesh": mesh, "tilt": case.tilt, "folder": str(output / "meshes" / case.mesh_key)}
+    if json is not None:
+        put_json(json, content | quality)
+    if json != "-":
+        put_text(render.mesh_page(case, quality, str(content["folder"])))
+
+
+@cfd_app.command(epilog=example("gyrowheel cfd run --tilt 5 --speed 3500 --mesh coarse -o runs/air"))
+def run(
+    output: Study,
+    tilt: Tilt = 5.0,
+    speed: Speed = 3500.0,
+    direction: Direction = 0.0,
+    mesh: MeshName = "low_re",
+    model: ModelName = None,
+    iterations: Iterations = 420,
+    window: Window = None,
+    settle: Settle = 0,
+    temperature: Temperature = None,
+    pressure: Pressure = None,
+    geometry: GeometryFile = "gyrowheel",
+    json: Json = None,
+) -> None:
+    """Compute the torque of one tilt and speed, on one core."""
+    from gyrowheel.text import air as render
+    from gyrowheel_core.files import disk_errors
+    from gyrowheel_sim.air.cfd.case import run_case
+
+    case = _case(
+        geometry,
+        tilt,
+        speed,
+        mesh,
+        model,
+        direction=direction,
+        temperature=temperature,
+        pressure=pressure,
+        iterations=iterations,
+        window=window,
+        settle=settle,
+    )
+    with disk_errors(output), advancing(f"{case.mesh} {case.model}, {tilt:g} deg, {speed:g} rpm") as advance:
+        result = run_case(case, output, advance=advance)
+    if json is not None:
+        put_json(json, result.to_json())
+    if json != "-":
+        put_text(render.result_page(result, str(output / case.name)))
+
+
+@cfd_app.command(epilog=example("gyrowheel cfd sweep -o runs/air --jobs 4"))
+def sweep(
+    output: Study,
+    tilts: Annotated[str, typer.Option("--tilts", metavar="DEG,..", help="Tilts, in deg.")] = "0,1,2,3,4,5",
+    speeds: Annotated[
+        str, typer.Option("--speeds", metavar="RPM,..", help="Spin rates, in rpm.")
+    ] = "1000,2000,3000,3500,4000",
+    base: Annotated[
+        float, typer.Option("--base", metavar="RPM", help="Speed from which the others of a tilt start.")
+    ] = 3500.0,
+    mesh: MeshName = "low_re",
+    model: ModelName = None,
+    iterations: Iterations = 420,
+    settle: Settle = 0,
+    checks: Annotated[
+        bool,
+        typer.Option(
+            "--checks", help="Also the cases that show the part of mesh, model and axes, at the largest tilt."
+        ),
+    ] = False,
+    temperature: Temperature = None,
+    pressure: Pressure = None,
+    geometry: GeometryFile = "gyrowheel",
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            "--jobs", metavar="N", min=1, help="Cases at a time.", show_default="cores of this machine"
+        ),
+    ] = None,
+    dask: Annotated[
+        str | None,
+        typer.Option(
+            "--dask",
+            metavar="ADDRESS",
+            help="Run on the workers of this Dask scheduler, which must see the folder of the study.",
+            show_default=False,
+        ),
+    ] = None,
+    json: Json = None,
+) -> None:
+    """Compute all tilts and speeds; what is finished in the folder is not computed again."""
+    import os
+
+    from gyrowheel.text import air as render
+    from gyrowheel_core.files import disk_errors
+    from gyrowheel_core.units import DEG, RPM
+    from gyrowheel_sim.air.cfd import sweep as sweeps
+
+    tilt_list, speed_list = _numbers("--tilts", tilts), _numbers("--speeds", speeds)
+    cases = [
+        _case(
+            geometry,
+            tilt,
+            speed,
+            mesh,
+            model,
+            temperature=temperature,
+            pressure=pressure,
+            iterations=iterations,
+            settle=settle,
+        )
+        for tilt in tilt_list
+        for speed in speed_list
+    ]
+    levels = sweeps.plan(
+        cases[0], [tilt * DEG for tilt in tilt_list], [speed * RPM for speed in speed_list], base * RPM
+    )
+    if checks:
+        levels.append(sweeps.companions(cases[0], max(tilt_list) * DEG, base * RPM))
+
+    def tell(case: Case, result: Result | str, done: int, total: int) -> None:
+        notes().print(render.sweep_line(case, result, done, total), soft_wrap=True)
+
+    with disk_errors(output):
+        outcome = sweeps.sweep(levels, output, jobs=jobs or os.cpu_count() or 1, dask=dask, tell=tell)
+    if json is not None:
+        put_json(
+            json,
+            {
+                "schema": 1,
+                "results": [result.to_json() for result in outcome.results],
+                "failed": outcome.failed,
+                "reused": outcome.reused,
+            },
+        )
+    if json != "-":
+        put_text(render.sweep_page(outcome, str(output)))
+    finding(bool(outcome.failed))
+
+
+@cfd_app.command(epilog=example("gyrowheel cfd table runs/air --check -o table.json"))
+def table(
+    study: Annotated[
+        str,
+        typer.Argument(
+            metavar="DIR|FILE", help="Folder of a study, or a table; the shipped table by default."
+        ),
+    ] = "gyrowheel",
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="FILE", help="Write the table (JSON, SI units).", show_default=False
+        ),
+        TORQUE_TABLE,
+    ] = None,
+    check: Annotated[bool, typer.Option("--check", help="Check what a table must reproduce.")] = False,
+    fail: Annotated[
+        bool, typer.Option("--fail", help="With --check: exit with 1 if something does not hold.")
+    ] = False,
+    json: Json = None,
+) -> None:
+    """Show a torque table, make one of a study, check it."""
+    from gyrowheel.text import air as render
+    from gyrowheel_core.files import disk_errors
+    from gyrowheel_sim.air.check import check_table
+
+    loaded = _table(study)
+    if output is not None:
+        with disk_errors(output):
+            output.parent.mkdir(parents=True, exist_ok=True)
+            loaded.write(output)
+        notes().print(f"table: {output}", soft_wrap=True)
+    checks = check_table(loaded) if check or fail else []
+    if json is not None:
+        put_json(json, render.table_json(loaded, checks))
+    if json != "-":
+        put_text(render.check_page(loaded, checks) if checks else render.table_page(loaded))
+    finding(fail and any(item.holds is False for item in checks))
+
+
+@cfd_app.command(epilog=example("gyrowheel cfd pictures runs/air -o pictures"))
+def pictures(
+    output: Annotated[
+        Path,
+        typer.Option("-o", "--output", metavar="DIR", help="Folder for the pictures.", show_default=False),
+    ],
+    study: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="DIR", help="Folder of a study, for the pictures of mesh and flow.", show_default=False
+        ),
+    ] = None,
+    table: Annotated[
+        str,
+        typer.Option("--table", metavar="T", help="Torque table: shipped name, or a file of 'cfd table -o'."),
+    ] = "gyrowheel",
+) -> None:
+    """Draw torques, mesh and flow as in the paper's Figs 5 to 12."""
+    from gyrowheel.plots.air import draw_all
+    from gyrowheel_core.files import disk_errors
+    from gyrowheel_sim.air.table import TorqueTable
+
+    with disk_errors(output):
+        output.mkdir(parents=True, exist_ok=True)
+        made = draw_all(TorqueTable.load(table), output, study)
+    for path, sentence in made.items():
+        out().print(f"{path}: {sentence}", soft_wrap=True)
+
+
+def _geometry(name: str) -> Geometry:
+    from gyrowheel_sim.air.geometry import Geometry
+
+    return Geometry.load(name)
+
+
+def _air(temperature: float | None, pressure: float | None) -> AirState:
+    from gyrowheel_sim.air.state import AirState
+
+    if temperature is None and pressure is None:
+        return AirState.paper()
+    given = 20.0 if temperature is None else temperature
+    return AirState.of(given + 273.15, 101325.0 if pressure is None else 100.0 * pressure)
+
+
+def _case(
+    geometry: str,
+    tilt: float,
+    speed: float,
+    mesh: str,
+    model: str | None,
+    *,
+    direction: float = 0.0,
+    temperature: float | None = None,
+    pressure: float | None = None,
+    iterations: int | None = None,
+    window: int | None = None,
+    settle: int = 0,
+) -> Case:
+    from gyrowheel_core.units import DEG, RPM
+    from gyrowheel_sim.air.cfd.case import Case
+
+    options = {}
+    if iterations is not None:
+        usual = iterations // 2 if iterations > Case.iterations else min(Case.window, iterations // 2)
+        options = {"iterations": iterations, "window": max(2, usual)}
+    if window is not None:
+        options["window"] = window
+    return Case.of(
+        _geometry(geometry),
+        _air(temperature, pressure),
+        tilt * DEG,
+        speed * RPM,
+        mesh=mesh,
+        model=model,
+        direction=direction * DEG,
+        settle=settle,
+        **options,
+    )
+
+
+def _numbers(option: str, text: str) -> list[float]:
+    try:
+        values = sorted({float(word) for word in text.split(",")})
+    except ValueError:
+        raise InputError(f"{option}: {text!r} is not a list of numbers like 0,1,2.5") from None
+    return values
+
+
+def _table(source: str) -> TorqueTable:
+    from gyrowheel_sim.air.table import TorqueTable, collect_results
+
+    if source != "gyrowheel" and Path(source).is_dir():
+        return TorqueTable.of(collect_results(Path(source)), origin=source)
+    return TorqueTable.load(source)

@@ -1,0 +1,213 @@
+"""The verb `model`: everything that changes a model file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from gyrowheel.cli.finding import open_apart
+from gyrowheel.cli.options import BenchName, Json, ModelFile, Validation, example
+from gyrowheel.cli.shell import out, put_json, put_text, working
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.files import require_writable
+
+if TYPE_CHECKING:
+    from gyrowheel_analysis.add import Added
+    from gyrowheel_analysis.model import Model
+    from gyrowheel_sim.effects import Effect
+
+_OWN = "own"  # name of a formula that was given none
+
+model_app = typer.Typer(
+    help="Edit a model file: new, add, remove, show, undo, diff.",
+    no_args_is_help=True,
+    rich_markup_mode="rich",
+)
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+    app.add_typer(model_app, name="model", epilog=example("gyrowheel model show --model wheel.yaml"))
+
+
+@model_app.command(epilog=example("gyrowheel model new --model wheel.yaml"))
+def new(model: ModelFile, bench: BenchName = "gyrowheel") -> None:
+    """Make a model file: a bench with nothing added."""
+    from gyrowheel_analysis.model import Model
+
+    if model.exists():
+        raise InputError(f"{model}: exists; name a new file")
+    Model.new(bench).save(model)
+    out().print(f"model: {model}", soft_wrap=True)
+
+
+@model_app.command(epilog=example("gyrowheel model add windage --model wheel.yaml --fit runs/monday"))
+def add(
+    model: ModelFile,
+    fit: Annotated[
+        list[Path],
+        typer.Option("--fit", metavar="DIR", help="Recording to fit. Repeatable.", show_default=False),
+    ],
+    effects: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="EFFECT...",
+            help="Effects to add; aero:MODEL adds all that a model of the air has, fitted within its uncertainties.",
+            show_default=False,
+        ),
+    ] = None,
+    formula: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--formula",
+            metavar="TEXT",
+            help="Effect of your own, such as '-k*r^2*z'; docs/formulas.md tells what can be written. Repeatable.",
+            show_default=False,
+        ),
+    ] = None,
+    name: Annotated[
+        str | None,
+        typer.Option("--name", metavar="NAME", help="Name of the formula's effect.", show_default=_OWN),
+    ] = None,
+    target: Annotated[
+        str | None,
+        typer.Option("--target", metavar="T", help="What the formula acts on.", show_default="rotor_torque"),
+    ] = None,
+    validate: Validation = None,
+    json: Json = None,
+) -> None:
+    """Add effects, known ones or formulas: fit their coefficients, show the error falling, save the model."""
+    from gyrowheel_analysis.model import Model
+
+    loaded = Model.load(model)
+    chosen: list[str | Effect] = [*(effects or ()), *_typed(formula or (), name, target, loaded)]
+    if not chosen:
+        raise InputError("nothing to add: name an effect, or give --formula")
+    for effect in effects or ():
+        _require_known(effect)
+    recordings, unused = open_apart(fit, validate or ())
+    require_writable(model)
+    with working("fitting") as say:
+        from gyrowheel.text.errors import error_table
+        from gyrowheel.text.layout import heading, sentences
+        from gyrowheel.text.models import changes
+        from gyrowheel_analysis.add import add_effect
+
+        added = add_effect(loaded, chosen, recordings, unused, progress=say)
+        added.model.save(model)
+    if json is not None:
+        put_json(json, _added_json(added, model))
+    if json != "-":
+        put_text([*changes(added.model), heading("Error"), error_table(added.error), *sentences(added.notes)])
+        out().print(f"\nmodel: {model}", soft_wrap=True)
+
+
+@model_app.command(epilog=example("gyrowheel model remove windage --model wheel.yaml"))
+def remove(
+    effects: Annotated[
+        list[str], typer.Argument(metavar="EFFECT...", help="Effects to remove.", show_default=False)
+    ],
+    model: ModelFile,
+) -> None:
+    """Remove effects; the other coefficients stay as they are."""
+    from gyrowheel.text.models import difference
+    from gyrowheel_analysis.model import Model
+
+    before = after = Model.load(model)
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    for name in effects:
+        after = after.removed(name, now)
+    after.save(model)
+    put_text(difference(before, after))
+
+
+@model_app.command(epilog=example("gyrowheel model show --model wheel.yaml"))
+def show(model: ModelFile, json: Json = None) -> None:
+    """Show effects, learned parameters and history of a model."""
+    from gyrowheel.text.models import model_page
+    from gyrowheel_analysis.model import Model
+
+    loaded = Model.load(model)
+    if json is not None:
+        put_json(json, loaded.to_mapping())
+    if json != "-":
+        put_text(model_page(loaded, str(model)))
+
+
+@model_app.command(epilog=example("gyrowheel model undo --model wheel.yaml"))
+def undo(model: ModelFile) -> None:
+    """Take back the last change of a model."""
+    from gyrowheel.text.models import difference
+    from gyrowheel_analysis.model import Model
+
+    before = Model.load(model)
+    after = before.undone()
+    after.save(model)
+    last = before.history[-1]
+    out().print(f"taken back: {last.get('what', 'the last change')} ({last.get('time', 'no time')})")
+    put_text(difference(before, after))
+
+
+@model_app.command(epilog=example("gyrowheel model diff old.yaml new.yaml"))
+def diff(
+    old: Annotated[Path, typer.Argument(help="Model file.", show_default=False)],
+    new: Annotated[Path, typer.Argument(help="Model file to compare with it.", show_default=False)],
+    json: Json = None,
+) -> None:
+    """Show what differs between two models."""
+    from gyrowheel.text.models import difference
+    from gyrowheel_analysis.model import Model
+
+    before, after = Model.load(old), Model.load(new)
+    if json is not None:
+        put_json(json, {"schema": 1, "differences": before.diff(after)})
+    if json != "-":
+        put_text(difference(before, after))
+
+
+def _typed(formulas: Sequence[str], name: str | None, target: str | None, model: Model) -> list[Effect]:
+    """Return the effects that were typed as formulas, under names that nothing has yet."""
+    if len(formulas) != 1 and (name or target):
+        raise InputError(f"--{'name' if name else 'target'}: is for one --formula; {len(formulas)} are given")
+    if not formulas:
+        return []
+    from gyrowheel.text.formulas import plain
+    from gyrowheel_sim.effects import registry
+    from gyrowheel_sim.effects.typed import typed_effect
+    from gyrowheel_sim.effects.user import check_name
+
+    typed: list[Effect] = []
+    for text in formulas:
+        taken = {*model.effects, *(effect.name for effect in typed)}
+        free, number = _OWN, 2
+        while free in taken:
+            free, number = f"{_OWN}_{number}", number + 1
+        effect = typed_effect(plain(text), name=name, otherwise=free, target=target, where="--formula")
+        check_name(effect.name, "--formula", registry())
+        typed.append(effect)
+    return typed
+
+
+def _require_known(name: str) -> None:
+    """Refuse what is neither an effect, nor a model of the air, nor the error of a bench parameter."""
+    from gyrowheel_analysis.add import is_air
+    from gyrowheel_analysis.fitting.terms import ERRORS
+    from gyrowheel_sim.effects import get
+
+    if name not in ERRORS and not is_air(name):
+        get(name)
+
+
+def _added_json(added: Added, model: Path) -> dict[str, Any]:
+    content = added.model.to_mapping()
+    return {
+        "schema": 1,
+        "model": str(model),
+        "effects": content["effects"],
+        "overrides": content["overrides"],
+        "error": added.error.to_json(),
+    }

@@ -1,0 +1,125 @@
+"""Verbs that exchange recordings with other programs as tables."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from gyrowheel.cli.options import Json, example
+from gyrowheel.cli.outputs import COLUMN_MAP, TABLE, NewRecording
+from gyrowheel.cli.shell import advancing, out, put_json, working
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verbs."""
+    app.command("import", epilog=example("gyrowheel import test.csv --map test.map.yaml -o runs/test"))(
+        import_
+    )
+    app.command(epilog=example("gyrowheel export runs/monday -o monday.parquet"))(export)
+
+
+def import_(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="Table, .csv or .parquet.", show_default=False)
+    ],
+    column_map: Annotated[
+        Path,
+        typer.Option(
+            "--map", metavar="MAP.yaml", help="What the columns mean, and their units.", show_default=False
+        ),
+    ],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o", "--output", metavar="DIR", help="New directory for the recording.", show_default=False
+        ),
+        NewRecording(),
+    ],
+    json: Json = None,
+) -> None:
+    """Make a recording of a table: one row a sample.
+
+    The map says which column holds which reading, in which unit. A value that
+    is missing (unless the map says to keep such readings), a time that repeats
+    or leaps, a unit of something else: each is refused, with its place.
+    docs/exchange.md shows a map.
+    """
+    from gyrowheel_analysis.exchange import ColumnMap, import_table
+    from gyrowheel_core.files import new_directory, require_new
+
+    require_new(output)
+    loaded = ColumnMap.load(column_map)
+    with working(f"reading {file}"), new_directory(output) as place:
+        samples = import_table(file, loaded, place)
+    duration = (samples - 1) * loaded.bench.sample_period
+    if json is not None:
+        put_json(
+            json,
+            {
+                "schema": 1,
+                "table": str(file),
+                "recording": str(output),
+                "bench": loaded.bench.name,
+                "samples": samples,
+                "seconds": duration,
+            },
+        )
+    if json != "-":
+        out().print(f"{samples} samples, {duration:.2f} s")
+        out().print(f"recording: {output}", soft_wrap=True)
+
+
+def export(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Recording.", show_default=False)],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o", "--output", metavar="FILE", help="Table to write, .csv or .parquet.", show_default=False
+        ),
+        TABLE,
+    ],
+    column_map: Annotated[
+        Path | None,
+        typer.Option(
+            "--map",
+            metavar="MAP.yaml",
+            help="Write the map too with which import reads the table back.",
+            show_default=False,
+        ),
+        COLUMN_MAP,
+    ] = None,
+    json: Json = None,
+) -> None:
+    """Write a recording as a table: one row a sample, SI units.
+
+    Beside the readings stand the command that answers the sample and the
+    setpoint in force. A Parquet file carries the units of its columns and what
+    is known of bench and rig; a CSV file has the names alone.
+    """
+    from gyrowheel_analysis.exchange import check_suffix, export_recording
+    from gyrowheel_analysis.recording import Recording
+
+    check_suffix(output)
+    with working(f"reading {directory}"):
+        recording = Recording.open(directory)
+    with advancing(f"writing {output}") as advance:
+        columns = export_recording(recording, output, map_file=column_map, progress=advance)
+    if json is not None:
+        put_json(
+            json,
+            {
+                "schema": 1,
+                "recording": str(directory),
+                "table": str(output),
+                "map": None if column_map is None else str(column_map),
+                "rows": len(recording.measurement),
+                "columns": columns,
+            },
+        )
+    if json != "-":
+        out().print(f"{len(recording.measurement)} rows, {len(columns)} columns")
+        out().print(f"table: {output}", soft_wrap=True)
+        if column_map is not None:
+            out().print(f"map: {column_map}", soft_wrap=True)

@@ -1,0 +1,186 @@
+"""Verbs that confront recordings with a model: compare, diagnose, rate."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from gyrowheel.cli.options import Json, ModelFile, Picture, Recordings, Validation, example
+from gyrowheel.cli.shell import finding, out, put_json, put_text, working
+
+if TYPE_CHECKING:
+    from gyrowheel_analysis.diagnosis.diagnose import Diagnosis
+    from gyrowheel_analysis.recording import Recording
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verbs."""
+    app.command(epilog=example("gyrowheel compare runs/monday --model wheel.yaml --map speed,azimuth"))(
+        compare
+    )
+    app.command(epilog=example("gyrowheel diagnose runs/monday --model wheel.yaml"))(diagnose)
+    app.command(epilog=example("gyrowheel rate runs/rate_table --model wheel.yaml"))(rate)
+
+
+def compare(
+    directories: Recordings,
+    model: ModelFile,
+    fail_above: Annotated[
+        float | None,
+        typer.Option(
+            "--fail-above",
+            metavar="X",
+            min=0.0,
+            help="Exit with 1 if χ²/N of a channel is above X (1: nothing but noise).",
+            show_default=False,
+        ),
+    ] = None,
+    map_over: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--map",
+            metavar="VAR[,VAR]",
+            help="Show a map of the residual over one or two of tilt, azimuth, speed, time, temperature. Repeatable.",
+            show_default="speed,tilt where the model fails",
+        ),
+    ] = None,
+    picture: Picture = None,
+    json: Json = None,
+) -> None:
+    """Show how far a model is from recordings: where, and on what the error depends."""
+    from gyrowheel_analysis.model import Model
+    from gyrowheel_analysis.residuals.maps import residual_map, variables_of
+
+    over = None if map_over is None else [variables_of(text) for text in map_over]
+    loaded = Model.load(model)
+    recordings = open_all(directories)
+    with working("comparing") as say:
+        from gyrowheel.text.comparison import comparison
+        from gyrowheel_analysis.compare import compare as run
+
+        result = run(recordings, loaded, progress=say)
+    if json is not None:
+        put_json(json, result.to_json())
+    if json != "-":
+        put_text(
+            comparison(result, None if over is None else [residual_map(result.data, own) for own in over])
+        )
+    if picture is not None:
+        from gyrowheel.plots.failure import save_failures
+
+        save_failures(picture, result)
+        if json != "-":
+            out().print(f"\npicture: {picture}", soft_wrap=True)
+    worst = max(metrics.chi2_per_n for metrics in result.channels.values())
+    finding(fail_above is not None and worst > fail_above)
+
+
+def diagnose(
+    directories: Recordings,
+    model: ModelFile,
+    validate: Validation = None,
+    averages: Annotated[
+        bool,
+        typer.Option(
+            "--averages",
+            help="Use averages over revolutions alone, as where filters hide what happens within one.",
+        ),
+    ] = False,
+    fail_on_finding: Annotated[
+        bool, typer.Option("--fail-on-finding", help="Exit with 1 unless nothing is missing.")
+    ] = False,
+    json: Json = None,
+) -> None:
+    """Find what a model lacks: with evidence, with what could be mistaken for it, with what could not be seen."""
+    from gyrowheel_analysis.model import Model
+
+    loaded = Model.load(model)
+    recordings, unused = open_apart(directories, validate or ())
+    with working("diagnosing") as say:
+        from gyrowheel.machine import bench_place
+        from gyrowheel.text.diagnosis import diagnosis
+        from gyrowheel_analysis.diagnosis.diagnose import diagnose as run
+
+        result = run(recordings, loaded, validate=unused, averages=averages, progress=say)
+    if json is not None:
+        put_json(json, result.to_json())
+    if json != "-":
+        bench = bench_place(loaded, model)
+        command = following(result, directories, validate or (), model, bench, averages=averages)
+        put_text(diagnosis(result, following=command))
+    finding(fail_on_finding and result.verdict != "nothing_missing")
+
+
+def rate(directories: Recordings, model: ModelFile, json: Json = None) -> None:
+    """Estimate how fast the case turns across the spin axis: the wheel as a two-axis rate sensor.
+
+    Where a rate table turned the rig (plan rate_table), scale and bias of both axes are calibrated against it.
+    """
+    from gyrowheel_analysis.model import Model
+
+    loaded = Model.load(model)
+    recordings = open_all(directories)
+    with working("estimating rates") as say:
+        from gyrowheel.text.rates import rates_page
+        from gyrowheel_analysis.rate_sensor import rates
+
+        result = rates(recordings, loaded, progress=say)
+    if json is not None:
+        put_json(json, result.to_json())
+    if json != "-":
+        put_text(rates_page(result))
+
+
+def open_all(directories: Sequence[Path]) -> list[Recording]:
+    """Open recordings; InputError if one is missing, damaged or named twice."""
+    from gyrowheel_analysis.recording import Recording
+    from gyrowheel_core.errors import InputError
+
+    places = [directory.resolve() for directory in directories]
+    for index, place in enumerate(places):
+        if place in places[:index]:
+            raise InputError(f"{directories[index]}: is given twice")
+    return [Recording.open(directory) for directory in directories]
+
+
+def open_apart(fitted: Sequence[Path], unused: Sequence[Path]) -> tuple[list[Recording], list[Recording]]:
+    """Open recordings to fit and those to validate the fit on; InputError also if one is given as both."""
+    from gyrowheel_core.errors import InputError
+
+    places = {directory.resolve() for directory in fitted}
+    for directory in unused:
+        if directory.resolve() in places:
+            raise InputError(f"--validate: {directory}: a recording that is fitted cannot validate the fit")
+    return open_all(fitted), open_all(unused)
+
+
+def following(
+    result: Diagnosis,
+    directories: Sequence[Path],
+    validate: Sequence[Path],
+    model: Path,
+    bench: str = "gyrowheel",
+    *,
+    averages: bool = False,
+) -> str | None:
+    """Return the command to type after a diagnosis; None where there is nothing to do."""
+    named = " ".join(shlex.quote(str(directory)) for directory in directories)
+    if result.verdict == "effect" or result.free_form:
+        fit = " ".join(f"--fit {shlex.quote(str(directory))}" for directory in directories)
+        unused = "".join(f" --validate {shlex.quote(str(directory))}" for directory in validate)
+        names = [finding.name for finding in result.effects]
+        names += [f"--formula {shlex.quote(f'{form.name}: {form.formula}')}" for form in result.free_form]
+        return f"gyrowheel model add {' '.join(names)} --model {shlex.quote(str(model))} {fit}{unused}"
+    plan = result.next_test.plan if result.next_test is not None else None
+    if plan is None or result.verdict == "nothing_missing":
+        return None
+    new = shlex.quote(str(directories[0].with_name(plan)))
+    other = "" if bench == "gyrowheel" else f" --bench {shlex.quote(bench)}"
+    return (
+        f"gyrowheel up --plan {shlex.quote(plan)}{other} --record {new} && "
+        f"gyrowheel diagnose {named} {new} --model {shlex.quote(str(model))}{' --averages' if averages else ''}"
+    )

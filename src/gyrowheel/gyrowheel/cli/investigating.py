@@ -1,0 +1,217 @@
+"""The verb `investigate`."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from gyrowheel.cli.options import Blind, Effects, Json, Machine, ModelFile, Seed, example
+from gyrowheel.cli.shell import INTERRUPTED, notes, out, put_json
+from gyrowheel.cli.stage import Terminal
+
+if TYPE_CHECKING:
+    from gyrowheel.investigation import Investigation, Run, Step
+    from gyrowheel_control.plans.plan import Plan
+    from gyrowheel_sim.bench import Bench
+    from gyrowheel_sim.plant.scenario import Scenario
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+    app.command(epilog=example("gyrowheel investigate --model wheel.yaml --blind key.json --budget 10"))(
+        investigate
+    )
+
+
+def investigate(
+    model: ModelFile,
+    directories: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="DIR", help="Recordings at hand, to begin with.", show_default=False),
+    ] = None,
+    budget: Annotated[
+        float,
+        typer.Option("--budget", metavar="MINUTES", min=0.0, help="Time on the bench that may be spent."),
+    ] = 15.0,
+    plan: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--plan",
+            metavar="P",
+            help="Plan to begin with: shipped name, or a plan file. Repeatable.",
+            show_default="quick, if there are no recordings",
+        ),
+    ] = None,
+    thorough: Annotated[
+        bool,
+        typer.Option("--thorough", help="Go on until every known effect would have shown at a usual size."),
+    ] = False,
+    averages: Annotated[
+        bool,
+        typer.Option(
+            "--averages",
+            help="Use averages over revolutions alone, as where filters hide what happens within one.",
+        ),
+    ] = False,
+    simulate: Annotated[
+        bool, typer.Option("--simulate", help="Simulate the plans at once, without the graph of nodes.")
+    ] = False,
+    effect: Effects = None,
+    blind: Blind = None,
+    machine: Machine = None,
+    seed: Seed = 0,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="DIR",
+            help="New directory for all recordings.",
+            show_default="out/investigation-N",
+        ),
+    ] = None,
+    json: Json = None,
+) -> None:
+    """Find what a model lacks by the tests that it takes, until all is settled.
+
+    Runs a plan, diagnoses, runs the test that the diagnosis names, and so on.
+    The machine is the simulated bench with --effect, --blind and --machine.
+    What was recorded is kept, also after Ctrl-C; the model file stays as it is.
+    """
+    from gyrowheel.cli.finding import open_all
+    from gyrowheel.investigation import Investigation
+    from gyrowheel.investigation import investigate as run
+    from gyrowheel_analysis.model import Model
+    from gyrowheel_control.plans.plan import Plan
+    from gyrowheel_core.files import require_new
+
+    loaded = Model.load(model)
+    bench = loaded.stated_bench
+    plans = [Plan.load(name) for name in plan or ([] if directories else ["quick"])]
+    for chosen in plans:
+        chosen.check(bench)
+    at_hand = list(directories or ())
+    open_all(at_hand)
+    folder = _new_folder(Path("out")) if output is None else output
+    require_new(folder)
+    beside = model.parent / loaded.bench_source
+    source = str(beside if beside.is_file() else loaded.bench_source)
+
+    def hidden(chosen: Plan, number: int) -> Scenario:
+        from gyrowheel.machine import scenario
+
+        name = f"{chosen.name} {number}"  # every run has noise of its own
+        return scenario(bench, name, effects=effect or (), blind=blind, seed=seed, machine=machine)
+
+    if plans and effect:
+        hidden(plans[0], 1)  # tells of bad effects before anything is made
+    # with JSON on stdout the tour goes to stderr
+    stage = Terminal(notes() if json == "-" else out())
+    runner = _simulation(stage, bench, hidden) if simulate else _graph(stage, source, hidden)
+    done = Investigation(str(model), budget, averages=averages)
+    interrupted = False
+    try:
+        run(done, loaded, folder, runner, _Teller(stage), plans=plans, at_hand=at_hand, thorough=thorough)
+    except KeyboardInterrupt:
+        interrupted = True
+    _finish(done, folder, [*at_hand, *done.recordings], model, stage)
+    if json is not None:
+        put_json(json, done.to_json())
+    if interrupted:
+        raise typer.Exit(INTERRUPTED)
+
+
+class _Teller:
+    """Tells on a stage what an investigation does."""
+
+    def __init__(self, stage: Terminal) -> None:
+        self._stage = stage
+
+    def begin(self, number: int, plans: Sequence[str], why: str) -> None:
+        what = f"{'plans' if len(plans) > 1 else 'plan'} {' and '.join(plans)}: {why}" if plans else why
+        self._stage.step(what[0].upper() + what[1:])
+
+    def working(self, title: str) -> AbstractContextManager[Callable[[str], None]]:
+        return self._stage.working(title)
+
+    def learned(self, step: Step) -> None:
+        from rich.text import Text
+
+        from gyrowheel.text.quantities import seconds
+
+        self._stage.show([Text(sentence) for sentence in step.learned])
+        change = _verdicts(step)
+        left = f"{seconds(60.0 * step.left)} of bench time left" if step.minutes or step.left else ""
+        self._stage.show([Text("; ".join(part for part in (change, left) if part), style="dim")])
+
+
+def _verdicts(step: Step) -> str:
+    """Return the verdict, and what it was before."""
+    now = step.diagnosis.verdict.replace("_", " ")
+    if step.before is None:
+        return f"verdict: {now}"
+    before = step.before.replace("_", " ")
+    return f"verdict: still {now}" if before == now else f"verdict: {before} → {now}"
+
+
+def _simulation(stage: Terminal, bench: Bench, hidden: Callable[[Plan, int], Scenario]) -> Run:
+    def run(plan: Plan, directory: Path, number: int) -> None:
+        from gyrowheel.simulation import record_simulation
+
+        with stage.advancing(f"plan {plan.name}") as advance:
+            record_simulation(directory, bench, hidden(plan, number), plan, progress=advance)
+
+    return run
+
+
+def _graph(stage: Terminal, source: str, hidden: Callable[[Plan, int], Scenario]) -> Run:
+    def run(plan: Plan, directory: Path, number: int) -> None:
+        from gyrowheel_bringup.graph import Graph
+
+        with (
+            Graph(plan, bench=source, scenario=hidden(plan, number), record=directory) as graph,
+            stage.advancing(f"plan {plan.name}") as advance,
+        ):
+            graph.run(progress=lambda p: advance(min(p.elapsed / p.duration, 1.0)))
+            advance(1.0)
+
+    return run
+
+
+def _finish(
+    done: Investigation, folder: Path, recordings: Sequence[Path], model: Path, stage: Terminal
+) -> None:
+    """Show how it ended, what is known then, and the command to type next."""
+    from rich.text import Text
+
+    from gyrowheel.cli.finding import following
+    from gyrowheel.investigation import end_sentence
+    from gyrowheel.text.diagnosis import detection_limits, findings
+    from gyrowheel.text.layout import Unbroken, command, heading
+
+    if done.steps:
+        last = done.steps[-1].diagnosis
+        stage.step("What is known now")
+        stage.show([*findings(last), *detection_limits(last.detection_limits)])
+        if done.settled and (next_command := following(last, recordings, (), model)):
+            stage.show([heading("Next"), command(next_command)])
+    if done.steps and not done.settled and recordings:
+        again = " ".join(shlex.quote(str(path)) for path in recordings)
+        more = f"gyrowheel investigate {again} --model {shlex.quote(str(model))}"
+        stage.show([heading("To go on from here"), command(more + (" --averages" if done.averages else ""))])
+    colour = "green" if done.settled else "yellow"
+    stage.show([Text(f"\n{end_sentence(done)}", style=f"bold {colour}")])
+    if folder.is_dir() and any(folder.iterdir()):
+        stage.show([Unbroken(f"recordings: {folder}")])
+
+
+def _new_folder(parent: Path) -> Path:
+    number = 1
+    while (folder := parent / f"investigation-{number}").exists():
+        number += 1
+    return folder

@@ -1,0 +1,97 @@
+"""Options and arguments that several verbs have."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, TypeAlias
+
+import typer
+
+from gyrowheel.cli.outputs import JSON_RESULT, PICTURE
+
+Json: TypeAlias = Annotated[
+    str | None,
+    typer.Option("--json", metavar="FILE", help="Write the result as JSON ('-': to stdout)."),
+    JSON_RESULT,
+]
+Picture: TypeAlias = Annotated[
+    Path | None,
+    typer.Option("--picture", metavar="FILE.png", help="Draw where the model fails.", show_default=False),
+    PICTURE,
+]
+Recordings: TypeAlias = Annotated[
+    list[Path], typer.Argument(metavar="DIR...", help="Recordings.", show_default=False)
+]
+ModelFile: TypeAlias = Annotated[
+    Path, typer.Option("--model", metavar="M.yaml", help="Model file.", show_default=False)
+]
+PlanName: TypeAlias = Annotated[
+    str,
+    typer.Option("--plan", metavar="P", help="Test plan: shipped name, or a plan file.", show_default=False),
+]
+Effects: TypeAlias = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--effect",
+        metavar="NAME[:C=V,..]",
+        help="Effect of the simulated machine; coefficients not given take their usual size. aero:MODEL stands for all "
+        "that a model of the air has (gyrowheel air). Repeatable.",
+        show_default=False,
+    ),
+]
+Blind: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        "--blind",
+        metavar="KEY.json",
+        help="Hidden machine of this key file; drawn at random where the file is new.",
+        show_default=False,
+    ),
+]
+Seed: TypeAlias = Annotated[
+    int, typer.Option("--seed", metavar="N", help="Seed of the noise, and of a new key file.")
+]
+Machine: TypeAlias = Annotated[
+    int | None,
+    typer.Option(
+        "--machine",
+        metavar="N",
+        help="Draw the true bench parameters within their uncertainties with this seed.",
+        show_default="as stated in the bench file",
+    ),
+]
+Truth: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        "--model",
+        metavar="M.yaml",
+        help="Model file whose effects and learned parameters the simulated machine has, beside those of --effect.",
+        show_default=False,
+    ),
+]
+BenchOfRun: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        "--bench",
+        metavar="B",
+        help="Bench: shipped name (gyrowheel, dtg), or a bench file.",
+        show_default="gyrowheel, or that of --model",
+    ),
+]
+BenchName: TypeAlias = Annotated[
+    str, typer.Option("--bench", metavar="B", help="Bench: shipped name (gyrowheel, dtg), or a bench file.")
+]
+Validation: TypeAlias = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--validate",
+        metavar="DIR",
+        help="Recording to validate on, not used to fit. Repeatable.",
+        show_default=False,
+    ),
+]
+
+
+def example(text: str) -> str:
+    """Return the end of a help text: one good example."""
+    return f"Example: [cyan]{text}[/cyan]"

@@ -1,0 +1,229 @@
+"""Files that a command writes: checked before its work begins, and never put in the place of anything else.
+
+A file that exists is replaced if it is plainly an earlier output of the same kind, so that a command can be repeated;
+an input of the command, a file of another kind and whatever lies in a recording stay as they are.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import inspect
+import itertools
+import json
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, get_args, get_origin
+
+import typer
+
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.files import require_writable
+
+_METADATA = "metadata.yaml"
+_BAGS = ("*.mcap", "*.db3")
+_TORQUE_TABLE = {"schema", "rows"}  # the fields of its file
+
+
+@dataclass(frozen=True)
+class Output:
+    """Marks a parameter of a verb as a file that it writes.
+
+    Attributes
+    ----------
+    what : str
+        What is written, for errors.
+    earlier : callable
+        Whether a file that is there is plainly an earlier output of this kind.
+    suffixes : tuple of str
+        Endings that its name may have; any if empty.
+    """
+
+    what: str
+    earlier: Callable[[Path], bool]
+    suffixes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class NewRecording:
+    """Marks a parameter of a verb as the directory of a recording that it makes."""
+
+
+def guarded(verb: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a verb that checks its outputs before it begins."""
+
+    @functools.wraps(verb)
+    def checked(*args: Any, **given: Any) -> Any:
+        check_outputs(verb, given)
+        return verb(*args, **given)
+
+    return checked
+
+
+def guard(app: typer.Typer) -> None:
+    """Have all verbs of a command line check their outputs before they begin."""
+    for command in app.registered_commands:
+        if command.callback is not None:
+            command.callback = guarded(command.callback)
+    for group in app.registered_groups:
+        if group.typer_instance is not None:
+            guard(group.typer_instance)
+
+
+def check_outputs(verb: Callable[..., Any], given: Mapping[str, Any]) -> None:
+    """Refuse outputs that would replace what is no output of the same kind, or that cannot be written.
+
+    Parameters
+    ----------
+    verb : callable
+        A verb; `Output` and `NewRecording` in the annotations of its parameters say what it writes.
+    given : mapping
+        The values of its parameters.
+
+    Raises
+    ------
+    InputError
+        Naming option, file and reason.
+    """
+    outputs: dict[str, tuple[str, Path, Output]] = {}
+    made: list[Path] = []
+    others: list[Path] = []
+    for name, parameter in inspect.signature(verb, eval_str=True).parameters.items():
+        value = given.get(name)
+        marks = get_args(parameter.annotation) if get_origin(parameter.annotation) is Annotated else ()
+        output = next((mark for mark in marks if isinstance(mark, Output)), None)
+        if output is None:
+            paths = list(_paths(value))
+            (made if any(isinstance(mark, NewRecording) for mark in marks) else others).extend(paths)
+        elif value is not None and str(value) != "-":
+            outputs[name] = (_option(marks, name), Path(value), output)
+    for option, path, output in outputs.values():
+        for other in others:
+            if _same(path, other):
+                raise InputError(f"{option}: {path} is an input of this command; name another file")
+            if path.resolve().is_relative_to(other.resolve()) and _holds_a_bag(other):
+                raise InputError(f"{option}: {path} lies in the recording {other}; name a file elsewhere")
+        for folder in made:
+            if path.resolve().is_relative_to(folder.resolve()):
+                raise InputError(f"{option}: {path} lies in the recording {folder}; name a file elsewhere")
+        _check(option, path, output)
+    for (option, path, _), (second, again, _) in itertools.combinations(outputs.values(), 2):
+        if _same(path, again):
+            raise InputError(f"{second}: {again} is the file of {option}, too; name another one")
+
+
+def _check(option: str, path: Path, output: Output) -> None:
+    if output.suffixes and path.suffix not in output.suffixes:
+        allowed = ", ".join(output.suffixes)
+        raise InputError(f"{option}: {path}: the ending '{path.suffix}' is not known; allowed: {allowed}")
+    for folder in path.resolve().parents:
+        if _is_bag(folder):
+            raise InputError(f"{option}: {path} lies in the recording {folder}; name a file elsewhere")
+    if path.exists() and not (path.is_file() and (_is_empty(path) or _is_earlier(path, output))):
+        raise InputError(f"{option}: {path} exists and is not {output.what}; name a new file")
+    require_writable(path)
+
+
+def _paths(value: Any) -> Iterator[Path]:
+    """Return the paths that a value of a parameter may mean."""
+    if isinstance(value, Path | str):
+        if value and "\0" not in str(value):
+            yield Path(value)
+    elif isinstance(value, list | tuple):
+        for item in value:
+            yield from _paths(item)
+
+
+def _same(one: Path, other: Path) -> bool:
+    with contextlib.suppress(OSError):
+        return one.samefile(other)
+    with contextlib.suppress(OSError):
+        return one.resolve() == other.resolve()
+    return False
+
+
+def _option(marks: tuple[Any, ...], name: str) -> str:
+    """Return how a parameter is called on the command line."""
+    for mark in marks:
+        for text in (getattr(mark, "default", ...), *(getattr(mark, "param_decls", None) or ())):
+            if isinstance(text, str) and text.startswith("--"):
+                return text
+    return f"--{name}"
+
+
+def _holds_a_bag(folder: Path) -> bool:
+    return folder.is_dir() and (_is_bag(folder) or any(any(folder.glob(name)) for name in _BAGS))
+
+
+def _is_bag(folder: Path) -> bool:
+    try:
+        with (folder / _METADATA).open(encoding="utf-8", errors="replace") as stream:
+            return "rosbag2_bagfile_information" in stream.read(4096)
+    except OSError:
+        return False
+
+
+def _is_empty(path: Path) -> bool:
+    with contextlib.suppress(OSError):
+        return path.stat().st_size == 0
+    return False
+
+
+def _is_earlier(path: Path, output: Output) -> bool:
+    try:
+        return output.earlier(path)
+    except (OSError, ValueError, RecursionError):
+        return False
+
+
+def _head(path: Path, size: int) -> bytes:
+    with path.open("rb") as stream:
+        return stream.read(size)
+
+
+def _json(path: Path) -> Any:
+    return json.loads(path.read_text(encoding="utf-8")) if _head(path, 1) in (b"{", b"[") else None
+
+
+def _is_result(path: Path) -> bool:
+    content = _json(path)
+    # a torque table is an input of other commands
+    return isinstance(content, dict) and "schema" in content and content.keys() != _TORQUE_TABLE
+
+
+def _is_torque_table(path: Path) -> bool:
+    content = _json(path)
+    return isinstance(content, dict) and content.keys() == _TORQUE_TABLE
+
+
+def _is_case_list(path: Path) -> bool:
+    content = _json(path)
+    return isinstance(content, list) and all(
+        isinstance(item, dict) and {"case", "truth", "verdict", "outcome"} <= item.keys() for item in content
+    )
+
+
+def _is_picture(path: Path) -> bool:
+    head = _head(path, 4096)
+    return head.startswith(b"\x89PNG\r\n\x1a\n") and b"Matplotlib" in head
+
+
+def _is_table(path: Path) -> bool:
+    from gyrowheel_analysis.exchange import is_exported_table
+
+    return is_exported_table(path)
+
+
+def _is_map(path: Path) -> bool:
+    from gyrowheel_analysis.exchange import is_exported_map
+
+    return is_exported_map(path)
+
+
+JSON_RESULT = Output("a JSON result of an earlier command", _is_result)
+PICTURE = Output("an earlier picture of gyrowheel", _is_picture, (".png",))
+TORQUE_TABLE = Output("an earlier torque table", _is_torque_table)
+CASE_LIST = Output("an earlier list of cases", _is_case_list)
+TABLE = Output("an earlier table of gyrowheel export", _is_table)
+COLUMN_MAP = Output("an earlier map of gyrowheel export", _is_map)

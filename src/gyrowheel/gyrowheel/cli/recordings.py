@@ -1,0 +1,63 @@
+"""Verbs about recordings as such."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from gyrowheel.cli.options import Json, example
+from gyrowheel.cli.outputs import NewRecording
+from gyrowheel.cli.shell import advancing, out, put_json
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verbs."""
+    app.command(epilog=example("gyrowheel info runs/monday"))(info)
+    app.command(epilog=example("gyrowheel salvage runs/monday -o runs/monday_saved"))(salvage)
+
+
+def info(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Recording.", show_default=False)],
+    json: Json = None,
+) -> None:
+    """Show what a recording holds, and whether anything is missing in it."""
+    from dataclasses import asdict
+
+    from gyrowheel_analysis.recording import info as read
+
+    found = read(directory)
+    if json is not None:
+        put_json(json, {"schema": 1, **asdict(found)})
+    if json != "-":
+        out().print(found.render(), soft_wrap=True)
+
+
+def salvage(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="PATH",
+            help="Broken recording, directory or .mcap file; it is not touched.",
+            show_default=False,
+        ),
+    ],
+    target: Annotated[
+        Path,
+        typer.Option("-o", "--output", metavar="DIR", help="Recording to create.", show_default=False),
+        NewRecording(),
+    ],
+    json: Json = None,
+) -> None:
+    """Make a complete recording of what can be read of a broken one (MCAP), and say what is missing."""
+    from dataclasses import asdict
+
+    from gyrowheel_analysis.recording import salvage as save
+
+    with advancing("salvaging") as advance:
+        found = save(source, target, progress=advance)
+    if json is not None:
+        put_json(json, {"schema": 1, **asdict(found)})
+    if json != "-":
+        out().print(found.render(), soft_wrap=True)

@@ -1,0 +1,213 @@
+"""The verb `replay`."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from gyrowheel.cli.options import Json, example
+from gyrowheel.cli.shell import notes, put_json, put_text
+from gyrowheel_core.errors import InputError
+
+if TYPE_CHECKING:
+    from gyrowheel_analysis.nodes.replay import ReplayNode
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+    app.command(epilog=example("gyrowheel replay runs/monday --from 10 --to 20 --rate 0.5"))(replay)
+
+
+def replay(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Recording.", show_default=False)],
+    rate: Annotated[float, typer.Option("--rate", metavar="R", help="Recorded seconds per second.")] = 1.0,
+    fast: Annotated[bool, typer.Option("--fast", help="As fast as the readers take it.")] = False,
+    step: Annotated[
+        bool, typer.Option("--step", help="Stand still at first, and go on step by step.")
+    ] = False,
+    step_length: Annotated[
+        float,
+        typer.Option(
+            "--step-length", metavar="S", help="How far a step goes, in seconds; 0: to the next sample."
+        ),
+    ] = 0.0,
+    loop: Annotated[bool, typer.Option("--loop", help="Begin again at the end.")] = False,
+    start: Annotated[
+        float, typer.Option("--from", metavar="S", help="From when on, in seconds from the first sample.")
+    ] = 0.0,
+    end: Annotated[
+        float | None,
+        typer.Option("--to", metavar="S", help="Until when, in seconds.", show_default="the end"),
+    ] = None,
+    topic: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--topic", metavar="T", help="Give back this topic only. Repeatable.", show_default="all"
+        ),
+    ] = None,
+    without: Annotated[
+        list[str] | None,
+        typer.Option("--without", metavar="T", help="Leave out this topic. Repeatable.", show_default=False),
+    ] = None,
+    clock: Annotated[bool, typer.Option("--clock/--no-clock", help="Publish /clock.")] = True,
+    wait: Annotated[
+        float,
+        typer.Option("--wait", metavar="S", help="Seconds to look for other nodes before it begins."),
+    ] = 3.5,
+    readers: Annotated[
+        int, typer.Option("--readers", metavar="N", help="Readers of the samples to wait for.")
+    ] = 0,
+    estimate: Annotated[
+        bool, typer.Option("--estimate", help="Run the drag estimator on it and show what it finds.")
+    ] = False,
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            "--model",
+            metavar="M.yaml",
+            help="Model of the estimator.",
+            show_default="a new one of the bench gyrowheel",
+        ),
+    ] = None,
+    logs: Annotated[bool, typer.Option("--logs", help="Show what the nodes log.")] = False,
+    json: Json = None,
+) -> None:
+    """Give a recording back to ROS, message by message as it was recorded.
+
+    On a terminal the space bar stops it and lets it go on, s makes one step,
+    q ends it. The services /gyrowheel/replay/pause and step do the same from
+    elsewhere.
+    """
+    import math
+
+    from gyrowheel_analysis.recording.playback import Tape
+    from gyrowheel_core import topics
+
+    for name, value, low, high in (
+        ("--rate", rate, 1e-3, 1e6),
+        ("--step-length", step_length, 0.0, 3600.0),
+        ("--from", start, 0.0, 1e9),
+        ("--to", end, 0.0, 1e9),
+        ("--wait", wait, 0.0, 60.0),
+        ("--readers", readers, 0, 100),
+    ):
+        if value is not None and not low <= value <= high:  # refuses what is no number, too
+            raise InputError(f"{name}: {value:g} is out of range; allowed: {low:g} .. {high:g}")
+    if model is not None and not estimate:
+        raise InputError("--model: is for the estimator; add --estimate")
+    if estimate and loop:
+        raise InputError("--estimate: not together with --loop, which has no end")
+    left_out = list(without or ())
+    with contextlib.ExitStack() as stack:
+        estimator: dict[str, object] | None = None
+        if estimate:
+            from gyrowheel_analysis.model import Model
+
+            estimator = {}
+            if model is not None:
+                Model.load(model)
+                estimator["model"] = str(model.absolute())
+            left_out += _recorded_estimates(directory, topic, left_out)
+        with notes().status(f"opening {directory}") if notes().is_terminal else contextlib.nullcontext():
+            tape = Tape(
+                directory,
+                only=topic or (),
+                without=left_out,
+                start=start,
+                end=math.inf if end is None else end,
+            )
+        stack.callback(tape.close)
+        if estimate and topics.MEASUREMENT not in tape.topics:
+            raise InputError(
+                f"{directory}: --estimate needs {topics.MEASUREMENT.name}, which is not given back"
+            )
+
+        from gyrowheel.text.replay import replay_page
+        from gyrowheel_bringup.playback import play
+
+        with _showing(tape.duration, tape.start) as show:
+            outcome = play(
+                tape,
+                {
+                    "rate": 0.0 if fast else rate,
+                    "loop": loop,
+                    "paused": step,
+                    "step": step_length,
+                    "clock": clock,
+                    "wait": 1.0 if estimate else wait,
+                    "wait_for_subscribers": readers + int(estimate),
+                },
+                show=show,
+                estimator=estimator,
+                logs=logs,
+            )
+    if outcome.code:
+        raise typer.Exit(outcome.code)
+    if not outcome.complete and not outcome.stopped:
+        raise KeyboardInterrupt
+    if json is not None:
+        put_json(
+            json,
+            {
+                "schema": 1,
+                "recording": str(directory),
+                "from": start,
+                "to": start + tape.duration,
+                "complete": outcome.complete,
+                "rounds": outcome.rounds,
+                "messages": outcome.counts,
+                "left_out": outcome.left_out,
+                "wall_seconds": outcome.wall,
+                "drag_estimates": outcome.estimates,
+            },
+        )
+    if json != "-":
+        put_text(replay_page(outcome, tape.duration))
+
+
+def _recorded_estimates(directory: Path, chosen: list[str] | None, without: list[str]) -> list[str]:
+    """Return the topic of the drag estimates if they would be given back."""
+    from gyrowheel_analysis.recording.bags import read_bag
+    from gyrowheel_core import topics
+
+    name = topics.DRAG_ESTIMATE.name
+    found = read_bag(directory, {}).get(name)
+    wanted = not chosen or name in chosen
+    return [name] if wanted and name not in without and found is not None and found.count else []
+
+
+@contextlib.contextmanager
+def _showing(duration: float, start: float) -> Iterator[Callable[[ReplayNode], None]]:
+    """Show on stderr where a replay is: one changing line on a terminal, a line every quarter elsewhere."""
+    console = notes()
+    if not console.is_terminal:
+        told = -1
+
+        def tell(node: ReplayNode) -> None:
+            nonlocal told
+            quarter = 4 * node.rounds + int(4.0 * (node.position - start) / max(duration, 1e-9) + 1e-9)
+            if node.started and quarter > told:
+                told = quarter
+                console.print(f"replay: at {node.position:.1f} s of {start + duration:.1f} s", soft_wrap=True)
+
+        yield tell
+        return
+    with console.status("looking for other nodes") as status:
+
+        def draw(node: ReplayNode) -> None:
+            if not node.started:
+                return
+            done = (node.position - start) / max(duration, 1e-9)
+            bar = "━" * round(20 * min(done, 1.0))
+            state = "paused" if node.paused else "replay"
+            rounds = f", round {node.rounds + 1}" if node.rounds else ""
+            status.update(
+                f"{state} {bar:╌<20} {node.position:9.4f} of {start + duration:.4f} s{rounds}"
+                "   space: pause  s: step  q: end"
+            )
+
+        yield draw

@@ -1,0 +1,234 @@
+"""Verbs that run the bench: as a graph of nodes, or simulated at once."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from gyrowheel.cli.options import (
+    BenchOfRun,
+    Blind,
+    Effects,
+    Json,
+    Machine,
+    PlanName,
+    Seed,
+    Truth,
+    example,
+)
+from gyrowheel.cli.outputs import NewRecording
+from gyrowheel.cli.shell import advancing, notes, out, put_json, working
+from gyrowheel_core.errors import InputError
+
+if TYPE_CHECKING:
+    from gyrowheel_analysis.model import Model
+    from gyrowheel_bringup.graph import Graph, GraphResult
+    from gyrowheel_control.plans.plan import Plan
+    from gyrowheel_sim.bench import Bench
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verbs."""
+    app.command(epilog=example("gyrowheel up --plan quick --record runs/monday --effect windage"))(up)
+    app.command(epilog=example("gyrowheel simulate --plan quick -o runs/monday --effect windage:w=0.001"))(
+        simulate
+    )
+
+
+def up(
+    plan: Annotated[
+        str | None,
+        typer.Option(
+            "--plan", metavar="P", help="Test plan to run; without one the bench runs until Ctrl-C."
+        ),
+    ] = None,
+    record: Annotated[
+        Path | None,
+        typer.Option("--record", metavar="DIR", help="Record into this new directory.", show_default=False),
+        NewRecording(),
+    ] = None,
+    realtime: Annotated[
+        bool,
+        typer.Option(
+            "--realtime", help="Pace the bench by the clock on the wall instead of as fast as it can go."
+        ),
+    ] = False,
+    effect: Effects = None,
+    model: Truth = None,
+    blind: Blind = None,
+    machine: Machine = None,
+    seed: Seed = 0,
+    bench: BenchOfRun = None,
+    logs: Annotated[bool, typer.Option("--logs", help="Show what the nodes log.")] = False,
+    json: Json = None,
+) -> None:
+    """Start the bench: plant, controller, conductor, drag estimator and recorder as processes that talk over ROS.
+
+    A plan that tilts further than usual says so in its file; the guards of the bench then allow it.
+    """
+    from gyrowheel.machine import scenario
+    from gyrowheel_core.files import require_new
+
+    source, loaded, truth = _bench_and_model(bench, model)
+    chosen = None if plan is None else _checked(plan, loaded)
+    if record is not None:
+        require_new(record)
+    hidden = scenario(
+        loaded,
+        "" if chosen is None else chosen.name,
+        effects=effect or (),
+        model=truth,
+        blind=blind,
+        seed=seed,
+        machine=machine,
+    )
+
+    from gyrowheel_bringup.graph import Graph
+
+    graph = Graph(
+        chosen,
+        bench=source,
+        scenario=hidden,
+        record=record,
+        hold_after_plan=chosen is None,
+        realtime=realtime,
+        show_logs=logs,
+        on_trouble=lambda node, text: notes().print(f"{node}: {text}", soft_wrap=True, highlight=False),
+        initial_spin_rate=loaded.value("spin_rate_reference") if chosen is None else None,
+    )
+    with contextlib.ExitStack() as stack:
+        with working("starting the nodes"):
+            stack.enter_context(graph)
+        notes().print("  ".join(f"{name} {pid}" for name, pid in graph.pids.items()), soft_wrap=True)
+        if chosen is None:
+            notes().print("the bench runs; Ctrl-C ends it")
+            graph.wait()
+            return
+        result = walk(graph, chosen)
+    _report(result, json)
+
+
+def walk(graph: Graph, plan: Plan) -> GraphResult:
+    """Run a plan in a graph that was started, and show how far it is."""
+    with advancing(f"plan {plan.name}") as advance:
+        result = graph.run(progress=lambda p: advance(min(p.elapsed / p.duration, 1.0)))
+        advance(1.0)
+    return result
+
+
+def simulate(
+    plan: PlanName,
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o", "--output", metavar="DIR", help="New directory for the recording.", show_default=False
+        ),
+        NewRecording(),
+    ],
+    effect: Effects = None,
+    model: Truth = None,
+    blind: Blind = None,
+    machine: Machine = None,
+    seed: Seed = 0,
+    bench: BenchOfRun = None,
+    json: Json = None,
+) -> None:
+    """Make the recording that `up` would make, at once and without ROS."""
+    from gyrowheel.machine import scenario
+    from gyrowheel.simulation import record_simulation
+    from gyrowheel_core.files import require_new
+
+    _, loaded, truth = _bench_and_model(bench, model)
+    chosen = _checked(plan, loaded)
+    require_new(output)
+    hidden = scenario(
+        loaded,
+        chosen.name,
+        effects=effect or (),
+        model=truth,
+        blind=blind,
+        seed=seed,
+        machine=machine,
+    )
+    begin = time.monotonic()
+    with advancing(f"simulating plan {chosen.name}") as advance:
+        record_simulation(output, loaded, hidden, chosen, progress=advance)
+    wall = time.monotonic() - begin
+    if json is not None:
+        put_json(json, _run_json(chosen.name, str(output), chosen.duration, wall))
+    if json != "-":
+        out().print(
+            f"{chosen.duration:.1f} s simulated in {wall:.1f} s, {chosen.duration / wall:.0f} times real time"
+        )
+        out().print(f"recording: {output}", soft_wrap=True)
+
+
+def _bench_and_model(bench: str | None, model: Path | None) -> tuple[str, Bench, Model | None]:
+    """Return name or path of the bench, the bench as its file describes it, and the model of the machine."""
+    from gyrowheel_sim.bench import Bench
+
+    if model is None:
+        source = bench or "gyrowheel"
+        return source, Bench.load(source), None
+    from gyrowheel.machine import bench_place
+    from gyrowheel_analysis.model import Model
+
+    truth = Model.load(model)
+    place = bench_place(truth, model)
+    if bench is not None and Bench.load(bench).parameters != truth.stated_bench.parameters:
+        raise InputError(f"--bench: {bench} is not the bench of {model}, {truth.bench_source}; leave it out")
+    return place, truth.stated_bench, truth
+
+
+def _checked(name: str, bench: Bench) -> Plan:
+    from gyrowheel_control.plans.plan import Plan
+
+    plan = Plan.load(name)
+    try:
+        plan.check(bench)
+    except InputError as error:
+        own = f"{bench.name}_{name}"
+        if own not in Plan.shipped():
+            raise
+        raise InputError(f"{error}; the bench has a plan of its own: {own}") from None
+    return plan
+
+
+def _report(result: GraphResult, json: str | None) -> None:
+    if json is not None:
+        content = _run_json(
+            result.plan,
+            None if result.recording is None else str(result.recording),
+            result.simulated_seconds,
+            result.wall_seconds,
+        )
+        content |= {"samples": result.samples, "processes": dict(result.pids)}
+        put_json(json, content | ({"pace": dict(result.pace)} if result.pace else {}))
+    if json != "-":
+        out().print(
+            f"{result.simulated_seconds:.1f} s simulated in {result.wall_seconds:.1f} s, "
+            f"{result.ratio:.2f} times real time"
+        )
+        if result.pace:
+            out().print(
+                f"{result.pace['late_commands']:.0f} commands late, {result.pace['missing_commands']:.0f} missing; the "
+                f"last one was held for {result.pace['held_samples']:.0f} samples"
+            )
+        if result.recording is not None:
+            out().print(f"{result.samples} samples recorded, none missing")
+            out().print(f"recording: {result.recording}", soft_wrap=True)
+
+
+def _run_json(plan: str, recording: str | None, simulated: float, wall: float) -> dict[str, object]:
+    return {
+        "schema": 1,
+        "plan": plan,
+        "recording": recording,
+        "simulated_seconds": simulated,
+        "wall_seconds": wall,
+        "ratio": simulated / max(wall, 1e-9),
+    }

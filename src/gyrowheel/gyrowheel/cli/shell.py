@@ -1,0 +1,214 @@
+"""What all verbs share: exit codes, one-line errors, consoles, progress and JSON results."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import itertools
+import os
+import re
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any, TextIO, cast
+
+import typer
+
+from gyrowheel_core.errors import InputError, one_line
+
+if TYPE_CHECKING:
+    from rich.console import Console, RenderableType
+
+OK, FINDING, BAD_INPUT, NODE_FAILED, INTERRUPTED = 0, 1, 2, 3, 130
+
+#: How limits of values, and kinds of numbers, are told.
+_LIMITS = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
+_NUMBERS = {"int": "whole numbers", "float": "numbers"}
+_TRAILING = re.compile(r" +$", re.MULTILINE)
+
+#: A line about what is being done.
+Say = Callable[[str], None]
+#: The part that is done, 0 .. 1.
+Fraction = Callable[[float], None]
+
+
+def run(app: typer.Typer, arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return the exit code; errors of the user become one line on stderr."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    try:
+        _refuse_empty(given)
+        result = app(args=given or ["--help"], prog_name="gyrowheel", standalone_mode=False)
+        sys.stdout.flush()
+        if result == INTERRUPTED:
+            raise KeyboardInterrupt
+        return result if isinstance(result, int) else OK
+    except InputError as error:
+        return _bad_input(str(error))
+    except typer.TyperException as error:
+        return _usage(error)
+    except (KeyboardInterrupt, typer.Abort):
+        sys.stderr.write("interrupted\n")
+        return INTERRUPTED
+    except MemoryError as error:
+        return _bad_input(f"not enough memory: {error}")
+    except BrokenPipeError:
+        # whoever read the output has had enough; what is left in the buffer has nowhere to go
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return OK
+    except RuntimeError as error:
+        # the module is heavy: where it was not imported, nothing of it can have been raised
+        graph = sys.modules.get("gyrowheel_bringup.graph")
+        if graph is None or not isinstance(error, graph.GraphError):
+            raise
+        sys.stderr.write(f"error: {one_line(error)}\n")
+        if error.report:
+            sys.stderr.write(f"{error.report}\n")
+        return NODE_FAILED
+
+
+def finding(asked: bool) -> None:
+    """End with the exit code of a finding if the user asked for it."""
+    if asked:
+        raise typer.Exit(FINDING)
+
+
+@functools.cache
+def out() -> Console:
+    """Return the console of the results."""
+    return _console(stderr=False)
+
+
+@functools.cache
+def notes() -> Console:
+    """Return the console of everything else."""
+    return _console(stderr=True)
+
+
+def put_text(parts: Iterable[RenderableType]) -> None:
+    """Write a result for people to stdout."""
+    from gyrowheel.text.layout import show
+
+    show(out(), parts)
+
+
+def put_json(target: str, content: Any) -> None:
+    """Write a result as JSON: to a file that is whole or as it was, or to stdout for ``-``.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    from gyrowheel_core.files import json_text, write_text
+
+    text = json_text(content)
+    if target == "-":
+        sys.stdout.write(text)
+    else:
+        write_text(Path(target), text)
+
+
+@contextlib.contextmanager
+def working(first: str) -> Iterator[Say]:
+    """Show on stderr what is being done: one changing line on a terminal, a line each elsewhere."""
+    console = notes()
+    if not console.is_terminal:
+        console.print(first, soft_wrap=True)
+        yield lambda text: console.print(f"  {text}", soft_wrap=True)
+        return
+    with console.status(first) as status:
+        yield lambda text: status.update(f"{first}: {text}")
+
+
+@contextlib.contextmanager
+def advancing(title: str) -> Iterator[Fraction]:
+    """Show on stderr how far something is: a bar on a terminal, a line every quarter elsewhere."""
+    console = notes()
+    if not console.is_terminal:
+        shown = 0
+
+        def tell(part: float) -> None:
+            nonlocal shown
+            quarter = int(4.0 * part + 1e-9)
+            if quarter > shown:
+                shown = quarter
+                console.print(f"{title}: {25 * quarter} %", soft_wrap=True)
+
+        yield tell
+        return
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task(title, total=1.0)
+        yield lambda part: progress.update(task, completed=part)
+
+
+def _refuse_empty(given: Sequence[str]) -> None:
+    """Refuse an option with an empty text, as an unset variable of a shell gives; a path would make a folder of it."""
+    if given and given[0] == "run":  # whose arguments are those of a node
+        return
+    for before, text in itertools.pairwise(["", *given]):
+        option = before if not text else text.removesuffix("=")
+        if (not text or text.endswith("=")) and re.fullmatch(r"--[a-z-]+|-[a-z]", option):
+            raise InputError(f"{option}: the value is empty")
+
+
+def _bad_input(text: str) -> int:
+    sys.stderr.write(f"error: {' '.join(text.split())}\n")
+    return BAD_INPUT
+
+
+def _usage(error: typer.TyperException) -> int:
+    message = _value_message(error) or getattr(error, "format_message", lambda: str(error))()
+    if type(error).__name__ == "NoArgsIsHelpError":  # has shown the help
+        return BAD_INPUT
+    context = getattr(error, "ctx", None)
+    hint = f" (see: {context.command_path} --help)" if context is not None else ""
+    return _bad_input(message.rstrip(".") + hint)
+
+
+def _value_message(error: typer.TyperException) -> str:
+    """Return what is wrong with a value, and what is allowed; empty where the error is of another kind."""
+    found = getattr(error.__cause__, "errors", None)
+    parameter = getattr(error, "param", None)
+    if found is None or parameter is None:
+        return ""
+    first = found()[0]
+    limits = first.get("ctx", {})
+    allowed = [f"{sign} {limits[name]:g}" for name, sign in _LIMITS.items() if name in limits]
+    allowed += [words for name, words in _NUMBERS.items() if first["type"].startswith(name)]
+    if not allowed:
+        return ""
+    return f"{parameter.get_error_hint()}: {first['input']} is not allowed; allowed: {', '.join(allowed)}"
+
+
+class _Trimmed:
+    """A file in which no line ends with spaces: rich fills tables up to the width of the terminal."""
+
+    def __init__(self, *, stderr: bool) -> None:
+        self._stderr = stderr
+
+    @property
+    def _stream(self) -> TextIO:
+        """The stream as it is now: others may put another one in its place."""
+        return sys.stderr if self._stderr else sys.stdout
+
+    def write(self, text: str) -> int:
+        self._stream.write(_TRAILING.sub("", text))
+        return len(text)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+def _console(*, stderr: bool) -> Console:
+    from rich.console import Console
+
+    # paths and texts of users may hold what rich takes for markup
+    trimmed = _Trimmed(stderr=stderr)
+    file = None if trimmed.isatty() else cast(IO[str], trimmed)
+    console = Console(file=file, stderr=stderr, highlight=False, markup=False, emoji=False)
+    if console.width > 110:  # long lines are hard to read
+        console.width = 110
+    return console

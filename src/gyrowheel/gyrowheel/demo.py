@@ -1,0 +1,336 @@
+"""The whole loop in one go: hide, record, compare, find, add, prove; and only then look at what was hidden."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from gyrowheel.blind_test import Judgement, hidden_effects, judge
+from gyrowheel_core.files import disk_errors
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from gyrowheel_analysis.add import Added
+    from gyrowheel_analysis.diagnosis.diagnose import Diagnosis
+    from gyrowheel_sim.bench import Bench
+
+PLAN, VALIDATION_PLAN = "quick", "check"
+#: Detection limits that the hidden effect has at least, and the seeds that are tried until one has.
+_CLEAR, _TRIALS, _NEXT_SEED = 2.0, 50, 1000
+
+
+class Stage(Protocol):
+    """Where the demonstration is shown."""
+
+    def step(self, text: str) -> None:
+        """Begin the next step."""
+
+    def show(self, parts: Iterable[RenderableType]) -> None:
+        """Show something of the current step."""
+
+    def advancing(self, title: str) -> AbstractContextManager[Callable[[float], None]]:
+        """Show how far something is."""
+
+    def working(self, title: str) -> AbstractContextManager[Callable[[str], None]]:
+        """Show that something is being done."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where the results go."""
+
+    folder: Path
+
+    @property
+    def recording(self) -> Path:
+        """The recording that the diagnosis sees."""
+        return self.folder / PLAN
+
+    @property
+    def validation(self) -> Path:
+        """The recording that is only predicted."""
+        return self.folder / VALIDATION_PLAN
+
+    @property
+    def model(self) -> Path:
+        """The model file."""
+        return self.folder / "model.yaml"
+
+    @property
+    def picture(self) -> Path:
+        """The report picture."""
+        return self.folder / "report.png"
+
+    @property
+    def key(self) -> Path:
+        """The key file."""
+        return self.folder / "key.json"
+
+    def all(self) -> dict[str, Path]:
+        """Return all paths by what they are, in the order in which they came to be."""
+        return {
+            "recording": self.recording,
+            "validation recording": self.validation,
+            "model": self.model,
+            "report picture": self.picture,
+            "key": self.key,
+        }
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What the demonstration came to."""
+
+    diagnosis: Diagnosis
+    added: Added | None
+    truth: dict[str, dict[str, float]]
+    judgement: Judgement
+    place: Place
+    seconds: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the outcome as a JSON object."""
+        table = self.added.error if self.added is not None else self.diagnosis.error
+        return {
+            "schema": 1,
+            "verdict": self.diagnosis.verdict,
+            "named": [finding.name for finding in self.diagnosis.effects],
+            "hidden": self.truth,
+            "outcome": self.judgement.outcome,
+            "right": self.judgement.right,
+            "error": None if table is None else table.to_json(),
+            "paths": {name.replace(" ", "_"): str(path) for name, path in self.place.all().items()},
+            "seconds": self.seconds,
+        }
+
+
+def demonstrate(seed: int, folder: Path, stage: Stage) -> Outcome:
+    """Run the demonstration.
+
+    Parameters
+    ----------
+    seed : int
+        Seed of the hidden machine, its effect, and the noise of both recordings.
+    folder : Path
+        New folder for all results.
+    stage : Stage
+        Where it is shown.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be written.
+    GraphError
+        If a node fails.
+    """
+    begin = time.monotonic()
+    place = Place(folder)
+    with disk_errors(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    _hide_and_record(seed, place, stage)
+    _compare(place, stage)
+    diagnosis = _diagnose(place, stage)
+    added = _add(diagnosis, place, stage)
+    added = _validate(diagnosis, added, seed, place, stage)
+    _draw(diagnosis, added, place, stage)
+    truth, judgement = _open_key(diagnosis, place, stage)
+    return Outcome(diagnosis, added, truth, judgement, place, time.monotonic() - begin)
+
+
+def _hide_and_record(seed: int, place: Place, stage: Stage) -> None:
+    from rich.text import Text
+
+    stage.step("A machine with a secret")
+    stage.show(
+        [
+            Text(
+                "A simulated wheel is drawn at random: its parameters differ from those of the bench file, and one "
+                "effect is hidden in it that the model does not have and the test can show. What was drawn is in "
+                f"{place.key.name} alone; nobody reads that until the end."
+            )
+        ]
+    )
+    scenario = _machine(seed, PLAN, place.key)
+    stage.step(f"The bench runs plan {PLAN}, and is recorded")
+    _run_graph(PLAN, scenario, place.recording, stage)
+
+
+def _machine(seed: int, plan: str, key: Path) -> Any:
+    from gyrowheel.machine import noise_seed, scenario
+    from gyrowheel_sim.bench import Bench
+
+    bench = Bench.load()
+    # noise and key of a run go by one seed; what the first plan cannot show would make a dull tour
+    drawn = seed if key.exists() else _telling_seed(bench, seed)
+    hidden = scenario(bench, plan, blind=key, kinds=("single",), seed=drawn)
+    return replace(hidden, noise_seed=noise_seed(seed, plan))
+
+
+def _telling_seed(bench: Bench, seed: int) -> int:
+    """Return the first seed, of this one and others that follow from it, whose effect the first plan can show."""
+    from gyrowheel.campaign.hiding import Yardstick
+    from gyrowheel_control.plans.plan import Plan
+    from gyrowheel_sim.blind.draw import draw
+
+    yardstick = Yardstick(bench, Plan.load(PLAN))
+    for other in range(seed, seed + _TRIALS * _NEXT_SEED, _NEXT_SEED):
+        ((name, values),) = draw(bench, other, kinds=("single",)).effects.items()
+        if yardstick.size(name, values, 1.0, {}) >= _CLEAR:
+            return other
+    return seed
+
+
+def _run_graph(plan: str, scenario: Any, recording: Path, stage: Stage) -> None:
+    from rich.text import Text
+
+    from gyrowheel_bringup.graph import Graph
+
+    with Graph(plan, scenario=scenario, record=recording) as graph:
+        pids = "   ".join(f"{name} {pid}" for name, pid in graph.pids.items())
+        stage.show([Text(f"five processes over ROS 2: {pids}", style="dim")])
+        with stage.advancing(f"plan {plan}") as advance:
+            result = graph.run(progress=lambda p: advance(min(p.elapsed / p.duration, 1.0)))
+            advance(1.0)
+    stage.show(
+        [
+            Text(
+                f"{result.simulated_seconds:.1f} s of bench time in {result.wall_seconds:.1f} s "
+                f"({result.ratio:.1f} times real time); {result.samples} samples recorded, none missing"
+            )
+        ]
+    )
+
+
+def _compare(place: Place, stage: Stage) -> None:
+    from gyrowheel.text.comparison import channel_table, fails, failures
+    from gyrowheel_analysis.compare import compare
+    from gyrowheel_analysis.model import Model
+    from gyrowheel_analysis.recording import Recording
+
+    stage.step("Model against recording: where does it fail?")
+    Model.new().save(place.model)
+    with stage.working("comparing") as say:
+        found = compare([Recording.open(place.recording)], Model.load(place.model), progress=say)
+    stage.show([channel_table(found)])
+    stage.show(failures(found.where, found.dependence, failing=fails(found)))
+
+
+def _diagnose(place: Place, stage: Stage) -> Diagnosis:
+    from gyrowheel.text.diagnosis import detection_limits, findings
+    from gyrowheel_analysis.diagnosis.diagnose import diagnose
+    from gyrowheel_analysis.model import Model
+    from gyrowheel_analysis.recording import Recording
+
+    stage.step("What is missing?")
+    with stage.working("diagnosing") as say:
+        found = diagnose([Recording.open(place.recording)], Model.load(place.model), progress=say)
+    stage.show([*findings(found), *detection_limits(found.detection_limits)])
+    return found
+
+
+def _add(diagnosis: Diagnosis, place: Place, stage: Stage) -> Added | None:
+    from rich.text import Text
+
+    from gyrowheel.text.errors import fall
+    from gyrowheel_analysis.add import add_effect
+    from gyrowheel_analysis.model import Model
+    from gyrowheel_analysis.recording import Recording
+
+    names = [finding.name for finding in diagnosis.effects]
+    stage.step(f"Add {' and '.join(names)} to the model" if names else "Nothing to add to the model")
+    if not names:
+        stage.show([Text("The model stays what it is: the bench as its file describes it.")])
+        return None
+    with stage.working("fitting") as say:
+        added = add_effect(Model.load(place.model), names, [Recording.open(place.recording)], progress=say)
+    added.model.save(place.model)
+    stage.show(
+        [Text(fall(added.error.before, added.error.after, added.error.noise_floor, "the fitted recording"))]
+    )
+    return added
+
+
+def _validate(
+    diagnosis: Diagnosis, added: Added | None, seed: int, place: Place, stage: Stage
+) -> Added | None:
+    """Record once more and predict; return what was added with the errors on the new recording."""
+    from gyrowheel.text.comparison import channel_table
+    from gyrowheel.text.errors import error_table
+    from gyrowheel_analysis.add import add_effect
+    from gyrowheel_analysis.compare import compare
+    from gyrowheel_analysis.model import Model
+    from gyrowheel_analysis.recording import Recording
+
+    stage.step(f"Proof: the same machine, plan {VALIDATION_PLAN}, new noise, nothing fitted")
+    _run_graph(VALIDATION_PLAN, _machine(seed, VALIDATION_PLAN, place.key), place.validation, stage)
+    unused = Recording.open(place.validation)
+    model = Model.load(place.model)
+    if added is None:
+        with stage.working("comparing") as say:
+            found = compare([unused], model, progress=say)
+        stage.show([channel_table(found)])
+        return None
+    names = [finding.name for finding in diagnosis.effects]
+    with stage.working("predicting") as say:
+        # the same fit again, from the model as it was: its history shall show the proof too
+        proven = add_effect(model.undone(), names, [Recording.open(place.recording)], [unused], progress=say)
+    proven.model.save(place.model)
+    stage.show([error_table(proven.error)])
+    return proven
+
+
+def _draw(diagnosis: Diagnosis, added: Added | None, place: Place, stage: Stage) -> None:
+    from rich.text import Text
+
+    from gyrowheel.plots.picture import save_picture
+    from gyrowheel.text.diagnosis import coefficients_line, verdict_sentence
+
+    stage.step("Report")
+    found = diagnosis if added is None else added
+    if found.error is not None:
+        save_picture(
+            place.picture,
+            found.residuals,
+            found.error,
+            title=verdict_sentence(diagnosis).rstrip("."),
+            subtitle="   ".join(f"{f.name}: {coefficients_line(f)}" for f in diagnosis.effects),
+        )
+        stage.show([Text(f"picture: {place.picture}")])
+
+
+def _open_key(
+    diagnosis: Diagnosis, place: Place, stage: Stage
+) -> tuple[dict[str, dict[str, float]], Judgement]:
+    from rich.panel import Panel
+    from rich.text import Text
+
+    from gyrowheel.text.layout import words_table
+    from gyrowheel.text.truth import truth_rows
+
+    stage.step("Only now: the key")
+    truth = hidden_effects(place.key)
+    judgement = judge(diagnosis, truth)
+    table = words_table("", "", "hidden", "found", "apart")
+    for row in truth_rows(truth, diagnosis):
+        table.add_row(*row)
+    colour = "green" if judgement.right else "red"
+    stage.show(
+        [table, Text(), Panel(Text(judgement.sentence, style="bold"), border_style=colour, expand=False)]
+    )
+    return truth, judgement
+
+
+def new_folder(seed: int, parent: Path) -> Path:
+    """Return a folder for the results of a seed that does not exist yet."""
+    first = parent / f"demo-{seed}"
+    if not first.exists():
+        return first
+    number = 2
+    while (folder := parent / f"demo-{seed}-{number}").exists():
+        number += 1
+    return folder

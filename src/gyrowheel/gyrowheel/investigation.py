@@ -1,0 +1,410 @@
+"""Test, diagnose, test again: until nothing is open, or the time on the bench is spent.
+
+Nothing of the machine is known here but its recordings: whoever runs a plan is a function that takes a plan and
+gives a recording.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from gyrowheel.text.quantities import quantity, seconds
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.files import disk_errors, json_text, write_text
+from gyrowheel_core.quantities import listed
+
+if TYPE_CHECKING:
+    from gyrowheel_analysis.diagnosis.diagnose import Diagnosis
+    from gyrowheel_analysis.model import Model
+    from gyrowheel_analysis.recording import Recording
+
+#: Runs a plan on the bench, records it in a directory; the number tells the runs apart.
+Run = Callable[[Plan, Path, int], None]
+#: A plan is run at most this often; more of the same hardly tells more.
+MOST_RUNS = 2
+#: What shows most where nothing says which test to run.
+BROAD = "survey"
+
+
+class Listener(Protocol):
+    """Where an investigation tells what it does."""
+
+    def begin(self, number: int, plans: Sequence[str], why: str) -> None:
+        """Tell that a step begins."""
+
+    def working(self, title: str) -> AbstractContextManager[Callable[[str], None]]:
+        """Show that something is being done, and what."""
+
+    def learned(self, step: Step) -> None:
+        """Tell what a step has brought."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step: plans that were run, and what all recordings together then said.
+
+    Attributes
+    ----------
+    number : int
+        From 1.
+    plans : list of str
+        What was run; empty where recordings at hand were diagnosed.
+    why : str
+        What for.
+    recordings : list of Path
+        What was recorded.
+    minutes : float
+        Time on the bench.
+    diagnosis : Diagnosis
+        What all recordings so far say.
+    learned : list of str
+        The same in a sentence or two.
+    before : str or None
+        The verdict before this step; None for the first.
+    separated : list of str
+        What could have been before this step and cannot any more.
+    left : float
+        Time on the bench that is left after it [min].
+    """
+
+    number: int
+    plans: list[str]
+    why: str
+    recordings: list[Path]
+    minutes: float
+    diagnosis: Diagnosis
+    learned: list[str]
+    before: str | None = None
+    separated: list[str] = field(default_factory=list)
+    left: float = 0.0
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A test that would tell more."""
+
+    plan: str
+    why: str
+
+
+@dataclass
+class Investigation:
+    """An investigation as far as it has come.
+
+    Attributes
+    ----------
+    model : str
+        The model file.
+    budget : float
+        Time on the bench that may be spent [min].
+    steps : list of Step
+        What was done.
+    averages : bool
+        Whether the recordings are reduced to averages over revolutions alone.
+    settled : bool
+        Whether nothing is open any more.
+    reason : str
+        Why it ended; empty while it goes on.
+    """
+
+    model: str
+    budget: float
+    steps: list[Step] = field(default_factory=list)
+    averages: bool = False
+    settled: bool = False
+    reason: str = ""
+
+    @property
+    def minutes(self) -> float:
+        """Time on the bench that was spent [min]."""
+        return sum(step.minutes for step in self.steps)
+
+    @property
+    def recordings(self) -> list[Path]:
+        """Everything recorded."""
+        return [path for step in self.steps for path in step.recordings]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the investigation as a JSON object."""
+        return {
+            "schema": 1,
+            "model": self.model,
+            "settled": self.settled,
+            "reason": self.reason,
+            "minutes": self.minutes,
+            "budget_minutes": self.budget,
+            "averages": self.averages,
+            "verdict": self.steps[-1].diagnosis.verdict if self.steps else None,
+            "named": [f.name for f in self.steps[-1].diagnosis.effects] if self.steps else [],
+            "steps": [
+                {
+                    "plans": step.plans,
+                    "why": step.why,
+                    "recordings": [str(path) for path in step.recordings],
+                    "minutes": step.minutes,
+                    "minutes_left": step.left,
+                    "verdict_before": step.before,
+                    "verdict": step.diagnosis.verdict,
+                    "separated": step.separated,
+                    "effects": [
+                        {"name": f.name, "ties": [tie.name for tie in f.ties]} for f in step.diagnosis.effects
+                    ],
+                    "learned": step.learned,
+                }
+                for step in self.steps
+            ],
+            "diagnosis": self.steps[-1].diagnosis.to_json() if self.steps else None,
+        }
+
+
+def investigate(
+    done: Investigation,
+    model: Model,
+    folder: Path,
+    run: Run,
+    listener: Listener,
+    *,
+    plans: Sequence[Plan],
+    at_hand: Sequence[Path] = (),
+    thorough: bool = False,
+) -> None:
+    """Find out what a model lacks, running the tests that it takes.
+
+    Parameters
+    ----------
+    done : Investigation
+        Filled step by step: what was finished is in it whatever happens.
+    model : Model
+        The model.
+    folder : Path
+        Folder for the recordings and for ``investigation.json``, which is complete after every step; made if need be.
+    run : callable
+        Runs a plan on the bench and records it.
+    listener : Listener
+        Is told what happens.
+    plans : sequence of Plan
+        What is run first.
+    at_hand : sequence of Path
+        Recordings that there are already.
+    thorough : bool
+        Whether to go on until every known effect would have shown at its usual size.
+
+    Notes
+    -----
+    `Investigation.averages` says whether to look at averages alone, as where filters hide what happens within a
+    revolution.
+
+    Raises
+    ------
+    InputError
+        If there is nothing to begin with, or the first plans take more time than there is.
+    """
+    from gyrowheel_analysis.diagnosis.diagnose import diagnose
+    from gyrowheel_analysis.recording import Recording
+
+    if not plans and not at_hand:
+        raise InputError("no plan and no recording to begin with")
+    first = sum(_minutes(plan) for plan in plans)
+    if not done.budget >= first:
+        raise InputError(f"budget: {done.budget:g} min is too short; the first plans take {first:.1f} min")
+    recordings: list[Recording] = [Recording.open(path) for path in at_hand]
+    with disk_errors(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    following = list(plans)
+    why = (
+        "a first look"
+        if not at_hand
+        else "more to begin with"
+        if plans
+        else "what the recordings at hand say"
+    )
+    while True:
+        number = len(done.steps) + 1
+        listener.begin(number, [plan.called for plan in following], why)
+        made: list[Path] = []
+        for plan in following:
+            # counted on from the recordings at hand: a run of its own has noise of its own
+            place = len(recordings) + 1
+            path = folder / f"{place}-{plan.name}"
+            run(plan, path, place)
+            made.append(path)
+            recordings.append(Recording.open(path))
+        before = done.steps[-1].diagnosis if done.steps else None
+        with listener.working("diagnosing") as say:
+            found = diagnose(recordings, model, averages=done.averages, progress=say)
+            wanted = _next(found, recordings, model, done, following, thorough, say)
+            learned = what_was_learned(found, before)
+            if before is None and not done.averages:
+                learned += _why_so_soon(found, recordings, model, say)
+        took = sum(_minutes(plan) for plan in following)
+        done.steps.append(
+            Step(
+                number,
+                [plan.called for plan in following],
+                why,
+                made,
+                took,
+                found,
+                learned,
+                before=None if before is None else before.verdict,
+                separated=[] if before is None else _ruled_out(found, before),
+                left=max(done.budget - done.minutes - took, 0.0),
+            )
+        )
+        if isinstance(wanted, Wanted):
+            plan = Plan.load(wanted.plan)
+            left = done.budget - done.minutes
+            if _minutes(plan) > left:
+                done.reason = (
+                    f"the time is spent: plan {plan.called} ({wanted.why}) takes {_minutes(plan):.1f} min, "
+                    f"and {left:.1f} of {done.budget:g} min are left"
+                )
+        else:
+            done.settled, done.reason = wanted
+        write_text(folder / "investigation.json", json_text(done.to_json()))
+        listener.learned(done.steps[-1])
+        if done.reason:
+            return
+        assert isinstance(wanted, Wanted)  # else there is a reason
+        following, why = [plan], wanted.why
+
+
+def _minutes(plan: Plan) -> float:
+    return plan.duration / 60.0
+
+
+def _next(
+    found: Diagnosis,
+    recordings: Sequence[Recording],
+    model: Model,
+    done: Investigation,
+    now: Sequence[Plan],
+    thorough: bool,
+    progress: Callable[[str], None],
+) -> Wanted | tuple[bool, str]:
+    """Return the test that what is open asks for; else whether all is settled, and why it ends."""
+    ran = [name for step in done.steps for name in step.plans] + [plan.called for plan in now]
+
+    def fresh(plan: str) -> bool:
+        return ran.count(plan) < MOST_RUNS
+
+    if found.verdict == "ambiguous":
+        test = found.next_test
+        if test is not None and fresh(test.plan):
+            return Wanted(test.plan, test.reason)
+        for finding in found.effects:
+            for tie in finding.ties:
+                if tie.separating_plan is not None and fresh(tie.separating_plan):
+                    return Wanted(tie.separating_plan, f"tells {finding.name} from {tie.name}")
+        if all(tie.separating_plan is None for f in found.effects for tie in f.ties):
+            return False, "no test on this bench separates what is left"
+        return False, f"the tests that should tell were run {MOST_RUNS} times and have not told"
+    if found.verdict == "insufficient_data":
+        test = found.next_test
+        plan, why = (test.plan, test.reason) if test else (BROAD, "shows most known effects")
+        if fresh(plan):
+            return Wanted(plan, why)
+        return False, "further recordings of these plans would not show more"
+    if found.verdict == "unknown":
+        if BROAD not in ran:
+            return Wanted(BROAD, "shows whether the formula holds at other speeds and tilts")
+        return True, "no known effect explains it, at any speed and tilt tried; the formula describes it"
+    if found.verdict == "effect":
+        from gyrowheel_analysis.diagnosis.precision import sharpening
+
+        sharper = sharpening(recordings, model, found, averages=done.averages, progress=progress)
+        if sharper is not None and fresh(sharper.plan):
+            return Wanted(
+                sharper.plan,
+                f"knows {sharper.effect} to {100.0 * sharper.expected:.0f} % instead of {100.0 * sharper.now:.0f} %",
+            )
+    if thorough and found.next_test is not None and fresh(found.next_test.plan):
+        return Wanted(found.next_test.plan, found.next_test.reason)
+    return True, "nothing is open"
+
+
+def what_was_learned(found: Diagnosis, before: Diagnosis | None) -> list[str]:
+    """Return in a sentence or two what a diagnosis says, and what it says now that it could not say before."""
+    sentences = []
+    names = [f.name for f in found.effects]
+    if found.verdict == "nothing_missing":
+        sentences.append("The model explains everything recorded so far; nothing is missing.")
+    elif found.verdict == "insufficient_data":
+        sentences.append(f"This is too little to tell: {found.summary}.")
+    elif found.verdict == "unknown":
+        formula = found.free_form[0].formula if found.free_form else ""
+        sentences.append(f"Something acts that no known effect explains; a formula that does: {formula}.")
+    elif found.verdict == "ambiguous":
+        for finding in found.effects:
+            if finding.ties:
+                others = listed([tie.name for tie in finding.ties], "or")
+                sentences.append(
+                    f"It looks like {finding.name} ({finding.title}), but {others} would do as well."
+                )
+            else:
+                sentences.append(f"{finding.name} is there: {_size(finding)}.")
+    else:
+        sentences += [f"It is {f.name}: {f.title}, {_size(f)}." for f in found.effects]
+    gone = _ruled_out(found, before) if before is not None else []
+    if gone and names:
+        sentences.append(f"{listed(gone, 'and')} {'is' if len(gone) == 1 else 'are'} ruled out.")
+    return sentences
+
+
+def _ruled_out(found: Diagnosis, before: Diagnosis) -> list[str]:
+    return sorted(_alternatives(before) - _alternatives(found))
+
+
+def _why_so_soon(
+    found: Diagnosis, recordings: Sequence[Recording], model: Model, progress: Callable[[str], None]
+) -> list[str]:
+    """Return why the first recordings settle what averages over revolutions leave open; nothing where they do not."""
+    if found.verdict != "effect" or len(found.effects) != 1:
+        return []
+    from gyrowheel_analysis.diagnosis.diagnose import diagnose
+    from gyrowheel_analysis.diagnosis.discrimination import telling_channels
+
+    (finding,) = found.effects
+    progress("comparing with averages over revolutions alone")
+    plain = diagnose(recordings, model, averages=True)
+    if plain.verdict != "ambiguous" or len(plain.effects) != 1:
+        return []
+    others = [
+        n for n in (plain.effects[0].name, *(t.name for t in plain.effects[0].ties)) if n != finding.name
+    ]
+    if len(others) != len(plain.effects[0].ties):
+        return []  # averages lead elsewhere
+    rival = others[0]
+    first, *_ = telling_channels(recordings, model, finding.name, rival)
+    open_ = listed([finding.name, *others], "or")
+    return [
+        f"Averages over revolutions alone would leave open whether it is {open_}; {first.title} tells "
+        f"(Δχ² {first.delta_chi2:.0f} against {rival})."
+    ]
+
+
+def _alternatives(found: Diagnosis) -> set[str]:
+    return {name for f in found.effects for name in (f.name, *(tie.name for tie in f.ties))}
+
+
+def _size(finding: Any) -> str:
+    """Return the first amplitude of a finding with its relative error."""
+    name, estimate = next(iter(finding.coefficients.items()))
+    text = f"{name} = {quantity(estimate.value, estimate.unit)}"
+    if estimate.value and math.isfinite(estimate.standard_error):
+        text += f", known to {100.0 * abs(estimate.standard_error / estimate.value):.2g} %"
+    return text
+
+
+def end_sentence(done: Investigation) -> str:
+    """Return how an investigation ended, in a sentence."""
+    took = seconds(60.0 * done.minutes)
+    state = "Settled" if done.settled else "Not settled"
+    left = seconds(60.0 * max(done.budget - done.minutes, 0.0))
+    return f"{state} after {took} of bench time, {left} left: {done.reason or 'interrupted'}."

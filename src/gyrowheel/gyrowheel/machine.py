@@ -1,0 +1,121 @@
+"""What the simulated machine of a run really is, from what the user asks for; the same for graph and simulation."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gyrowheel_core.errors import InputError
+from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.blind.draw import KINDS, Kind, draw_machine, reuse_or_draw
+from gyrowheel_sim.effects import Effect, parse_option
+from gyrowheel_sim.plant.scenario import Scenario
+
+if TYPE_CHECKING:
+    from gyrowheel_analysis.model import Model
+
+#: What ``--effect`` takes for all effects that a model of the air has.
+AIR = "aero"
+
+
+def noise_seed(seed: int, plan: str) -> int:
+    """Return the seed of the noise of a run: another for every seed and every plan.
+
+    Parameters
+    ----------
+    seed : int
+        What the user gave; not negative.
+    plan : str
+        Name of the plan, so that two plans run with one seed do not share their noise.
+    """
+    if seed < 0:
+        raise InputError(f"seed: {seed} is out of range; allowed: >= 0")
+    sequence = np.random.SeedSequence([seed, zlib.crc32(plan.encode())])
+    return int(sequence.generate_state(1)[0])
+
+
+def bench_place(model: Model, file: Path) -> str:
+    """Return the shipped name of a model's bench, or the path of its file: it may be named from where `file` is."""
+    beside = file.parent / model.bench_source
+    return str(beside) if beside.is_file() else model.bench_source
+
+
+def scenario(
+    bench: Bench,
+    plan: str,
+    *,
+    effects: Sequence[str] = (),
+    model: Model | None = None,
+    blind: Path | None = None,
+    kinds: Sequence[Kind] = tuple(KINDS),
+    seed: int = 0,
+    machine: int | None = None,
+) -> Scenario:
+    """Return the machine for a run.
+
+    Parameters
+    ----------
+    bench : Bench
+        The bench as its file describes it.
+    plan : str
+        Name of the plan.
+    effects : sequence of str
+        Effects, each as ``NAME`` or ``NAME:COEF=VALUE,...``; ``aero:MODEL`` stands for all that a model of the air
+        has (`gyrowheel_sim.air.MODELS`).
+    model : Model, optional
+        A model whose effects and learned parameters the machine has, beside `effects`.
+    blind : Path, optional
+        Key file of a hidden machine: used if it exists, else drawn and written.
+    kinds : sequence of str
+        What may be drawn into a new key file.
+    seed : int
+        Seed of the noise, and of what is drawn into a new key file.
+    machine : int, optional
+        Draw the true bench parameters within their uncertainties with this seed; without it they are as stated.
+        What the model has learned holds in both cases.
+
+    Raises
+    ------
+    InputError
+        If an effect is unknown or out of range, an effect is given twice, the key file is none, or `blind` is
+        combined with what it hides.
+    """
+    noise = noise_seed(seed, plan)
+    if blind is not None:
+        if effects or machine is not None or model is not None:
+            raise InputError(
+                "--blind: cannot be combined with --effect, --model or --machine: the key file holds all of it"
+            )
+        return replace(reuse_or_draw(bench, blind, seed, kinds=kinds), noise_seed=noise)
+    if machine is not None and machine < 0:
+        raise InputError(f"machine: {machine} is out of range; allowed: >= 0")
+    declared = {} if model is None else dict(model.declared)
+    chosen = {} if model is None else {name: dict(values) for name, values in model.effects.items()}
+    for text in effects:
+        for name, coefficients in _effects_of(text, declared, bench):
+            if model is not None and name in model.effects:
+                raise InputError(f"--effect: {name} is in {model.origin} already")
+            if name in chosen:
+                raise InputError(f"--effect: {name} is given twice")
+            chosen[name] = coefficients
+    values = {} if machine is None else draw_machine(bench, np.random.default_rng(machine))
+    if model is not None:
+        values |= {name: override.value for name, override in model.overrides.items()}
+    return Scenario(values=values, effects=chosen, noise_seed=noise, declared=declared)
+
+
+def _effects_of(
+    text: str, declared: Mapping[str, Effect], bench: Bench
+) -> list[tuple[str, dict[str, float]]]:
+    """Return the effects that one option stands for, with their coefficients."""
+    first, _, rest = text.partition(":")
+    if first.strip() != AIR:
+        return [parse_option(text, declared, bench)]
+    from gyrowheel_sim.air.effects import air_effects
+
+    return list(air_effects(rest.strip() or "table", bench=bench).values.items())

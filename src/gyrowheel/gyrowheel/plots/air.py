@@ -1,0 +1,513 @@
+"""Pictures of the air: mesh and what depends on it, torques by tilt and speed, pressure, secondary flow."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel_core.units import DEG, RPM
+from gyrowheel_sim.air import get_model
+from gyrowheel_sim.air.cfd.case import Case, Result, last_time
+from gyrowheel_sim.air.cfd.polymesh import PolyMesh, read_field
+from gyrowheel_sim.air.correlations import drag
+from gyrowheel_sim.air.geometry import Geometry
+from gyrowheel_sim.air.state import density_change, reynolds_number
+from gyrowheel_sim.air.table import TorqueTable, collect_results
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+_INK, _FAINT = "#222222", "#E4E4E4"
+# of the palette of Okabe and Ito, which people tell apart whatever their colour vision
+_BLUE, _ORANGE, _GREEN, _PINK, _GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#777777"
+_MODEL_LOOK = {
+    "correlation": (_GREEN, "--"),
+    "vorticity": (_PINK, "-."),
+    "table": (_BLUE, "-"),
+    "surrogate": (_ORANGE, ":"),
+}
+_TURBULENCE_LOOK = {
+    "sst": (_BLUE, "o", "SST, wall layer resolved"),
+    "paper": (_ORANGE, "s", "k-ε, wall functions (as the paper)"),
+    "laminar": (_GREEN, "^", "laminar"),
+}
+_STYLE: Any = {  # typed by matplotlib key by key
+    "font.family": "sans-serif",
+    "font.size": 11,
+    "axes.edgecolor": "#888888",
+    "axes.labelcolor": _INK,
+    "axes.linewidth": 0.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "text.color": _INK,
+    "xtick.color": "#555555",
+    "ytick.color": "#555555",
+    "axes.titlesize": 12,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "legend.frameon": False,
+    "figure.dpi": 110,
+}
+_NAMES = ("T1, back to the case axis", "T2, across", "T3, brakes the spin")
+
+
+def draw_all(table: TorqueTable, folder: Path, study: Path | None = None) -> dict[Path, str]:
+    """Draw every picture for which there is something, as PNG.
+
+    Parameters
+    ----------
+    table : TorqueTable
+        Torques.
+    folder : Path
+        Where the pictures go; it must exist.
+    study : Path, optional
+        Folder of a study whose solutions are still there: for the pictures of mesh and flow.
+
+    Returns
+    -------
+    dict of Path to str
+        What was drawn, with a sentence that says what to see.
+
+    Raises
+    ------
+    InputError
+        If the study cannot be read.
+    """
+    import matplotlib as mpl
+
+    made: dict[Path, str] = {}
+
+    def draw(name: str, function: Callable[[], tuple[Figure, str] | None]) -> None:
+        with mpl.rc_context(_STYLE):
+            result = function()
+            if result is not None:
+                figure, sentence = result
+                path = folder / f"{name}.png"
+                figure.savefig(path, format="png", facecolor="white")
+                made[path] = sentence
+
+    draw("mesh_dependence", lambda: mesh_dependence(table))
+    draw("reynolds", lambda: numbers(table))
+    draw("torque_by_tilt", lambda: by_tilt(table))
+    draw("torque_by_speed", lambda: by_speed(table))
+    if study is not None:
+        cases = _flow_cases(study)
+        draw("mesh", lambda: mesh_section(cases))
+        draw("pressure", lambda: pressure(cases))
+        draw("axial_velocity", lambda: section(cases, "axial"))
+        draw("radial_velocity", lambda: section(cases, "radial"))
+    return made
+
+
+# ---- from the table
+
+
+def mesh_dependence(table: TorqueTable) -> tuple[Figure, str] | None:
+    """Return a picture of the torques against the number of cells (the paper's Fig. 6)."""
+    rows = [row for row, _ in table.alternatives()]
+    if not rows:
+        return None
+    tilt = max(row.case.tilt for row in rows)
+    speed = next(row.case.spin_rate for row in rows if row.case.tilt == tilt)
+    base = [r for r in (table.at(tilt, speed), table.at(0.0, speed)) if r is not None]
+    figure, axes = _figure(1, 3, (12.0, 4.6))
+    for i, panel in enumerate(axes):
+        for model, (colour, marker, label) in _TURBULENCE_LOOK.items():
+            for place, filled in ((tilt, True), (0.0, False)):
+                if i < 2 and not filled:
+                    continue  # zero by symmetry: shows nothing
+                found = sorted(
+                    (
+                        r
+                        for r in [*rows, *base]
+                        if r.case.model == model and r.case.tilt == place and r.case.spin_rate == speed
+                    ),
+                    key=lambda r: int(r.provenance["cells"]),
+                )
+                if found:
+                    panel.errorbar(
+                        [r.provenance["cells"] / 1e3 for r in found],
+                        [1e3 * abs(r.torque.mean[i]) for r in found],
+                        [1e3 * r.torque.scatter[i] for r in found],
+                        color=colour,
+                        marker=marker,
+                        markerfacecolor=colour if filled else "white",
+                        markersize=7,
+                        # the k-epsilon rows differ in more than their number of cells
+                        linestyle="-" if model == "sst" else "none",
+                        linewidth=1.0,
+                        capsize=3,
+                        label=label if filled else None,
+                    )
+                for r in found if model == "paper" and filled else []:
+                    panel.annotate(
+                        f"y⁺ {r.y_plus['rotor'][0]:.0f}",
+                        (r.provenance["cells"] / 1e3, 1e3 * abs(r.torque.mean[i])),
+                        xytext=(7, -12),
+                        textcoords="offset points",
+                        fontsize=9,
+                        color=colour,
+                    )
+        if i == 2:
+            expected = drag(_geometry(table), table.air, speed, regime="II")
+            panel.axhline(1e3 * expected.total, color=_GREY, linestyle="--", linewidth=1)
+            panel.annotate(
+                "disc II + Bilgen & Boulos",
+                (0.98, 1e3 * expected.total),
+                xycoords=("axes fraction", "data"),
+                ha="right",
+                va="bottom",
+                fontsize=9,
+                color=_GREY,
+            )
+        panel.set_title(_NAMES[i])
+        panel.set_xlabel("thousand cells")
+        panel.set_ylim(bottom=0.0)
+    axes[0].set_ylabel("size of the torque, mN·m")
+    _legend(figure, axes[0])
+    _headline(
+        figure,
+        f"Mesh and turbulence model, {speed / RPM:.0f} rpm",
+        f"filled: tilt {tilt / DEG:.0f}°; hollow: no tilt, where symmetry makes T1 and T2 zero on any mesh; "
+        "bars: scatter over the iterations",
+    )
+    return figure, (
+        "Torques against the number of cells; not at zero tilt, where symmetry makes T1 and T2 zero on every mesh."
+    )
+
+
+def numbers(table: TorqueTable) -> tuple[Figure, str]:
+    """Return a picture of Reynolds number and change of density over speed (the paper's Fig. 7)."""
+    geometry = _geometry(table)
+    speeds = np.linspace(0.0, 5000.0, 101)[1:] * RPM
+    re = np.array([reynolds_number(table.air, geometry.rotor_radius, w) for w in speeds])
+    change = np.array([density_change(table.air, geometry.rotor_radius, w) for w in speeds])
+    figure, axes = _figure(1, 2, (10.0, 4.2))
+    left, right = axes
+    left.plot(speeds / RPM, re / 1e3, color=_BLUE)
+    left.axhline(158.0, color=_GREY, linestyle="--", linewidth=1)
+    left.annotate("end faces turn turbulent (II to IV)", (100.0, 161.0), fontsize=9, color=_GREY)
+    left.set_title("Reynolds number, thousands (eq 9)")
+    right.plot(speeds / RPM, 100.0 * change, color=_BLUE)
+    right.set_title("change of density, % (eq 10)")
+    for panel in axes:
+        panel.axvspan(table.speeds[0] / RPM, table.speeds[-1] / RPM, color=_FAINT, alpha=0.6, zorder=0)
+        panel.set_xlabel("spin rate, rpm")
+        panel.set_ylim(bottom=0.0)
+        panel.set_xlim(0.0, 5000.0)
+    left.set_ylim(0.0, 180.0)
+    at = float(np.interp(table.speeds[-1], speeds, re))
+    _headline(
+        figure,
+        "Incompressible, and below the transition of the end faces",
+        f"grey: the speeds of the table, up to Re = {at / 1e3:.0f} thousand; "
+        f"the density changes by {100 * float(np.interp(table.speeds[-1], speeds, change)):.2f} % at most",
+    )
+    return figure, "Reynolds number and change of density at the rim over the spin rate."
+
+
+def by_tilt(table: TorqueTable) -> tuple[Figure, str]:
+    """Return a picture of the torques over the tilt at one speed (the paper's Fig. 8)."""
+    speed = float(min(table.speeds, key=lambda w: abs(w - 3500.0 * RPM)))
+    tilts = np.linspace(0.0, table.tilts[-1], 51)
+    return _torques(
+        table,
+        tilts / DEG,
+        [(tilt, speed) for tilt in tilts],
+        [(r.case.tilt / DEG, r) for r in table.grid if r.case.spin_rate == speed],
+        "tilt, deg",
+        f"Torque of the air over the tilt, {speed / RPM:.0f} rpm",
+        "Tilting about one axis gives both transverse torques; the drag on the spin changes much less.",
+    )
+
+
+def by_speed(table: TorqueTable) -> tuple[Figure, str]:
+    """Return a picture of the torques over the speed at the largest tilt (the paper's Fig. 9)."""
+    tilt = float(table.tilts[-1])
+    speeds = np.linspace(table.speeds[0], table.speeds[-1], 51)
+    return _torques(
+        table,
+        speeds / RPM,
+        [(tilt, speed) for speed in speeds],
+        [(r.case.spin_rate / RPM, r) for r in table.grid if r.case.tilt == tilt],
+        "spin rate, rpm",
+        f"Torque of the air over the speed, tilt {tilt / DEG:.0f}°",
+        "All three grow with the speed: the transverse ones nearly as its square, the drag as its power 1.5.",
+    )
+
+
+def _torques(
+    table: TorqueTable,
+    x: Array,
+    places: Sequence[tuple[float, float]],
+    rows: Sequence[tuple[float, Result]],
+    label: str,
+    title: str,
+    sentence: str,
+) -> tuple[Figure, str]:
+    geometry = _geometry(table)
+    figure, axes = _figure(1, 3, (12.0, 4.6))
+    for name, (colour, line) in _MODEL_LOOK.items():
+        model = get_model(name, table)
+        found = [model.torque(geometry, table.air, (tilt, 0.0), speed) for tilt, speed in places]
+        mean = 1e3 * np.abs([t.components for t in found])
+        error = 1e3 * np.array([t.uncertainty for t in found])
+        for i, panel in enumerate(axes):
+            if np.isfinite(mean[1:, i]).all():
+                panel.plot(x, mean[:, i], line, color=colour, label=name, linewidth=1.6)
+                if name in ("correlation", "vorticity", "table"):
+                    low, high = mean[:, i] - error[:, i], mean[:, i] + error[:, i]
+                    panel.fill_between(x, low, high, color=colour, alpha=0.12, linewidth=0)
+    for i, panel in enumerate(axes):
+        for at, row in rows:
+            panel.errorbar(
+                at,
+                1e3 * abs(row.torque.mean[i]),
+                1e3 * row.torque.scatter[i],
+                color=_BLUE,
+                marker="o",
+                markersize=5,
+                capsize=3,
+                linewidth=1,
+            )
+        panel.set_title(_NAMES[i])
+        panel.set_xlabel(label)
+        panel.set_ylim(bottom=0.0)
+    axes[0].set_ylabel("size of the torque, mN·m")
+    _legend(figure, *axes)
+    _headline(
+        figure,
+        title,
+        "dots: computed cases with their scatter; bands: standard uncertainty that the model states",
+    )
+    return figure, sentence
+
+
+# ---- from the solutions
+
+Solved = tuple[Result, Path]
+
+
+def mesh_section(cases: Sequence[Solved]) -> tuple[Figure, str] | None:
+    """Return a picture of the mesh: a section, and the surface of the rotor (the paper's Fig. 5)."""
+    if not cases:
+        return None
+    from matplotlib.collections import PolyCollection
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    result, folder = max(cases, key=lambda item: item[0].case.tilt)
+    mesh = PolyMesh.read(folder)
+    figure = _blank((11.0, 4.9))
+    left = figure.add_axes((0.06, 0.06, 0.46, 0.74))
+    quads = 1e3 * mesh.points[mesh.faces[_section_faces(mesh)]][:, :, 1:]
+    left.add_collection(PolyCollection(list(quads), facecolors="white", edgecolors=_BLUE, linewidths=0.25))
+    _frame_section(left, quads)
+    left.set_title("section through the axes")
+    right: Any = figure.add_axes((0.54, -0.02, 0.46, 0.84), projection="3d")
+    faces = mesh.faces[mesh.patches["rotor"]]
+    right.add_collection3d(
+        Poly3DCollection(1e3 * mesh.points[faces], facecolors="#DCE9F3", edgecolors=_BLUE, linewidths=0.3)
+    )
+    right.set(xlim=(-50, 50), ylim=(-50, 50), zlim=(-50, 50))
+    right.set_box_aspect((1, 1, 1), zoom=1.35)
+    right.view_init(elev=25, azim=-35)
+    right.set_axis_off()
+    right.set_title("surface of the rotor", y=0.95)
+    _headline(
+        figure,
+        f"The mesh, tilt {result.case.tilt / DEG:.0f}°: {mesh.cells} hexahedra",
+        f"resolution '{result.case.mesh}': fine at every wall; the same blocks for every tilt",
+    )
+    return figure, "The mesh follows the tilted rotor without a break: blocks are moved, not made anew."
+
+
+def pressure(cases: Sequence[Solved]) -> tuple[Figure, str] | None:
+    """Return a picture of the pressure on the rotor's top (the paper's Fig. 10)."""
+    if not cases:
+        return None
+    from matplotlib.collections import PolyCollection
+
+    figure = _blank((4.0 * len(cases) + 0.9, 5.0))
+    limit = 0.0
+    panels = []
+    for result, folder in cases:
+        mesh = PolyMesh.read(folder)
+        where = mesh.patches["rotor"]
+        axes3 = result.case.axes
+        top = mesh.face_centres[where] @ axes3[2] > 0.4999 * result.case.lengths[1]
+        # at a wall the pressure has no gradient: it is that of the cell
+        kinematic = read_field(last_time(folder) / "p", mesh.cells)[mesh.owner[where]]
+        values = result.case.density * kinematic[top]
+        area = np.linalg.norm(mesh.face_areas[where][top], axis=1)
+        values = values - np.average(values, weights=area)
+        quads = 1e3 * mesh.points[mesh.faces[where][top]] @ axes3[:2].T
+        panels.append((result, quads, values))
+        limit = max(limit, float(np.abs(values).max()))
+    width = 0.85 / len(cases)
+    for i, (result, quads, values) in enumerate(panels):
+        axes = figure.add_axes((0.055 + i * width, 0.11, width - 0.04, 0.68))
+        patches = PolyCollection(list(quads), array=values, cmap="RdBu_r", edgecolors="face", linewidths=0.2)
+        patches.set_clim(-limit, limit)
+        axes.add_collection(patches)
+        axes.set(xlim=(-55, 55), ylim=(-55, 55), aspect="equal")
+        axes.axhline(0.0, color=_INK, linewidth=0.5, linestyle=":")
+        axes.set_title(_place(result.case))
+        axes.set_xlabel("along the tilt's axis, mm")
+        if i == 0:
+            axes.set_ylabel("a quarter turn ahead, mm")
+    bar = figure.colorbar(patches, cax=figure.add_axes((0.915, 0.16, 0.012, 0.56)))
+    bar.set_label("pressure less its mean, Pa")
+    _headline(
+        figure,
+        "Pressure on the rotor's top",
+        "with tilt its centre leaves the rotor's axis, which gives T1 and a part of T2; the rotor turns anticlockwise",
+    )
+    return figure, (
+        "Without tilt the pressure has rings; with tilt it is higher over one half, which turns the rotor back."
+    )
+
+
+def section(cases: Sequence[Solved], which: str) -> tuple[Figure, str] | None:
+    """Return a picture of the axial or the radial velocity on a section (the paper's Figs 11 and 12)."""
+    if not cases:
+        return None
+    from matplotlib.collections import PolyCollection
+
+    figure = _blank((4.3 * len(cases) + 1.0, 6.4))
+    panels = []
+    limit = 0.0
+    for result, folder in cases:
+        mesh = PolyMesh.read(folder)
+        velocity = read_field(last_time(folder) / "U", mesh.cells)
+        faces = _section_faces(mesh)
+        inner = 0.5 * (velocity[mesh.owner[faces]] + velocity[mesh.neighbour[faces]])
+        middle = mesh.face_centres[faces]
+        values = inner[:, 2] if which == "axial" else inner[:, 1] * np.sign(middle[:, 1])
+        panels.append((result, 1e3 * mesh.points[mesh.faces[faces]][:, :, 1:], values))
+        limit = max(limit, float(np.percentile(np.abs(values), 99.5)))
+    grid = figure.add_gridspec(
+        2,
+        2 * len(cases),
+        left=1.0 / figure.get_figwidth(),
+        right=0.9,
+        top=0.83,
+        bottom=0.075,
+        height_ratios=(1.0, 1.15),
+        hspace=0.3,
+        wspace=0.28,
+    )
+    for i, (result, quads, values) in enumerate(panels):
+        rim = 1e3 * result.case.lengths[2]
+        top = figure.add_subplot(grid[0, 2 * i : 2 * i + 2])
+        sides = [figure.add_subplot(grid[1, 2 * i + side]) for side in (0, 1)]
+        for axes in (top, *sides):
+            patches = PolyCollection(
+                list(quads), array=values, cmap="RdBu_r", edgecolors="face", linewidths=0.2
+            )
+            patches.set_clim(-limit, limit)
+            axes.add_collection(patches)
+        _frame_section(top, quads)
+        top.set_title(_place(result.case))
+        top.set_xlabel("")
+        for axes, (low, high) in zip(sides, ((-rim, -rim + 8.0), (rim - 8.0, rim)), strict=True):
+            axes.set(xlim=(low, high), ylim=top.get_ylim())
+            axes.set_xlabel("y, mm")
+        sides[1].tick_params(labelleft=False)
+        if i == 0:
+            sides[0].set_ylabel("rim gaps, drawn wider\nz, mm")
+        else:
+            top.set_ylabel("")
+            sides[0].tick_params(labelleft=False)
+            top.tick_params(labelleft=False)
+    bar = figure.colorbar(patches, cax=figure.add_axes((0.925, 0.2, 0.012, 0.5)), extend="both")
+    bar.set_label({"axial": "axial velocity (up), m/s", "radial": "radial velocity (out), m/s"}[which])
+    text = {
+        "axial": "without tilt, Taylor vortices fill the rim gap; with tilt, air runs through it and sweeps them away",
+        "radial": "out along the rotor's faces, back in along the case; with tilt one side differs from the other",
+    }[which]
+    _headline(figure, f"{which.capitalize()} velocity on the section across the axis of the tilt", text)
+    return figure, f"{which.capitalize()} velocity: {text}."
+
+
+def _flow_cases(study: Path) -> list[Solved]:
+    """Return the paper's three conditions as far as they are in a study, with the folders of their solutions."""
+    results = collect_results(study)
+    counted = Counter((r.case.mesh, r.case.model) for r in results)
+    method = counted.most_common(1)[0][0] if counted else None
+    chosen = []
+    for tilt, rpm in ((0.0, 3500.0), (5.0, 3500.0), (5.0, 2000.0)):
+        for result in results:
+            case = result.case
+            here = np.allclose([case.tilt / DEG, case.spin_rate / RPM, case.direction], [tilt, rpm, 0.0])
+            if here and (case.mesh, case.model) == method:
+                chosen.append((result, study / case.name))
+    return chosen
+
+
+def _section_faces(mesh: PolyMesh) -> NDArray[np.intp]:
+    """Return the inner faces that lie in the plane x = 0; the blocks are symmetric about it."""
+    inner = len(mesh.neighbour)
+    flat = np.all(np.abs(mesh.points[mesh.faces[:inner], 0]) < 1e-7, axis=1)
+    return np.flatnonzero(flat)
+
+
+def _frame_section(axes: Axes, quads: Array) -> None:
+    low, high = quads.min(axis=(0, 1)), quads.max(axis=(0, 1))
+    axes.set(xlim=(low[0] - 1, high[0] + 1), ylim=(low[1] - 1, high[1] + 1), aspect="equal")
+    axes.set_xlabel("y, mm")
+    axes.set_ylabel("z, mm")
+
+
+def _place(case: Case) -> str:
+    return f"{case.tilt / DEG:.0f}°, {case.spin_rate / RPM:.0f} rpm"
+
+
+def _geometry(table: TorqueTable) -> Geometry:
+    geometry = Geometry.load()
+    for name, value in table.lengths.items():
+        geometry = geometry.with_value(name, value)
+    return geometry
+
+
+def _blank(size: tuple[float, float]) -> Figure:
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=size)
+
+
+def _figure(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, list[Axes]]:
+    figure = _blank(size)
+    grid = figure.add_gridspec(rows, columns, left=0.065, right=0.98, top=0.74, bottom=0.13, wspace=0.2)
+    axes = [figure.add_subplot(grid[row, column]) for row in range(rows) for column in range(columns)]
+    for panel in axes:
+        panel.grid(axis="y", color=_FAINT, linewidth=0.8)
+        panel.set_axisbelow(True)
+    return figure, axes
+
+
+def _headline(figure: Figure, title: str, text: str) -> None:
+    height = figure.get_figheight()
+    figure.text(0.012, 1.0 - 0.32 / height, title, fontsize=15, fontweight="bold", va="center")
+    figure.text(0.012, 1.0 - 0.64 / height, text, fontsize=10, color="#555555", va="center")
+
+
+def _legend(figure: Figure, *axes: Axes) -> None:
+    found: dict[str, Any] = {}
+    for panel in axes:
+        for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
+            found.setdefault(label, handle)
+    figure.legend(
+        found.values(),
+        found.keys(),
+        loc="upper right",
+        ncols=4,
+        fontsize=10,
+        bbox_to_anchor=(0.985, 1.0 - 0.08 / figure.get_figheight()),
+    )

@@ -1,0 +1,215 @@
+"""One picture of where a model fails: the residual in the plane of the tilt, and how bad it is over every variable."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel.plots.files import write_figure
+from gyrowheel_analysis.reduction.groups import speed_groups
+from gyrowheel_analysis.residuals.maps import VARIABLES, Cell, ResidualMap, Span, residual_map
+from gyrowheel_analysis.residuals.windows import PARTS, WindowResiduals
+from gyrowheel_core.quantities import number, unit_for
+from gyrowheel_core.units import DEG, RPM
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from gyrowheel_analysis.compare import Comparison
+
+_SIZE = (16.0, 10.0)  # inches, of 100 dots
+_INK, _SOFT, _FAINT = "#222222", "#777777", "#E4E4E4"
+_MOST_SPEEDS = 4
+_WORST = 1.0e3  # χ²/N at the end of the colours
+_STYLE: Any = {
+    "font.family": "sans-serif",
+    "font.size": 11.0,
+    "text.color": _INK,
+    "axes.edgecolor": "#888888",
+    "axes.labelcolor": _INK,
+    "axes.linewidth": 0.8,
+    "xtick.color": "#555555",
+    "ytick.color": "#555555",
+}
+_TITLES = {
+    "tilt": "size of the tilt, °",
+    "azimuth": "direction of the tilt, °",
+    "speed": "spin rate, rpm",
+    "time": "time in the recording, s",
+    "temperature": "coils, °C",
+}
+
+
+def save_failures(path: str | Path, result: Comparison, *, title: str = "") -> None:
+    """Draw where a model fails, and write it as PNG of 1600 by 1000 dots.
+
+    Above, for every speed, the tilts that were held with the torque of the coils that is beyond the model as an arrow;
+    below, χ²/N of every part of the residual over each variable.
+
+    Parameters
+    ----------
+    path : str or Path
+        File to write; it is whole or as it was before.
+    result : Comparison
+        The comparison.
+    title : str
+        What stands above; the names of the recordings if not given.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    import matplotlib as mpl
+
+    with mpl.rc_context(_STYLE):
+        names = ", ".join(Path(name).name for name in result.recordings)
+        write_figure(draw_failures(result.data, title=title or f"Where the model fails: {names}"), Path(path))
+
+
+def draw_failures(data: WindowResiduals, *, title: str) -> Figure:
+    """Return the figure of `save_failures`."""
+    from matplotlib.colors import LogNorm
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=_SIZE, dpi=100, facecolor="white")
+    size = min(22.0, 22.0 * 88.0 / max(len(title), 1))
+    figure.text(0.045, 0.955, title, fontsize=size, fontweight="bold", va="center")
+    figure.text(
+        0.045,
+        0.915,
+        "Arrows: torque of the coils beyond the model, from the tilt at which it acts. Colours: χ²/N, 1 is noise.",
+        fontsize=12.5,
+        color=_SOFT,
+        va="center",
+    )
+    norm = LogNorm(vmin=1.0, vmax=_WORST)
+    groups = _chosen(speed_groups(data.windows.mean_spin), data)
+    above = figure.add_gridspec(1, len(groups), left=0.06, right=0.975, top=0.83, bottom=0.44, wspace=0.18)
+    scale = _arrow_scale(data)
+    for place, group in enumerate(groups):
+        _plane(figure.add_subplot(above[0, place]), data, group, scale, norm, first=place == 0)
+    maps = [residual_map(data, (name,)) for name in VARIABLES]
+    widths = [max(len(m.cells), 3) for m in maps]
+    below = figure.add_gridspec(
+        1, len(maps), left=0.115, right=0.905, top=0.32, bottom=0.1, wspace=0.06, width_ratios=widths
+    )
+    strips = [
+        _strip(figure.add_subplot(below[0, place]), shown, data, norm, first=place == 0)
+        for place, shown in enumerate(maps)
+    ]
+    bar = figure.colorbar(strips[0], cax=figure.add_axes((0.925, 0.1, 0.012, 0.22)), extend="both")
+    bar.set_label("χ²/N")
+    bar.ax.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    return figure
+
+
+def _chosen(groups: list[NDArray[np.int64]], data: WindowResiduals) -> list[NDArray[np.int64]]:
+    """Return the speeds that are drawn, slowest first: those with most tilted windows where there are many."""
+    tilted = np.abs(data.windows.mean_tilt) > 0.3 * DEG
+    ranked = sorted(groups, key=lambda g: -int(tilted[g].sum()))[:_MOST_SPEEDS]
+    return sorted(ranked, key=lambda g: float(data.windows.mean_spin[g].mean()))
+
+
+def _arrow_scale(data: WindowResiduals) -> float:
+    """Return degrees an N m: the longest arrow is as long as most of the largest tilt."""
+    largest = float(np.quantile(np.abs(data.parts["tilt"].values), 0.98))
+    reach = max(float(np.abs(data.windows.mean_tilt).max()) / DEG, 1.0)
+    return 0.55 * reach / largest if largest > 0.0 else 1.0
+
+
+def _plane(
+    axes: Axes, data: WindowResiduals, group: NDArray[np.int64], scale: float, norm: Any, *, first: bool
+) -> None:
+    """Draw the tilts of one speed with the residual of the coils as arrows, and a scale for these."""
+    part, w = data.parts["tilt"], data.windows
+    z, r = np.asarray(w.mean_tilt)[group] / DEG, part.values[group]
+    chi2 = part.squares[group] / len(part.kind.rows)
+    reach = 1.75 * max(float(np.abs(w.mean_tilt).max()) / DEG, 1.0)
+    for radius in range(2, math.ceil(reach), 2):
+        axes.add_patch(_circle(radius))
+    axes.axhline(0.0, color=_FAINT, linewidth=0.8, zorder=0)
+    axes.axvline(0.0, color=_FAINT, linewidth=0.8, zorder=0)
+    axes.quiver(
+        z.real, z.imag, r.real * scale, r.imag * scale, angles="xy", scale_units="xy", scale=1.0, width=0.007,
+        color="#444444", alpha=0.8, zorder=3,
+    )  # fmt: skip
+    axes.scatter(
+        z.real, z.imag, c=np.maximum(chi2, 1.0), norm=norm, cmap=_colours(), s=55, edgecolors="#555555",
+        linewidths=0.6, zorder=4,
+    )  # fmt: skip
+    axes.set_xlim(-reach, reach)
+    axes.set_ylim(-reach, reach)
+    axes.set_aspect("equal")
+    axes.set_title(
+        f"{round(float(w.mean_spin[group].mean()) / RPM, -1):.0f} rpm", fontsize=13, fontweight="bold"
+    )
+    axes.set_xlabel("tilt about x, °")
+    if first:
+        axes.set_ylabel("tilt about y, °")
+    length = _round_down(0.4 * reach / scale)
+    name, unit = unit_for(length, "N·m")
+    axes.plot(
+        [-0.92 * reach, -0.92 * reach + length * scale], [-0.9 * reach] * 2, color="#444444", linewidth=2.0
+    )
+    axes.text(
+        -0.92 * reach, -0.86 * reach, f"{number(length / unit, 1)} {name}", fontsize=10, color="#444444"
+    )
+
+
+def _circle(radius: float) -> Any:
+    from matplotlib.patches import Circle
+
+    return Circle((0.0, 0.0), radius, fill=False, edgecolor=_FAINT, linewidth=0.8, zorder=0)
+
+
+def _strip(axes: Axes, shown: ResidualMap, data: WindowResiduals, norm: Any, *, first: bool) -> Any:
+    """Draw χ²/N of every part over one variable."""
+    (variable,) = shown.over
+    names = list(data.parts)
+    values = np.array([[cell.chi2_per_n[name] for cell in shown.cells] for name in names])
+    image = axes.imshow(np.maximum(values, 1e-3), norm=norm, cmap=_colours(), aspect="auto")
+    for i, j in np.ndindex(*values.shape):
+        dark = values[i, j] > math.sqrt(_WORST)
+        text = f"{values[i, j]:.0f}" if values[i, j] >= 9.95 else f"{values[i, j]:.1f}"
+        if values.shape[1] <= 9:
+            axes.text(j, i, text, ha="center", va="center", fontsize=8, color="white" if dark else "#444444")
+    axes.set_xticks(range(len(shown.cells)), [_label(variable, cell) for cell in shown.cells], fontsize=9)
+    if any(len(_label(variable, cell)) > 4 for cell in shown.cells) or len(shown.cells) > 6:
+        axes.tick_params(axis="x", rotation=45)
+    axes.set_yticks(range(len(names)), [PARTS[name].title for name in names] if first else [])
+    axes.set_title(_TITLES[variable], fontsize=11.5, fontweight="bold")
+    axes.tick_params(length=0)
+    for side in axes.spines.values():
+        side.set_visible(False)
+    return image
+
+
+def _label(variable: str, cell: Cell) -> str:
+    span: Span = cell.spans[variable]
+    if math.isnan(span.low):
+        return "none"
+    if variable == "azimuth":
+        return f"{math.degrees(span.middle):.0f}"
+    if variable == "speed":
+        return f"{round(span.middle / RPM, -1):.0f}"
+    middle = {"tilt": span.middle / DEG, "time": span.middle, "temperature": span.middle - 273.15}[variable]
+    return f"{middle:.1f}" if variable == "tilt" else f"{middle:.0f}"
+
+
+def _colours() -> Any:
+    """Return the colours, from white for noise on."""
+    from matplotlib import colormaps
+
+    return colormaps["OrRd"].with_extremes(under="#FFFFFF")
+
+
+def _round_down(value: float) -> float:
+    """Return the largest of 1, 2, 5 times a power of ten that is not above a value."""
+    power = 10.0 ** math.floor(math.log10(value))
+    return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= value * (1.0 + 1e-9))

@@ -1,0 +1,400 @@
+"""The momentum that a wheel can take, Figs 3 and 4 of Huo et al. 2016 with eqs (1) and (2): as data and as pictures.
+
+The exact momentum of the rotor stands beside the approximation of the paper, so that one sees what is neglected.
+"""
+
+from __future__ import annotations
+
+import io
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel_core.units import DEG, RPM
+from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.mechanics import kinematics as k
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+_TILTS = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0)  # fifths of the limit
+_AZIMUTHS = 12
+#: The caps are flat: their heights are drawn this much too large.
+STRETCH = 12.0
+_BOX = 0.8  # height of a box over its width
+_PHASES = 72  # of a revolution
+_INK, _FAINT, _GREY = "#222222", "#E4E4E4", "#8A8A8A"
+# of the palette of Okabe and Ito, which people tell apart whatever their colour vision
+_EXACT, _LAST, _MIDDLE = "#0072B2", "#D55E00", "#009E73"
+_STYLE: Any = {  # typed by matplotlib key by key
+    "font.family": "sans-serif",
+    "font.size": 10.5,
+    "axes.edgecolor": "#888888",
+    "axes.labelcolor": _INK,
+    "axes.linewidth": 0.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "text.color": _INK,
+    "xtick.color": "#555555",
+    "ytick.color": "#555555",
+    "axes.titlesize": 11.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "legend.frameon": False,
+}
+
+
+@dataclass(frozen=True)
+class Envelope:
+    """The momentum of the rotor over speeds, tilts and azimuths, exact and as approximated.
+
+    Attributes
+    ----------
+    speed, tilt, azimuth : ndarray (s,), (t,), (a,)
+        Spin rates [rad/s], tilts and their azimuths in the case [rad].
+    approximate : ndarray (s, t, a, 3)
+        Last form of eq (1) with eq (2), in case axes [kg m^2/s].
+    exact_mean : ndarray (s, t, a, 3)
+        Exact momentum in case axes, averaged over a revolution of the shaft [kg m^2/s].
+    smallest, largest : ndarray (s, t, a)
+        Size of the exact momentum within a revolution [kg m^2/s].
+    error_last, error_middle : ndarray (t,)
+        Largest error within a revolution of the last form of eq (1) and of its middle expression, over the exact
+        momentum, in the motor frame where they are written.
+    """
+
+    speed: Array
+    tilt: Array
+    azimuth: Array
+    approximate: Array
+    exact_mean: Array
+    smallest: Array
+    largest: Array
+    error_last: Array
+    error_middle: Array
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what the pictures show as a JSON object, to five digits: the first azimuth stands for all."""
+
+        def numbers(values: Any) -> Any:
+            if np.ndim(values):
+                return [numbers(value) for value in values]
+            return 0.0 if abs(values) < 1e-12 else float(f"{values:.5g}")
+
+        return {
+            "speed_rad_s": numbers(self.speed),
+            "tilt_rad": numbers(self.tilt),
+            "along_axis": numbers(self.approximate[:, :, 0, 2]),
+            "across_axis": numbers(np.hypot(self.approximate[:, :, 0, 0], self.approximate[:, :, 0, 1])),
+            "smallest": numbers(self.smallest[:, :, 0]),
+            "largest": numbers(self.largest[:, :, 0]),
+            "error_last": numbers(self.error_last),
+            "error_middle": numbers(self.error_middle),
+        }
+
+    def to_csv(self) -> str:
+        """Return all of it as a table, one state a line, SI units."""
+        head = "spin_rate,tilt,azimuth,h_x,h_y,h_z,exact_mean_x,exact_mean_y,exact_mean_z,exact_smallest,exact_largest"
+        lines = [head]
+        shape = self.smallest.shape
+        for s, t, a in itertools.product(*map(range, shape)):
+            if self.tilt[t] == 0.0 and a:
+                continue  # all azimuths are one
+            values = (
+                self.speed[s], self.tilt[t], self.azimuth[a], *self.approximate[s, t, a], *self.exact_mean[s, t, a],
+                self.smallest[s, t, a], self.largest[s, t, a],
+            )  # fmt: skip
+            lines.append(",".join(f"{0.0 if abs(v) < 1e-12 else v:.6g}" for v in values))
+        return "\n".join(lines) + "\n"
+
+
+def speeds_of(bench: Bench) -> Array:
+    """Return the speeds of Fig. 3 on a bench [rad/s]: the reference speed, the highest, and one as far below."""
+    reference, high = bench.value("spin_rate_reference"), bench.value("spin_rate_maximum")
+    return np.array([2.0 * reference - high, reference, high])
+
+
+def envelope(bench: Bench, speeds: Sequence[float] | Array | None = None) -> Envelope:
+    """Return the momentum envelope of a bench.
+
+    Parameters
+    ----------
+    bench : Bench
+        Gives inertias, speeds and the largest tilt.
+    speeds : sequence of float, optional
+        Spin rates [rad/s]; those of Fig. 3 if not given, see `speeds_of`.
+    """
+    speed = np.asarray(speeds_of(bench) if speeds is None else speeds, dtype=float)
+    tilt = np.array(_TILTS) / _TILTS[-1] * bench.value("tilt_limit")
+    azimuth = np.linspace(0.0, 2.0 * np.pi, _AZIMUTHS, endpoint=False)
+    inertia = _inertia(bench)
+    s, p, a = np.meshgrid(speed, tilt, azimuth, indexing="ij")
+    exact = k.held_momentum(s[..., None], p[..., None], a[..., None], _turn(), inertia)
+    size = np.linalg.norm(exact, axis=-1)
+    last, middle = _errors(tilt, float(speed[0]), inertia)
+    return Envelope(
+        speed=speed,
+        tilt=tilt,
+        azimuth=azimuth,
+        approximate=k.momentum_envelope(s, p, a, inertia[2]),
+        exact_mean=exact.mean(axis=-2),
+        smallest=size.min(axis=-1),
+        largest=size.max(axis=-1),
+        error_last=last,
+        error_middle=middle,
+    )
+
+
+def _inertia(bench: Bench) -> tuple[float, float, float]:
+    x, y, z = (bench.value(f"rotor_inertia_{axis}") for axis in "xyz")
+    return x, y, z
+
+
+def _turn() -> Array:
+    return np.linspace(0.0, 2.0 * np.pi, _PHASES, endpoint=False)
+
+
+def _errors(tilt: Array, speed: float, inertia: tuple[float, float, float]) -> tuple[Array, Array]:
+    """Return the largest relative errors of the last form and of the middle expression of eq (1) at each tilt."""
+    phi, beta = np.broadcast_arrays(tilt[:, None], _turn())
+    theta_x, theta_y = k.joint_of_azimuth(phi, beta)
+    rates = (*k.joint_rates_of_hold(phi, beta, speed), np.full(phi.shape, speed))
+    angles = (theta_x, theta_y, beta)
+    exact = k.rotor_momentum(angles, rates, inertia)
+    size = np.linalg.norm(exact, axis=-1)
+
+    def error(form: Array) -> Array:
+        return np.asarray((np.linalg.norm(form - exact, axis=-1) / size).max(axis=-1))
+
+    return (
+        error(k.spin_momentum(theta_x, theta_y, rates[2], inertia[2])),
+        error(k.rotor_momentum_by_joint_rates(angles, rates, inertia)),
+    )
+
+
+# --- pictures ---
+
+
+def caps_png(bench: Bench, description: str = "") -> bytes:
+    """Return Fig. 3 as PNG: the caps at three speeds, and the exact form beside the approximations."""
+    return _png(_draw_caps, bench, description)
+
+
+def body_png(bench: Bench, description: str = "") -> bytes:
+    """Return Fig. 4 as PNG: the body of all momenta, cut open, and its section."""
+    return _png(_draw_body, bench, description)
+
+
+def _png(drawing: Any, bench: Bench, description: str) -> bytes:
+    import matplotlib as mpl
+
+    with mpl.rc_context(_STYLE):
+        stream = io.BytesIO()
+        drawing(bench).savefig(stream, format="png", dpi=110, metadata={"Description": description})
+    return stream.getvalue()
+
+
+def _cap(bench: Bench, speed: float, turn: Array, tilts: int = 12) -> Array:
+    """Return the cap of a speed over the azimuths `turn`, shape (tilts, azimuths, 3)."""
+    tilt = np.linspace(0.0, bench.value("tilt_limit"), tilts)
+    phi, alpha = np.meshgrid(tilt, turn, indexing="ij")
+    return k.momentum_envelope(np.full(phi.shape, speed), phi, alpha, bench.value("rotor_inertia_z"))
+
+
+def _draw_caps(bench: Bench) -> Figure:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11.5, 7.4), facecolor="white")
+    speeds = speeds_of(bench)
+    unit, scale = _unit(bench.value("rotor_inertia_z") * float(speeds[-1]))
+    turn = np.linspace(0.0, 2.0 * np.pi, 49)
+    heights = bench.value("rotor_inertia_z") * speeds / scale
+    wide = float(heights[-1]) * np.sin(bench.value("tilt_limit"))
+    for place, (speed, height) in enumerate(zip(speeds, heights, strict=True)):
+        axes: Any = figure.add_axes((0.005 + 0.325 * place, 0.49, 0.32, 0.46), projection="3d")
+        x, y, z = np.moveaxis(_cap(bench, speed, turn) / scale, -1, 0)
+        axes.plot_surface(x, y, z, cmap="viridis", linewidth=0.2, edgecolor="#FFFFFF", rcount=12, ccount=48)
+        tall = 2.0 * wide * _BOX / STRETCH
+        _box(axes, wide, height - 0.65 * tall, height + 0.35 * tall, unit, heights=3)
+        axes.set_title(
+            f"({'abc'[place]})  {speed / RPM:.0f} rpm: radius {height:.3g} {unit}", y=0.99, loc="center"
+        )
+    panels = [
+        figure.add_axes((left, 0.085, width, 0.33))
+        for left, width in ((0.07, 0.25), (0.40, 0.25), (0.73, 0.25))
+    ]
+    _revolution(panels[0], bench, scale, unit)
+    _error_panel(panels[1], bench)
+    _paths(panels[2], bench, scale, unit)
+    return figure
+
+
+def _draw_body(bench: Bench) -> Figure:
+    from matplotlib.figure import Figure
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    figure = Figure(figsize=(11.5, 5.0), facecolor="white")
+    speeds = speeds_of(bench)
+    unit, scale = _unit(bench.value("rotor_inertia_z") * float(speeds[-1]))
+    limit, inertia = bench.value("tilt_limit"), bench.value("rotor_inertia_z") / scale
+    axes: Any = figure.add_axes((0.0, 0.02, 0.5, 0.92), projection="3d", computed_zorder=False)
+    # a quarter towards the viewer is cut away
+    # the momentum points a quarter turn behind the azimuth of the tilt
+    turn = np.linspace(0.5 * np.pi, 2.0 * np.pi, 37)
+    bottom, top = (_cap(bench, speed, turn) / scale for speed in (speeds[0], speeds[-1]))
+    between = np.linspace(float(speeds[0]), float(speeds[-1]), 9)
+    rim = np.stack([_cap(bench, speed, turn)[-1] / scale for speed in between])
+    faces = []
+    for angle in (turn[0], turn[-1]):
+        one = np.array([angle])
+        sides = [_cap(bench, speed, one)[:, 0] / scale for speed in (speeds[0], speeds[-1])]
+        faces.append(np.concatenate([sides[0], sides[1][::-1]]))
+    axes.plot_surface(
+        *np.moveaxis(bottom, -1, 0), color="#4E79A7", linewidth=0.1, edgecolor="#FFFFFF", zorder=1
+    )
+    axes.plot_surface(*np.moveaxis(rim, -1, 0), color="#A0CBE8", linewidth=0.1, edgecolor="#FFFFFF", zorder=2)
+    axes.add_collection3d(
+        Poly3DCollection(faces, facecolor="#F1CE63", edgecolor="#7A6520", linewidth=0.6, zorder=3)
+    )
+    axes.plot_surface(*np.moveaxis(top, -1, 0), color="#86BC86", linewidth=0.1, edgecolor="#FFFFFF", zorder=4)
+    wide = inertia * float(speeds[-1]) * np.sin(limit)
+    low, high = inertia * float(speeds[0]) * np.cos(limit), inertia * float(speeds[-1])
+    _box(axes, wide, low - 0.02 * high, 1.01 * high, unit)
+    axes.view_init(elev=18, azim=-45)
+    axes.set_title(
+        f"all tilts up to {limit / DEG:.0f}°, {speeds[0] / RPM:.0f} to {speeds[-1] / RPM:.0f} rpm",
+        loc="center",
+    )
+    section = figure.add_axes((0.57, 0.13, 0.40, 0.76))
+    tilt = np.linspace(-limit, limit, 61)
+    for speed in speeds:
+        section.plot(
+            inertia * speed * np.sin(tilt), inertia * speed * np.cos(tilt), color=_EXACT, linewidth=1.8
+        )
+        section.annotate(
+            f"{speed / RPM:.0f} rpm", (0.0, inertia * speed), xytext=(0, 5), textcoords="offset points", ha="center",
+            color=_EXACT,
+        )  # fmt: skip
+    for side in (-limit, limit):
+        ends = inertia * np.array([speeds[0], speeds[-1]])
+        section.plot(ends * np.sin(side), ends * np.cos(side), color=_EXACT, linewidth=1.8)
+    # what the exact momentum does within a revolution: to and fro along the spin axis
+    for angle in (-limit, -0.5 * limit, 0.5 * limit, limit):
+        size = np.linalg.norm(
+            k.held_momentum(speeds[1], abs(angle), 0.0, _turn(), _inertia(bench)) / scale, axis=-1
+        )
+        ends = np.array([size.min(), size.max()])
+        section.plot(
+            ends * np.sin(angle), ends * np.cos(angle), color=_LAST, linewidth=4.0, solid_capstyle="butt"
+        )
+    section.plot([], [], color=_LAST, linewidth=4.0, label="exact, within a revolution")
+    section.legend(loc="center", bbox_to_anchor=(0.5, 0.33))
+    section.set_xlabel(f"across the case axis, {unit}")
+    section.set_ylabel(f"along the case axis, {unit}")
+    section.set_title("section")
+    section.grid(color=_FAINT, linewidth=0.8)
+    section.margins(y=0.12)
+    section.set_axisbelow(True)
+    return figure
+
+
+def _unit(momentum: float) -> tuple[str, float]:
+    """Return the unit in which a momentum is shown, and its size in kg m^2/s."""
+    return ("N·m·s", 1.0) if momentum > 0.1 else ("mN·m·s", 1e-3)
+
+
+def _box(axes: Any, wide: float, low: float, high: float, unit: str, *, heights: int = 4) -> None:
+    axes.set_xlim(-wide, wide)
+    axes.set_ylim(-wide, wide)
+    axes.set_zlim(low, high)
+    axes.set_box_aspect((1.0, 1.0, _BOX))
+    axes.locator_params(nbins=4)
+    axes.locator_params(axis="z", nbins=heights)
+    axes.tick_params(labelsize=8.5, pad=0)
+    axes.set_xlabel("Hx", labelpad=-2)
+    axes.set_ylabel("Hy", labelpad=-2)
+    axes.set_zlabel(f"Hz, {unit}", labelpad=2)
+    for pane in (axes.xaxis, axes.yaxis, axes.zaxis):
+        pane.set_pane_color((0.97, 0.97, 0.97, 1.0))
+
+
+def _revolution(axes: Axes, bench: Bench, scale: float, unit: str) -> None:
+    """Draw the size of the exact momentum over a revolution at some tilts."""
+    speed, limit = float(speeds_of(bench)[1]), bench.value("tilt_limit")
+    turn = np.linspace(0.0, 2.0 * np.pi, 145)
+    shades = ("#9ECAE1", "#4292C6", "#08519C")
+    for part, shade in zip((0.2, 0.6, 1.0), shades, strict=True):
+        size = np.linalg.norm(k.held_momentum(speed, part * limit, 0.0, turn, _inertia(bench)), axis=-1)
+        axes.plot(
+            turn / DEG, size / scale, color=shade, linewidth=1.8, label=f"exact, {part * limit / DEG:.2g}°"
+        )
+    level = bench.value("rotor_inertia_z") * speed / scale
+    axes.axhline(level, color=_LAST, linewidth=1.6, linestyle="--", label="eq (1), last form")
+    axes.set_xticks([0, 90, 180, 270, 360])
+    axes.set_xlabel("angle of the shaft, deg")
+    axes.set_ylabel(unit)
+    axes.set_title(f"size within a revolution, {speed / RPM:.0f} rpm")
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high + 0.55 * (high - low))
+    axes.legend(loc="upper center", ncols=2, fontsize=9, columnspacing=1.0, handlelength=1.4)
+    axes.grid(axis="y", color=_FAINT, linewidth=0.8)
+    axes.set_axisbelow(True)
+
+
+def _error_panel(axes: Axes, bench: Bench) -> None:
+    """Draw the errors of both forms of eq (1) over the tilt."""
+    tilt = np.linspace(0.02, 1.0, 50) * bench.value("tilt_limit")
+    last, middle = _errors(tilt, float(speeds_of(bench)[1]), _inertia(bench))
+    forms = (("middle expression, I·θ'", middle, _MIDDLE), ("last form", last, _LAST))
+    for name, values, colour in forms:
+        axes.plot(tilt / DEG, 100.0 * values, color=colour, linewidth=1.8)
+        axes.annotate(
+            name,
+            (tilt[30] / DEG, 100.0 * values[30]),
+            xytext=(0, 9),
+            textcoords="offset points",
+            ha="center",
+            color=colour,
+        )
+    axes.set_yscale("log")
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.set_xlim(0.0, bench.value("tilt_limit") / DEG)
+    axes.set_ylim(1e-4, 300.0 * float(middle[-1]))
+    axes.set_xlabel("tilt, deg")
+    axes.set_ylabel("% of the momentum")
+    axes.set_title("largest error of eq (1)")
+    axes.grid(color=_FAINT, linewidth=0.8)
+    axes.set_axisbelow(True)
+
+
+def _paths(axes: Axes, bench: Bench, scale: float, unit: str) -> None:
+    """Draw the part across the axis over a revolution: in the motor frame a circle, in the case a point."""
+    speed, limit = float(speeds_of(bench)[1]), bench.value("tilt_limit")
+    turn = np.linspace(0.0, 2.0 * np.pi, 145)
+    theta_x, theta_y = k.joint_of_azimuth(limit, -turn)
+    motor = (
+        k.spin_momentum(theta_x, theta_y, np.full(turn.shape, speed), bench.value("rotor_inertia_z")) / scale
+    )
+    case = k.held_momentum(speed, limit, 0.0, turn, _inertia(bench)) / scale
+    axes.plot(motor[:, 0], motor[:, 1], color=_LAST, linewidth=1.8, label="eq (1), motor axes")
+    axes.plot(
+        case[:, 0], case[:, 1], color=_EXACT, linewidth=5.0, solid_capstyle="round", label="exact, case axes"
+    )
+    axes.plot(0.0, 0.0, "+", color=_GREY)
+    size = float(np.abs(motor[:, :2]).max())
+    axes.set_xlim(-1.25 * size, 1.25 * size)
+    axes.set_ylim(-1.25 * size, 1.75 * size)
+    axes.set_aspect("equal")
+    axes.set_xlabel(f"Hx, {unit}")
+    axes.set_ylabel(f"Hy, {unit}")
+    axes.set_title(f"across the axis, tilt {limit / DEG:.0f}°")
+    axes.legend(loc="upper center", fontsize=9, handlelength=1.4)
+    axes.grid(color=_FAINT, linewidth=0.8)
+    axes.set_axisbelow(True)

@@ -1,0 +1,336 @@
+"""One picture of an error that falls: residuals window by window, and their size beside the noise floor."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel.plots.files import write_figure
+from gyrowheel_analysis.residuals.error_table import (
+    CHANNELS,
+    TORQUE_CHANNELS,
+    ErrorRow,
+    ErrorTable,
+    Residuals,
+)
+from gyrowheel_core.quantities import number, unit_for
+from gyrowheel_core.units import RPM
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+_MILLI = 1e-3
+_SIZE = (16.0, 10.0)  # inches, of 100 dots
+_DOTS = 100
+# of the palette of Okabe and Ito, which people tell apart whatever their colour vision
+_BEFORE, _AFTER = "#D55E00", "#0072B2"
+_NOISE, _INK, _FAINT = "#9A9A9A", "#222222", "#E4E4E4"
+_ROLES = {"fit": "fitted", "validation": "not used to fit"}
+_SAME_SPEED = 0.04  # relative
+_WIDE = 12.0  # range of sizes from which on an axis is logarithmic
+_LONG = 7  # letters of a name that needs two lines
+_WORTH_A_NUMBER = 1.3  # noise floors
+_CLEAR = 1.5  # noise floors that the error of a further channel must have to be drawn window by window
+_GAP = 2.0  # between two recordings in one panel [s]
+_STYLE: Any = {  # typed by matplotlib key by key
+    "font.family": "sans-serif",
+    "font.size": 11.5,
+    "axes.edgecolor": "#888888",
+    "axes.labelcolor": _INK,
+    "axes.linewidth": 0.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "text.color": _INK,
+    "xtick.color": "#555555",
+    "ytick.color": "#555555",
+    "axes.titlesize": 13,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+}
+
+
+def save_picture(
+    path: str | Path,
+    residuals: Sequence[Residuals],
+    error: ErrorTable,
+    *,
+    title: str,
+    subtitle: str = "",
+) -> None:
+    """Draw a picture of the error before and after, and write it as PNG of 1600 by 1000 dots.
+
+    Parameters
+    ----------
+    path : str or Path
+        File to write; it is whole or as it was before.
+    residuals : sequence of Residuals
+        Residuals of every recording, fitted and for validation.
+    error : ErrorTable
+        The table of errors.
+    title, subtitle : str
+        The result in words, and what else to say in one line.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    import matplotlib as mpl
+
+    with mpl.rc_context(_STYLE):
+        figure = draw(residuals, error, title=title, subtitle=subtitle)
+        write_figure(figure, Path(path))
+
+
+def draw(residuals: Sequence[Residuals], error: ErrorTable, *, title: str, subtitle: str = "") -> Figure:
+    """Return the figure of `save_picture`."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=_SIZE, dpi=_DOTS, facecolor="white")
+    figure.text(0.045, 0.955, title, fontsize=_title_size(title), fontweight="bold", va="center")
+    if subtitle:
+        figure.text(0.045, 0.913, subtitle, fontsize=13, color="#555555", va="center")
+    roles = [role for role in _ROLES if any(r.role == role for r in residuals)]
+    widths = [math.sqrt(sum(r.time[-1] for r in residuals if r.role == role) + 5.0) for role in roles]
+    shown = [*TORQUE_CHANNELS, *_telling(error)]
+    left = figure.add_gridspec(
+        len(shown),
+        len(roles),
+        left=0.07,
+        right=0.605,
+        top=0.815,
+        bottom=0.075,
+        hspace=0.16,
+        wspace=0.05,
+        width_ratios=widths,
+    )
+    changed = any(
+        not np.array_equal(before, after) for r in residuals for before, after, _ in r.channels.values()
+    )
+    labelled = []
+    for row, channel in enumerate(shown):
+        first: Axes | None = None
+        last = row == len(shown) - 1
+        for column, role in enumerate(roles):
+            axes = figure.add_subplot(left[row, column], sharey=first)
+            own = [r for r in residuals if r.role == role]
+            scale, unit = _MILLI, "mN·m" if CHANNELS[channel].unit == "N·m" else "mV"
+            _residual_panel(axes, own, channel, scale, named=row == 0, changed=changed)
+            if first is None:
+                first = axes
+                labelled.append(axes)
+                size = "residual" if len(CHANNELS[channel].rows) == 1 else "|residual|"
+                axes.set_ylabel(f"{size}, {CHANNELS[channel].title}\n{unit}")
+            else:
+                axes.tick_params(labelleft=False)
+            if row == 0:
+                names = ", ".join(r.name for r in residuals if r.role == role)
+                axes.set_title(f"{_ROLES[role]}: {names}", pad=26)
+            axes.tick_params(labelbottom=last)
+            if last:
+                axes.set_xlabel("time in the recording, s")
+    figure.align_ylabels(labelled)
+    _size_panels(figure, error, changed=changed)
+    _legend(figure, changed=changed)
+    return figure
+
+
+def _telling(error: ErrorTable) -> list[str]:
+    """Return the channel beyond the averaged torques in which the error was largest, where it was clearly there."""
+    floors = {
+        name: before.rms / floor.rms
+        for name, before in error.before.channels.items()
+        if name not in TORQUE_CHANNELS
+        and (floor := error.noise_floor.channels.get(name)) is not None
+        and floor.rms > 0.0
+    }
+    largest = max(floors, key=lambda name: floors[name], default=None)
+    return [largest] if largest is not None and floors[largest] > _CLEAR else []
+
+
+def _rows(residual: Residuals, channel: str) -> tuple[Array, Array, Array]:
+    """Return before, after and noise of a channel; of an amplitude its modulus."""
+    if channel in residual.channels:
+        return residual.channels[channel]
+    before, after, sigma = residual.further[channel]
+    if not np.iscomplexobj(before):
+        return before, after, sigma
+    return np.abs(before), np.abs(after), math.sqrt(2.0) * sigma
+
+
+def _residual_panel(
+    axes: Axes, residuals: Sequence[Residuals], channel: str, scale: float, *, named: bool, changed: bool
+) -> None:
+    """Draw residuals over time, the noise about zero, and where which speed was."""
+    offset = 0.0
+    axes.axhline(0.0, color="#BBBBBB", linewidth=0.8, zorder=1)
+    for residual in residuals:
+        order = np.argsort(residual.time)
+        time = residual.time[order] + offset
+        before, after, sigma = (np.asarray(part)[order] / scale for part in _rows(residual, channel))
+        _speeds(axes, time, residual.spin_rate[order], named=named)
+        axes.fill_between(time, -sigma, sigma, color=_NOISE, alpha=0.45, linewidth=0.0, zorder=2, step="mid")
+        if changed:
+            axes.vlines(time, before, after, color=_BEFORE, linewidth=1.2, alpha=0.3, zorder=3)
+            axes.plot(time, before, "o", markersize=7.0, color=_BEFORE, markeredgewidth=0.0, zorder=4)
+        axes.plot(time, after, "D", markersize=4.6, color=_AFTER, markeredgewidth=0.0, zorder=5)
+        offset = float(time[-1]) + _GAP
+    axes.margins(x=0.02, y=0.12)
+    if len(CHANNELS[channel].rows) > 1:
+        axes.set_ylim(bottom=0.0)
+    axes.grid(axis="y", color=_FAINT, linewidth=0.8)
+    axes.set_axisbelow(True)
+
+
+def _speeds(axes: Axes, time: Array, spin_rate: Array, *, named: bool) -> None:
+    """Shade every second stretch of equal speed, and name the speed above the panel."""
+    changes = np.flatnonzero(np.abs(np.diff(spin_rate)) > _SAME_SPEED * spin_rate[1:])
+    edges = [0, *(changes + 1), len(time)]
+    for index, (start, stop) in enumerate(itertools.pairwise(edges)):
+        low = time[start] if start == 0 else 0.5 * (time[start - 1] + time[start])
+        high = time[-1] if stop == len(time) else 0.5 * (time[stop - 1] + time[stop])
+        if index % 2:
+            axes.axvspan(low, high, color="#F4F4F4", linewidth=0.0, zorder=0)
+        if named:
+            rpm = np.median(spin_rate[start:stop]) / RPM
+            axes.text(
+                0.5 * (low + high),
+                1.02,
+                f"{round(rpm, -1):.0f}" + ("" if index else " rpm"),
+                transform=axes.get_xaxis_transform(),
+                ha="center",
+                va="bottom",
+                fontsize=10,
+                color="#666666",
+            )
+
+
+def _size_panels(figure: Figure, error: ErrorTable, *, changed: bool) -> None:
+    """Draw the errors before and after in noise floors, channel by channel; the floor is where no model gets below."""
+    parts = [("fitted", error.before, error.after, error.noise_floor)]
+    if error.validation_before is not None and error.validation_after is not None:
+        floor = error.validation_noise_floor or error.noise_floor
+        parts.append(("not used to fit", error.validation_before, error.validation_after, floor))
+    grid = figure.add_gridspec(len(parts), 1, left=0.675, right=0.98, top=0.815, bottom=0.1, hspace=0.42)
+    sizes = [
+        size
+        for _, *rows, floor in parts
+        for row in rows
+        for size in _in_floors(row, floor).values()
+        if size > 0.0
+    ]
+    largest = max(sizes, default=1.0)
+    logarithmic = largest > _WIDE
+    low, high = (min(0.5, 0.8 * min(sizes)), largest * 2.5) if logarithmic else (0.0, max(1.2 * largest, 1.5))
+    for index, (name, before, after, floor) in enumerate(parts):
+        axes = figure.add_subplot(grid[index])
+        change = f"χ²/N {_short(before.chi2_per_n)} → " if changed else "χ²/N "
+        change += _short(after.chi2_per_n)
+        axes.set_title(f"RMS, {name}", pad=10)
+        axes.set_title(change, pad=10, loc="right", fontsize=11.5, fontweight="normal", color="#555555")
+        if logarithmic:
+            axes.set_yscale("log")
+            axes.minorticks_off()
+        axes.set_ylim(low, high)
+        _bars(axes, [(before, _BEFORE), (after, _AFTER)] if changed else [(after, _AFTER)], floor, low)
+        axes.set_ylabel("noise floors")
+
+
+def _in_floors(row: ErrorRow, floor: ErrorRow) -> dict[str, float]:
+    """Return the error of every channel over its noise floor."""
+    level = {name: _size(floor, name) for name in CHANNELS if _has(row, name) and _has(floor, name)}
+    return {name: _size(row, name) / own if own > 0.0 else 0.0 for name, own in level.items()}
+
+
+def _has(row: ErrorRow, name: str) -> bool:
+    return name in row.rms or name in row.channels
+
+
+def _size(row: ErrorRow, name: str) -> float:
+    return row.rms[name] if name in row.rms else row.channels[name].rms
+
+
+def _bars(axes: Axes, rows: Sequence[tuple[ErrorRow, str]], floor: ErrorRow, low: float) -> None:
+    names = list(_in_floors(rows[0][0], floor))
+    width = 0.4
+    for side, (row, colour) in enumerate(rows):
+        for place, size in enumerate(_in_floors(row, floor).values()):
+            at = place + (side - 0.5 * (len(rows) - 1)) * (width + 0.02)
+            axes.bar(at, max(size - low, 0.0), width, bottom=low, color=colour, zorder=2)
+            if size < _WORTH_A_NUMBER and side == 0 and len(rows) > 1:
+                continue  # what was noise before needs no number
+            # a label that would lie on the noise floor goes above it
+            hidden = 0.0 <= _height(axes, 1.0) - _height(axes, size) < 0.08
+            axes.annotate(
+                _short(size),
+                (at, 1.0 if hidden else max(size, low)),
+                xytext=(0, 4),
+                textcoords="offset points",
+                ha="center",
+                fontsize=9.5,
+                color=colour,
+                fontweight="bold",
+            )
+    axes.axhline(1.0, color=_INK, linewidth=1.8, zorder=3)
+    labels = []
+    for name in names:
+        level = _size(floor, name)
+        unit, scale = unit_for(level, CHANNELS[name].unit)
+        title = CHANNELS[name].title
+        title = title.replace(" ", "\n") if len(title) > _LONG else title
+        labels.append(f"{title}\n{number(level / scale)}\n{unit}")
+    axes.set_xticks(range(len(names)), labels, fontsize=9.5)
+    axes.tick_params(axis="x", length=0)
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.grid(axis="y", color=_FAINT, linewidth=0.8)
+    axes.set_axisbelow(True)
+
+
+def _height(axes: Axes, value: float) -> float:
+    """Return where a value lies between bottom (0) and top (1) of a panel."""
+    return float((axes.transScale + axes.transLimits).transform((0.0, value))[1])
+
+
+def _legend(figure: Figure, *, changed: bool) -> None:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    handles = [
+        Line2D([], [], marker="D", linestyle="", color=_AFTER, markersize=6.5, label="model after"),
+        Patch(color=_NOISE, alpha=0.45, linewidth=0.0, label="noise, ±1σ"),
+        Line2D([], [], color=_INK, linewidth=1.8, label="noise floor (its size below)"),
+    ]
+    if changed:
+        before = Line2D([], [], marker="o", linestyle="", color=_BEFORE, markersize=8, label="model before")
+        handles.insert(0, before)
+    else:
+        handles[0].set_label("model")
+    figure.legend(
+        handles=handles,
+        loc="center right",
+        bbox_to_anchor=(0.98, 0.895),
+        ncols=4,
+        frameon=False,
+        columnspacing=1.6,
+    )
+
+
+def _title_size(title: str) -> float:
+    """Return the size of letters in which a title fits the width."""
+    return min(22.0, 22.0 * 88.0 / max(len(title), 1))
+
+
+def _short(value: float) -> str:
+    if value <= 0.0:
+        return "0"
+    places = max(1 - math.floor(math.log10(value)), 0)
+    return f"{value:.{places}f}"

@@ -1,0 +1,206 @@
+"""What is missing in a model, with its evidence and with what could not have been seen."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+from rich.console import RenderableType
+from rich.padding import Padding
+from rich.panel import Panel
+from rich.text import Text
+
+from gyrowheel.text.comparison import coverage, failures
+from gyrowheel.text.errors import error_table
+from gyrowheel.text.formulas import pretty
+from gyrowheel.text.layout import command, heading, sentences, words_table
+from gyrowheel.text.quantities import is_pure, quantity, span, with_error
+from gyrowheel_core.quantities import listed
+
+if TYPE_CHECKING:
+    from gyrowheel_analysis.diagnosis.diagnose import (
+        DetectionLimit,
+        Diagnosis,
+        EffectFinding,
+        FreeForm,
+        TieReport,
+    )
+
+_COLOURS = {
+    "nothing_missing": "green",
+    "effect": "yellow",
+    "ambiguous": "yellow",
+    "unknown": "red",
+    "insufficient_data": "magenta",
+}
+_SETTLED = ("nothing_missing", "effect")
+_INDENT = (0, 0, 0, 2)
+_NEVER = 10.0  # times the largest usual size: nothing on a real bench is so far from what is usual
+_MOVED = 1.0  # stated uncertainties
+
+
+def verdict_sentence(result: Diagnosis) -> str:
+    """Return the verdict in one plain sentence."""
+    names = [finding.title for finding in result.effects]
+    if result.verdict == "nothing_missing":
+        return "Nothing is missing: the model explains these recordings down to their noise."
+    if result.verdict == "effect":
+        missing = [finding.title for finding in result.effects if finding.in_model is None]
+        wrong = [finding.name for finding in result.effects if finding.in_model is not None]
+        said = []
+        if missing:
+            verb = "An effect is" if len(missing) == 1 else f"{_count(len(missing))} effects are"
+            said.append(f"{verb} missing: {listed(missing, 'and')}.")
+        if wrong:
+            said.append(f"The model has another size of {listed(wrong, 'and')} than these recordings show.")
+        return " ".join(said)
+    if result.verdict == "ambiguous":
+        choices = [_either([f.title, *(tie.title for tie in f.ties)]) for f in result.effects]
+        return f"Missing: {'; and '.join(choices)}. These recordings cannot tell which."
+    if result.verdict == "unknown":
+        beside = f" beside {listed(names, 'and')}" if names else ""
+        return f"Something is missing{beside} that no known effect explains."
+    return f"These recordings cannot tell whether something is missing: {result.summary}."
+
+
+def diagnosis(result: Diagnosis, *, following: str | None = None) -> Iterator[RenderableType]:
+    """Yield what a diagnosis says, part by part.
+
+    Parameters
+    ----------
+    result : Diagnosis
+        The diagnosis.
+    following : str, optional
+        The command to type next.
+    """
+    if result.verdict != "nothing_missing":
+        yield from failures(result.where)
+    yield Text()
+    yield from findings(result)
+    if result.error is not None:
+        yield heading("Error before and after" if result.effects or result.free_form else "Error")
+        yield Padding(error_table(result.error), _INDENT)
+    if not result.coverage.complete:
+        yield from coverage(result.coverage)
+    yield from _moved(result.nuisance)
+    yield from detection_limits(result.detection_limits)
+    if following:
+        yield heading("Next")
+        yield command(following)
+
+
+def findings(result: Diagnosis) -> Iterator[RenderableType]:
+    """Yield the verdict and what it rests on."""
+    colour = _COLOURS.get(result.verdict, "")
+    yield Panel(Text(verdict_sentence(result), style="bold"), border_style=colour, expand=False)
+    for finding in result.effects:
+        yield from _finding(finding)
+    for form in result.free_form:
+        yield from _free_form(form)
+    if result.next_test is not None:
+        test = result.next_test
+        yield heading("Test that would show more" if result.verdict in _SETTLED else "Test that would tell")
+        about = f"{test.minutes:.1f} min, expected Δχ² {test.expected_separation:.0f}"
+        yield from sentences([f"plan {test.plan} ({about}): {test.reason}"])
+
+
+def detection_limits(limits: list[DetectionLimit]) -> Iterator[RenderableType]:
+    """Yield what could not have been seen, or only where it is large."""
+    never = [limit for limit in limits if not limit.value <= _NEVER * limit.usual[1]]
+    hidden = [limit for limit in limits if not limit.visible and limit not in never]
+    partly = [limit for limit in limits if limit.visible and limit.value > limit.usual[0]]
+    seen = len(limits) - len(never) - len(hidden) - len(partly)
+    if not limits:
+        return
+    yield heading("What could not have been seen here")
+    table = words_table("effect", "seen from", "usual size", "", whole=(0, 1, 2))
+    for group, remark in ((hidden, "not visible"), (partly, "only if large")):
+        for limit in group:
+            table.add_row(
+                f"{limit.effect} {limit.coefficient}",
+                quantity(limit.value, limit.unit, digits=2),
+                span(*limit.usual, limit.unit),
+                remark,
+            )
+    if hidden or partly:
+        yield Padding(table, _INDENT)
+    if never:
+        names = ", ".join(dict.fromkeys(limit.effect for limit in never))
+        yield Padding(Text(f"Not to be seen here at any size that occurs: {names}."), _INDENT)
+    rest = "All other known effects" if never or hidden or partly else "All known effects"
+    if seen:
+        yield Padding(Text(f"{rest} would show at any usual size.", style="dim"), _INDENT)
+
+
+def _finding(finding: EffectFinding) -> Iterator[RenderableType]:
+    yield Text.assemble(("\n" + finding.name, "bold cyan"), f"  {finding.title}")
+    body = words_table("", "")
+    for name, estimate in finding.coefficients.items():
+        pure = is_pure(finding.name, name)
+        shown = with_error(estimate.value, estimate.standard_error, estimate.unit, pure=pure)
+        if finding.in_model is not None:
+            of_model = finding.in_model[name]
+            shown += f"  in the model {with_error(of_model.value, of_model.standard_error, of_model.unit, pure=pure)}"
+        body.add_row(name, shown)
+    body.add_row("law", pretty(finding.formula))
+    body.add_row("Δχ²", f"{finding.delta_chi2:.0f} without it")
+    yield Padding(body, _INDENT)
+    yield from sentences([finding.sentence, *finding.evidence])
+    for tie in finding.ties:
+        yield from sentences([_tie(tie)])
+
+
+def _tie(tie: TieReport) -> str:
+    text = f"could also be {tie.name} ({tie.title}): Δχ² only {tie.delta_chi2:.1f}"
+    if tie.separating_plan is not None:
+        gain = "" if tie.expected_separation is None else f", expected Δχ² {tie.expected_separation:.0f}"
+        return f"{text}. Plan {tie.separating_plan} separates them{gain}."
+    return f"{text}. No test on this bench separates them."
+
+
+def _free_form(form: FreeForm) -> Iterator[RenderableType]:
+    yield Text.assemble((f"\n{form.name or 'proposed form'}", "bold cyan"), "  proposed form")
+    body = words_table("", "")
+    for name, estimate in form.coefficients.items():
+        body.add_row(name, with_error(estimate.value, estimate.standard_error, estimate.unit, pure=True))
+    coefficients = tuple(f"{name} " for name in form.coefficients)
+    laws = [part for part in form.formula.split("; ") if not part.startswith(coefficients)]
+    body.add_row("law", pretty("; ".join(laws)))
+    body.add_row("Δχ²", f"{form.delta_chi2:.0f} without it")
+    yield Padding(body, _INDENT)
+    yield from sentences([form.description])
+
+
+def _moved(nuisance: Mapping[str, Any]) -> Iterator[RenderableType]:
+    moved = {
+        name: n
+        for name, n in nuisance.items()
+        if n.prior_uncertainty > 0.0 and abs(n.value - n.prior_value) > _MOVED * n.prior_uncertainty
+    }
+    if not moved:
+        return
+    yield heading("Parameters of the bench that moved more than their stated uncertainty")
+    table = words_table("parameter", "fitted", "stated", whole=(0, 1, 2))
+    for name, n in moved.items():
+        table.add_row(
+            name,
+            with_error(n.value, n.standard_error, n.unit, pure=True),
+            with_error(n.prior_value, n.prior_uncertainty, n.unit, pure=True),
+        )
+    yield Padding(table, _INDENT)
+
+
+def coefficients_line(finding: EffectFinding) -> str:
+    """Return the coefficients of a finding in one line."""
+    return ", ".join(
+        f"{name} = {with_error(e.value, e.standard_error, e.unit, pure=is_pure(finding.name, name))}"
+        for name, e in finding.coefficients.items()
+    )
+
+
+def _count(number: int) -> str:
+    return {2: "Two", 3: "Three", 4: "Four"}.get(number, str(number))
+
+
+def _either(names: list[str]) -> str:
+    return f"{'either ' if len(names) > 1 else ''}{listed(names, 'or')}"

@@ -1,0 +1,15 @@
+"""For colcon only; pip reads pyproject.toml."""
+
+from setuptools import find_packages, setup
+
+setup(
+    name="gyrowheel",
+    version="0.1.0",
+    packages=find_packages(include=["gyrowheel", "gyrowheel.*"]),
+    package_data={"": ["py.typed", "**/*.yaml", "**/*.xml"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["resource/gyrowheel"]),
+        ("share/gyrowheel", ["package.xml"]),
+    ],
+    entry_points={"console_scripts": ["gyrowheel = gyrowheel.cli:main"]},
+)

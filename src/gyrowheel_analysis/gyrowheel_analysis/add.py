@@ -1,0 +1,270 @@
+"""Add effects to a model: refit, prove on recordings that were not used, write the history."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+
+from gyrowheel_analysis.diagnosis.diagnose import Estimate, nuisance_estimates
+from gyrowheel_analysis.fitting.preparation import FEWEST_WINDOWS, Progress, errors_of, one_thread, prepare
+from gyrowheel_analysis.fitting.problem import Fit, Problem
+from gyrowheel_analysis.fitting.terms import ERRORS, Term
+from gyrowheel_analysis.model import Model, Override
+from gyrowheel_analysis.recording import Recording
+from gyrowheel_analysis.residuals.error_table import ErrorTable, Residuals
+from gyrowheel_core.errors import InputError
+from gyrowheel_sim.effects import Effect, effect_from_mapping, effect_to_mapping, get, registry
+from gyrowheel_sim.effects.user import check_name
+
+#: Stands for all effects that a model of the air has: ``aero:MODEL``.
+AIR = "aero"
+_HARDLY = 3.0  # standard errors from zero below which an effect is hardly there
+_MOVED = 4.0  # standard errors by which a coefficient of the model hardly moves by chance
+_TOLD = 0.9  # of an uncertainty: a recording that leaves more of it has told nothing
+
+
+@dataclass(frozen=True)
+class Added:
+    """Outcome of adding effects.
+
+    Attributes
+    ----------
+    model : Model
+        The model with the effects, the refitted bench parameters, and an entry in its history.
+    coefficients : dict
+        {effect: {coefficient: Estimate}}.
+    error : ErrorTable
+        How the error falls, on the fitted and on the validation recordings.
+    residuals : list of Residuals
+        Window by window, before and after.
+    notes : list of str
+        What the user should know: effects that are hardly there.
+    """
+
+    model: Model
+    coefficients: dict[str, dict[str, Estimate]]
+    error: ErrorTable
+    residuals: list[Residuals]
+    notes: list[str]
+
+
+@one_thread()
+def add_effect(
+    model: Model,
+    names: Sequence[str | Effect],
+    fit: Sequence[Recording],
+    validate: Sequence[Recording] = (),
+    *,
+    progress: Progress | None = None,
+) -> Added:
+    """Add effects to a model and refit it.
+
+    Parameters
+    ----------
+    model : Model
+        The model as it is.
+    names : sequence of str or Effect
+        Effects, or errors of bench parameters (``stiffness_error`` and the like), to add. One that the model has is
+        fitted anew. An `Effect` that is not registered goes into the model with its declaration. ``aero:MODEL`` stands
+        for the effects that a model of the air has (`gyrowheel_sim.air.MODELS`); sizes and exponents are fitted from
+        what the model says, within its uncertainties.
+    fit : sequence of Recording
+        Recordings on which coefficients and bench parameters are fitted.
+    validate : sequence of Recording
+        Recordings on which nothing is fitted.
+
+    Raises
+    ------
+    InputError
+        If an effect is unknown, the name of a formula is in the model already, the bench states as exact what is
+        to have an error, or the recordings have too little steady motion.
+    """
+    terms: list[Term] = []
+    declared: dict[str, Effect] = {}
+    air = _air(model, [item for item in names if isinstance(item, str)])
+    start = model
+    if air:
+        start = replace(
+            model,
+            effects={**model.effects, **{n: {k: v for k, (v, _) in own.items()} for n, own in air.items()}},
+            effect_errors={
+                **model.effect_errors,
+                **{n: {k: e for k, (_, e) in own.items()} for n, own in air.items()},
+            },
+        )
+    uncertain = model.reference_bench.groups()
+    for item in names:
+        name = item.name if isinstance(item, Effect) else item
+        if is_air(name):
+            continue
+        if name in start.effects and (isinstance(item, Effect) or name not in model.effects):
+            raise InputError(f"{model.origin}: effects.{name}: the model has it already")
+        if any(t.name == name for t in terms):
+            raise InputError(f"effect: '{name}' is given twice")
+        if exact := [group for group in ERRORS.get(name, ()) if group not in uncertain]:
+            raise InputError(
+                f"{model.origin}: {name}: the bench states {', '.join(exact)} as exact (uncertainty 0)"
+            )
+        if isinstance(item, Effect) and item != registry().get(name):
+            check_name(name, "effect", registry())
+            # as the model file will have it
+            declared[name] = effect_from_mapping(name, effect_to_mapping(item), f"effect {name}")
+        terms.append(
+            Term(name)
+            if name in ERRORS
+            else Term(name, get(name, declared={**model.declared, **declared}, bench=model.stated_bench))
+        )
+    if not terms and not air:
+        raise InputError("no effect given")
+    fitted = prepare(fit, start, progress=progress)
+    if fitted.windows < FEWEST_WINDOWS:
+        raise InputError(
+            f"{', '.join(fitted.names)}: {fitted.windows} steady windows; at least {FEWEST_WINDOWS} are needed"
+        )
+    validation = prepare(validate, start, progress=progress) if validate else None
+    problem = fitted.problem
+    if progress:
+        progress("fitting")
+    problem.estimate_noise()
+    if declared:
+        problem.estimate_noise_with(problem.fit(terms))
+    elif problem.reweigh(first := problem.fit(terms)) and validation:
+        validation.problem.reweigh(first)
+    before, after = _before(model, problem, air), problem.refined(problem.fit(terms))
+    errors = errors_of(before, after, fitted, validation)
+    coefficients: dict[str, dict[str, Estimate]] = {}
+    notes = []
+    for term in terms:
+        units = {c.name: c.unit for c in term.effect.coefficients} if term.effect else {"relative_error": "1"}
+        coefficients[term.name] = {
+            key: Estimate(
+                after.coefficients[term.name][key], after.standard_error(term.name, key), units[key]
+            )
+            for key in term.coefficients
+        }
+        if after.significance(term.name) < _HARDLY:
+            notes.append(
+                f"{term.name} is hardly there: {after.significance(term.name):.1f} standard errors from zero"
+            )
+    notes += [
+        f"{name} {key} of the model moved by {abs(far):.1f} of its standard errors: its size there may be wrong"
+        for (name, key), far in problem.moved(after.nuisance).items()
+        if abs(far) > _MOVED and name not in air
+    ]
+    values = problem.effects(after.nuisance, {})
+    effects = {active.effect.name: dict(active.values) for active in values}
+    effect_errors = {name: dict(model.effect_errors.get(name, {})) for name in effects}
+    for name, estimates, remarks in _found_air(problem, after, air):
+        coefficients[name] = estimates
+        notes += remarks
+    for name, estimates in coefficients.items():
+        if name not in ERRORS:
+            effects[name] = {key: e.value for key, e in estimates.items()}
+            effect_errors[name] = {key: e.standard_error for key, e in estimates.items()}
+    overrides = {
+        name: Override(n.value, n.standard_error) for name, n in nuisance_estimates(problem, after).items()
+    }
+    entry: dict[str, Any] = {
+        "time": datetime.now(UTC).isoformat(timespec="seconds"),
+        "what": _what([n for n in names if isinstance(n, str) and is_air(n)], terms, model),
+        "fit": [str(r.path) for r in fit],
+        "validate": [str(r.path) for r in validate],
+        "error": errors.table.to_json(),
+    }
+    wrong = {group for term in terms if term.effect is None for group in ERRORS[term.name]}
+    restated = {
+        p.name: {
+            "value": float(overrides[p.name].value),
+            "standard_error": float(overrides[p.name].standard_error),
+        }
+        for group, parameters in problem.nuisances
+        if group in wrong
+        for p in parameters
+    }
+    if restated:
+        entry["restated"] = restated
+    changed = model.changed(
+        entry, overrides=overrides, effects=effects, effect_errors=effect_errors, declared=declared
+    )
+    return Added(changed, coefficients, errors.table, errors.residuals, notes)
+
+
+def _what(air: Sequence[str], terms: Sequence[Term], model: Model) -> str:
+    """Return what is done to the model, for its history."""
+    new = [*air, *(t.name for t in terms if t.name not in model.effects)]
+    again = [t.name for t in terms if t.name in model.effects]
+    parts = (("add", new), ("fit anew", again))
+    return "; ".join(f"{verb} {', '.join(those)}" for verb, those in parts if those)
+
+
+def is_air(name: str) -> bool:
+    """Whether a name stands for the effects of a model of the air."""
+    return name.partition(":")[0].strip() == AIR
+
+
+def _air(model: Model, names: Sequence[str]) -> dict[str, dict[str, tuple[float, float]]]:
+    """Return the effects of the models of the air among the names: {effect: {coefficient: (value, uncertainty)}}."""
+    from gyrowheel_sim.air.effects import air_effects
+
+    found: dict[str, dict[str, tuple[float, float]]] = {}
+    for text in names:
+        if not is_air(text):
+            continue
+        given = air_effects(text.partition(":")[2].strip() or "table", bench=model.stated_bench)
+        for name, values in given.values.items():
+            if name in model.effects:
+                raise InputError(f"{model.origin}: effects.{name}: the model has it already")
+            if name in found or name in names:
+                raise InputError(f"effect: '{name}' is given twice: {text} has it")
+            found[name] = {key: (value, given.errors[name][key]) for key, value in values.items()}
+    return found
+
+
+def _before(model: Model, problem: Problem, air: Mapping[str, Mapping[str, tuple[float, float]]]) -> Fit:
+    """Return the best that the model does without what is added, among the unknowns of a problem that has the air."""
+    if not air:
+        return problem.fit_within()
+    plain = Problem(problem.balances, problem.bench, model.effects, model.effect_errors, model.declared)
+    plain.noise.use_scales(problem.noise.scales)
+    fit = plain.fit_within()
+    # no air: every size as many uncertainties from the stated one as takes it to zero
+    amplitudes = {name: {c.name for c in get(name).amplitudes} for name in air}
+    none = [
+        -value / error if key in amplitudes[name] else 0.0
+        for name, own in air.items()
+        for key, (value, error) in own.items()
+        if error > 0.0
+    ]
+    return replace(fit, nuisance=np.concatenate([fit.nuisance, none]))
+
+
+def _found_air(
+    problem: Problem, after: Fit, air: Mapping[str, Mapping[str, tuple[float, float]]]
+) -> Iterator[tuple[str, dict[str, Estimate], list[str]]]:
+    """Yield the effects of the air as fitted, with what the user should know of them."""
+    values = {active.effect.name: active.values for active in problem.effects(after.nuisance, {})}
+    at = len(after.nuisance) - sum(error > 0.0 for own in air.values() for _, error in own.values())
+    for name, own in air.items():
+        effect = get(name)
+        units = {c.name: c.unit for c in effect.coefficients}
+        estimates, remarks = {}, []
+        for key, (value, stated) in own.items():
+            error = 0.0
+            if stated > 0.0:
+                left = float(np.sqrt(after.covariance[at, at]))
+                error, pull = stated * left, abs(values[name][key] - value) / stated
+                if pull > _HARDLY:
+                    remarks.append(
+                        f"{name} {key} lies {pull:.1f} uncertainties from what the model of the air says"
+                    )
+                elif left > _TOLD:
+                    remarks.append(
+                        f"{name} {key} stays what the model of the air says: the recordings tell nothing of it"
+                    )
+                at += 1
+            estimates[key] = Estimate(values[name][key], error, units[key])
+        yield name, estimates, remarks

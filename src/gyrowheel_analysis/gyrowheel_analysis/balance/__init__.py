@@ -1,0 +1,1 @@
+"""The balance of torques and voltages: predicted and measured rows of windows."""

@@ -1,0 +1,322 @@
+"""Calibration in place: what a volt of the coils and an ampere of the motor mean in N m.
+
+For the coils the ruler is angular momentum. Turning the tilt at a known rate takes a torque H times the rate, and H
+follows from the rotor's inertia alone. So everything that pulls on a rotor that stands still in the case (flexures,
+gimbal, friction, air that the model does not know) is left free to be what it is, the coils' constant is not believed
+at all, and the inertias and the scale of the tilt sensors keep their stated uncertainty: they are the ruler.
+
+The motor's constant is volts over speed, which is newton metres over amperes as well: V = R i + k Omega, averaged over
+whole revolutions, gives it, and the resistance with it where the current changes enough, as it does where the speed
+is swept. No torque enters.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.optimize import minimize_scalar
+
+from gyrowheel_analysis.diagnosis.diagnose import nuisance_estimates
+from gyrowheel_analysis.fitting.preparation import FEWEST_WINDOWS, Progress, one_thread, prepare
+from gyrowheel_analysis.fitting.problem import Fit, Problem
+from gyrowheel_analysis.model import Model, Override
+from gyrowheel_analysis.recording import Recording
+from gyrowheel_analysis.reduction import Windows
+from gyrowheel_analysis.residuals.error_table import channel_parts
+from gyrowheel_core.errors import InputError
+from gyrowheel_sim.bench import Bench
+
+#: What is calibrated, and what a recording must have in it for that.
+CONSTANTS = {
+    "coil_constant": "cones or other slow turns of the tilt (plan cone, plan survey)",
+    "motor_constant": "several speeds (plan coast_down, plan survey)",
+    "motor_resistance": "a sweep of the speed (plan coast_down)",
+}
+_COIL = "coil_constant"
+_MOTOR = ("motor_constant", "motor_resistance")
+#: Relative uncertainty of a constant before the recordings are seen: none of the stated value is believed.
+_OPEN = 0.3
+#: Parameters that act on a rotor at rest in the case get this many times their stated uncertainty.
+_FREED = 10.0
+_STATIC = frozenset(
+    (
+        "flexure_stiffness_x",
+        "flexure_stiffness_y",
+        "gimbal_inertia",
+        "flexure_damping_x",
+        "flexure_damping_y",
+        "bearing_coulomb",
+        "bearing_viscous",
+        "fixed_torque_x",
+        "fixed_torque_y",
+    )
+)
+#: A constant less certain than this part of its value is not determined.
+_USELESS = 0.02
+_UNUSED = 1.0e4  # times the noise: a reading that says nothing
+_MOST_PASSES = 6
+_SETTLED = 0.05  # standard errors
+#: From this mean square of the residuals on the model lacks something that matters here.
+_LACKING = 2.0
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A calibrated constant, SI units.
+
+    Attributes
+    ----------
+    name, unit : str
+        The bench parameter.
+    stated : Override
+        Value and standard uncertainty of the bench file.
+    before : Override
+        What the model held: what was learned earlier, or the stated value.
+    after : Override
+        What the recordings say, with its standard error.
+    limited_by : str
+        The bench parameter whose uncertainty makes up most of the standard error; empty if there is none such.
+    """
+
+    name: str
+    unit: str
+    stated: Override
+    before: Override
+    after: Override
+    limited_by: str = ""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Outcome of a calibration.
+
+    Attributes
+    ----------
+    constants : dict of str to Constant
+        What was determined.
+    undetermined : dict of str to str
+        What was not, and what the recordings would need.
+    chi2_per_n : float
+        Mean square of the residuals of the tilt in units of their noise; the standard error of the coils' constant is
+        widened by its root if above 1.
+    notes : list of str
+        What the user should know.
+    model : Model
+        The model with the constants as overrides, and an entry in its history.
+    recordings : list of str
+        What was used.
+    """
+
+    constants: dict[str, Constant]
+    undetermined: dict[str, str]
+    chi2_per_n: float
+    notes: list[str]
+    model: Model
+    recordings: list[str] = field(default_factory=list)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the calibration as a JSON object."""
+
+        def pair(value: Override) -> dict[str, float]:
+            return {"value": value.value, "standard_error": value.standard_error}
+
+        return {
+            "schema": 1,
+            "constants": {
+                c.name: {
+                    "unit": c.unit,
+                    "stated": {"value": c.stated.value, "uncertainty": c.stated.standard_error},
+                    "before": pair(c.before),
+                    "after": pair(c.after),
+                    "limited_by": c.limited_by or None,
+                }
+                for c in self.constants.values()
+            },
+            "undetermined": self.undetermined,
+            "chi2_per_n": self.chi2_per_n,
+            "notes": self.notes,
+            "recordings": self.recordings,
+        }
+
+
+@one_thread()
+def calibrate(
+    recordings: Sequence[Recording], model: Model, *, progress: Progress | None = None
+) -> Calibration:
+    """Determine the constants of coils and motor.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Recordings of one machine, with cones for the coils and a sweep of the speed for the motor.
+    model : Model
+        The model; its effects are taken into account, its constants of coils and motor are not.
+
+    Raises
+    ------
+    InputError
+        If there is too little steady motion, or nothing could be determined.
+    """
+    say = progress or (lambda text: None)
+    stated = model.stated_bench
+    # without its history: what was calibrated before is not believed either
+    bare = replace(model, stated_bench=_opened(stated, {}), history=())
+    prepared = prepare(recordings, bare, progress=progress)
+    if prepared.windows < FEWEST_WINDOWS:
+        raise InputError(
+            f"{', '.join(prepared.names)}: {prepared.windows} steady windows; at least {FEWEST_WINDOWS} are needed"
+        )
+    say("fitting the motor")
+    found = dict(zip(_MOTOR, _motor([b.windows for b in prepared.problem.balances], stated), strict=True))
+    say("fitting the coils")
+    scales = None
+    for _ in range(_MOST_PASSES):
+        problem = prepared.problem
+        if scales is None:
+            problem.estimate_noise()
+            scales = problem.noise.scales
+        problem.noise.use_scales(scales)
+        fit = problem.fit(())
+        coil = nuisance_estimates(problem, fit)[_COIL]
+        last, found[_COIL] = found.get(_COIL), Override(float(coil.value), float(coil.standard_error))
+        useless = coil.standard_error > _USELESS * coil.value
+        if useless or (last and abs(last.value - coil.value) <= _SETTLED * coil.standard_error):
+            break
+        # the rows are read with the bench's own constants: about the values found the fit is linear
+        prepared = prepare(recordings, replace(bare, stated_bench=_opened(stated, found)))
+    white = problem.noise.whiten(fit.residual)
+    tilt = np.concatenate(
+        [part for name in ("tilt_x", "tilt_y") for part in channel_parts(problem.balances, white, name)]
+    )
+    chi2 = float(np.mean(tilt**2))
+    widened = math.sqrt(max(chi2, 1.0))
+    constants, undetermined = {}, {}
+    for name, needs in CONSTANTS.items():
+        after = found[name]
+        if name == _COIL:
+            after = Override(after.value, after.standard_error * widened)
+        if not after.standard_error <= _USELESS * abs(after.value):
+            part = min(after.standard_error / abs(after.value), _OPEN)
+            undetermined[name] = f"known to {100.0 * part:.0f} % only; it takes {needs}"
+            continue
+        p = stated.parameters[name]
+        limit = _limit(problem, fit) if name == _COIL else ""
+        before = model.overrides.get(name, Override(p.value, p.uncertainty))
+        constants[name] = Constant(name, p.unit, Override(p.value, p.uncertainty), before, after, limit)
+    paths = [str(r.path) for r in recordings]
+    if not constants:
+        reasons = "; ".join(f"{name} {reason}" for name, reason in undetermined.items())
+        raise InputError(f"{', '.join(paths)}: nothing can be calibrated: {reasons}")
+    notes = []
+    if chi2 > _LACKING:
+        notes.append(
+            f"The model does not explain these recordings (χ²/N {chi2:.1f}): the standard error of the coils' "
+            f"constant is widened by {widened:.1f}. Diagnose first what it lacks."
+        )
+    return Calibration(constants, undetermined, chi2, notes, _changed(model, constants, paths), paths)
+
+
+def _opened(stated: Bench, found: Mapping[str, Override]) -> Bench:
+    """Return the bench with the constants as found, nothing believed of the others, and statics free to be anything."""
+    parameters = dict(stated.parameters)
+    for name, p in stated.parameters.items():
+        if name in CONSTANTS:
+            value, error = p.value, _OPEN * p.value
+            if name in found:
+                value = found[name].value
+                error = found[name].standard_error if name in _MOTOR else _OPEN * value
+            parameters[name] = replace(p, value=value, uncertainty=min(error, _OPEN * abs(value)))
+        elif p.group in _STATIC:
+            parameters[name] = replace(p, uncertainty=_FREED * p.uncertainty)
+        elif name.startswith(("motor_voltage_", "motor_current_")):
+            # the tilt alone is to tell the coils' constant: while the speed still settles, the noise of its slope
+            # makes the inertia look smaller than it is
+            parameters[name] = replace(p, value=_UNUSED * p.value)
+    return replace(stated, parameters=parameters)
+
+
+def _motor(recordings: Sequence[Windows], bench: Bench) -> tuple[Override, Override]:
+    """Return constant and resistance of the motor by V = R i + k Omega, with widened errors where that fits badly."""
+    v = bench.value
+    constant = v("motor_constant")
+    covariances = []
+    for w in recordings:
+        lag = np.exp(-np.abs(w.middle[:, None] - w.middle[None, :]) / v("drift_time"))
+        volts = v("motor_voltage_noise") ** 2 + (constant * v("spin_rate_noise")) ** 2
+        covariances.append(
+            (
+                np.diag(volts / w.samples) + v("motor_voltage_drift") ** 2 * lag,
+                np.diag(v("motor_current_noise") ** 2 / w.samples) + v("motor_current_drift") ** 2 * lag,
+            )
+        )
+    # where the current hardly changes, the resistance is what the bench file says, within reason
+    usual, loose = v("motor_resistance"), _OPEN * v("motor_resistance")
+
+    def best(resistance: float) -> tuple[float, float, float]:
+        """Return chi-squared for a resistance, and constant and its error that belong to it.
+
+        The noise of the current counts in volts, so the weights go with the resistance: fixed weights would make
+        it too small.
+        """
+        rows = []
+        for w, (volts, amperes) in zip(recordings, covariances, strict=True):
+            factor = np.linalg.cholesky(volts + resistance**2 * amperes)
+            pair = np.column_stack([w.mean_spin, w.motor_voltage - resistance * w.motor_current])
+            rows.append(solve_triangular(factor, pair, lower=True))
+        x, y = np.concatenate(rows).T
+        k = float(x @ y / (x @ x))
+        return (
+            float(((y - k * x) ** 2).sum()) + ((resistance - usual) / loose) ** 2,
+            k,
+            float((x @ x) ** -0.5),
+        )
+
+    low, high = 0.2 * usual, 3.0 * usual
+    resistance = float(minimize_scalar(lambda r: best(r)[0], bounds=(low, high), method="bounded").x)
+    step = 0.01 * usual
+    at, up, down = (best(resistance + change) for change in (0.0, step, -step))
+    curvature = max((up[0] + down[0] - 2.0 * at[0]) / step**2, 2.0 / loose**2)
+    count = sum(len(w) for w in recordings)
+    widened = math.sqrt(max(at[0] / max(count - 2, 1), 1.0))
+    error = widened * math.sqrt(2.0 / curvature)
+    slope = (up[1] - down[1]) / (2.0 * step)
+    return Override(at[1], math.hypot(widened * at[2], slope * error)), Override(resistance, error)
+
+
+def _limit(problem: Problem, fit: Fit) -> str:
+    """Return the group of parameters whose stated uncertainty makes up most of the variance of the coils' constant."""
+    names = [group for group, _ in problem.nuisances]
+    own = names.index(_COIL)
+    variance = float(fit.covariance[own, own])
+    # what knowing a parameter exactly would take away from the variance
+    shares = {
+        group: float(fit.covariance[own, k]) ** 2 / (float(fit.covariance[k, k]) * variance)
+        for k, group in enumerate(names)
+        if k != own and fit.covariance[k, k] > 0.0
+    }
+    strongest = max(shares, key=lambda group: shares[group])
+    return strongest if shares[strongest] > 0.5 else ""
+
+
+def _changed(model: Model, constants: dict[str, Constant], paths: list[str]) -> Model:
+    entry = {
+        "time": datetime.now(UTC).isoformat(timespec="seconds"),
+        "what": f"calibrate {', '.join(constants)}",
+        "fit": paths,
+        "calibrated": {
+            name: {"value": c.after.value, "standard_error": c.after.standard_error}
+            for name, c in constants.items()
+        },
+    }
+    return model.changed(
+        entry,
+        overrides={**model.overrides, **{name: c.after for name, c in constants.items()}},
+        effects=model.effects,
+        effect_errors=model.effect_errors,
+    )

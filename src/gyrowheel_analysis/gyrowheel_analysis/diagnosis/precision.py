@@ -1,0 +1,161 @@
+"""How well what was found is known, and which test would sharpen it most."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel_analysis.balance.balance import CHANNELS, Balance
+from gyrowheel_analysis.diagnosis.diagnose import Diagnosis, EffectFinding
+from gyrowheel_analysis.diagnosis.test_design import SEPARATING_PLANS, VARIED_PLANS
+from gyrowheel_analysis.fitting.preparation import Progress, one_thread, prepare
+from gyrowheel_analysis.fitting.problem import Fit, Problem
+from gyrowheel_analysis.fitting.terms import ERRORS, Term
+from gyrowheel_analysis.model import Model
+from gyrowheel_analysis.recording import Recording
+from gyrowheel_analysis.reduction import planned_windows
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core.errors import InputError
+from gyrowheel_sim.effects import registry
+
+#: An effect whose size is known to this part of itself needs no further test.
+PRECISE = 0.1
+#: A test that takes away less than this part of an error is not worth its time.
+_WORTHWHILE = 0.3
+
+
+@dataclass(frozen=True)
+class Sharpening:
+    """A test that would sharpen a finding.
+
+    Attributes
+    ----------
+    effect : str
+        What would be known better.
+    plan : str
+        The test.
+    now, expected : float
+        Relative standard error of the effect's size, now and after the test.
+    minutes : float
+        Length of the plan.
+    """
+
+    effect: str
+    plan: str
+    now: float
+    expected: float
+    minutes: float
+
+
+def relative_error(finding: EffectFinding) -> float:
+    """Return the relative standard error of an effect's size: that of its best known amplitude."""
+    effect = registry().get(finding.name)
+    shapes = {c.name for c in effect.shapes} if effect else set()
+    return min(
+        (
+            abs(e.standard_error / e.value) if e.value else np.inf
+            for key, e in finding.coefficients.items()
+            if key not in shapes
+        ),
+        default=0.0,
+    )
+
+
+@one_thread()
+def sharpening(
+    recordings: Sequence[Recording],
+    model: Model,
+    diagnosis: Diagnosis,
+    *,
+    wanted: float = PRECISE,
+    averages: bool = False,
+    progress: Progress | None = None,
+) -> Sharpening | None:
+    """Return the test that brings the least certain finding to the wanted precision soonest; None if none helps.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        The recordings at hand.
+    model : Model
+        The model that was diagnosed.
+    diagnosis : Diagnosis
+        What was found in them.
+    wanted : float
+        Relative standard error that is good enough.
+    averages : bool
+        Whether to use averages over whole revolutions alone, as the diagnosis did.
+    """
+    loose = [f for f in diagnosis.effects if relative_error(f) > wanted]
+    if not loose:
+        return None
+    weakest = max(loose, key=relative_error)
+    prepared = prepare(recordings, model, harmonics=not averages, progress=progress)
+    problem = prepared.problem
+    if progress:
+        progress("judging which test would sharpen what was found")
+    problem.estimate_noise()
+    terms = [
+        Term(f.name) if f.name in ERRORS else Term(f.name, problem.library[f.name]) for f in diagnosis.effects
+    ]
+    fit = problem.fit(terms)
+    now = _relative(fit, weakest.name, fit.covariance)
+    tests = []
+    for plan in (*SEPARATING_PLANS, *VARIED_PLANS):
+        found = _with_plan(problem, fit, plan)
+        if found is not None:
+            covariance, minutes = found
+            tests.append(
+                Sharpening(weakest.name, plan, now, _relative(fit, weakest.name, covariance), minutes)
+            )
+    enough = [t for t in tests if t.expected <= wanted]
+    if enough:
+        return min(enough, key=lambda t: t.minutes)
+    useful = [t for t in tests if t.expected < (1.0 - _WORTHWHILE) * now]
+    return max(useful, key=lambda t: (t.now - t.expected) / t.minutes, default=None)
+
+
+def _relative(fit: Fit, term: str, covariance: NDArray[np.float64]) -> float:
+    """Return the relative standard error of a term's best known amplitude."""
+    amplitudes = [c for t in fit.terms if t.name == term for c in t.amplitudes]
+    errors = []
+    for name in amplitudes:
+        index = len(fit.nuisance) + fit.columns.index((term, name))
+        value = abs(fit.coefficients[term][name])
+        errors.append(float(np.sqrt(covariance[index, index])) / value if value > 0.0 else np.inf)
+    return min(errors)
+
+
+def _with_plan(problem: Problem, fit: Fit, name: str) -> tuple[NDArray[np.float64], float] | None:
+    """Return the covariance that a plan, added to the recordings at hand, would leave, and its minutes."""
+    try:
+        plan = Plan.load(name)
+        plan.check(problem.bench)
+    except InputError:
+        return None  # this bench cannot run it
+    windows = planned_windows(plan, problem.bench)
+    if not len(windows):
+        return None
+    harmonics = all(len(b.channels) > len(CHANNELS) for b in problem.balances)
+    planned = Problem(
+        [Balance(windows, problem.bench, harmonics=harmonics)],
+        problem.bench,
+        problem.known,
+        problem.known_errors,
+        problem.library,
+    )
+    planned.noise.use_scales(problem.noise.scales)
+    at = planned.predict(fit.nuisance, fit.coefficients)
+    columns = [planned.base_jacobian]
+    columns += [planned.term_jacobian(t, fit.nuisance, fit.coefficients, at) for t in fit.terms]
+    inverse, _ = problem.prior(fit.terms)
+    parts = [problem.noise.whiten(fit.jacobian), planned.noise.whiten(np.hstack(columns)), np.diag(inverse)]
+    design = np.vstack(parts)
+    size = np.linalg.norm(design, axis=0)
+    size[size == 0.0] = 1.0
+    scaled = design / size
+    covariance = np.linalg.pinv(scaled.T @ scaled, rcond=1e-13) / np.outer(size, size)
+    return covariance, plan.duration / 60.0

@@ -1,0 +1,337 @@
+"""Which terms a recording asks for: forward selection with swaps and elimination, cross-validation, ties."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel_analysis.fitting.problem import Fit, Problem
+from gyrowheel_analysis.fitting.terms import ERRORS, Term
+from gyrowheel_analysis.reduction.groups import direction_groups, masks, speed_groups
+
+Array = NDArray[np.float64]
+
+#: Evidence asked for: gain in chi-squared for the first amplitude, and for each further one.
+THRESHOLD = 30.0
+THRESHOLD_FURTHER = 12.0
+#: Alternatives within this of the best are ties.
+TIE = 14.0
+#: A bench parameter is a finding of its own beyond this many stated uncertainties.
+ERROR_LIMIT = 5.0
+#: What else could explain a finding is named from here on: stated uncertainties are at times too small.
+ERROR_TIE = 3.0
+_MOST_TERMS = 4
+#: Worsening of a cross-validation (in chi-squared) that chance alone explains.
+_WORSENING = 4.0
+_SHORTLIST = 5
+#: Parts that there must be of each kind to leave one out.
+_FEWEST_PARTS = {"speed": 3, "azimuth": 3, "recording": 2}
+_NEGATIVE = 2.0  # standard errors below zero that an effect of one sign may come out by chance
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Tie:
+    """A term that explains the rows nearly as well as the one chosen."""
+
+    term: Term
+    delta_chi2: float
+    fit: Fit = field(repr=False)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A term that the recording asks for.
+
+    Attributes
+    ----------
+    term : Term
+        The term.
+    delta_chi2 : float
+        By how much leaving it out worsens the fit, everything else fitted again.
+    ties : tuple of Tie
+        Terms that could stand in its place.
+    rivals : tuple of Tie
+        The nearest terms that could not.
+    without : Fit
+        The fit without it.
+    """
+
+    term: Term
+    delta_chi2: float
+    ties: tuple[Tie, ...]
+    rivals: tuple[Tie, ...]
+    without: Fit = field(repr=False)
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Outcome of the selection: the fit without and with the findings."""
+
+    null: Fit
+    best: Fit
+    findings: tuple[Finding, ...]
+    inflation: float
+
+
+def threshold(term: Term, inflation: float) -> float:
+    """Return the gain in chi-squared that a term must bring."""
+    return THRESHOLD * max(1.0, inflation) + THRESHOLD_FURTHER * (len(term.amplitudes) - 1)
+
+
+def expected_chi2(problem: Problem) -> float:
+    """Return chi-squared that a complete model would leave on average: rows minus fitted freedom.
+
+    Parameters with a prior take freedom away only as far as the rows determine them.
+    """
+    design = problem.noise.whiten(problem.base_jacobian)
+    singular = np.linalg.svd(design, compute_uv=False)
+    return len(problem.measured) - float((singular**2 / (1.0 + singular**2)).sum())
+
+
+def select(problem: Problem, *, progress: Progress | None = None) -> Selection:
+    """Find the terms that the rows ask for.
+
+    A term is taken if it brings the threshold in chi-squared and, for the error of a bench parameter, if the
+    parameter then lies beyond five of its stated uncertainties. An effect that the model has is a candidate like any
+    other: it may be of another size than the model says. Every term that was taken is tried against every other (swaps)
+    and against none (elimination). When nothing more is asked for, each term must stand the test that the
+    prediction of a speed, a tilt direction or a recording that was left out does not worsen by it; one that fails goes,
+    and the search continues without it. (Earlier this test would judge a term by what is still missing beside it.)
+    """
+    say = progress or (lambda text: None)
+    pool = problem.candidates()
+    null = problem.fit(())
+    dof = max(expected_chi2(problem), 1.0)
+    current = null
+    for _ in range(_MOST_TERMS):
+        current = _extended(problem, current, pool, dof, say)
+        failed = _fails_cross_validation(problem, current)
+        if failed is None:
+            break
+        pool = [t for t in pool if t != failed]
+        current = problem.fit(tuple(t for t in current.terms if t != failed), current)
+    if current.terms:
+        current = problem.refined(current)
+    findings = tuple(_finding(problem, current, t, pool) for t in current.terms)
+    return Selection(null, current, findings, current.chi2_rows / dof)
+
+
+def _extended(problem: Problem, current: Fit, pool: Sequence[Term], dof: float, say: Progress) -> Fit:
+    """Add terms until no further one brings the threshold."""
+    while len(current.terms) < _MOST_TERMS:
+        tried = []
+        for gain, term in rank(problem, current, [t for t in pool if t not in current.terms])[:_SHORTLIST]:
+            if gain > 0.4 * threshold(term, 1.0):
+                fit = problem.fit((*current.terms, term), current)
+                if _plausible(problem, fit):
+                    tried.append((fit, term))
+        if not tried:
+            break
+        fit, term = min(tried, key=lambda pair: pair[0].chi2 + threshold(pair[1], 0.0))
+        # the noise is judged with the term in: what the term explains is not noise
+        inflation = fit.chi2_rows / dof
+        if current.chi2 - fit.chi2 < threshold(term, inflation):
+            break
+        say(f"{term.name}: gains {current.chi2 - fit.chi2:.0f} in chi-squared")
+        current = _eliminated(problem, _swapped(problem, fit, pool), inflation)
+    return current
+
+
+def _fails_cross_validation(problem: Problem, fit: Fit) -> Term | None:
+    """Return the weakest effect that worsens the prediction of what was left out; None if there is none."""
+    failing = []
+    for term in fit.terms:
+        if term.effect is not None:
+            without = problem.fit(tuple(t for t in fit.terms if t != term), fit)
+            if not _survives_cross_validation(problem, without, fit, term):
+                failing.append((without.chi2 - fit.chi2, term))
+    return min(failing, key=lambda pair: pair[0])[1] if failing else None
+
+
+def _plausible(problem: Problem, fit: Fit, limit: float = ERROR_LIMIT) -> bool:
+    """Whether every term of a fit can be what it says.
+
+    The error of a bench parameter must lie more than `limit` stated uncertainties from its stated value; an effect that
+    can only brake, push back or heat must not come out clearly negative, which is how two effects make up for a third
+    that is not among them.
+    """
+    for term in fit.terms:
+        if term.effect is None:
+            if relative_deviation(problem, fit, term) <= limit:
+                return False
+            continue
+        for c in term.effect.amplitudes:
+            value = fit.coefficients[term.name][c.name]
+            if not c.signed and value < -_NEGATIVE * fit.standard_error(term.name, c.name):
+                return False
+    return True
+
+
+def relative_deviation(problem: Problem, fit: Fit, term: Term) -> float:
+    """Return how many stated uncertainties a parameter lies from its stated value, less twice its standard error."""
+    stated = max(
+        p.relative_uncertainty for group, ps in problem.nuisances if group in ERRORS[term.name] for p in ps
+    )
+    value = abs(fit.coefficients[term.name]["relative_error"])
+    return (value - 2.0 * fit.standard_error(term.name, "relative_error")) / stated
+
+
+def rank(problem: Problem, current: Fit, pool: Sequence[Term]) -> list[tuple[float, Term]]:
+    """Return the linear gain in chi-squared of every candidate, best first.
+
+    A candidate whose rows the fit reproduces already is left out.
+    """
+    inverse, _ = problem.prior(current.terms)
+    design = np.vstack([problem.noise.whiten(current.jacobian), np.diag(inverse)])
+    size = np.linalg.norm(design, axis=0)
+    size[size == 0.0] = 1.0
+    basis, _ = np.linalg.qr(design / size)
+    padding = len(inverse)
+    white = np.concatenate([problem.noise.whiten(current.residual), -current.pull])
+    white = white - basis @ (basis.T @ white)
+    at = problem.measured - current.residual
+    result = []
+    for term in pool:
+        own = problem.term_jacobian(term, current.nuisance, current.coefficients, at, term.amplitudes)
+        columns = np.vstack([problem.noise.whiten(own), np.zeros((padding, own.shape[1]))])
+        total = np.linalg.norm(columns, axis=0)
+        columns = columns - basis @ (basis.T @ columns)
+        norm = np.linalg.norm(columns, axis=0)
+        # a column that the others reproduce to a part in ten thousand carries nothing of its own
+        if np.any(norm <= 1.0e-4 * np.maximum(total, 1e-300)):
+            continue
+        columns = columns / norm
+        solution, *_ = np.linalg.lstsq(columns, white, rcond=1e-8)
+        result.append((float(white @ (columns @ solution)), term))
+    return sorted(result, key=lambda pair: -pair[0])
+
+
+def _swapped(problem: Problem, fit: Fit, pool: Sequence[Term]) -> Fit:
+    """Replace terms by others as long as that lowers chi-squared."""
+    for _ in range(3):
+        improved = False
+        for term in fit.terms:
+            rest = tuple(t for t in fit.terms if t != term)
+            without = problem.fit(rest, fit)
+            for gain, other in rank(problem, without, [t for t in pool if t not in fit.terms])[:3]:
+                if without.chi2 - gain > fit.chi2 + 20.0:
+                    continue
+                trial = problem.fit((*rest, other), without)
+                if _plausible(problem, trial) and trial.chi2 < fit.chi2 - 2.0 - (
+                    THRESHOLD_FURTHER * (len(other.amplitudes) - len(term.amplitudes))
+                ):
+                    fit, improved = trial, True
+                    break
+            if improved:
+                break
+        if not improved:
+            break
+    return fit
+
+
+def _eliminated(problem: Problem, fit: Fit, inflation: float) -> Fit:
+    """Drop terms that have become superfluous."""
+    while len(fit.terms) > 1:
+        trials = [(problem.fit(tuple(t for t in fit.terms if t != term), fit), term) for term in fit.terms]
+        without, term = min(trials, key=lambda pair: pair[0].chi2 - threshold(pair[1], inflation))
+        if without.chi2 - fit.chi2 >= threshold(term, inflation):
+            break
+        fit = without
+    return fit
+
+
+def _finding(problem: Problem, fit: Fit, term: Term, pool: Sequence[Term]) -> Finding:
+    rest = tuple(t for t in fit.terms if t != term)
+    without = problem.fit(rest, fit)
+    tried: list[Tie] = []
+    for place, (gain, other) in enumerate(rank(problem, without, [t for t in pool if t not in fit.terms])):
+        hopeless = without.chi2 - gain > fit.chi2 + 4.0 * TIE + 0.1 * (without.chi2 - fit.chi2)
+        if place >= 2 and hopeless:
+            continue  # the linear gain rules it out before the full fit
+        trial = problem.fit((*rest, other), without)
+        if abs(trial.chi2 - fit.chi2) < 2.0 * TIE:
+            trial = problem.refined(trial)
+        if _plausible(problem, trial, ERROR_TIE):
+            tried.append(Tie(other, trial.chi2 - fit.chi2, trial))
+    tried.sort(key=lambda tie: tie.delta_chi2)
+    ties = tuple(tie for tie in tried if tie.delta_chi2 < TIE)
+    rivals = tuple(tie for tie in tried if tie.delta_chi2 >= TIE)[:2]
+    return Finding(term, without.chi2 - fit.chi2, ties, rivals, without)
+
+
+def groups(problem: Problem) -> dict[str, list[NDArray[np.bool_]]]:
+    """Return the rows of every speed, tilt direction and recording, as masks over all rows."""
+    speed, tilt, recording = [], [], []
+    for number, balance in enumerate(problem.balances):
+        w, count = balance.windows, len(balance.channels)
+        speed.append(np.tile(w.mean_spin, count))
+        tilt.append(np.tile(w.mean_tilt, count))
+        recording.append(np.full(len(balance), number))
+    recordings = np.concatenate(recording)
+    return {
+        "speed": masks(speed_groups(np.concatenate(speed)), len(recordings)),
+        "azimuth": masks(direction_groups(np.concatenate(tilt)), len(recordings)),
+        "recording": [recordings == number for number in range(len(problem.balances))],
+    }
+
+
+def _inverse(normal: Array) -> Array:
+    """Return the inverse of a normal matrix whose parameters are of very different size."""
+    scale = np.sqrt(np.diag(normal))
+    scale[scale == 0.0] = 1.0
+    return np.asarray(np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale))
+
+
+def _survives_cross_validation(problem: Problem, without: Fit, with_: Fit, term: Term) -> bool:
+    """Whether a term does not worsen the prediction of a speed, a tilt direction or a recording that was left out.
+
+    The prediction is judged by its own uncertainty (the predictive density of the part given the rest). A part is
+    passed over where the rest cannot tell the term's size: there is then nothing to validate. Nor is there
+    where the rows are met as well without the term, by bench parameters too far from their stated values.
+    """
+    if without.chi2_rows - with_.chi2_rows < 0.5 * (without.chi2 - with_.chi2):
+        return True
+    white = problem.noise.whiten
+    inverse_without, _ = problem.prior(without.terms)
+    inverse_with, _ = problem.prior(with_.terms)
+    amplitudes = [
+        problem.count + i
+        for i, (name, key) in enumerate(with_.columns)
+        if name == term.name and key in term.amplitudes
+    ]
+    # linear models about the two fits; the rows are whitened once, so that a group's drift is judged with the rest
+    pairs = [
+        (white(without.jacobian), white(without.residual), inverse_without),
+        (white(with_.jacobian), white(with_.residual), inverse_with),
+    ]
+    for kind, parts in groups(problem).items():
+        if len(parts) < _FEWEST_PARTS[kind]:
+            continue
+        errors = np.zeros(2)
+        for mask in parts:
+            keep = ~mask
+            found = []
+            for design, residual, inverse in pairs:
+                part = design[mask]
+                kept = design[keep].T @ design[keep] + np.diag(inverse**2)
+                covariance = _inverse(kept)
+                # the residual belongs to the full fit, whose pulls balance its gradient
+                left_out = residual[mask] + part @ (covariance @ (part.T @ residual[mask]))
+                # what the rest does not know of the parameters is no fault of the prediction
+                slope = part.T @ left_out
+                error = left_out @ left_out - slope @ _inverse(kept + part.T @ part) @ slope
+                found.append((float(error), covariance))
+            own = found[1][1][np.ix_(amplitudes, amplitudes)]
+            null = problem.null(term)
+            values = np.array([with_.coefficients[term.name][name] - null[name] for name in term.amplitudes])
+            if not np.all(np.isfinite(own)) or values @ np.linalg.pinv(own) @ values < 4.0 * len(values):
+                continue
+            errors += [found[0][0], found[1][0]]
+        if errors[1] > errors[0] + _WORSENING:
+            return False
+    return True

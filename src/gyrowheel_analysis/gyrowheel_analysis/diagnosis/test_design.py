@@ -1,0 +1,227 @@
+"""What a test plan would show before it is run: detection limits, and the test that separates two terms."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel_analysis.balance.balance import CHANNELS, Balance
+from gyrowheel_analysis.diagnosis.selection import threshold
+from gyrowheel_analysis.fitting.problem import Fit, Problem
+from gyrowheel_analysis.fitting.terms import Term
+from gyrowheel_analysis.reduction import planned_windows
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_control.plans.variation import MARK
+from gyrowheel_core.errors import InputError
+
+Array = NDArray[np.float64]
+
+#: Plans that are offered as the next test.
+SEPARATING_PLANS = (
+    "air_density",
+    "inverted",
+    "yaw",
+    "preheat",
+    "cone",
+    "coast_down",
+    "survey",
+    "paper_speed",
+    "paper_tilt",
+)
+#: Variations of plans that are offered where they separate two terms clearly better than any plan as it is.
+VARIED_PLANS = tuple(
+    f"{plan}{MARK}{setting}"
+    for plan in ("check", "cone")
+    for setting in (
+        "air_density_ratio=0.3",
+        "rig=inverted",
+        "yaw_deg=90",
+        "preheat_k=20",
+        "spin_ratio=0.7",
+        "tilt_ratio=1.3",
+    )
+)
+#: How much more a minute a variation must separate than the best plan as it is.
+_CLEARLY = 1.5
+#: A separation that settles a tie.
+SETTLED = 25.0
+
+
+@dataclass(frozen=True)
+class Separation:
+    """How well a plan, added to the recordings at hand, would tell two terms apart.
+
+    Attributes
+    ----------
+    plan : str
+        Name of the plan, with its variation if it has one (`gyrowheel_control.plans.variation`).
+    expected : float
+        Expected difference in chi-squared between the two, all else fitted.
+    minutes : float
+        Length of the plan.
+    """
+
+    plan: str
+    expected: float
+    minutes: float
+
+    @property
+    def rate(self) -> float:
+        """What is expected a minute."""
+        return self.expected / self.minutes
+
+
+def _best(found: Sequence[Separation]) -> Separation | None:
+    """Return the one that separates most a minute among those that settle a tie; else the strongest."""
+    settling = [s for s in found if s.expected >= SETTLED]
+    if settling:
+        return max(settling, key=lambda s: s.rate)
+    return max(found, key=lambda s: s.expected, default=None)
+
+
+class Planner:
+    """Predicts what plans would show, given the recordings at hand.
+
+    Parameters
+    ----------
+    problem : Problem
+        The recordings at hand.
+    fit : Fit
+        What they say so far.
+    """
+
+    def __init__(self, problem: Problem, fit: Fit) -> None:
+        self._problem = problem
+        self._fit = fit
+        self._problems: dict[str, Problem] = {}
+        self._minutes: dict[str, float] = {}
+
+    def _planned(self, name: str) -> Problem | None:
+        if name not in self._problems:
+            bench = self._problem.bench
+            try:
+                plan = Plan.load(name)
+                plan.check(bench)
+            except InputError:
+                return None  # this bench cannot run it
+            self._minutes[name] = plan.duration / 60.0
+            old = self._problem
+            harmonics = all(len(b.channels) > len(CHANNELS) for b in old.balances)
+            planned = Balance(planned_windows(plan, bench), bench, harmonics=harmonics)
+            problem = Problem([planned], bench, old.known, old.known_errors, old.library)
+            problem.noise.use_scales(self._problem.noise.scales)
+            self._problems[name] = problem
+        return self._problems[name]
+
+    def separation(self, truth: Fit, rival: Fit, plan: str) -> Separation | None:
+        """Return by how much a plan, added to the recordings at hand, would make `rival` worse than `truth`.
+
+        Parameters
+        ----------
+        truth, rival : Fit
+            Two fits to the recordings at hand. If the first is right, the second is fitted again to everything.
+        plan : str
+            Name of a plan; of the bench's own one where there is one, say ``dtg_cone`` for ``cone``.
+        """
+        own = f"{self._problem.bench.name}_{plan}"
+        # a bench of other speeds has plans of its own
+        plan = own if own.partition(MARK)[0] in Plan.shipped() else plan
+        other = self._planned(plan)
+        if other is None:
+            return None
+        inverse, _ = self._problem.prior(rival.terms)
+        count = self._problem.count
+        signals, designs = [], []
+        for problem in (self._problem, other):
+            at = problem.predict(rival.nuisance, rival.coefficients)
+            signal = problem.predict(truth.nuisance, truth.coefficients) - at
+            columns = [problem.base_jacobian]
+            columns += [problem.term_jacobian(t, rival.nuisance, rival.coefficients, at) for t in rival.terms]
+            signals.append(problem.noise.whiten(signal))
+            designs.append(problem.noise.whiten(np.hstack(columns)))
+        centre = [self._problem.null(t)[n] for t in rival.terms for n in t.coefficients]
+        found = [rival.coefficients[t][n] for t, n in rival.columns]
+        pull = inverse * np.concatenate([rival.nuisance, np.array(found) - np.array(centre)])
+        design = np.vstack([*designs, np.diag(inverse)])
+        signal = np.concatenate([*signals, -pull])
+        size = np.linalg.norm(design, axis=0)
+        size[size == 0.0] = 1.0
+        solution, *_ = np.linalg.lstsq(design / size, signal, rcond=1e-10)
+        left = signal - (design / size) @ solution
+        expected = float(left @ left) - float(truth.nuisance[:count] @ truth.nuisance[:count])
+        return Separation(plan, max(expected, 0.0), self._minutes[plan])
+
+    def revealing(self, name: str) -> Separation | None:
+        """Return the plan that would show a registered effect of the middle usual size most clearly a minute."""
+        term = Term(name, self._problem.library[name])
+        assert term.effect is not None  # the registry holds effects only
+        coefficients = {**self._fit.coefficients, name: term.effect.defaults()}
+        terms = (*self._fit.terms, term)
+        _, columns = self._problem.prior(terms)
+        assumed = replace(self._fit, terms=terms, coefficients=coefficients, columns=columns)
+        found = [
+            s for plan in SEPARATING_PLANS if (s := self.separation(assumed, self._fit, plan)) is not None
+        ]
+        settling = [s for s in found if s.expected >= SETTLED]
+        return max(settling or found, key=lambda s: s.rate, default=None)
+
+    def best(self, truth: Fit, rival: Fit) -> Separation | None:
+        """Return the plan that separates two fits best a minute, among those that settle it; else the strongest.
+
+        A variation of a plan is taken where it is clearly better than every plan as it is.
+        """
+        plain, other = (
+            _best([s for plan in plans if (s := self.separation(truth, rival, plan)) is not None])
+            for plans in (SEPARATING_PLANS, VARIED_PLANS)
+        )
+        if plain is None or other is None:
+            return plain or other
+        settles = other.expected >= SETTLED
+        if settles and plain.expected >= SETTLED:
+            return other if other.rate > _CLEARLY * plain.rate else plain
+        return other if settles or other.expected > _CLEARLY * plain.expected else plain
+
+
+@dataclass(frozen=True)
+class Limit:
+    """The smallest size of an effect that the recordings could have shown.
+
+    Attributes
+    ----------
+    term : Term
+        The effect.
+    coefficient : str
+        Its coefficient.
+    value : float
+        Size at which it would have been found [unit of the coefficient].
+    """
+
+    term: Term
+    coefficient: str
+    value: float
+
+
+def detection_limits(problem: Problem, fit: Fit, terms: Sequence[Term], inflation: float) -> list[Limit]:
+    """Return the detection limit of every term that is not in the fit, all else fitted along."""
+    inverse, _ = problem.prior(fit.terms)
+    design = np.vstack([problem.noise.whiten(fit.jacobian), np.diag(inverse)])
+    size = np.linalg.norm(design, axis=0)
+    size[size == 0.0] = 1.0
+    basis, _ = np.linalg.qr(design / size)
+    at = problem.measured - fit.residual
+    limits = []
+    for term in terms:
+        if term.effect is None or term in fit.terms:
+            continue
+        own = problem.term_jacobian(term, fit.nuisance, fit.coefficients, at, term.amplitudes)
+        columns = np.vstack([problem.noise.whiten(own), np.zeros((len(inverse), own.shape[1]))])
+        columns = columns - basis @ (basis.T @ columns)
+        needed = math.sqrt(threshold(term, inflation))
+        for index, name in enumerate(term.amplitudes):
+            norm = float(np.linalg.norm(columns[:, index]))
+            limits.append(Limit(term, name, needed / norm if norm > 0.0 else math.inf))
+    return limits

@@ -1,0 +1,307 @@
+"""Forms that no declaration contains: what an unknown effect might look like, offered as a formula.
+
+The family: torques that turn with any multiple of the tilt's direction and grow with any power of tilt and speed,
+bumps at one speed, dead zones in the tilt, torques that fade with time. It answers two questions: is there something
+that the registered effects do not describe, and which formula describes it.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import sympy as sp
+from numpy.typing import NDArray
+
+from gyrowheel_analysis.diagnosis.selection import Progress, Selection, rank
+from gyrowheel_analysis.fitting.problem import Fit, Problem
+from gyrowheel_analysis.fitting.terms import Term
+from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law, Target
+from gyrowheel_sim.effects.quantities import QUANTITIES, Omega, Omega_ref, z, z_ref
+from gyrowheel_sim.effects.sizes import for_bench
+
+Array = NDArray[np.float64]
+
+#: How much likelier (minus twice the log) a free form must make the recording before the library is doubted.
+UNKNOWN = 30.0
+_IN_PLACE_OF_SEVERAL = 12.0  # how much likelier a single form must be than several effects that it replaces
+_AS_LIKELY = 12.0  # less likely that a single form may be than effects that cancel each other
+_SUPERFLUOUS = 6.0  # likelier that an effect must make a recording to be kept beside a form
+#: Linear gain in chi-squared from which a form is fitted.
+_PROMISING = 6.0
+#: Part of what a start lacks that exponents and edges may give, which the linear gain does not show.
+_BY_SHAPE = 0.5
+#: Square of a drift's scale from which the drift may have covered what is missing.
+_COVERING = 2.0
+_TRIED = 8
+_TRIED_OF_A_KIND = 2
+
+_EXPONENT = 1.0  # prior deviation of an exponent
+_TINY = sp.Float(1e-9)  # keeps a power of the tilt finite where there is none
+
+_a, _b, _p, _w, _k, _q, _s = (sp.Symbol(name, real=True) for name in ("a", "b", "p", "w", "k", "q", "s"))
+_t = QUANTITIES["t"].symbol
+_r = Omega / Omega_ref
+_u = z / z_ref
+_square = z * sp.conjugate(z) / z_ref**2
+_size = sp.sqrt(z * sp.conjugate(z)) / z_ref
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A free form that describes what the library does not.
+
+    Attributes
+    ----------
+    term : Term
+        The form.
+    fit : Fit
+        The fit with it.
+    gain : float
+        How much likelier it makes the recording (minus twice the log of the likelihood).
+    """
+
+    term: Term
+    fit: Fit
+    gain: float
+
+    @property
+    def kept(self) -> tuple[Term, ...]:
+        """Registered effects that stand beside it."""
+        return tuple(t for t in self.fit.terms if t != self.term)
+
+
+def _amplitude(name: str, target: Target) -> Coefficient:
+    size = (1.0e-4, 2.0e-3) if target == "rotor_torque" else (5.0e-5, 1.0e-3)
+    return Coefficient(
+        name, "N*m", "size at the reference tilt and speed", size, (-1.0, 1.0), "fitted", signed=True
+    )
+
+
+def _form(name: str, sentence: str, target: Target, shape: sp.Expr, *shapes: Coefficient) -> Term:
+    law = (_a + sp.I * _b) * shape if target == "rotor_torque" else _a * shape
+    amplitudes = [_amplitude("a", target)] + ([_amplitude("b", target)] if target == "rotor_torque" else [])
+    name = name.replace(".", "_")
+    effect = Effect(
+        name=name,
+        title="free form",
+        category="other",
+        sentence=sentence,
+        laws=(Law(target, law),),
+        coefficients=(*amplitudes, *shapes),
+        validity="the range of the recording",
+        source="proposed from the recording",
+    )
+    return Term(name, effect)
+
+
+def _shape(name: str, value: float, spread: float, description: str, most: float = 3.0) -> Coefficient:
+    return Coefficient(
+        name,
+        "1",
+        description,
+        (value - spread, value + spread),
+        (0.01, most),
+        "fitted",
+        shape=value,
+        shape_uncertainty=spread,
+    )
+
+
+def _exponent(name: str, value: float, of: str) -> Coefficient:
+    return Coefficient(
+        name,
+        "1",
+        f"exponent of the {of}",
+        (value - _EXPONENT, value + _EXPONENT),
+        (0.0, 8.0),
+        "fitted",
+        shape=value,
+        shape_uncertainty=_EXPONENT,
+    )
+
+
+@functools.cache
+def forms() -> tuple[Term, ...]:
+    """Return the family of free forms; exponents, edges, places and times in them are fitted."""
+    result = []
+    of_speed, of_tilt = "speed", "tilt"
+    for order in (-3, -2, -1, 0, 2, 3):
+        direction = _u**order if order >= 0 else sp.conjugate(_u) ** (-order)
+        shape = direction if order else _square
+        for q in (0, 2):
+            text = f"torque with {order} times the direction of the tilt, |tilt|^{abs(order) or 2}, speed^q"
+            name = f"lobes_{order}_{q}".replace("-", "m")
+            result.append(_form(name, text, "rotor_torque", shape * _r**_q, _exponent("q", q, of_speed)))
+    for k, q in ((1, 1), (1, 3), (1, 4), (0, 0), (0, 2), (2, 0), (2, 2), (3, 1), (5, 0), (5, 2)):
+        exponents = _exponent("k", k, of_tilt), _exponent("q", q, of_speed)
+        shape = _u * (_square + _TINY) ** ((_k - 1) / 2) * _r**_q
+        text = "torque along or across the tilt, |tilt|^k, speed^q"
+        result.append(_form(f"power_{k}_{q}", text, "rotor_torque", shape, *exponents))
+    for centre in (0.3, 0.37, 0.45, 0.53, 0.6, 0.68, 0.76, 0.84, 0.92, 1.0, 1.08):
+        bump = sp.exp(-(((_r - _p) / _w) ** 2))
+        shapes = (
+            _shape("p", centre, 0.05, "speed of the bump"),
+            _shape("w", 0.12, 0.03, "width of the bump"),
+        )
+        where = f"{centre:g} of the reference speed"
+        result.append(
+            _form(
+                f"tilt_bump_{centre:g}",
+                f"torque along the tilt near {where}",
+                "rotor_torque",
+                bump * _u,
+                *shapes,
+            )
+        )
+        result.append(
+            _form(f"spin_bump_{centre:g}", f"torque on the spin near {where}", "shaft_torque", bump, *shapes)
+        )
+    for edge in (0.1, 0.2, 0.3, 0.4, 0.45, 0.5, 0.55, 0.6, 0.65):
+        zone = sp.Max(_size - _p, 0) * _u / (_size + sp.Float(1e-9))
+        begins = _shape("p", edge, 0.04, "tilt where it begins")
+        text = f"torque along the tilt beyond {edge:g} of the reference tilt"
+        result.append(_form(f"dead_zone_{edge:g}", text, "rotor_torque", zone, begins))
+    for q in (1, 3, 4):
+        power = _exponent("q", q, of_speed)
+        result.append(_form(f"spin_power_{q}", "torque on the shaft, speed^q", "shaft_torque", _r**_q, power))
+        text = "torque along the spin axis, speed^q"
+        result.append(_form(f"axial_power_{q}", text, "axial_torque", _r**_q, power))
+    for q in (0, 2):
+        exponents = _exponent("k", 2, of_tilt), _exponent("q", q, of_speed)
+        shape = (_square + _TINY) ** (_k / 2) * _r**_q
+        text = "torque on the spin, |tilt|^k, speed^q"
+        result.append(_form(f"spin_tilt_{q}", text, "shaft_torque", shape, *exponents))
+    for time in (15.0, 40.0, 120.0):
+        fades = Coefficient(
+            "s",
+            "s",
+            "time in which it fades",
+            (0.5 * time, 2.0 * time),
+            (1.0, 1.0e4),
+            "fitted",
+            shape=time,
+            shape_uncertainty=0.5 * time,
+        )
+        fading = sp.exp(-_t / _s)
+        text = "torque on the spin that fades with the time since the start of the recording"
+        result.append(_form(f"spin_fading_{time:g}", text, "shaft_torque", fading, fades))
+        text = "torque in proportion to the tilt that fades with the time since the start of the recording"
+        result.append(_form(f"tilt_fading_{time:g}", text, "rotor_torque", _u * fading, fades))
+    return tuple(result)
+
+
+def search(problem: Problem, selection: Selection, *, progress: Progress | None = None) -> Proposal | None:
+    """Look for a free form that describes the rows better than the selected effects; None if there is none.
+
+    A form is compared by marginal likelihood with the size of the drifts left free, so that a misfit that an
+    enlarged drift had covered is seen, and a real drift is not taken for a form. It may stand beside the selected
+    effects, in the place of one of them, or of all. A single form in the place of several effects need not be so much
+    likelier than they are, and where they cancel each other only about as likely.
+    """
+    if progress:
+        progress("comparing with forms that no declared effect has")
+    family = [
+        Term(t.name, for_bench(t.effect, problem.bench))
+        for t in forms()
+        if t.effect is not None and t.name not in problem.known
+    ]
+    base = problem.evidence(selection.best)
+    starts = [selection.best]
+    if selection.findings:
+        starts.append(selection.null)
+    if len(selection.findings) > 1:
+        starts += [
+            problem.fit(tuple(t for t in selection.best.terms if t != f.term), selection.best)
+            for f in selection.findings
+        ]
+    cancels = cancelling(problem, selection.best)
+    beside = rank(problem, selection.best, family)
+    # in the place of an effect a form cannot explain more than beside it
+    able = [term for gain, term in beside if _worth(problem, gain)]
+    best: Proposal | None = None
+    for start in starts:
+        needed = UNKNOWN
+        if len(selection.best.terms) - len(start.terms) > 1:
+            needed = _IN_PLACE_OF_SEVERAL
+        if cancels and start is not selection.best:
+            needed = -_AS_LIKELY
+        tried = able if needed == UNKNOWN else family
+        ranked = beside if start is selection.best else rank(problem, start, tried)
+        for gain, term in _foremost(ranked):
+            if _hopeless(problem, selection.best, start, gain):
+                continue
+            fit = problem.fit((*start.terms, term), start)
+            found = Proposal(term, fit, base - problem.evidence(fit))
+            if found.gain > needed and (best is None or found.gain > best.gain):
+                best = found
+    return None if best is None else _simplest(problem, best, base)
+
+
+def _hopeless(problem: Problem, best: Fit, start: Fit, gain: float) -> bool:
+    """Whether the linear gain in chi-squared of a form beside `start` rules it out before it is fitted.
+
+    Its exponents and edges are still to be fitted, which gives it a part of what `start` lacks beside the best fit.
+    What an enlarged drift covers counts more once the form explains it, so that this cannot be relied on then.
+    """
+    if not _worth(problem, gain):
+        return True
+    return _covered(problem) < _COVERING and gain < (1.0 - _BY_SHAPE) * (start.chi2 - best.chi2)
+
+
+def _worth(problem: Problem, gain: float) -> bool:
+    """Whether a linear gain in chi-squared promises enough to fit a form."""
+    return _covered(problem) * gain >= _PROMISING
+
+
+def _covered(problem: Problem) -> float:
+    """Return by how much the enlarged drifts may have made a gain in chi-squared smaller."""
+    return max(problem.noise.scales.values(), default=1.0) ** 2
+
+
+def _foremost(ranked: Sequence[tuple[float, Term]]) -> list[tuple[float, Term]]:
+    """Return the forms that explain most, with their gains, but few of a kind."""
+    kinds: Counter[str] = Counter()
+    result = []
+    for gain, term in ranked:
+        kind = re.sub(r"(_m?\d+)+$", "", term.name)
+        kinds[kind] += 1
+        if kinds[kind] <= _TRIED_OF_A_KIND:
+            result.append((gain, term))
+        if len(result) == _TRIED:
+            break
+    return result
+
+
+def _simplest(problem: Problem, proposal: Proposal, base: float) -> Proposal:
+    """Drop effects that the form makes superfluous."""
+    while len(proposal.fit.terms) > 1:
+        trials = []
+        for term in proposal.fit.terms:
+            if term != proposal.term:
+                fit = problem.fit(tuple(t for t in proposal.fit.terms if t != term), proposal.fit)
+                trials.append(Proposal(proposal.term, fit, base - problem.evidence(fit)))
+        best = max(trials, key=lambda trial: trial.gain)
+        if best.gain < proposal.gain - _SUPERFLUOUS:
+            break
+        proposal = best
+    return proposal
+
+
+def cancelling(problem: Problem, fit: Fit) -> bool:
+    """Whether two terms of a fit act against each other, so that much of either makes up for the other."""
+    columns: dict[str, Array] = {}
+    for index, (term, name) in enumerate(fit.columns):
+        value = fit.coefficients[term][name]
+        if any(t.name == term and name in t.amplitudes for t in fit.terms):
+            part = fit.jacobian[:, problem.count + index] * value
+            columns[term] = columns.get(term, 0.0) + part
+    parts = [problem.noise.whiten(part) for part in columns.values()]
+    return any(
+        float((a + b) @ (a + b)) < 0.5 * float(a @ a + b @ b) for a, b in itertools.combinations(parts, 2)
+    )

@@ -1,0 +1,285 @@
+"""The drag estimate of the published ground test, hold by hold: notched DC voltages beside simulated torques."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from gyrowheel_analysis.balance.balance import ActiveEffect, Balance
+from gyrowheel_analysis.model import Model
+from gyrowheel_analysis.reduction import LONGEST, NEEDED, SETTLING, SPIN_SETTLING, Samples, reduce
+from gyrowheel_control.plans.plan import HOLD, SETPOINT_DTYPE
+from gyrowheel_core.units import DEG
+
+Array = NDArray[np.float64]
+
+#: Columns of the readings that are filtered: tilts, coil voltages, motor voltage and current.
+_COLUMNS = np.array([0, 1, 4, 5, 6, 7])
+_RADIUS = 0.97  # of the notch's poles: 10 Hz wide, settles in 0.1 s
+_NOTCH_SETTLING = 0.15  # s
+_UPDATE, _SELDOM = 0.5, 5.0  # s between two estimates of one hold, at its beginning and in the long run
+_SHARE = 0.1  # of a hold's length that is new in the next estimate
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One drag estimate; the fields of the DragEstimate message [SI].
+
+    The torques are those that coils (x, y) and motor give, in case axes. `measured_torque` and `residual` are NaN
+    until the model holds a calibrated constant of coils (x, y) or motor.
+    """
+
+    stamp_ns: int
+    segment: int
+    settled: bool
+    duration: float
+    tilt_x: float
+    tilt_y: float
+    spin_rate: float
+    dc_voltage: Array
+    dc_voltage_std: Array
+    voltage_increment: Array
+    measured_torque: Array
+    measured_torque_std: Array
+    simulated_torque: Array
+    residual: Array
+
+
+@njit(cache=True, error_model="numpy")
+def notch(values: Any, columns: Any, rate: Any, period: float, radius: float, state: Any, out: Any) -> None:
+    """Filter `values` (m, n) in its `columns` through notches at once and twice the tracked spin rate.
+
+    Parameters
+    ----------
+    values, columns : ndarray
+        Readings (m, n) and the k columns to filter.
+    rate : ndarray (m,)
+        Spin rate [rad/s]; the tracked rate is its first-order low-pass, kept in the last element of `state`.
+    period, radius : float
+        Sampling interval [s] and radius of the poles.
+    state : ndarray (2 * 2 * k + 1,)
+        Filter memory; all NaN before the first sample.
+    out : ndarray (m, k)
+        Filtered values.
+    """
+    k = len(columns)
+    smooth = 1.0 - math.exp(-2.0 * math.pi * 5.0 * period)
+    for i in range(len(values)):
+        first = math.isnan(state[4 * k])
+        if first:
+            state[4 * k] = rate[i]
+        state[4 * k] += smooth * (rate[i] - state[4 * k])
+        for c in range(k):
+            x = values[i, columns[c]]
+            for order in range(2):
+                cosine = math.cos((order + 1) * state[4 * k] * period)
+                # unit gain at zero frequency
+                gain = (1.0 - 2.0 * radius * cosine + radius * radius) / (2.0 - 2.0 * cosine)
+                at = 4 * c + 2 * order
+                if first:  # start in the steady state of a constant input
+                    state[at + 1] = x * (gain - radius * radius)
+                    state[at] = x * (1.0 - gain)
+                y = gain * x + state[at]
+                state[at] = -2.0 * cosine * gain * x + 2.0 * radius * cosine * y + state[at + 1]
+                state[at + 1] = gain * x - radius * radius * y
+                x = y
+            out[i, c] = x
+
+
+@dataclass
+class _Hold:
+    """A hold under way: sums over all of it, and the samples whose windows are not final yet."""
+
+    setpoint: tuple[Any, ...]
+    start: float  # s, when it has settled
+    due: float  # s, of the next estimate
+    first: float = math.nan
+    last: float = math.nan
+    count: int = 0
+    filtered: Array = field(default_factory=lambda: np.zeros(len(_COLUMNS)))  # sum
+    spin: float = 0.0  # sum
+    torque: Array = field(default_factory=lambda: np.zeros(3))  # simulated, times the length of its windows
+    length: float = 0.0  # of those windows [s]
+    times: list[Array] = field(default_factory=list)
+    readings: list[Array] = field(default_factory=list)
+
+    def add(self, time: Array, readings: Array, filtered: Array) -> None:
+        """Take samples."""
+        if not self.count:
+            self.first = float(time[0])
+        self.last = float(time[-1])
+        self.count += len(time)
+        self.filtered += filtered.sum(axis=0)
+        self.spin += float(readings[:, 3].sum())
+        self.times.append(time)
+        self.readings.append(readings)
+
+
+class DragEstimator:
+    """Turns samples and setpoints into drag estimates as they come.
+
+    Parameters
+    ----------
+    model : Model
+        The model whose torques are simulated.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self._model = model
+        self._bench = model.bench
+        self._effects = [ActiveEffect(model.library[name], values) for name, values in model.effects.items()]
+        self._state = np.full(4 * len(_COLUMNS) + 1, math.nan)
+        self._setpoints: deque[tuple[Any, ...]] = deque()
+        self._hold: _Hold | None = None
+        self._spin_before: float | None = None
+        self._reference: Array | None = None
+
+    def setpoint(self, stamp_ns: int, segment: int, phase: int, values: Sequence[float]) -> None:
+        """Take a setpoint: tilt_x, tilt_y, their rates, spin rate and acceleration; stamps must ascend."""
+        self._setpoints.append((stamp_ns, segment, phase, *values))
+
+    def add_block(self, stamps_ns: NDArray[np.int64], values: Array) -> list[Estimate]:
+        """Take consecutive samples and return the estimates that they complete.
+
+        Parameters
+        ----------
+        stamps_ns : ndarray (m,)
+            Sampling instants [ns].
+        values : ndarray (m, 11)
+            Readings, columns as in the Measurement message. A sample that lacks one it needs (NaN) counts as lost.
+        """
+        whole = np.isfinite(values[:, : len(NEEDED)]).all(axis=1)
+        if not whole.all():  # the filters would never forget it
+            stamps_ns, values = stamps_ns[whole], values[whole]
+        filtered = np.empty((len(values), len(_COLUMNS)))
+        notch(values, _COLUMNS, values[:, 3], self._bench.sample_period, _RADIUS, self._state, filtered)
+        estimates: list[Estimate] = []
+        at = 0
+        while at < len(stamps_ns):
+            # setpoints that begin within the block cut it
+            stop = len(stamps_ns)
+            if self._setpoints and self._setpoints[0][0] <= stamps_ns[at]:
+                estimates += self._take(self._setpoints.popleft())
+                continue
+            if self._setpoints:
+                stop = min(stop, int(np.searchsorted(stamps_ns, self._setpoints[0][0])))
+            if self._hold is not None:
+                time = np.asarray(stamps_ns[at:stop] * 1e-9, dtype=np.float64)
+                keep = time >= self._hold.start
+                if keep.any():
+                    self._hold.add(time[keep], values[at:stop][keep], filtered[at:stop][keep])
+                    if time[-1] >= self._hold.due:
+                        step = _SHARE * (self._hold.last - self._hold.first)
+                        self._hold.due = self._hold.last + min(max(step, _UPDATE), _SELDOM)
+                        estimates += self._estimate(self._hold, settled=False)
+            at = stop
+        return estimates
+
+    def finish(self) -> list[Estimate]:
+        """Return the estimate of the hold under way, at the end of a test."""
+        return self._end()
+
+    def _take(self, setpoint: tuple[Any, ...]) -> list[Estimate]:
+        stamp, segment, phase = setpoint[:3]
+        spin = float(setpoint[7])
+        if self._hold is not None and phase == HOLD and segment == self._hold.setpoint[1]:
+            return []
+        estimates = self._end()
+        if phase == HOLD and math.hypot(setpoint[5], setpoint[6]) < 0.1 * DEG and abs(setpoint[8]) < 0.5:
+            changed = self._spin_before is not None and abs(spin - self._spin_before) > 2.0
+            start = stamp * 1e-9 + (SPIN_SETTLING if changed else SETTLING)
+            self._hold = _Hold(setpoint, start, start + _UPDATE)
+        if phase == HOLD:
+            self._spin_before = spin
+        return estimates
+
+    def _end(self) -> list[Estimate]:
+        hold, self._hold = self._hold, None
+        return [] if hold is None else self._estimate(hold, settled=True)
+
+    def _simulated(self, hold: _Hold) -> Array:
+        """Return the torques that the model says the motion needs, averaged over the windows of a hold."""
+        time, readings = np.concatenate(hold.times), np.vstack(hold.readings)
+        # what is far behind is reduced once and forgotten, or a long hold would take longer and longer
+        while time[-1] - time[0] >= LONGEST + _UPDATE:
+            cut = int(np.searchsorted(time, time[0] + LONGEST))
+            torque, length = self._windows(hold, time[:cut], readings[:cut])
+            hold.torque += torque
+            hold.length += length
+            time, readings = time[cut:], readings[cut:]
+        hold.times, hold.readings = [time], [readings]
+        torque, length = self._windows(hold, time, readings)
+        whole = hold.length + length
+        return (hold.torque + torque) / whole if whole > 0.0 else np.full(3, math.nan)
+
+    def _windows(self, hold: _Hold, time: Array, readings: Array) -> tuple[Array, float]:
+        """Return the simulated torques of some samples, times the length of their windows, and that length."""
+        # the reduction drops the settling itself: give it the beginning of the hold as it was
+        setpoint = np.array([hold.setpoint] * 2, dtype=SETPOINT_DTYPE)
+        samples = Samples(time, readings, np.array([time[0] - SETTLING, time[-1]]), setpoint)
+        windows = reduce(samples, self._bench)
+        if not len(windows):
+            return np.zeros(3), 0.0
+        coil, motor = Balance(windows, self._bench, clean=False).required(self._bench.values(), self._effects)
+        lengths = windows.duration
+        return np.array([coil.real @ lengths, coil.imag @ lengths, motor @ lengths]), float(lengths.sum())
+
+    def _estimate(self, hold: _Hold, *, settled: bool) -> list[Estimate]:
+        if not hold.count or hold.last - hold.first < _NOTCH_SETTLING:
+            return []
+        simulated = self._simulated(hold)
+        mean, count = hold.filtered / hold.count, hold.count
+        # white noise of the readings and their slow drift, which averaging over a hold does not remove
+        v = self._bench.value
+        std = np.array(
+            [
+                math.hypot(v("coil_voltage_noise") / math.sqrt(count), v("coil_voltage_drift")),
+                math.hypot(v("coil_voltage_noise") / math.sqrt(count), v("coil_voltage_drift")),
+                math.hypot(v("motor_voltage_noise") / math.sqrt(count), v("motor_voltage_drift")),
+            ]
+        )
+        dc = mean[2:5]
+        if settled and self._reference is None:
+            self._reference = dc.copy()
+        increment = dc - self._reference if self._reference is not None else np.full(3, math.nan)
+        measured, measured_std = self._measured(dc, float(mean[5]), std)
+        return [
+            Estimate(
+                stamp_ns=round(hold.last * 1e9),
+                segment=int(hold.setpoint[1]),
+                settled=settled,
+                duration=hold.last - hold.first,
+                tilt_x=float(mean[0]),
+                tilt_y=float(mean[1]),
+                spin_rate=hold.spin / count,
+                dc_voltage=dc,
+                dc_voltage_std=std,
+                voltage_increment=increment,
+                measured_torque=measured,
+                measured_torque_std=measured_std,
+                simulated_torque=simulated,
+                residual=measured - simulated,
+            )
+        ]
+
+    def _measured(self, dc: Array, current: float, std: Array) -> tuple[Array, Array]:
+        """Return the torques that the readings mean, where the constants are calibrated."""
+        torque, error = np.full(3, math.nan), np.full(3, math.nan)
+        overrides, v = self._model.overrides, self._bench.value
+        if "coil_constant" in overrides:
+            torque[:2] = v("coil_constant") * dc[:2]
+            error[:2] = np.hypot(
+                v("coil_constant") * std[:2], overrides["coil_constant"].standard_error * dc[:2]
+            )
+        if "motor_constant" in overrides:
+            torque[2] = v("motor_constant") * current
+            drift = v("motor_constant") * v("motor_current_drift")
+            error[2] = math.hypot(drift, overrides["motor_constant"].standard_error * current)
+        return torque, error

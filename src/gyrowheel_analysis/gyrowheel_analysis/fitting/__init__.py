@@ -1,0 +1,1 @@
+"""Least squares of a model on recordings: the problem, its noise, drift and terms."""

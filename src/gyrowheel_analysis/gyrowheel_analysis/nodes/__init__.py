@@ -1,0 +1,1 @@
+"""The nodes of drag estimator, recorder and replay."""

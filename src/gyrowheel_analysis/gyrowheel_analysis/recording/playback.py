@@ -1,0 +1,294 @@
+"""The messages of a recording in the order in which they are given back to the graph, and their pace.
+
+Needs no ROS. Messages are read as they are needed, whatever the storage of the bag, and given out as the bytes
+that were recorded.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections import deque
+from collections.abc import Collection, Iterable, Iterator
+from operator import itemgetter
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final, Self
+
+from rosbags.interfaces import ConnectionExtRosbag2, Qos, QosDurability
+from rosbags.rosbag2 import Reader
+
+from gyrowheel_analysis.recording.bags import read_bag
+from gyrowheel_core import topics, wire
+from gyrowheel_core.errors import InputError, one_line
+from gyrowheel_core.topics import Topic
+
+#: One message: when it is due on the clock of the recording [ns], its topic, its bytes.
+Message = tuple[int, Topic, bytes]
+
+_KNOWN: Final = {topic.name: topic for topic in topics.TOPICS}
+_DEPTH: Final = 100  # of topics that are not of the bench
+_LOOK_BACK_NS: Final = wire.SECOND  # setpoints stand 5 ms apart; those of others may stand wider
+
+
+class Tape:
+    """A recording, opened to be given back message by message; use it as a context manager.
+
+    Parameters
+    ----------
+    directory : str or Path
+        A rosbag2 directory of any storage, or one of its files.
+    only : collection of str
+        Names of the topics to give back; empty: all that the recording has.
+    without : collection of str
+        Names of topics to leave out.
+    start, end : float
+        From when until when, in seconds from the first sample (from the first message where there are no
+        samples); the end may be infinite.
+    setpoint_lead : float
+        How far the setpoints run ahead of the samples that they are for [s], as the conductor sends them: a node
+        that needs the setpoint of a sample has it by then.
+
+    Attributes
+    ----------
+    path : Path
+        Where the recording is.
+    topics : dict of Topic to int
+        What is given back, and how many messages of it the whole recording has.
+    start_ns, end_ns : int
+        Times on the clock of the recording between which messages are given back [ns].
+    zero_ns : int
+        Time that seconds are counted from [ns].
+
+    Raises
+    ------
+    InputError
+        If there is no such recording, it is incomplete or damaged, has no such topic, or nothing in the range.
+
+    Notes
+    -----
+    What held at the start of a later range is given out first, with its own stamp: the messages of latched
+    topics, and the last setpoint.
+    """
+
+    def __init__(
+        self,
+        directory: str | Path,
+        *,
+        only: Collection[str] = (),
+        without: Collection[str] = (),
+        start: float = 0.0,
+        end: float = math.inf,
+        setpoint_lead: float = 0.5,
+    ) -> None:
+        self.path = Path(directory)
+        if not start < end:
+            raise InputError(f"{self.path}: from {start:g} s to {end:g} s: the end must lie behind the start")
+        # Counts, and checks every length and checksum of the files, which the reader below does not.
+        counts = {name: data.count for name, data in read_bag(self.path, {}).items() if data.count}
+        for name in (*only, *without):
+            if name not in counts:
+                there = ", ".join(sorted(counts)) or "none at all"
+                raise InputError(f"{self.path}: no messages on '{name}'; there are: {there}")
+        names = [name for name in sorted(counts) if (not only or name in only) and name not in without]
+        if not names:
+            raise InputError(f"{self.path}: no topic is left to give back")
+        self._reader = _opened(self.path)
+        try:
+            connections = [c for c in self._reader.connections if c.topic in names]
+            found = {c.topic: _KNOWN.get(c.topic) or _foreign(c) for c in connections}
+            for connection in connections:
+                _check_type(self.path, connection, found[connection.topic])
+            self.topics = {found[name]: counts[name] for name in names}
+            self._lead_ns = round(setpoint_lead * wire.SECOND)
+            self._set_range(start, end)
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def duration(self) -> float:
+        """Length of the range [s]."""
+        return (self.end_ns - self.start_ns) / wire.SECOND
+
+    @property
+    def start(self) -> float:
+        """Start of the range [s]."""
+        return self.seconds(self.start_ns)
+
+    def seconds(self, time_ns: int) -> float:
+        """Return a time on the clock of the recording [ns] as seconds from its first sample."""
+        return (time_ns - self.zero_ns) / wire.SECOND
+
+    def messages(self, *, without: Collection[Topic] = ()) -> Iterator[Message]:
+        """Yield the messages in the order in which they are due, from the start of the range.
+
+        Setpoints are due `setpoint_lead` before their time, but not before the start.
+
+        Parameters
+        ----------
+        without : collection of Topic
+            Further topics to leave out.
+
+        Raises
+        ------
+        InputError
+            If the recording cannot be read any further.
+        """
+        chosen = [topic for topic in self.topics if topic not in without]
+        setpoints = [topic for topic in chosen if topic == topics.SETPOINT]
+        others = [topic for topic in chosen if topic != topics.SETPOINT]
+        start, end = self.start_ns, self.end_ns
+        yield from self._held(chosen)
+        ahead = (
+            (max(due - self._lead_ns, start), topic, data)
+            for due, topic, data in self._read(setpoints, start, end)
+        )
+        # on a tie the setpoint comes first: it is what the sample needs
+        yield from heapq.merge(ahead, self._read(others, start, end), key=itemgetter(0))
+
+    def close(self) -> None:
+        """Close the files."""
+        if self._reader.is_open:
+            self._reader.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _set_range(self, start: float, end: float) -> None:
+        first, last = int(self._reader.start_time), int(self._reader.end_time) - 1
+        measurements = [c for c in self._reader.connections if c.topic == topics.MEASUREMENT.name]
+        sample = next(iter(self._read([topics.MEASUREMENT], first, last)), None) if measurements else None
+        self.zero_ns = first if sample is None else sample[0]
+        if self.zero_ns + start * wire.SECOND > last:
+            raise InputError(f"{self.path}: nothing from {start:g} s on; it lasts {self.seconds(last):.4f} s")
+        # messages that came before the first sample belong to the start
+        self.start_ns = first if start <= 0.0 else self.zero_ns + round(start * wire.SECOND)
+        self.end_ns = last if end == math.inf else min(self.zero_ns + round(end * wire.SECOND), last)
+
+    def _held(self, chosen: Collection[Topic]) -> Iterator[Message]:
+        """Yield what held at the start of the range."""
+        begin, start = int(self._reader.start_time), self.start_ns
+        if start <= begin:
+            return
+        latched = [topic for topic in chosen if topic.latched]
+        last: dict[Topic, deque[bytes]] = {topic: deque(maxlen=topic.depth) for topic in latched}
+        for _, topic, data in self._read(latched, begin, start - 1):
+            last[topic].append(data)
+        if topics.SETPOINT in chosen:
+            near = deque(
+                self._read([topics.SETPOINT], max(start - _LOOK_BACK_NS, begin), start - 1), maxlen=1
+            )
+            last[topics.SETPOINT] = deque(data for _, _, data in near)
+        for topic, messages in last.items():
+            for data in messages:
+                yield start, topic, data
+
+    def _read(self, chosen: Iterable[Topic], start_ns: int, end_ns: int) -> Iterator[Message]:
+        """Yield the messages of topics in the order of time, both ends included."""
+        by_name = {topic.name: topic for topic in chosen}
+        connections = [c for c in self._reader.connections if c.topic in by_name]
+        if not connections:  # to the reader this means all of them
+            return
+        try:
+            for connection, time, data in self._reader.messages(connections, start_ns, end_ns + 1):
+                yield time, by_name[connection.topic], bytes(data)
+        except Exception as error:  # rosbags lets through what its parsers raise on damaged files
+            raise InputError(f"{self.path}: cannot be read: {one_line(error)}") from None
+
+
+class Pace:
+    """How far a replay may be at an instant of the wall clock.
+
+    Parameters
+    ----------
+    rate : float
+        Seconds of the recording per second; 0: no limit.
+    start_ns : int
+        Time of the recording to begin at [ns].
+    paused : bool
+        Whether it stands still at first.
+
+    Attributes
+    ----------
+    paused : bool
+        Whether it stands still.
+    """
+
+    def __init__(self, rate: float, start_ns: int, *, paused: bool = False) -> None:
+        if not (math.isfinite(rate) and rate >= 0.0):
+            raise InputError(f"rate: {rate!r} is out of range; allowed: 0 (no limit) or more")
+        self.rate = rate
+        self.paused = paused
+        self._from: tuple[int, float | None] = start_ns, None  # time of the recording, and when it was [s]
+
+    def limit(self, now: float) -> float:
+        """Return the time of the recording up to which messages are due at `now` [ns]; it may be infinite.
+
+        Parameters
+        ----------
+        now : float
+            A wall clock that does not jump [s].
+        """
+        position, since = self._from
+        if self.paused:
+            return position
+        if self.rate == 0.0:
+            return math.inf
+        if since is None:
+            self._from = position, now
+            return position
+        return position + (now - since) * self.rate * wire.SECOND
+
+    def hold(self, position_ns: int) -> None:
+        """Stand still at a time of the recording [ns]."""
+        self.paused = True
+        self._from = position_ns, None
+
+    def go(self, position_ns: int) -> None:
+        """Go on from a time of the recording [ns] at the next call of `limit`."""
+        self.paused = False
+        self._from = position_ns, None
+
+    def move(self, position_ns: int) -> None:
+        """Be at another time of the recording [ns]; whether it stands still does not change."""
+        self._from = position_ns, None
+
+
+def parse_names(text: str) -> tuple[str, ...]:
+    """Return the topics named in a text, with commas or spaces between them."""
+    return tuple(text.replace(",", " ").split())
+
+
+def _opened(path: Path) -> Reader:
+    try:
+        reader = Reader(path)
+        reader.open()
+    except Exception as error:  # rosbags lets through what its parsers and sqlite3 raise on damaged files
+        raise InputError(f"{path}: cannot be read: {one_line(error)}") from None
+    return reader
+
+
+def _foreign(connection: Any) -> Topic:
+    """Return a topic that is not of the bench, with the durability that it was recorded with."""
+    extension = connection.ext
+    assert isinstance(extension, ConnectionExtRosbag2)
+    profiles: list[Qos] = extension.offered_qos_profiles
+    latched = any(profile.durability is QosDurability.TRANSIENT_LOCAL for profile in profiles)
+    return Topic(connection.topic, connection.msgtype, _DEPTH, latched=latched)
+
+
+def _check_type(path: Path, connection: Any, topic: Topic) -> None:
+    if connection.msgtype != topic.type_name:
+        raise InputError(
+            f"{path}: {topic.name}: type {connection.msgtype}; allowed: {topic.type_name}, or leave the topic out"
+        )
+    if connection.ext.serialization_format != "cdr":
+        raise InputError(
+            f"{path}: {topic.name}: encoded as '{connection.ext.serialization_format}'; allowed: cdr"
+        )

@@ -1,1 +1,0 @@
-"""Reports: pictures and documents made from results."""

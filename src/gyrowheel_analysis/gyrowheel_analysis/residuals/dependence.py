@@ -1,0 +1,438 @@
+"""On which variable a residual depends, and whether it is noise at all: tests that know the slow drift.
+
+Rows and patterns are whitened with the covariance of the noise, drift and all, before anything is judged: readings that
+drift together must not pass for a trend. What a variable explains is judged against what it leaves (F test), so that a
+misfit of another kind does not make it significant; probabilities are multiplied by the number of tests (Bonferroni).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from gyrowheel_analysis.balance.balance import Balance
+from gyrowheel_analysis.reduction import Windows
+from gyrowheel_analysis.reduction.groups import UPRIGHT
+from gyrowheel_analysis.residuals.error_table import channel_parts
+from gyrowheel_analysis.residuals.windows import PARTS, WindowResiduals
+from gyrowheel_core.quantities import listed, number
+from gyrowheel_core.units import DEG, RPM
+
+Array = NDArray[np.float64]
+
+#: Probability by chance below which a dependence, or order among the residuals, is stated.
+SIGNIFICANT = 0.01
+#: Up to this factor noise may be larger than stated before a residual is called more than noise.
+NOISE_TRUST = 1.3
+#: A variable is named where it explains at least this part of the sum of squares.
+_SHARE = 0.05
+_SHARE_LEFT = 0.5  # or this part of what is neither constant nor in proportion to the tilt
+_MOSTLY = 0.5
+#: Descriptions are as good as each other within this (of Schwarz's criterion); time, which stands for anything that
+#: changes, must be better by it.
+_ALIKE = 14.0
+_STRONG = 6.0  # difference of the criterion that speaks strongly against the worse (Kass and Raftery, 1995)
+_MOST = 3  # variables together
+_FEWEST = 8
+_LAGS = 4
+#: Variables that act on coils and case, and those that act on the motor; what was set first, what went along behind.
+_OF_TILT = ("speed", "tilt", "azimuth", "temperature", "air_pressure", "time")
+_OF_MOTOR = ("speed", "tilt", "azimuth", "motor_temperature", "air_pressure", "time")
+#: Variables: what they are called, and the smallest range over which anything can depend on them.
+VARIABLES: dict[str, tuple[str, float]] = {
+    "speed": ("spin rate", 50.0 * RPM),
+    "tilt": ("size of the tilt", 0.3 * DEG),
+    "azimuth": ("direction of the tilt", 0.1),
+    "temperature": ("temperature of the coils", 2.0),
+    "motor_temperature": ("temperature of the motor", 2.0),
+    "air_pressure": ("pressure of the air", 5e3),
+    "time": ("time", 5.0),
+}
+
+
+@dataclass(frozen=True)
+class Dependence:
+    """How far the residual of one part depends on one variable.
+
+    Attributes
+    ----------
+    part : str
+        Which residual, see `residuals.PARTS`.
+    variable : str
+        Of `VARIABLES`.
+    share_of_chi2 : float
+        Part of the sum of squares (whitened) that goes with the variable alone.
+    share_of_none : float
+        Part of it that goes with no variable: what is constant, or in proportion to the tilt.
+    p : float
+        Probability that noise would go with it as well, times the number of tests.
+    chosen : bool
+        Whether it is among the few variables that together describe the part best.
+    instead : str or None
+        For one that is not: the chosen variable in whose place it would do as well.
+    share_beside, p_beside : float
+        The same once what the chosen variables (the others of them) explain is taken away.
+    """
+
+    part: str
+    variable: str
+    share_of_chi2: float
+    share_of_none: float
+    p: float
+    chosen: bool
+    instead: str | None
+    share_beside: float
+    p_beside: float
+
+    @property
+    def stated(self) -> bool:
+        """Whether the residual is said to depend on it."""
+        enough = min(_SHARE, _SHARE_LEFT * (1.0 - self.share_of_none))
+        return self.chosen and self.p_beside <= SIGNIFICANT and self.share_beside >= enough
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the test as a JSON object."""
+        return {
+            "part": self.part,
+            "variable": self.variable,
+            "share_of_chi2": self.share_of_chi2,
+            "share_of_none": self.share_of_none,
+            "p": self.p,
+            "chosen": self.chosen,
+            "instead": self.instead,
+            "share_beside": self.share_beside,
+            "p_beside": self.p_beside,
+        }
+
+
+@dataclass(frozen=True)
+class Whiteness:
+    """Whether the residual of one part is noise: as large as noise, and without order.
+
+    Attributes
+    ----------
+    part : str
+        Which residual.
+    rows : int
+        How many there are.
+    chi2_per_n : float
+        Mean square in units of the noise, drift and all.
+    p_size : float
+        Probability that noise is as large, if it is `NOISE_TRUST` times what is stated.
+    correlation : float
+        Of whitened neighbours in time.
+    p_order : float
+        Probability that noise has as much order over the next few windows (Ljung and Box).
+    """
+
+    part: str
+    rows: int
+    chi2_per_n: float
+    p_size: float
+    correlation: float
+    p_order: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the test as a JSON object."""
+        return {
+            "part": self.part,
+            "rows": self.rows,
+            "chi2_per_n": self.chi2_per_n,
+            "p_size": self.p_size,
+            "correlation": self.correlation,
+            "p_order": self.p_order,
+        }
+
+
+def dependences(
+    data: WindowResiduals, balances: Sequence[Balance], rows: Array, whiten: Callable[[Array], Array]
+) -> list[Dependence]:
+    """Test every part of the residual against every variable.
+
+    Parameters
+    ----------
+    data : WindowResiduals
+        The residuals with their windows.
+    balances : sequence of Balance
+        The recordings.
+    rows : ndarray (N,)
+        Residual rows.
+    whiten : callable
+        Divides rows (N, ...) by the square root of the covariance of their noise.
+    """
+    values = _variables(data.windows)
+    if len(data.windows) < _FEWEST or not values:
+        return []
+    white = whiten(rows)
+    tests = len(data.parts) * len(_OF_TILT)
+    found: list[Dependence] = []
+    for name in data.parts:
+        columns, place = _patterns(name, data, balances)
+        wanted = [v for v in (_OF_TILT if name.startswith("tilt") else _OF_MOTOR) if v in values]
+        own = {v: whiten(columns(values[v]))[place] for v in wanted}
+        squares = _Squares(white[place], whiten(columns(None))[place], own)
+        chosen = squares.best()
+        for variable in wanted:
+            alone = squares.test(variable, ())
+            beside = squares.test(variable, tuple(v for v in chosen if v != variable))
+            found.append(
+                Dependence(
+                    name,
+                    variable,
+                    alone[0],
+                    squares.share_of_base,
+                    min(tests * alone[1], 1.0),
+                    variable in chosen,
+                    squares.instead(variable, chosen),
+                    beside[0],
+                    min(tests * beside[1], 1.0),
+                )
+            )
+    return found
+
+
+def whiteness(data: WindowResiduals, balances: Sequence[Balance], white: Array) -> list[Whiteness]:
+    """Test whether the residual of every part is noise; `white` are the whitened residual rows (N,)."""
+    result = []
+    for name, part in data.parts.items():
+        pieces = [p for row in part.kind.rows for p in channel_parts(balances, white, row)]
+        order = [np.argsort(b.windows.middle, kind="stable") for b in balances] * len(part.kind.rows)
+        pieces = [p[o] for p, o in zip(pieces, order, strict=True)]
+        n = sum(len(p) for p in pieces)
+        square = sum(float(p @ p) for p in pieces)
+        if n < _FEWEST or square == 0.0:
+            continue
+        correlation, statistic, lags = 0.0, 0.0, 0
+        for lag in range(1, _LAGS + 1):
+            pairs = sum(max(len(p) - lag, 0) for p in pieces)
+            if pairs < _FEWEST:
+                break
+            r = sum(float(p[lag:] @ p[:-lag]) for p in pieces if len(p) > lag) / square
+            statistic += n * (n + 2.0) * r**2 / pairs
+            correlation, lags = (r if lag == 1 else correlation), lag
+        p_order = float(stats.chi2.sf(statistic, lags)) if lags else 1.0
+        result.append(
+            Whiteness(
+                name, n, square / n, float(stats.chi2.sf(square / NOISE_TRUST**2, n)), correlation, p_order
+            )
+        )
+    return result
+
+
+def sentences(found: Sequence[Dependence], white: Sequence[Whiteness]) -> list[str]:
+    """Return what the tests say, a sentence for every part of the residual that is more than noise."""
+    result = []
+    parts = max(len(white), 1)
+    for test in white:
+        title = PARTS[test.part].title
+        if parts * min(test.p_size, test.p_order) > SIGNIFICANT:
+            continue
+        own = [d for d in found if d.part == test.part]
+        stated = sorted((d for d in own if d.stated), key=lambda d: -d.share_beside)
+        if stated:
+            text = f"{title}: {_plain(stated[0])}depends on the {listed([_named(d) for d in stated], 'and')}"
+            names = [d.variable for d in stated]
+            if same := [VARIABLES[d.variable][0] for d in own if d.instead in names]:
+                text += f"; or on the {listed(same, 'or')}, which went with that in these recordings"
+            result.append(text)
+        elif parts * test.p_size <= SIGNIFICANT:
+            about = f"more than noise (χ²/N {number(test.chi2_per_n)})"
+            plain = _plain(own[0]).rstrip(", ") if own else ""
+            result.append(f"{title}: {about}, {plain or 'and no variable accounts for it'}")
+        elif test.correlation > 0.0:
+            result.append(
+                f"{title}: no larger than noise, but neighbours in time are alike "
+                f"(correlation {test.correlation:.2f}, p {_probability(test.p_order)})"
+            )
+    return result
+
+
+def _plain(d: Dependence) -> str:
+    """Return what most of the residual is if it needs no variable; an empty text otherwise."""
+    if d.share_of_none < _MOSTLY:
+        return ""
+    return "constant or in proportion to the tilt, " if d.part.startswith("tilt") else "the same everywhere, "
+
+
+def _named(d: Dependence) -> str:
+    # what is in proportion to the tilt depends on nothing else yet
+    beyond = "not in proportion, " if d.variable == "tilt" and d.part.startswith("tilt") else ""
+    about = f"{beyond}{_percent(d.share_beside)} of χ², p {_probability(d.p_beside)}"
+    return f"{VARIABLES[d.variable][0]} ({about})"
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.0f} %"
+
+
+def _probability(p: float) -> str:
+    return "< 0.001" if p < 1e-3 else f"= {p:.1g}"
+
+
+def _variables(w: Windows) -> dict[str, Array]:
+    """Return the functions (n, k) of each variable that has a range in these windows."""
+    z = np.asarray(w.mean_tilt)
+    plain = {
+        "speed": w.mean_spin,
+        "tilt": np.abs(z),
+        "temperature": w.coil_temperature,
+        "motor_temperature": w.motor_temperatures.mean(axis=1),
+        "air_pressure": w.air_pressure,
+        "time": w.middle,
+    }
+    result = {}
+    spin = 2.0 * (w.mean_spin - w.mean_spin.min()) / max(float(np.ptp(w.mean_spin)), 1e-9) - 1.0
+    turning = float(np.ptp(w.mean_spin)) > VARIABLES["speed"][1]
+    of_speed = np.column_stack([np.ones(len(w)), spin, spin**2])
+    for name, (_, least) in VARIABLES.items():
+        if name == "azimuth":
+            tilted = np.abs(z) > UPRIGHT
+            if tilted.sum() >= _FEWEST and np.ptp(np.angle(z[tilted])) > least:
+                angle = np.angle(z)
+                waves = [f(k * angle) for k in (1, 2) for f in (np.cos, np.sin)]
+                result[name] = np.where(tilted[:, None], np.column_stack(waves), 0.0)
+        elif float(np.ptp(plain[name])) > least:
+            x = 2.0 * (plain[name] - plain[name].min()) / np.ptp(plain[name]) - 1.0
+            result[name] = np.column_stack([x, x**2])
+            if turning and name != "speed":
+                # its effect may be larger at a higher speed; of what hardly varies the product is the speed itself
+                beyond = _beyond(of_speed, x * spin)
+                result[name] = np.column_stack([result[name], beyond])
+    return result
+
+
+def _beyond(columns: Array, values: Array) -> Array:
+    """Return what columns (n, k) leave of values (n,)."""
+    return values - columns @ np.linalg.lstsq(columns, values, rcond=1e-9)[0]
+
+
+def _patterns(
+    name: str, data: WindowResiduals, balances: Sequence[Balance]
+) -> tuple[Callable[[Any], Array], NDArray[np.int64]]:
+    """Return a function from functions of a variable to columns over all rows, and the rows of the part.
+
+    A torque of the coils may stand still, or be in proportion to the tilt, in phase or across; the motor's rows have an
+    amplitude of their own. Each of these may change with the variable. None stands for no variable.
+    """
+    w, kind = data.windows, PARTS[name]
+    rows: dict[str, list[NDArray[np.int64]]] = {row: [] for row in kind.rows}
+    count = 0
+    for balance in balances:
+        for row in kind.rows:
+            own = balance.channel(row)
+            rows[row].append(np.arange(count + own.start, count + own.stop))
+        count += len(balance)
+    places = [np.concatenate(rows[row]) for row in kind.rows]
+    one, z = np.ones(len(w)), np.asarray(w.mean_tilt)
+    shapes: list[Any] = [one]
+    if len(kind.rows) == 2:
+        z = np.conj(z) if name == "tilt_2n" else z
+        turning = [z, 1j * z] if name.startswith("tilt") else []
+        shapes = [s for s in (one + 0j, 1j * one, *turning) if np.any(np.abs(s) > UPRIGHT)]
+
+    def columns(basis: Any) -> Array:
+        functions = [one] if basis is None else list(np.asarray(basis).T)
+        out = np.zeros((count, len(shapes) * len(functions)))
+        for k, (shape, f) in enumerate((s, f) for s in shapes for f in functions):
+            value = shape * f
+            out[places[0], k] = np.real(value)
+            if len(places) == 2:
+                out[places[1], k] = np.imag(value)
+        return out
+
+    return columns, np.sort(np.concatenate(places))
+
+
+class _Squares:
+    """What sets of variables leave of the sum of squares of a part.
+
+    Parameters
+    ----------
+    rows : ndarray (n,)
+        Whitened rows.
+    base : ndarray (n, k)
+        Whitened columns that belong to no variable.
+    columns : dict of str to ndarray (n, m)
+        Whitened columns of every variable.
+    """
+
+    def __init__(self, rows: Array, base: Array, columns: Mapping[str, Array]) -> None:
+        self._n = len(rows)
+        self._total = float(rows @ rows)
+        # everything that matters is in the triangle of the whole
+        every = np.hstack([base, *columns.values(), rows[:, None]])
+        size = np.linalg.norm(every[:, :-1], axis=0)
+        every[:, :-1] /= np.where(size > 0.0, size, 1.0)
+        triangle: Array = np.asarray(np.linalg.qr(every, mode="r"))
+        self._base = triangle[:, : base.shape[1]]
+        self._rows = triangle[:, -1]
+        self._columns: dict[str, Array] = {}
+        at = base.shape[1]
+        for name, own in columns.items():
+            self._columns[name] = triangle[:, at : at + own.shape[1]]
+            at += own.shape[1]
+        self._known: dict[frozenset[str], tuple[float, int]] = {}
+
+    def left(self, names: Iterable[str]) -> tuple[float, int]:
+        """Return the sum of squares that variables leave, and how many columns they use."""
+        key = frozenset(names)
+        if key not in self._known:
+            design = np.hstack([self._base, *(self._columns[name] for name in sorted(key))])
+            solution, _, rank, _ = np.linalg.lstsq(design, self._rows, rcond=1e-6)
+            self._known[key] = float(np.sum((self._rows - design @ solution) ** 2)), int(rank)
+        return self._known[key]
+
+    def test(self, name: str, beside: Iterable[str]) -> tuple[float, float]:
+        """Return the share of the whole that a variable explains beside others, and its probability by chance."""
+        rest, used = self.left(beside)
+        after, more = self.left({*beside, name})
+        k, free = more - used, self._n - more
+        if k <= 0 or free < 3 or after <= 0.0 or self._total == 0.0:
+            return 0.0, 1.0
+        gain = max(rest - after, 0.0)
+        return gain / self._total, float(stats.f.sf(gain / k / (after / free), k, free))
+
+    @property
+    def share_of_base(self) -> float:
+        """Part of the sum of squares that belongs to no variable."""
+        return 1.0 - self.left(())[0] / self._total if self._total else 0.0
+
+    def criterion(self, names: Iterable[str]) -> float:
+        """Return Schwarz's criterion with the correction for few rows (McQuarrie, 1999), the lower the better."""
+        names = tuple(names)
+        _, used = self.left(names)
+        if used > self._n / 2 or used > self._n - 3:
+            return math.inf
+        return self._misfit(names) + used * math.log(self._n) * self._n / (self._n - used - 2.0)
+
+    def _misfit(self, names: Iterable[str]) -> float:
+        """Return the logarithm of what variables leave, as it stands in the criterion."""
+        names = tuple(names)
+        rest, _ = self.left(names)
+        if rest <= 0.0:
+            return math.inf
+        return self._n * math.log(rest) + (_ALIKE if "time" in names else 0.0)
+
+    def best(self) -> tuple[str, ...]:
+        """Return the few variables that describe the rows best; of as many that do as well, the plainest."""
+        sets = [s for k in range(_MOST + 1) for s in itertools.combinations(self._columns, k)]
+        best = min(sets, key=self.criterion)
+        limit = self.criterion(best) + _STRONG
+        # variables come in the order of how plain they are
+        return next(s for s in sets if len(s) == len(best) and self.criterion(s) <= limit)
+
+    def instead(self, name: str, chosen: Sequence[str]) -> str | None:
+        """Return the chosen variable in whose place another does as well; None if there is none."""
+        if name in chosen or not chosen:
+            return None
+        # that it takes more columns is why it was not chosen, not that it explains less
+        trials = {own: self._misfit({*chosen, name} - {own}) for own in chosen}
+        nearest = min(trials, key=lambda own: trials[own])
+        return nearest if trials[nearest] < self._misfit(chosen) + _ALIKE else None

@@ -1,0 +1,267 @@
+"""How large the error of a model is, as tables and as residuals of every window."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel_analysis.balance.balance import Balance
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Channel:
+    """What is measured and predicted: the rows of the balance that belong to it.
+
+    Attributes
+    ----------
+    rows : tuple of str
+        Channels of `Balance`; two are real and imaginary part of an amplitude.
+    title : str
+        Its name for people.
+    unit : str
+        ``N·m`` or ``V``.
+    """
+
+    rows: tuple[str, ...]
+    title: str
+    unit: str = "N·m"
+
+
+#: Averages of coils and motor, torque of the coils once and twice a revolution, ripple and voltages of the motor.
+CHANNELS: dict[str, Channel] = {
+    "tilt_x": Channel(("tilt_x",), "tilt x"),
+    "tilt_y": Channel(("tilt_y",), "tilt y"),
+    "spin": Channel(("spin",), "spin"),
+    "tilt_1n": Channel(("tilt_1n_x", "tilt_1n_y"), "tilt 1N"),
+    "tilt_2n": Channel(("tilt_2n_x", "tilt_2n_y"), "tilt 2N"),
+    "spin_ripple": Channel(("spin_ripple_x", "spin_ripple_y"), "ripple"),
+    "motor_voltage": Channel(("motor_voltage",), "voltage", "V"),
+    "voltage_ripple": Channel(("voltage_ripple_x", "voltage_ripple_y"), "V ripple", "V"),
+}
+#: Those of the averaged torques.
+TORQUE_CHANNELS = ("tilt_x", "tilt_y", "spin")
+#: All others.
+FURTHER_CHANNELS = tuple(name for name in CHANNELS if name not in TORQUE_CHANNELS)
+
+
+@dataclass(frozen=True)
+class ChannelError:
+    """Error of one channel.
+
+    Attributes
+    ----------
+    rms : float
+        Root mean square of the residual, of an amplitude its modulus [unit of the channel].
+    chi2_per_n : float
+        Mean square of the residual in units of its noise.
+    """
+
+    rms: float
+    chi2_per_n: float
+
+
+@dataclass(frozen=True)
+class ErrorRow:
+    """Error of a model on some recordings.
+
+    Attributes
+    ----------
+    rms : dict of str to float
+        Root mean square of the residual of the averaged torques by channel [N m]; every window counts by its duration.
+    chi2_per_n : float
+        Mean square of all residuals in units of their noise; about 1 for a complete model.
+    channels : dict of str to ChannelError
+        All channels that the recordings have, those of `rms` and of `FURTHER_CHANNELS`.
+    """
+
+    rms: dict[str, float]
+    chi2_per_n: float
+    channels: dict[str, ChannelError] = field(default_factory=dict)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the row as a JSON object."""
+        return {
+            "rms": dict(self.rms),
+            "chi2_per_n": self.chi2_per_n,
+            "channels": {
+                name: {"rms": e.rms, "unit": CHANNELS[name].unit, "chi2_per_n": e.chi2_per_n}
+                for name, e in self.channels.items()
+            },
+        }
+
+
+@dataclass(frozen=True)
+class ErrorTable:
+    """How the error falls.
+
+    Attributes
+    ----------
+    before, after : ErrorRow
+        On the recordings that were fitted: without and with what was added. Before, the bench's parameters stay
+        within their stated uncertainties, as far as a model may be bent that lacks something.
+    validation_before, validation_after : ErrorRow or None
+        The same on recordings that were not used to fit.
+    noise_floor, validation_noise_floor : ErrorRow
+        What a complete model would leave: noise, drift and the accuracy of the balance.
+    """
+
+    before: ErrorRow
+    after: ErrorRow
+    noise_floor: ErrorRow
+    validation_before: ErrorRow | None = None
+    validation_after: ErrorRow | None = None
+    validation_noise_floor: ErrorRow | None = None
+    unit: str = "N·m"
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the table as a JSON object."""
+        result: dict[str, Any] = {"unit": self.unit}
+        for name in (
+            "before",
+            "after",
+            "validation_before",
+            "validation_after",
+            "noise_floor",
+            "validation_noise_floor",
+        ):
+            row = getattr(self, name)
+            result[name] = None if row is None else row.to_json()
+        return result
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """Residuals of one recording, window by window.
+
+    Attributes
+    ----------
+    name, role : str
+        Recording; ``fit`` or ``validation``.
+    time, spin_rate : ndarray (n,)
+        Middle of the window [s]; mean spin rate [rad/s].
+    tilt : complex ndarray (n,)
+        Mean tilt angles phi_x + i phi_y [rad].
+    channels : dict of str to tuple of ndarray
+        Before, after, and standard deviation of the noise, of every torque channel [N m].
+    further : dict of str to tuple of ndarray
+        The same of those of `FURTHER_CHANNELS` that there are; amplitudes are complex, their noise is that of one part.
+    """
+
+    name: str
+    role: str
+    time: Array
+    spin_rate: Array
+    tilt: NDArray[np.complex128]
+    channels: dict[str, tuple[Array, Array, Array]]
+    further: dict[str, tuple[Any, Any, Any]] = field(default_factory=dict)
+
+
+def error_row(balances: Sequence[Balance], rows: Array, white: Array) -> ErrorRow:
+    """Return the error row of residual `rows` [units of the rows] whose whitened values are `white`."""
+    channels = {
+        name: ChannelError(
+            channel_rms(balances, rows, name),
+            float(
+                np.mean(
+                    np.concatenate([channel_values(balances, white, row) for row in CHANNELS[name].rows]) ** 2
+                )
+            )
+            if len(white)
+            else 0.0,
+        )
+        for name in channels_of(balances)
+    }
+    return ErrorRow(_torques(channels), float(white @ white) / max(len(white), 1), channels)
+
+
+def floor_row(balances: Sequence[Balance], deviation: Array) -> ErrorRow:
+    """Return the noise floor belonging to the standard deviations of the rows."""
+    channels = {
+        name: ChannelError(channel_rms(balances, deviation, name), 1.0) for name in channels_of(balances)
+    }
+    return ErrorRow(_torques(channels), 1.0, channels)
+
+
+def _torques(channels: dict[str, ChannelError]) -> dict[str, float]:
+    return {name: channels[name].rms for name in TORQUE_CHANNELS}
+
+
+def channels_of(balances: Sequence[Balance]) -> list[str]:
+    """Return the channels that all recordings have: some are reduced to averages alone."""
+    return [
+        name
+        for name, channel in CHANNELS.items()
+        if all(row in balance.channels for row in channel.rows for balance in balances)
+    ]
+
+
+def channel_rms(balances: Sequence[Balance], rows: Array, name: str) -> float:
+    """Return the root mean square of one channel over time: every window counts by its duration."""
+    squares = sum(channel_values(balances, rows, row) ** 2 for row in CHANNELS[name].rows)
+    duration = np.concatenate([balance.windows.duration for balance in balances])
+    return float(np.sqrt(np.average(squares, weights=duration))) if duration.size else 0.0
+
+
+def channel_values(balances: Sequence[Balance], rows: Array, row: str) -> Array:
+    """Return the rows of one channel of `Balance`, all recordings together."""
+    return np.concatenate(channel_parts(balances, rows, row))
+
+
+def channel_parts(balances: Sequence[Balance], rows: Array, row: str) -> list[Array]:
+    """Return the rows of one channel of `Balance`, an array a recording."""
+    parts, at = [], 0
+    for balance in balances:
+        own = rows[at : at + len(balance)]
+        parts.append(own[balance.channel(row)])
+        at += len(balance)
+    return parts
+
+
+def residuals(
+    balances: Sequence[Balance],
+    names: Sequence[str],
+    role: str,
+    before: Array,
+    after: Array,
+    deviation: Array,
+) -> list[Residuals]:
+    """Return the residuals of every recording."""
+    parts = {
+        name: [_joined(balances, rows, name) for rows in (before, after)]
+        + [_noise(balances, deviation, name)]
+        for name in channels_of(balances)
+    }
+
+    def own(index: int, names: Sequence[str]) -> dict[str, tuple[Any, Any, Any]]:
+        return {n: (parts[n][0][index], parts[n][1][index], parts[n][2][index]) for n in names if n in parts}
+
+    return [
+        Residuals(
+            name=recording,
+            role=role,
+            time=balance.windows.middle,
+            spin_rate=balance.windows.mean_spin,
+            tilt=balance.windows.mean_tilt,
+            channels=own(index, TORQUE_CHANNELS),
+            further=own(index, FURTHER_CHANNELS),
+        )
+        for index, (balance, recording) in enumerate(zip(balances, names, strict=True))
+    ]
+
+
+def _joined(balances: Sequence[Balance], rows: Array, name: str) -> list[Any]:
+    """Return a channel, an array a recording; real and imaginary part put together."""
+    parts: list[list[Any]] = [list(channel_parts(balances, rows, row)) for row in CHANNELS[name].rows]
+    return parts[0] if len(parts) == 1 else [a + 1j * b for a, b in zip(*parts, strict=True)]
+
+
+def _noise(balances: Sequence[Balance], deviation: Array, name: str) -> list[Any]:
+    """Return the standard deviation of one part of a channel, an array a recording."""
+    own = [channel_parts(balances, deviation, row) for row in CHANNELS[name].rows]
+    return [np.sqrt(np.mean(np.square(parts), axis=0)) for parts in zip(*own, strict=True)]

@@ -1,0 +1,262 @@
+"""Laws fitted to a residual: an amplitude at every speed, one that changes with a variable, a power of the speed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import curve_fit
+
+from gyrowheel_analysis.balance.balance import CHANNELS as AVERAGES
+from gyrowheel_analysis.reduction import Windows
+from gyrowheel_analysis.reduction.groups import speed_groups
+from gyrowheel_analysis.residuals.patterns import pattern
+from gyrowheel_analysis.residuals.windows import Part
+
+Array = NDArray[np.float64]
+Speeds = Sequence[NDArray[np.int64]]
+
+#: Variables, beside speed and tilt, with which an amplitude may change: the smallest range that says anything.
+_VARIABLES = {
+    "coils": 4.0,  # K
+    "motor": 4.0,
+    "magnets": 2.0,
+    "air": 0.1,  # atmospheres
+    "up": 0.5,
+    "time": 5.0,  # s
+}
+
+
+@dataclass(frozen=True)
+class BySpeed:
+    """A pattern with an amplitude of its own at every speed.
+
+    Attributes
+    ----------
+    pattern : str
+        Which one, see `patterns.pattern`.
+    speed : ndarray (k,)
+        The speeds [rad/s], slowest first.
+    amplitude : ndarray (k,)
+        Amplitude at each, complex for a kind of two rows [unit of the kind, over that of the pattern].
+    weight : ndarray (k,)
+        What each counts in the sum of squares: the inverse variance of white noise.
+    explained : float
+        What the pattern explains of the sum of squares.
+    sure : ndarray (k,)
+        Inverse variance of the amplitudes: `weight`, but for averages, which may drift together at a speed.
+    """
+
+    pattern: str
+    speed: Array
+    amplitude: NDArray[Any]
+    weight: Array
+    explained: float
+    sure: Array
+
+    @property
+    def mean(self) -> complex:
+        """Mean amplitude."""
+        return complex(np.sum(self.weight * self.amplitude) / np.sum(self.weight))
+
+    @property
+    def sizes(self) -> Array:
+        """The amplitudes (k,) along the mean one."""
+        mean = self.mean
+        return np.asarray(np.real(self.amplitude * np.conj(mean)) / max(abs(mean), 1e-300))
+
+
+@dataclass(frozen=True)
+class Change:
+    """How the amplitude of a pattern changes with a variable that is not the speed.
+
+    Attributes
+    ----------
+    pattern, variable : str
+        Which ones.
+    low, high : float
+        Range of the variable [K, atmospheres, 1 or s].
+    at_low, at_high : float
+        Amplitude at its ends, along `direction`.
+    direction : complex
+        Direction of the amplitude, of size one.
+    gain : float
+        What it explains of the sum of squares.
+    """
+
+    pattern: str
+    variable: str
+    low: float
+    high: float
+    at_low: float
+    at_high: float
+    direction: complex
+    gain: float
+
+
+def by_speed(name: str, part: Part, w: Windows, speeds: Speeds) -> BySpeed | None:
+    """Return a pattern with its amplitude at every speed; None where the windows do not have it.
+
+    Parameters
+    ----------
+    name : str
+        The pattern.
+    part : Part
+        The residual in every window.
+    w : Windows
+        The windows.
+    speeds : sequence of ndarray
+        Places of the windows of each speed, see `grouping.speed_groups`.
+    """
+    p, weight = pattern(name, w, part.load), part.weight
+    real = not np.iscomplexobj(part.values)
+    rows = []
+    for index in speeds:
+        g, q, r = weight[index], p[index], part.values[index]
+        norm = float(np.sum(g * np.abs(q) ** 2))
+        if norm > 0.0:
+            a = np.sum(g * r * np.conj(q)) / norm
+            alone = norm / len(index) if part.kind.rows[0] in AVERAGES else norm
+            rows.append((float(np.mean(w.mean_spin[index])), a.real if real else a, norm, alone))
+    if not rows:
+        return None
+    speed, amplitude, norms, sure = (np.array(column) for column in zip(*rows, strict=True))
+    return BySpeed(name, speed, amplitude, norms, float(np.sum(np.abs(amplitude) ** 2 * norms)), sure)
+
+
+def where_usual(found: BySpeed, part: Part, w: Windows) -> BySpeed:
+    """Return amplitudes as they are where nothing but the speed is changed, if every speed has such windows."""
+    usual = _usual(w)
+    if usual.all():
+        return found
+    alike = by_speed(found.pattern, part.at(usual), w.select(usual), speed_groups(w.mean_spin[usual]))
+    return alike if alike is not None and len(alike.speed) == len(found.speed) else found
+
+
+def _usual(w: Windows) -> NDArray[np.bool_]:
+    """Return which windows have the air, the attitude and the warmth that most have."""
+    air, up = float(np.median(w.air_pressure)), float(np.median(w.up))
+    same = (np.abs(w.air_pressure / air - 1.0) < 0.2) & (np.abs(w.up - up) < 0.5)
+    return same & (np.abs(w.coil_temperature - np.median(w.coil_temperature)) < 8.0)
+
+
+def linear(name: str, part: Part, w: Windows) -> Iterator[Change]:
+    """Yield a pattern whose amplitude is a straight line in a variable, for each variable; its gain is the whole."""
+    p = pattern(name, w, part.load)
+    if not np.any(np.abs(p) > 0.0):
+        return
+    root = np.sqrt(part.weight)
+    for variable, v in _variables(w, part).items():
+        low, high = float(v.min()), float(v.max())
+        design = np.column_stack([p * root, p * (v - low) * root])
+        if np.iscomplexobj(part.values):
+            solution, *_ = np.linalg.lstsq(design.astype(complex), part.values * root, rcond=1e-9)
+        else:
+            solution, *_ = np.linalg.lstsq(design.real, part.values * root, rcond=1e-9)
+        ends = np.array([solution[0], solution[0] + solution[1] * (high - low)])
+        unit = _direction(complex(ends[int(np.argmax(np.abs(ends)))]), part)
+        at = np.real(ends * np.conj(unit))
+        explained = float(np.sum(np.abs(design @ solution) ** 2))
+        yield Change(name, variable, low, high, float(at[0]), float(at[1]), unit, explained)
+
+
+def along_variable(best: BySpeed, part: Part, w: Windows, speeds: Speeds) -> Change | None:
+    """Return with which variable the amplitude changes at a given speed, where that explains much of the residual."""
+    total = float(np.sum(part.squares))
+    p, weight = pattern(best.pattern, w, part.load), part.weight
+    level = best.mean
+    everywhere = weight * np.abs(p) ** 2
+    found: list[Change] = []
+    for name, v in _variables(w, part).items():
+        gain, slopes, weights = 0.0, [], []
+        for index in speeds:
+            g, q, r, x = weight[index], p[index], part.values[index], v[index]
+            norm = g * np.abs(q) ** 2
+            if norm.sum() == 0.0 or np.ptp(x) < 0.2 * _VARIABLES[name]:
+                continue
+            x = x - np.sum(norm * x) / norm.sum()
+            spread = float(np.sum(norm * x**2))
+            if spread <= 0.0:
+                continue
+            slope = np.sum(g * x * r * np.conj(q)) / spread
+            gain += abs(slope) ** 2 * spread
+            slopes.append(slope)
+            weights.append(spread)
+        if not slopes:
+            continue
+        slope = complex(np.average(slopes, weights=weights))
+        middle = float(np.sum(everywhere * v) / everywhere.sum())
+        low, high = float(v.min()), float(v.max())
+        unit = _direction(slope if abs(slope) * (high - low) > abs(level) else level, part)
+        base, rise = (level * np.conj(unit)).real, (slope * np.conj(unit)).real
+        at_low, at_high = base + rise * (low - middle), base + rise * (high - middle)
+        found.append(Change(best.pattern, name, low, high, at_low, at_high, unit, gain))
+    change = max(found, key=lambda c: c.gain, default=None)
+    return change if change is not None and change.gain > 0.2 * total else None
+
+
+def _variables(w: Windows, part: Part) -> dict[str, Array]:
+    """Return what an amplitude may change with, where it has a range here.
+
+    The motor's warmth follows the plan, and matters to the motor alone.
+    """
+    values = {
+        "coils": w.coil_temperature,
+        "motor": w.motor_temperatures[:, 0],
+        "magnets": w.motor_temperatures[:, 1],
+        "air": w.air_pressure / 101325.0,
+        "up": w.up,
+        "time": w.middle,
+    }
+    if part.kind.rows[0].startswith("tilt"):
+        del values["motor"], values["magnets"]
+    return {name: v for name, v in values.items() if float(np.ptp(v)) >= _VARIABLES[name]}
+
+
+def _direction(amplitude: complex, part: Part) -> complex:
+    """Return the direction of an amplitude, of size one; one for a kind of one row, whose amplitudes are real."""
+    turning = np.iscomplexobj(part.values) and abs(amplitude) > 0.0
+    return amplitude / abs(amplitude) if turning else 1.0 + 0.0j
+
+
+def exponent(speed: Array, sizes: Array, weight: Array) -> tuple[float, float] | None:
+    """Return exponent and its error of a power law of the speed; None where that does not describe it.
+
+    Parameters
+    ----------
+    speed, sizes, weight : ndarray (k,)
+        Speeds [rad/s], sizes at these, and the inverse variance of the sizes.
+    """
+    if float(speed.max() / speed.min()) < 1.3:
+        return None
+    reference = float(np.exp(np.average(np.log(speed), weights=weight)))
+    largest = float(np.abs(sizes).max())
+    if largest == 0.0:
+        return None
+    sizes, weight = sizes / largest, weight * largest**2
+
+    def law(x: Array, amplitude: float, n: float) -> Array:
+        return np.asarray(amplitude * (x / reference) ** n)
+
+    def slopes(x: Array, amplitude: float, n: float) -> Array:
+        power = (x / reference) ** n
+        return np.column_stack([power, amplitude * power * np.log(x / reference)])
+
+    start = (float(np.average(sizes, weights=weight)), 1.0)
+    try:
+        found, _ = curve_fit(
+            law, speed, sizes, p0=start, sigma=1.0 / np.sqrt(weight), jac=slopes, maxfev=2000
+        )
+    except RuntimeError:
+        return None
+    design = slopes(speed, *found)
+    covariance = np.linalg.pinv(design.T @ (weight[:, None] * design), hermitian=True)
+    left = float(np.sum(weight * (sizes - law(speed, *found)) ** 2))
+    # where it scatters more than the noise says, it is as uncertain as it scatters
+    error = float(np.sqrt(covariance[1, 1] * max(1.0, left / max(len(speed) - 2, 1))))
+    if left > 0.05 * float(np.sum(weight * sizes**2)):
+        return None
+    return (float(found[1]), error) if error < 0.5 and abs(found[1]) < 6.0 else None

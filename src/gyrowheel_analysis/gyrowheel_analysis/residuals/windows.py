@@ -1,0 +1,180 @@
+"""What a model leaves, window by window: the residual of coils and motor in kinds that are spoken of apart."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel_analysis.balance.balance import Balance
+from gyrowheel_analysis.reduction import Windows
+from gyrowheel_analysis.residuals.error_table import channel_values
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of residual: the rows of the balance that make it, its names and its unit.
+
+    Attributes
+    ----------
+    rows : tuple of str
+        Channels of `Balance`; two are real and imaginary part.
+    title : str
+        Short name: where the model fails.
+    subject : str
+        The same in a sentence: what is beyond the model.
+    measured : str
+        What was measured, in a sentence.
+    unit : str
+        ``N·m`` or ``V``.
+    patterns : tuple of str
+        Ways to depend on the motion that are tried, see `patterns.pattern`.
+    """
+
+    rows: tuple[str, ...]
+    title: str
+    subject: str
+    measured: str
+    unit: str
+    patterns: tuple[str, ...]
+
+
+#: The averages; then what the coils give once and twice a revolution, and the motor's ripple.
+PARTS: dict[str, Kind] = {
+    "tilt": Kind(
+        ("tilt_x", "tilt_y"), "tilt", "coil torque", "the mean torque of the coils", "N·m",
+        ("tilt", "still", "cube", "rate", "load", "table", "room", "mirror"),
+    ),
+    "spin": Kind(
+        ("spin",), "spin", "motor torque", "the mean torque of the motor", "N·m", ("still", "square", "acceleration")
+    ),
+    "tilt_1n": Kind(
+        ("tilt_1n_x", "tilt_1n_y"), "tilt 1N", "coil torque once a revolution",
+        "the torque of the coils once a revolution", "N·m", ("still", "tilt", "mirror"),
+    ),
+    "tilt_2n": Kind(
+        ("tilt_2n_x", "tilt_2n_y"), "tilt 2N", "coil torque twice a revolution",
+        "the torque of the coils twice a revolution", "N·m", ("mirror", "still", "tilt"),
+    ),
+    "spin_ripple": Kind(
+        ("spin_ripple_x", "spin_ripple_y"), "spin ripple", "ripple of the motor torque",
+        "the ripple of the motor's torque", "N·m", ("still", "square"),
+    ),
+    "motor_voltage": Kind(
+        ("motor_voltage",), "voltage", "motor voltage", "the mean voltage of the motor", "V",
+        ("still", "square", "acceleration"),
+    ),
+    "voltage_ripple": Kind(
+        ("voltage_ripple_x", "voltage_ripple_y"), "voltage ripple", "ripple of the motor voltage",
+        "the ripple of the motor's voltage", "V", ("still",),
+    ),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Part:
+    """The residual of one kind in every window.
+
+    Attributes
+    ----------
+    kind : Kind
+        What it is.
+    values : ndarray (n,)
+        Residual, complex for a kind of two rows: the averages in case axes x + i y, amplitudes in axes that turn.
+    sigma : ndarray (n,)
+        Standard deviation of its noise, of one of two rows.
+    load : ndarray (n,) or None
+        What the model asks for [unit of the kind]; None where that is not known.
+    """
+
+    kind: Kind
+    values: NDArray[Any]
+    sigma: Array
+    load: NDArray[Any] | None = None
+
+    def at(self, mask: NDArray[np.bool_]) -> Part:
+        """Return the part in some of the windows."""
+        return Part(
+            self.kind, self.values[mask], self.sigma[mask], None if self.load is None else self.load[mask]
+        )
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return len(self.values) * len(self.kind.rows)
+
+    @property
+    def weight(self) -> Array:
+        """Inverse variance of the noise of each value."""
+        return 1.0 / self.sigma**2
+
+    @property
+    def mean(self) -> complex | float:
+        """Mean residual, weighted with the noise; complex for a kind of two rows."""
+        value = np.sum(self.weight * self.values) / np.sum(self.weight)
+        return complex(value) if np.iscomplexobj(self.values) else float(value)
+
+    @property
+    def squares(self) -> Array:
+        """Square of the residual over that of its noise, for all rows together."""
+        return np.asarray(np.abs(self.values) ** 2 / self.sigma**2)
+
+
+@dataclass(frozen=True)
+class WindowResiduals:
+    """The residuals of all windows of some recordings.
+
+    Attributes
+    ----------
+    windows : Windows
+        The windows.
+    recording : ndarray (n,)
+        To which recording each belongs, from 0.
+    parts : dict of str to Part
+        By the names of `PARTS`; without what the recordings were not reduced to.
+    """
+
+    windows: Windows
+    recording: NDArray[np.int64]
+    parts: Mapping[str, Part]
+
+    @property
+    def chi2(self) -> float:
+        """Sum of the squares of all residuals over their noise."""
+        return sum(float(part.squares.sum()) for part in self.parts.values())
+
+
+def window_residuals(
+    balances: Sequence[Balance], windows: Windows, rows: Array, deviation: Array
+) -> WindowResiduals:
+    """Put the residual rows of all recordings together, window by window.
+
+    Parameters
+    ----------
+    balances : sequence of Balance
+        One a recording.
+    windows : Windows
+        The windows of all of them.
+    rows, deviation : ndarray (N,)
+        Residual rows and the standard deviation of their noise.
+    """
+    parts = {}
+    for name, kind in PARTS.items():
+        if not all(row in balance.channels for row in kind.rows for balance in balances):
+            continue
+        own: list[Any] = [channel_values(balances, rows, row) for row in kind.rows]
+        noise = [channel_values(balances, deviation, row) for row in kind.rows]
+        values = own[0] + 1j * own[1] if len(own) == 2 else own[0]
+        load = None
+        if name == "tilt" and np.any(windows.coil_voltage):
+            # not what was measured, which has the residual in it
+            x, y = (np.concatenate([b.measured[b.channel(row)] for b in balances]) for row in kind.rows)
+            load = x + 1j * y - values
+        parts[name] = Part(kind, values, np.sqrt(np.mean(np.square(noise), axis=0)), load)
+    recording = np.repeat(np.arange(len(balances)), [len(balance.windows) for balance in balances])
+    return WindowResiduals(windows, recording, parts)

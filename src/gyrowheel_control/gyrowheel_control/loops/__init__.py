@@ -1,0 +1,1 @@
+"""Tilt and spin loops, their limits, and the closed loop without ROS."""

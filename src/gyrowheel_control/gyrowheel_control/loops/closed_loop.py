@@ -1,0 +1,111 @@
+"""The whole closed loop in one compiled run: what the graph does, without the graph."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel_control.loops.controller import Gains, controller_parameters, loop_code
+from gyrowheel_control.loops.kernel import N_CONTROLLER
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.environment import Environment
+from gyrowheel_sim.plant.kernel import N_MEASUREMENT
+from gyrowheel_sim.plant.plant import Machine
+from gyrowheel_sim.plant.scenario import Scenario
+
+_CHUNK = 20000  # samples computed between two reports of progress
+_SETPOINT_FIELDS = ("tilt_x", "tilt_y", "tilt_rate_x", "tilt_rate_y", "spin_rate", "spin_acceleration")
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a closed-loop run gave.
+
+    Attributes
+    ----------
+    measurement : ndarray (n, 11)
+        Readings, columns as in the Measurement message [SI]; sample k is at k times the sample period.
+    command : ndarray (n, 3)
+        Commands; row k answers sample k [V].
+    setpoints : structured ndarray
+        Setpoints, dtype `gyrowheel_control.plans.plan.SETPOINT_DTYPE`.
+    environment : list of Environment
+        What the operator changed.
+    bench : Bench
+        The bench as its file describes it.
+    """
+
+    measurement: NDArray[np.float64]
+    command: NDArray[np.float64]
+    setpoints: NDArray[Any]
+    environment: Sequence[Environment]
+    bench: Bench
+
+    @property
+    def duration(self) -> float:
+        """Simulated time [s]."""
+        return len(self.measurement) * self.bench.sample_period
+
+
+def simulate(
+    bench: Bench,
+    scenario: Scenario,
+    plan: Plan,
+    *,
+    gains: Gains | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Run:
+    """Run a plan on a simulated machine.
+
+    Parameters
+    ----------
+    bench : Bench
+        The bench as its file describes it; all that the controller knows.
+    scenario : Scenario
+        What the machine really is.
+    plan : Plan
+        The test plan.
+    gains : Gains, optional
+        Gains of the controller.
+    progress : callable, optional
+        Called now and then with the fraction done.
+
+    Raises
+    ------
+    InputError
+        If the plan is beyond the limits of the bench.
+    """
+    plan.check(bench)
+    code = loop_code(tuple(scenario.declared.values()))
+    setpoints = plan.setpoints()
+    stamps = np.ascontiguousarray(setpoints["stamp_ns"])
+    values = np.column_stack([setpoints[name] for name in _SETPOINT_FIELDS])
+    period_ns = round(bench.sample_period * 1e9)
+    n = round(plan.duration / bench.sample_period)
+    machine = Machine(bench, scenario, initial_spin_rate=plan.initial_spin_rate)
+    constants = code.ControllerParameters(*controller_parameters(bench, gains or Gains()))
+    controller = np.zeros(N_CONTROLLER)
+    measurement, command = np.empty((n, N_MEASUREMENT)), np.empty((n, 3))
+    # an environment acts from the first sample on that is not before it, and shows in the sample after
+    due = [(round(e.time / bench.sample_period), e) for e in plan.environment()]
+    changes = [(k + 1 if k else 0, e) for k, e in due]
+    edges = sorted({0, n, *(k for k, _ in changes if k < n), *range(0, n, _CHUNK)})
+    for start, stop in itertools.pairwise(edges):
+        for k, event in changes:
+            if k == start:
+                machine.set_environment(event)
+        first = max(np.searchsorted(stamps, start * period_ns, side="right") - 1, 0)
+        code.closed_loop(
+            machine.parameters, machine.coefficients, machine.active, machine.environment, machine.state, machine.held,
+            constants, controller, values[first:], stamps[first:], start, machine.noise(stop - start),
+            measurement[start:stop], command[start:stop],
+        )  # fmt: skip
+        if progress is not None:
+            progress(stop / n)
+    return Run(measurement, command, setpoints, plan.environment(), bench)

@@ -1,0 +1,160 @@
+"""The tilt and spin loops as one compiled update a sample, and the whole closed loop as one compiled run.
+
+As `gyrowheel_sim.plant.kernel`, the text below the kernel line is compiled together with the plant by
+`gyrowheel_sim.effects.code.compose`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from numba import njit
+
+from gyrowheel_sim.plant.kernel import plant_advance, plant_measure
+
+# --- kernel ---
+
+N_CONTROLLER = 14  # states of the controller, see controller_update
+
+
+class ControllerParameters(NamedTuple):
+    """Gains and the model constants that the loops use [SI]."""
+
+    tilt_bandwidth: float  # 1/s
+    tilt_integral: float  # 1/s^2
+    tilt_lowpass: float  # Hz
+    nutation_damping: float  # N m s/rad at the reference spin rate
+    derivative_lowpass: float  # Hz
+    phase_lead: float  # s
+    spin_proportional: float  # N m s/rad
+    spin_integral: float  # N m/rad
+    spin_lowpass: float  # Hz
+    stiffness: float  # N m/rad
+    tuning_inertia: float  # kg m^2: Igx + Igy - Igz
+    spin_inertia: float  # kg m^2: Irz + (Igx + Igy) / 2
+    axial_inertia: float  # kg m^2: everything that turns with the shaft
+    spin_rate_reference: float  # rad/s
+    coil_constant: float  # N m/V
+    coil_voltage_limit: float  # V
+    motor_constant: float  # N m/A
+    motor_resistance: float  # ohm
+    supply_voltage: float  # V
+    friction_coulomb: float  # N m
+    friction_viscous: float  # N m s/rad
+    sample_period: float  # s
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def controller_update(
+    c: Any, s: Any, tilt_x: float, tilt_y: float, spin_rate: float, rx: float, ry: float, rx_rate: float,
+    ry_rate: float, spin_ref: float, spin_acc: float,
+) -> Any:  # fmt: skip
+    """Return (coil voltage x, y, motor voltage) for one sample; `s` holds the state.
+
+    Tilt: the rotor precesses at the rate that the coils demand, T = -i H v, so the loop sets a wanted tilt rate v
+    (proportional and integral in the low-passed error, plus the reference rate), adds the holding torque of the
+    detuned flexures and damps the nutation by a phase-advanced derivative. Spin: proportional and integral on a
+    speed low-passed twice, far below twice the spin frequency, so that no 2N voltage reaches the motor.
+    """
+    h = c.sample_period
+    if s[0] == 0.0:  # first sample: start the filters where the machine is
+        s[0] = 1.0
+        s[1] = tilt_x
+        s[2] = tilt_y
+        s[3] = tilt_x
+        s[4] = tilt_y
+        s[7] = spin_rate
+        s[8] = spin_rate
+    a = 1.0 - math.exp(-2.0 * math.pi * c.tilt_lowpass * h)
+    s[1] += a * (tilt_x - s[1])
+    s[2] += a * (tilt_y - s[2])
+    # derivative: the high-pass belonging to a first-order low-pass
+    b = 1.0 - math.exp(-2.0 * math.pi * c.derivative_lowpass * h)
+    dx = (tilt_x - s[3]) * b / h
+    dy = (tilt_y - s[4]) * b / h
+    s[3] += b * (tilt_x - s[3])
+    s[4] += b * (tilt_y - s[4])
+    ex = rx - s[1]
+    ey = ry - s[2]
+    vx = c.tilt_bandwidth * ex + c.tilt_integral * s[5] + rx_rate
+    vy = c.tilt_bandwidth * ey + c.tilt_integral * s[6] + ry_rate
+    # the low-passed rate drives every model term, so that neither noise nor 2N passes through them
+    f = 1.0 - math.exp(-2.0 * math.pi * c.spin_lowpass * h)
+    s[7] += f * (spin_rate - s[7])
+    s[8] += f * (s[7] - s[8])
+    Omega = s[8]
+    H = c.spin_inertia * Omega
+    Ke = c.stiffness - 0.5 * c.tuning_inertia * Omega * Omega
+    gain = c.nutation_damping * Omega / c.spin_rate_reference
+    cp = math.cos(c.phase_lead * Omega)
+    sp = math.sin(c.phase_lead * Omega)
+    ux = dx - rx_rate
+    uy = dy - ry_rate
+    Tx = H * vy + Ke * rx - gain * (cp * ux - sp * uy)
+    Ty = -H * vx + Ke * ry - gain * (sp * ux + cp * uy)
+    cx = Tx / c.coil_constant
+    cy = Ty / c.coil_constant
+    limit = c.coil_voltage_limit
+    if abs(cx) < limit and abs(cy) < limit:  # integrate only while the coils follow
+        s[5] += h * ex
+        s[6] += h * ey
+    cx = min(max(cx, -limit), limit)
+    cy = min(max(cy, -limit), limit)
+    error = spin_ref - Omega
+    torque = (
+        c.spin_proportional * error + c.spin_integral * s[9] + c.axial_inertia * spin_acc
+        + c.friction_coulomb + c.friction_viscous * spin_ref
+    )  # fmt: skip
+    vm = c.motor_constant * spin_ref + c.motor_resistance * torque / c.motor_constant
+    if abs(vm) < c.supply_voltage:
+        s[9] += h * error
+    vm = min(max(vm, -c.supply_voltage), c.supply_voltage)
+    return cx, cy, vm
+
+
+@njit(cache=True, error_model="numpy")
+def closed_loop(
+    p: Any, coef: Any, active: Any, env: Any, state: Any, held: Any, c: Any, s: Any, setpoints: Any, stamps: Any,
+    start: int, noise: Any, measurement: Any, command: Any,
+) -> None:  # fmt: skip
+    """Run samples `start` .. start + len(measurement) - 1 of the closed loop under one environment.
+
+    `setpoints` (m, 6) hold from `stamps` (m,) [ns] on and are continued by their rates. Sample k is read, then the
+    command that answers it is computed; it acts one sample later (see `plant_advance`).
+    """
+    h = p.sample_period
+    period = round(h * 1e9)
+    row = 0
+    for i in range(len(measurement)):
+        k = start + i
+        out = measurement[i]
+        if k == 0:
+            plant_measure(p, coef, active, env, state, 0.0, held[0], held[1], held[2], noise[i], out)
+        else:
+            # the command of the sample before, computed below, waits in command[i - 1] or in s[10:13]
+            plant_advance(p, coef, active, env, state, held, (k - 1) * h, s[10], s[11], s[12], noise[i], out)
+        now = k * period
+        while row + 1 < len(stamps) and stamps[row + 1] <= now:
+            row += 1
+        age = (now - stamps[row]) * 1e-9
+        r = setpoints[row]
+        vx, vy, vm = controller_update(
+            c,
+            s,
+            out[0],
+            out[1],
+            out[3],
+            r[0] + r[2] * age,
+            r[1] + r[3] * age,
+            r[2],
+            r[3],
+            r[4] + r[5] * age,
+            r[5],
+        )
+        s[10] = vx
+        s[11] = vy
+        s[12] = vm
+        command[i, 0] = vx
+        command[i, 1] = vy
+        command[i, 2] = vm

@@ -1,0 +1,443 @@
+"""The node ``conductor``: walks test plans on request of the action ``/gyrowheel/run_plan``.
+
+It publishes the setpoints of a plan ahead of the time of the bench, and before them what the operator changes
+on the rig. That time comes from ``/clock`` where somebody publishes it, as the plant does in lock-step. Elsewhere it
+comes from the stamps of the samples, or of the joint states where the same node publishes these, which are few. A plan
+starts at the time at which it was asked for, so at 0 in a lock-step graph that was just started.
+
+A plan ends early, and says why, when the clock jumps or a node of the bench reports an error, such as a guard that has
+tripped. The tilt limit that a plan needs is set in the controller before it starts.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from gyrowheel_msgs.action import RunPlan
+from numpy.typing import NDArray
+from rcl_interfaces.srv import SetParameters
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.parameter import Parameter as RosParameter
+from rclpy.subscription import Subscription
+from std_msgs.msg import String
+
+from gyrowheel_control.loops.limits import plan_tilt_limit, tilt_limit
+from gyrowheel_control.plans.plan import HOLD, SETPOINT_PERIOD, Plan
+from gyrowheel_core import topics, wire
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.node import PRIORITY, BenchNode, Diagnosis, Param, run_node
+from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.environment import to_json
+
+ACTION = "/gyrowheel/run_plan"
+SETPOINT_PERIOD_NS = round(SETPOINT_PERIOD * 1e9)
+#: Plans start and end at whole multiples of this, at which the plant publishes the clock [ns].
+CLOCK_PERIOD_NS = 10_000_000
+#: How long a goal waits for somebody who listens to the setpoints [s].
+MATCHING_TIMEOUT = 120.0
+#: How long the controller may take to accept a tilt limit [s].
+LIMIT_TIMEOUT = 10.0
+#: How long a publisher of the clock is looked for before the samples tell the time [s].
+CLOCK_TIMEOUT = 0.5
+#: A step of the clock beyond this is a jump [ns].
+JUMP_NS = 1_000_000_000
+_MOTION = ("tilt_rate_x", "tilt_rate_y", "spin_acceleration")
+
+
+@dataclass
+class Walk:
+    """A plan on its way."""
+
+    goal: ServerGoalHandle
+    plan: Plan
+    setpoints: NDArray[Any]
+    tilt_limit: float  # [rad]
+    limit_set: bool = False  # whether the controller has it, or needs not be asked
+    asked: Any = None  # the answer to come of the controller
+    start_ns: int | None = None  # set once somebody listens
+    deadline: float = 0.0  # for that, by the clock of `time.monotonic`
+    told: tuple[int, int] = (-1, -1)  # segment and second of the last feedback
+
+
+class PlanServer(ActionServer):
+    """Action server whose goals are worked on by callbacks of the node instead of one for the whole goal.
+
+    ``goal.execute()`` marks a goal as executing; ``notify_execute(goal, callback)`` ends it with what the
+    callback returns. A coroutine that waits for the end of a plan would be polled by the events executor
+    without a pause.
+    """
+
+    def notify_execute(
+        self, goal_handle: ServerGoalHandle, execute_callback: Callable[..., Any] | None
+    ) -> None:
+        """Run `execute_callback` if there is one."""
+        if execute_callback is not None:
+            super().notify_execute(goal_handle, execute_callback)
+
+
+class ConductorNode(BenchNode):
+    """Walks test plans: takes the action /gyrowheel/run_plan, publishes setpoints."""
+
+    NODE_NAME = "conductor"
+    PARAMETERS = (
+        Param("bench", "gyrowheel", "Bench whose limits bind the plans: shipped name, or path of a file"),
+        Param("hold_after_plan", True, "After a plan go on publishing its last setpoint"),
+        Param("lead", 0.5, "How far the setpoints run ahead of the clock [s]", low=0.02, high=10.0),
+        Param("wait_for_subscribers", 1, "Subscribers needed for the first setpoint", low=0, high=100),
+        Param(
+            "tilt_limit",
+            0.0,
+            "Largest tilt of plans that do not say that they need more [rad]; 0: three fifths of the bench's hard stop",
+            low=0.0,
+            high=1.0,
+            live=True,
+        ),
+        Param("controller", "controller", "Node that is given the tilt limit of each plan; empty: none"),
+        PRIORITY,
+    )
+
+    def configure(self) -> None:
+        """Read the bench, create topics and action."""
+        self._bench = Bench.load(self.parameter("bench"))
+        self._tilt_limit = self._limit(self.parameter("tilt_limit"))
+        self._lead_ns = round(self.parameter("lead") * 1e9)
+        self._now = 0  # time of the bench [ns]
+        self._told_time = False  # whether it is known
+        self._samples: Subscription | None = None  # tell the time where there is no clock
+        self._samples_due = 0  # time from which on the next sample does [ns]
+        self._walk: Walk | None = None
+        self._reserved = False  # a goal was accepted and has not begun yet
+        self._held: NDArray[Any] | None = None  # one setpoint, published after the plan
+        self._next = 0  # stamp of the next setpoint to publish [ns]
+        self._setpoints = self.publisher(topics.SETPOINT)
+        self._environment = self.publisher(topics.ENVIRONMENT)
+        self._inputs = [
+            self.subscription(topics.CLOCK, self._on_clock, raw=True),
+            self.subscription(topics.DIAGNOSTICS, self._on_diagnostics),
+        ]
+        controller = self.parameter("controller")
+        self._limits = (
+            self.create_client(SetParameters, f"/{controller.strip('/')}/set_parameters")
+            if controller
+            else None
+        )
+        self._server = PlanServer(
+            self,
+            RunPlan,
+            ACTION,
+            execute_callback=self._begin,  # required, never called: `_begin` is called on acceptance
+            goal_callback=self._on_goal,
+            handle_accepted_callback=self._begin,
+            cancel_callback=self._on_cancel,
+        )
+
+    def activate(self) -> None:
+        """Accept plans."""
+        self.prioritise()
+        self._poll = self.wall_timer(0.05, self._on_poll)
+
+    def deactivate(self) -> None:
+        """End a plan that is on its way and accept no more."""
+        self.destroy_timer(self._poll)
+        self._finish("aborted: the conductor was stopped")
+        self._held = None
+        self.deliver(self._setpoints)
+
+    def cleanup(self) -> None:
+        """Give up topics and action."""
+        self._server.destroy()
+        for subscription in (*self._inputs, self._samples):
+            if subscription is not None:
+                self.destroy_subscription(subscription)
+        if self._limits is not None:
+            self.destroy_client(self._limits)
+        self.destroy_publisher(self._setpoints)
+        self.destroy_publisher(self._environment)
+
+    def check_tuning(self, values: Mapping[str, Any]) -> None:
+        """Refuse a tilt limit beyond that of the bench."""
+        self._limit(values["tilt_limit"])
+
+    def tune(self) -> None:
+        """Take over the tilt limit, for the next plan."""
+        self._tilt_limit = self._limit(self.parameter("tilt_limit"))
+
+    def diagnose(self) -> Diagnosis:
+        """Return what is being walked."""
+        limit = self._tilt_limit if self._walk is None else self._walk.tilt_limit
+        values = {
+            "simulated_time": f"{self._now * 1e-9:.3f}",
+            "time_from": "samples" if self._samples is not None else "clock",
+            "tilt_limit_deg": f"{math.degrees(limit):g}",
+        }
+        if self._walk is None:
+            return Diagnosis("holding" if self._held is not None else "waiting for a plan", values)
+        values["plan"] = self._walk.plan.name
+        if self._walk.start_ns is None:
+            return Diagnosis("waiting for somebody who listens to the setpoints", values)
+        return Diagnosis(f"walking plan {self._walk.plan.name}", values)
+
+    # ---- action
+
+    def _on_goal(self, request: RunPlan.Goal) -> GoalResponse:
+        if self.state != "active" or self._walk is not None or self._reserved:
+            self.get_logger().warning(
+                "a plan is refused: another one is on its way, or the node is not active"
+            )
+            return GoalResponse.REJECT
+        self._reserved = True
+        return GoalResponse.ACCEPT
+
+    def _on_cancel(self, goal: ServerGoalHandle) -> CancelResponse:
+        return CancelResponse.ACCEPT  # noticed in _on_poll, also while the clock stands still
+
+    def _begin(self, goal: ServerGoalHandle) -> None:
+        self._reserved = False
+        goal.execute()
+        try:
+            plan = Plan.load(goal.request.plan)
+            plan.check(self._bench)
+            limit = plan_tilt_limit(plan, self._bench, self._tilt_limit)
+            setpoints = plan.setpoints()
+        except InputError as error:
+            self._conclude(goal, RunPlan.Result(success=False, message=str(error)))
+            return
+        if len(setpoints) * SETPOINT_PERIOD_NS % CLOCK_PERIOD_NS:
+            setpoints = np.concatenate([setpoints, self._after(setpoints, plan)])
+        self._walk = Walk(goal, plan, setpoints, limit, deadline=time.monotonic() + MATCHING_TIMEOUT)
+        self._on_poll()
+
+    def _on_poll(self) -> None:
+        walk = self._walk
+        if walk is None:
+            return
+        if walk.goal.is_cancel_requested:
+            self._hold_here(walk)
+            self._finish("cancelled")
+        elif walk.start_ns is None:
+            needed = self.parameter("wait_for_subscribers")
+            listeners = self._setpoints.get_subscription_count()
+            rigs = self._environment.get_subscription_count()
+            if listeners >= needed and rigs >= min(needed, 1):
+                if self._limit_is_set(walk) and self._time_is_known(walk):
+                    self._start(walk)
+            elif time.monotonic() > walk.deadline:
+                self._finish(
+                    f"nobody listens: after {MATCHING_TIMEOUT:g} s {topics.SETPOINT.name} has {listeners} of "
+                    f"{needed} subscribers, {topics.ENVIRONMENT.name} has {rigs} of {min(needed, 1)}"
+                )
+
+    def _limit(self, wanted: float) -> float:
+        return tilt_limit(self._bench, wanted, "parameter tilt_limit")
+
+    def _limit_is_set(self, walk: Walk) -> bool:
+        """Return whether the controller has the tilt limit of the plan; asks for it."""
+        if walk.limit_set or self._limits is None:
+            return True
+        if walk.asked is None:
+            if not self._limits.service_is_ready():
+                if (
+                    walk.tilt_limit <= self._tilt_limit
+                ):  # there may be another controller, with its own limits
+                    return True
+                if time.monotonic() > walk.deadline - MATCHING_TIMEOUT + LIMIT_TIMEOUT:
+                    self._finish(
+                        f"plan {walk.plan.name} needs a tilt limit of {math.degrees(walk.tilt_limit):.2f} deg, "
+                        f"and there is no node '{self.parameter('controller')}' to set it in"
+                    )
+                return False
+            wanted = RosParameter("tilt_limit", value=walk.tilt_limit).to_parameter_msg()
+            walk.asked = self._limits.call_async(SetParameters.Request(parameters=[wanted]))
+            walk.asked.add_done_callback(lambda _: self._on_poll())
+            return False
+        if not walk.asked.done():
+            return False
+        (answer,) = walk.asked.result().results
+        if not answer.successful:
+            self._finish(f"plan {walk.plan.name}: the controller refuses its tilt limit: {answer.reason}")
+            return False
+        walk.limit_set = True
+        return True
+
+    def _time_is_known(self, walk: Walk) -> bool:
+        """Return whether there is a time to start from: that of the clock, or else of the samples."""
+        if self._told_time or self.count_publishers(topics.CLOCK.name):
+            return True
+        if self._samples is None and time.monotonic() > walk.deadline - MATCHING_TIMEOUT + CLOCK_TIMEOUT:
+            self._samples = self.subscription(self._slowest_stamps(), self._on_sample, raw=True)
+        return False
+
+    def _slowest_stamps(self) -> topics.Topic:
+        """Return the topic that tells the time of the samples: one of few messages, if the same node publishes it."""
+
+        def sources(topic: topics.Topic) -> set[tuple[str, str]]:
+            found = self.get_publishers_info_by_topic(topic.name)
+            return {(info.node_namespace, info.node_name) for info in found}
+
+        slow = sources(topics.JOINT_STATES)
+        return topics.JOINT_STATES if slow and slow == sources(topics.MEASUREMENT) else topics.MEASUREMENT
+
+    def _start(self, walk: Walk) -> None:
+        start = self._now if self._held is None else max(self._now, self._next)
+        start += -start % CLOCK_PERIOD_NS
+        if self._held is not None:
+            self._publish_held(start)
+            self._held = None
+        events = [replace(event, time=event.time + start * 1e-9) for event in walk.plan.environment()]
+        self._environment.publish(String(data=to_json(events)))
+        # The plant must have them before the command that the first setpoint brings about.
+        self.deliver(self._environment)
+        walk.start_ns = self._next = start
+        self.get_logger().info(f"plan {walk.plan.name}: {walk.plan.duration:g} s from {start * 1e-9:g} s on")
+        self._go_on(walk)
+
+    def _finish(self, message: str = "") -> None:
+        """End the plan on its way; no message: it went to its end."""
+        walk, self._walk = self._walk, None
+        if walk is None:
+            return
+        elapsed = 0.0 if walk.start_ns is None else (self._now - walk.start_ns) * 1e-9
+        done = sum(segment.end <= elapsed + 1e-9 for segment in walk.plan.segments)
+        result = RunPlan.Result(
+            success=not message,
+            message=message or f"plan {walk.plan.name} completed",
+            segments=done,
+            duration=min(elapsed, walk.plan.duration),
+        )
+        self._conclude(walk.goal, result)
+
+    def _conclude(self, goal: ServerGoalHandle, result: RunPlan.Result) -> None:
+        self.get_logger().info(result.message)
+
+        def end(goal: ServerGoalHandle) -> RunPlan.Result:
+            if result.success:
+                goal.succeed()
+            elif goal.is_cancel_requested:
+                goal.canceled()
+            else:
+                goal.abort()
+            return result
+
+        self._server.notify_execute(goal, end)
+
+    # ---- setpoints
+
+    def _on_clock(self, raw: bytes) -> None:
+        self._advance(wire.CLOCK.unpack(raw)[0])
+
+    def _on_sample(self, raw: bytes) -> None:
+        try:
+            now = wire.stamp(raw)
+        except ValueError:
+            return
+        if not self._now <= now < self._samples_due:
+            self._samples_due = now - now % CLOCK_PERIOD_NS + CLOCK_PERIOD_NS
+            self._advance(now)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        """End a plan when a node of the bench says that it has failed."""
+        for status in message.status:
+            # such as a guard that has tripped: the wheel no longer is where the plan has it
+            names = {pair.key for pair in status.values}
+            ended = "fault" in names and status.name in ("plant", self.parameter("controller"))
+            if status.level == DiagnosticStatus.ERROR and ("guard" in names or ended):
+                self._finish(f"aborted: {status.name}: {status.message}")
+
+    def _advance(self, now: int) -> None:
+        """Go on to the time `now` [ns]."""
+        walk, step = self._walk, now - self._now
+        if step < 0 or (step > JUMP_NS and walk is not None and walk.start_ns is not None):
+            then = f"from {self._now * 1e-9:.3f} s to {now * 1e-9:.3f} s"
+            self._now, self._held = now, None
+            if step < 0:
+                reason = "the simulated time went back, the plant was started again"
+                self._finish(f"aborted: clock_jump: {reason} ({then})")
+            else:
+                self._finish(f"aborted: clock_jump: the time went {then}")
+            return
+        self._told_time = True
+        self._now = now
+        if walk is not None and walk.start_ns is not None:
+            if now >= walk.start_ns + len(walk.setpoints) * SETPOINT_PERIOD_NS:
+                self._held = (
+                    self._after(walk.setpoints, walk.plan) if self.parameter("hold_after_plan") else None
+                )
+                self._finish()
+            else:
+                self._go_on(walk)
+        if self._held is not None:
+            self._publish_held(now + self._lead_ns)
+
+    def _go_on(self, walk: Walk) -> None:
+        """Publish the setpoints up to `lead` ahead of the clock, and tell the client about progress."""
+        assert walk.start_ns is not None
+        first = (self._next - walk.start_ns) // SETPOINT_PERIOD_NS
+        last = (self._now + self._lead_ns - walk.start_ns) // SETPOINT_PERIOD_NS
+        self._publish_rows(walk.setpoints[first : max(last, first + 1)])
+        row = (self._now - walk.start_ns) // SETPOINT_PERIOD_NS
+        segment = int(walk.setpoints["segment"][max(row, 0)])
+        elapsed = max(self._now - walk.start_ns, 0) * 1e-9
+        told = (segment, int(elapsed))
+        if told != walk.told:
+            walk.told = told
+            walk.goal.publish_feedback(
+                RunPlan.Feedback(
+                    segment=segment,
+                    segments=len(walk.plan.segments),
+                    label=walk.plan.segments[segment].label,
+                    elapsed=elapsed,
+                    duration=walk.plan.duration,
+                )
+            )
+
+    def _publish_rows(self, rows: NDArray[Any]) -> None:
+        """Publish setpoints, the first of them at the next stamp."""
+        messages = wire.SETPOINT.array(len(rows))
+        wire.SETPOINT.set_stamps(messages, self._next + np.arange(len(rows)) * SETPOINT_PERIOD_NS)
+        for name in (*wire.SETPOINT.integers, *wire.SETPOINT.fields):
+            messages[name] = rows[name]
+        data, size = messages.tobytes(), wire.SETPOINT.size
+        for place in range(0, len(data), size):
+            self._setpoints.publish(data[place : place + size])
+        self._next += len(rows) * SETPOINT_PERIOD_NS
+
+    def _publish_held(self, until: int) -> None:
+        """Publish the held setpoint up to, not including, the stamp `until` [ns]."""
+        assert self._held is not None
+        count = (until - self._next) // SETPOINT_PERIOD_NS
+        if count > 0:
+            self._publish_rows(np.repeat(self._held, count))
+
+    def _hold_here(self, walk: Walk) -> None:
+        """Hold the last setpoint that was published of a plan that ends early."""
+        if walk.start_ns is None or not self.parameter("hold_after_plan"):
+            return
+        row = min((self._next - walk.start_ns) // SETPOINT_PERIOD_NS, len(walk.setpoints)) - 1
+        self._held = self._still(walk.setpoints[row : row + 1])
+
+    def _after(self, setpoints: NDArray[Any], plan: Plan) -> NDArray[Any]:
+        """Return the setpoint that holds what a plan ends with."""
+        held = self._still(setpoints[-1:])
+        held["spin_rate"] = plan.segments[-1].spin_end
+        return held
+
+    @staticmethod
+    def _still(setpoint: NDArray[Any]) -> NDArray[Any]:
+        """Return a copy of one setpoint, shape (1,), that stands still."""
+        held = setpoint.copy()
+        held["phase"] = HOLD
+        for name in _MOTION:
+            held[name] = 0.0
+        return held
+
+
+def main() -> int:
+    """Run the node."""
+    return run_node(ConductorNode)

@@ -1,0 +1,260 @@
+"""The node ``controller``: answers each sample of the bench with the voltages of the tilt and spin loops.
+
+A sample at time t is answered once a setpoint with a stamp in (t - 5 ms, t] is known: each setpoint holds
+for one setpoint period. Where the conductor is late, at the start and at the end of a plan the loop
+therefore waits, and what it computes never depends on which message came first. Samples and setpoints that
+make no sense are not answered, and count; setpoints beyond the tilt limit are brought back to it. Where the
+samples go on without an answer, the guard of the plant brings the machine to rest.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.timer import Timer
+
+from gyrowheel_control.loops.controller import Controller, Gains
+from gyrowheel_control.loops.limits import SetpointGuard, tilt_limit
+from gyrowheel_control.plans.plan import SETPOINT_PERIOD
+from gyrowheel_core import topics, wire
+from gyrowheel_core.node import PRIORITY, BenchNode, Diagnosis, Param, run_node
+from gyrowheel_sim.bench import Bench
+
+SETPOINT_PERIOD_NS = round(SETPOINT_PERIOD * 1e9)
+_USUAL = Gains()
+
+
+def _gain(name: str, description: str, high: float, low: float = 0.0) -> Param:
+    return Param(name, getattr(_USUAL, name), description, low=low, high=high, live=True)
+
+
+#: Ranges within which the loops are known to hold on some bench; beyond them lies a mistake in the unit.
+GAINS = (
+    _gain("tilt_bandwidth", "Bandwidth of the tilt loop [1/s]", 60.0),
+    _gain("tilt_integral", "Integral gain of the tilt loop [1/s^2]", 600.0),
+    _gain("tilt_lowpass", "Low-pass of the tilt readings [Hz]", 500.0, low=1.0),
+    _gain("nutation_damping", "Gain of the nutation damper over the angular momentum of the spin", 1.0),
+    _gain("derivative_lowpass", "Low-pass of its derivative [Hz]", 1000.0, low=10.0),
+    _gain("spin_proportional", "Gain of the spin loop over the moment of inertia [1/s]", 60.0),
+    _gain("spin_integral", "Integral gain of the spin loop over the moment of inertia [1/s^2]", 600.0),
+    _gain("spin_lowpass", "Low-pass of the spin reading, applied twice [Hz]", 100.0, low=0.5),
+)
+
+
+class ControllerNode(BenchNode):
+    """Closes the tilt and spin loops: takes samples and setpoints, publishes commands."""
+
+    NODE_NAME = "controller"
+    PARAMETERS = (
+        Param("bench", "gyrowheel", "Name of a shipped bench, or path of a bench file"),
+        Param("wait_for_subscribers", 1, "Subscribers needed for the first command", low=0, high=100),
+        Param(
+            "tilt_limit",
+            0.0,
+            "Largest tilt that a setpoint may ask for [rad]; 0: three fifths of the bench's hard stop",
+            low=0.0,
+            high=1.0,
+            live=True,
+        ),
+        *GAINS,
+        PRIORITY,
+    )
+
+    def configure(self) -> None:
+        """Build the controller and its topics."""
+        self._bench = bench = Bench.load(self.parameter("bench"))
+        self._guard = SetpointGuard(bench, self._limit(self.parameter("tilt_limit")))
+        self._controller = Controller(bench, self._gains())
+        # Compiled code is loaded at its first call, which takes seconds: now rather than in the loop.
+        self._controller.update((0.0,) * 11, (0.0,) * 6, 0.0)
+        self._controller.reset()
+        self._setpoint: tuple[float, ...] = (0.0,) * 6  # in force
+        self._since = self._until = -1  # the times between which it is [ns]
+        self._coming: deque[tuple[int, tuple[float, ...]]] = deque()
+        self._sample: tuple[int, int, list[float]] | None = None  # waits for its setpoint
+        self._last = -1  # sequence of the last sample answered
+        self._answered = self._skipped = self._malformed = self._refused = 0
+        self._motor = 0.0  # voltage of the last answer [V]
+        self._releasing = False  # the next sample is answered with no voltage on the coils, for the last time
+        self._told = (0, 0)  # setpoints limited, and messages refused, at the last diagnosis
+        self._ready = False
+        self._matching: Timer | None = None
+
+        self._commands = self.publisher(topics.COMMAND)
+        self._inputs = (
+            self.subscription(topics.MEASUREMENT, self._on_measurement, raw=True),
+            self.subscription(topics.SETPOINT, self._on_setpoint, raw=True),
+        )
+
+    def activate(self) -> None:
+        """Answer samples as soon as enough subscribers listen."""
+        self.prioritise()
+        self._releasing = False
+        self._matching = self.wall_timer(0.02, self._check_subscribers)
+
+    def deactivate(self) -> None:
+        """Switch the coils off with one more command, and leave further samples unanswered.
+
+        The motor goes on for the moment: the plant's guard brings it down when nothing more comes.
+        """
+        self._ready = False
+        self._stop_matching()
+        self._releasing = self._answered > 0
+        if self._sample is not None:
+            self._release(*self._sample[:2])
+        self.deliver(self._commands)
+
+    def cleanup(self) -> None:
+        """Give up the topics."""
+        for subscription in self._inputs:
+            self.destroy_subscription(subscription)
+        self.destroy_publisher(self._commands)
+
+    def check_tuning(self, values: Mapping[str, Any]) -> None:
+        """Refuse a tilt limit beyond that of the bench."""
+        self._limit(values["tilt_limit"])
+
+    def tune(self) -> None:
+        """Take over gains and tilt limit."""
+        self._guard.limit = self._limit(self.parameter("tilt_limit"))
+        self._controller.tune(self._gains())
+
+    def diagnose(self) -> Diagnosis:
+        """Return counts, and what the limits have done since the last time."""
+        guard = self._guard
+        values = {
+            "commands": self._answered,
+            "skipped_samples": self._skipped,
+            "refused_samples": self._refused,
+            "malformed_messages": self._malformed,
+            "setpoints_ahead": len(self._coming),
+            "limited_setpoints": guard.limited,
+            "refused_setpoints": guard.refused,
+            "tilt_limit_deg": f"{math.degrees(guard.limit):g}",
+        }
+        limited, refused = self._told
+        self._told = guard.limited, guard.refused + self._refused
+        if not self._ready:
+            return Diagnosis("waiting for subscribers", values)
+        if guard.refused + self._refused > refused:
+            return Diagnosis(
+                "input_refused: samples or setpoints that are no numbers or out of range",
+                values,
+                DiagnosticStatus.WARN,
+            )
+        if guard.limited > limited:
+            return Diagnosis(
+                f"tilt_limited: setpoints beyond {math.degrees(guard.limit):.2f} deg are held there",
+                values,
+                DiagnosticStatus.WARN,
+            )
+        if self._sample is not None:
+            return Diagnosis("waiting for a setpoint", values)
+        return Diagnosis("running" if self._answered else "waiting for a sample", values)
+
+    def _limit(self, wanted: float) -> float:
+        return tilt_limit(self._bench, wanted, "parameter tilt_limit")
+
+    def _gains(self) -> Gains:
+        return Gains(**{item.name: self.parameter(item.name) for item in fields(Gains)})
+
+    def _check_subscribers(self) -> None:
+        if self._commands.get_subscription_count() >= self.parameter("wait_for_subscribers"):
+            self._stop_matching()
+            self._ready = True
+            self._answer_waiting()
+
+    def _stop_matching(self) -> None:
+        if self._matching is not None:
+            self.destroy_timer(self._matching)
+            self._matching = None
+
+    def _on_measurement(self, raw: bytes) -> None:
+        try:
+            stamp, sequence, *values = wire.MEASUREMENT.unpack(raw)
+        except ValueError as error:
+            self._complain(error)
+            return
+        if sequence <= self._last:
+            self._restart()
+        if self._releasing:
+            self._release(stamp, sequence)
+            return
+        if self._sample is not None:
+            self._skipped += 1
+            self._sample = None
+        if self._ready and self._advance(stamp):
+            self._answer(stamp, sequence, values)
+        else:
+            self._sample = (stamp, sequence, values)
+
+    def _on_setpoint(self, raw: bytes) -> None:
+        try:
+            stamp, _, _, *setpoint = wire.SETPOINT.unpack(raw)
+        except ValueError as error:
+            self._complain(error)
+            return
+        admitted = self._guard.admit(setpoint)
+        if admitted is None:
+            if self._guard.refused == 1:
+                self.get_logger().error(f"setpoint refused, no number or out of range: {setpoint}")
+            return
+        coming = self._coming
+        while coming and coming[-1][0] >= stamp:  # newer word on the same time
+            coming.pop()
+        coming.append((stamp, admitted))
+        if self._sample is not None:
+            self._answer_waiting()
+
+    def _answer_waiting(self) -> None:
+        if self._sample is not None and self._ready and self._advance(self._sample[0]):
+            sample, self._sample = self._sample, None
+            self._answer(*sample)
+
+    def _advance(self, now: int) -> bool:
+        """Go on to the newest setpoint at or before `now` [ns]; return whether it still holds then."""
+        coming = self._coming
+        while coming and coming[0][0] <= now:
+            self._since, self._setpoint = coming.popleft()
+            self._until = self._since + SETPOINT_PERIOD_NS
+        return self._since <= now < self._until
+
+    def _answer(self, stamp: int, sequence: int, values: list[float]) -> None:
+        tilt_x, tilt_y, _, spin_rate, *_ = values
+        if not math.isfinite(tilt_x + tilt_y + spin_rate):  # the filters would never forget it
+            self._refused += 1
+            return
+        age = (stamp - self._since) * 1e-9
+        voltages = self._controller.update(values, self._setpoint, age)
+        self._motor = voltages[2]
+        self._last = sequence
+        self._answered += 1
+        self._commands.publish(wire.COMMAND.pack(stamp, sequence, *voltages))
+
+    def _release(self, stamp: int, sequence: int) -> None:
+        """Answer a sample with no voltage on the coils; the last answer of a node that is deactivated."""
+        self._commands.publish(wire.COMMAND.pack(stamp, sequence, 0.0, 0.0, self._motor))
+        self._last, self._sample = sequence, None
+        self._releasing = False
+
+    def _restart(self) -> None:
+        """Begin anew with a plant that was started again."""
+        self.get_logger().info("samples count from the start again: controller reset")
+        self._controller.reset()
+        self._since = self._until = -1
+        self._last = -1
+
+    def _complain(self, error: ValueError) -> None:
+        self._malformed += 1
+        if self._malformed == 1:
+            self.get_logger().error(f"{error}; such messages are ignored")
+
+
+def main() -> int:
+    """Run the node."""
+    return run_node(ControllerNode)

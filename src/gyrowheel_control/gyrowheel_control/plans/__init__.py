@@ -1,0 +1,1 @@
+"""Test plans: their format, their variations, and those that are shipped."""

@@ -1,0 +1,74 @@
+"""The shell that every node of the bench shares.
+
+A node derives from `BenchNode`, lists its parameters in one place, fills in the hooks it needs and is started
+by `run_node`::
+
+    class TickNode(BenchNode):
+        '''Says tick.'''
+
+        NODE_NAME = "tick"
+        PARAMETERS = (
+            Param("period", 1.0, "Time between two ticks [s, wall clock]", low=0.01, high=60.0),
+            Param("word", "tick", "What to say", choices=("tick", "tock")),
+        )
+
+        def configure(self) -> None:
+            self._word = self.parameter("word")
+
+        def activate(self) -> None:
+            self._timer = self.wall_timer(self.parameter("period"), self._tick)
+
+        def deactivate(self) -> None:
+            self.destroy_timer(self._timer)
+
+        def diagnose(self) -> Diagnosis:
+            return Diagnosis("ticking", values={"ticks": self._ticks})
+
+    def main() -> int:
+        return run_node(TickNode)
+
+What this gives each node:
+
+* the lifecycle of a managed node; with the parameter ``autostart`` (true unless set otherwise) it
+  configures and activates itself, so that no lifecycle manager is needed;
+* parameters with type, range and description. They can be set from outside until the node is configured; those
+  declared as ``live`` also later, within what `BenchNode.check_tuning` allows. A bad value, an unreadable file or
+  any other `InputError` of a hook ends an automatically started node with one line on stderr and exit code 2; under
+  a lifecycle manager the transition fails, with the same line in the log, and can be tried again;
+* a clean end on Ctrl-C (however often it arrives), SIGTERM and SIGHUP: the hooks `deactivate` and `cleanup`
+  run, the exit code is 0;
+* `BenchNode.fault`: ends the process with a named fault, logged, published on ``/diagnostics``, exit code 3;
+* ``/diagnostics`` once per second of wall time and at every `BenchNode.announce`, from `BenchNode.diagnose`, with the
+  state of the lifecycle and the process id;
+* ``--help`` with the table of the parameters.
+"""
+
+from gyrowheel_core.node.base import PARENT_VARIABLE, BenchNode, Diagnosis, Fault
+from gyrowheel_core.node.inbox import Inbox
+from gyrowheel_core.node.parameters import AUTOSTART, Param
+from gyrowheel_core.node.priority import PRIORITY
+from gyrowheel_core.node.process import (
+    ExitCode,
+    StopSignals,
+    make_executor,
+    parameter_help,
+    prepare_environment,
+    run_node,
+)
+
+__all__ = [
+    "AUTOSTART",
+    "PARENT_VARIABLE",
+    "PRIORITY",
+    "BenchNode",
+    "Diagnosis",
+    "ExitCode",
+    "Fault",
+    "Inbox",
+    "Param",
+    "StopSignals",
+    "make_executor",
+    "parameter_help",
+    "prepare_environment",
+    "run_node",
+]

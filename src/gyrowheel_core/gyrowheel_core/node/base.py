@@ -1,0 +1,432 @@
+"""The base class of the nodes: lifecycle, parameters, diagnostics, faults."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
+from rclpy.executors import Executor
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter as RosParameter
+from rclpy.publisher import Publisher
+from rclpy.subscription import Subscription
+from rclpy.timer import Timer
+
+from gyrowheel_core import topics
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.node.inbox import Inbox
+from gyrowheel_core.node.parameters import AUTOSTART, Param
+from gyrowheel_core.node.priority import PRIORITY, raise_priority
+
+#: Environment variable with the process id of the process that a node ends with (see `BenchNode`).
+PARENT_VARIABLE = "GYROWHEEL_PARENT"
+
+_LAST_CALLBACKS = 50
+
+
+def _unused(_: Any) -> None:
+    """Stand for the callback of a subscription that no executor serves."""
+
+
+class Fault(RuntimeError):
+    """A condition in which a node cannot go on.
+
+    Parameters
+    ----------
+    name : str
+        Name that scripts can rely on, such as ``controller_silent``.
+    message : str
+        One line for people.
+    """
+
+    def __init__(self, name: str, message: str) -> None:
+        super().__init__(f"{name}: {message}")
+        self.name = name
+        self.message = message
+
+
+@dataclass
+class Diagnosis:
+    """What a node says of itself on ``/diagnostics``.
+
+    Attributes
+    ----------
+    message : str
+        One line.
+    values : mapping of str to object
+        Named values, published as text.
+    level : bytes
+        Level of `diagnostic_msgs.msg.DiagnosticStatus`: ``OK``, ``WARN`` or ``ERROR``.
+    """
+
+    message: str = "running"
+    values: Mapping[str, object] = field(default_factory=dict)
+    level: bytes = DiagnosticStatus.OK
+
+
+class BenchNode(LifecycleNode):
+    """Base class of the nodes: see the module's description for how to derive from it.
+
+    The hooks `configure`, `activate`, `deactivate` and `cleanup` are called on the transitions of the
+    lifecycle; at the end of the process an active node is deactivated and cleaned up. A hook that cannot do
+    its work raises `InputError` (bad input of the user) or `Fault`. In callbacks use `fault`, which needs
+    no exception.
+
+    Where the environment variable of `PARENT_VARIABLE` names a process, the node ends itself within a
+    second of the end of that process, provided that it was started by it: no node outlives a starter that
+    was killed.
+    """
+
+    NODE_NAME: ClassVar[str]
+    PARAMETERS: ClassVar[tuple[Param, ...]] = ()
+    #: How long the node goes on taking messages after it was told to end [s].
+    LINGER: ClassVar[float] = 0.0
+
+    def __init__(self) -> None:
+        # Declared from the command line first: this is how a node learns of values whose type or name is
+        # wrong.
+        self._inboxes: list[Inbox] = []
+        super().__init__(self.NODE_NAME, automatically_declare_parameters_from_overrides=True)
+        self._service_change_state.callback = self._change_state(self._service_change_state.callback)
+        self._service_get_state.callback = self._answer_when_drained(self._service_get_state.callback)
+        self.stopping = False
+        self.failure: BaseException | None = None
+        #: In transitions that no lifecycle manager asked for, so that none can act on their failure.
+        self._unattended = False
+        self._params = {param.name: param for param in (AUTOSTART, *self.PARAMETERS)}
+        self._declare()
+        self.add_on_set_parameters_callback(self._check_change)
+        self.add_post_set_parameters_callback(self._on_change)
+        self._diagnostics = self.publisher(topics.DIAGNOSTICS)
+        self._wall_clock = Clock(clock_type=ClockType.SYSTEM_TIME)
+        self._parent = int(os.environ.get(PARENT_VARIABLE) or 0)
+        self.wall_timer(1.0, self._every_second)
+
+    # ---- for the derived class
+
+    def configure(self) -> None:
+        """Read parameters and files, create publishers and subscriptions."""
+
+    def activate(self) -> None:
+        """Begin to work."""
+
+    def deactivate(self) -> None:
+        """Stop working; `activate` may follow."""
+
+    def cleanup(self) -> None:
+        """Give back what `configure` took."""
+
+    def diagnose(self) -> Diagnosis:
+        """Return the state for ``/diagnostics``; called once per second while the node is active."""
+        return Diagnosis()
+
+    def drain(self) -> None:
+        """Take what waits in the inboxes.
+
+        Called before the state of the lifecycle is told: who asks for it knows with the answer that everything this
+        node was sent before has been worked on.
+        """
+
+    def check_tuning(self, values: Mapping[str, Any]) -> None:
+        """Refuse live parameters that do not go with what the node was configured with.
+
+        Parameters
+        ----------
+        values : mapping of str to object
+            The live parameters, those about to be set with their new values; each is within its range.
+
+        Raises
+        ------
+        InputError
+            With the reason.
+        """
+
+    def tune(self) -> None:
+        """Take over live parameters that were changed after `configure`."""
+
+    def parameter(self, name: str) -> Any:
+        """Return the value of a declared parameter, in its declared type."""
+        return self.get_parameter(name).value
+
+    def publisher(self, topic: topics.Topic) -> Publisher:
+        """Create a publisher; its `publish` takes a message or the bytes of one."""
+        return self.create_publisher(topic.message_class, topic.name, topic.qos)
+
+    def subscription(
+        self, topic: topics.Topic, callback: Callable[[Any], None], *, raw: bool = False
+    ) -> Subscription:
+        """Create a subscription; with `raw` the callback is given the bytes of the message."""
+        return self.create_subscription(topic.message_class, topic.name, callback, topic.qos, raw=raw)
+
+    def inbox(self, topic: topics.Topic) -> Inbox:
+        """Create a subscription whose messages wait until they are taken; end it with `close_inbox`."""
+        qos = topic.qos
+        inbox = Inbox(
+            topic, self.create_subscription(topic.message_class, topic.name, _unused, qos, raw=True)
+        )
+        self._inboxes.append(inbox)
+        return inbox
+
+    def close_inbox(self, inbox: Inbox) -> None:
+        """Give up an inbox and what is left in it."""
+        self._inboxes.remove(inbox)
+        self.destroy_subscription(inbox.subscription)
+
+    @property
+    def subscriptions(self) -> Iterator[Subscription]:
+        """Subscriptions that an executor serves; those of inboxes are not among them."""
+        waiting = [inbox.subscription for inbox in self._inboxes]
+        return (found for found in super().subscriptions if found not in waiting)
+
+    def deliver(self, *publishers: Publisher, timeout: float = 1.0) -> bool:
+        """Wait until every reader has what was published; before publishers are destroyed.
+
+        Parameters
+        ----------
+        *publishers : Publisher
+            Publishers of this node.
+        timeout : float
+            How long to wait at most [s].
+
+        Returns
+        -------
+        bool
+            Whether every reader has acknowledged.
+        """
+        end = time.monotonic() + timeout
+        return all(
+            p.wait_for_all_acked(Duration(seconds=max(end - time.monotonic(), 0.0))) for p in publishers
+        )
+
+    def wall_timer(self, period: float, callback: Callable[[], None]) -> Timer:
+        """Create a timer on the computer's own clock, whatever ``use_sim_time`` says.
+
+        Parameters
+        ----------
+        period : float
+            Time between two calls [s].
+        callback : callable
+            Called without arguments.
+        """
+        return self.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def prioritise(self) -> None:
+        """Take the priority that the parameter `PRIORITY` asks for, or say that the system does not allow it."""
+        wanted = self.parameter(PRIORITY.name)
+        if not raise_priority(wanted):
+            self.get_logger().warning(
+                f"priority {wanted} is not allowed on this system: the usual one is kept"
+            )
+
+    def stop(self) -> None:
+        """End the process, exit code 0, after the current callback."""
+        self.stopping = True
+
+    def fault(self, name: str, message: str) -> None:
+        """End the process after the current callback with a named fault; the first fault counts.
+
+        Parameters
+        ----------
+        name : str
+            Name that scripts can rely on.
+        message : str
+            One line for people.
+        """
+        if self.failure is None:
+            self.failure = Fault(name, message)
+            self.stopping = True
+
+    @property
+    def state(self) -> str:
+        """State of the lifecycle: ``unconfigured``, ``inactive``, ``active`` or ``finalized``."""
+        return str(self._state_machine.current_state[1])
+
+    # ---- lifecycle
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Run the hook `configure`."""
+        return self._transition(self.configure)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Run the hook `activate`."""
+        return self._transition(self.activate)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Publish the last diagnosis and run the hook `deactivate`."""
+        self._say_last()
+        return self._transition(self.deactivate)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Run the hook `cleanup`."""
+        return self._transition(self.cleanup)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Run the hooks that an orderly end needs; the process ends after it."""
+        if state.label == "active":
+            self._say_last()
+        hooks = {"active": (self.deactivate, self.cleanup), "inactive": (self.cleanup,)}.get(state.label, ())
+        results = [self._transition(hook) for hook in hooks]
+        self.stopping = True
+        return next(
+            (result for result in results if result != TransitionCallbackReturn.SUCCESS),
+            TransitionCallbackReturn.SUCCESS,
+        )
+
+    def _change_state(self, handle: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+        """Return `handle` such that a transition which the current state has not is refused, not a crash."""
+
+        def handle_safely(request: Any, response: Any) -> Any:
+            try:
+                return handle(request, response)
+            except rclpy_implementation.RCLError as error:
+                self.get_logger().warning(f"state {self.state}: {str(error).split(', at ')[0]}")
+                response.success = False
+                return response
+
+        return handle_safely
+
+    def _answer_when_drained(self, handle: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+        def answer(request: Any, response: Any) -> Any:
+            self.drain()
+            return handle(request, response)
+
+        return answer
+
+    def _transition(self, hook: Callable[[], None]) -> TransitionCallbackReturn:
+        try:
+            hook()
+        except InputError as error:
+            if self._unattended:
+                self.failure = self.failure or error
+            else:
+                self.get_logger().error(str(error))
+            return TransitionCallbackReturn.FAILURE
+        except Exception as error:  # the caller in rclpy would swallow it without a word
+            self.failure = self.failure or error
+            self.stopping = True
+            return TransitionCallbackReturn.ERROR
+        return TransitionCallbackReturn.SUCCESS
+
+    def start(self) -> None:
+        """Configure and activate the node.
+
+        Raises
+        ------
+        InputError, Fault or another exception
+            What a hook raised.
+        """
+        self._unattended = True
+        for trigger in (self.trigger_configure, self.trigger_activate):
+            trigger()
+            if self.failure is not None:
+                raise self.failure
+        self._unattended = False
+        self._publish_diagnosis(self.diagnose())
+
+    def finish(self, executor: Executor) -> None:
+        """Publish the last diagnosis, or why the node failed, and bring the lifecycle to its end.
+
+        Between the hooks `deactivate` and `cleanup` a few callbacks are served, so that a client of the
+        node gets the answers that `deactivate` has prepared.
+        """
+        if self.failure is not None:
+            text = str(self.failure) or type(self.failure).__name__
+            values = {"fault": self.failure.name} if isinstance(self.failure, Fault) else {}
+            self._publish_diagnosis(Diagnosis(text, values, DiagnosticStatus.ERROR))
+            self.deliver(self._diagnostics, timeout=1.0)
+        self._unattended = True
+        if self.state == "active":
+            self.trigger_deactivate()
+            for _ in range(_LAST_CALLBACKS):
+                executor.spin_once(timeout_sec=0.0)
+        if self.state in ("unconfigured", "inactive", "active"):
+            self.trigger_shutdown()
+
+    def _say_last(self) -> None:
+        """Publish what an active node has to say before it is deactivated; that it failed was said already."""
+        if self.failure is None:
+            self._publish_diagnosis(self.diagnose())
+            self.deliver(self._diagnostics, timeout=1.0)
+
+    # ---- parameters
+
+    def _declare(self) -> None:
+        given = {
+            name: parameter.value
+            for name, parameter in self.get_parameters_by_prefix("").items()
+            if name in self._params or not self._declared_by_ros(name)
+        }
+        for name in given:
+            self.undeclare_parameter(name)
+        unknown = sorted(set(given) - set(self._params))
+        if unknown:
+            self.get_logger().warning(
+                f"no such parameter: {', '.join(unknown)}; this node has: {', '.join(sorted(self._params))}"
+            )
+        for name, param in self._params.items():
+            value = param.check(given.get(name, param.default))
+            self.declare_parameter(name, value, param.descriptor(), ignore_override=True)
+
+    @staticmethod
+    def _declared_by_ros(name: str) -> bool:
+        return name in ("use_sim_time", "start_type_description_service") or name.startswith("qos_overrides.")
+
+    def _check_change(self, parameters: list[RosParameter]) -> SetParametersResult:
+        values = {name: self.parameter(name) for name, param in self._params.items() if param.live}
+        try:
+            for parameter in parameters:
+                param = self._params.get(parameter.name)
+                if param is None:
+                    continue
+                if not param.live and self.state != "unconfigured":
+                    raise InputError(f"parameter {param.name} is fixed once the node is configured")
+                checked = param.check(parameter.value)
+                if param.live:
+                    values[param.name] = checked
+            if self.state in ("inactive", "active"):
+                self.check_tuning(values)
+        except InputError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _on_change(self, parameters: list[RosParameter]) -> None:
+        changed = [p for p in parameters if p.name in self._params]
+        if changed and self.state in ("inactive", "active"):
+            self.tune()
+            text = ", ".join(f"{p.name} = {p.value}" for p in changed)
+            self.get_logger().info(f"changed: {text}")
+
+    # ---- once per second
+
+    def announce(self) -> None:
+        """Publish the diagnosis at once: a state has changed that nobody is to learn of a second late."""
+        active = self.state == "active"
+        self._publish_diagnosis(
+            self.diagnose() if active else Diagnosis(self.state, level=DiagnosticStatus.WARN)
+        )
+
+    def _every_second(self) -> None:
+        if self._parent and os.getppid() != self._parent:
+            self.stop()
+        self.announce()
+
+    def _publish_diagnosis(self, diagnosis: Diagnosis) -> None:
+        values = {**diagnosis.values, "state": self.state, "pid": os.getpid()}
+        status = DiagnosticStatus(
+            level=diagnosis.level,
+            name=self.get_name(),
+            message=diagnosis.message,
+            hardware_id="gyrowheel",
+            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+        )
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self._wall_clock.now().to_msg()
+        self._diagnostics.publish(message)

@@ -1,0 +1,57 @@
+"""Messages that wait in the middleware until a node asks for them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from rclpy.subscription import Subscription
+
+from gyrowheel_core.topics import Topic
+
+
+class Inbox:
+    """The messages of one topic that have arrived, as bytes, until they are taken.
+
+    For a node that needs not answer at once: to be woken for every single message takes several times as long as to
+    take it. As many messages wait as the topic's quality of service says; beyond that the oldest are lost.
+
+    Parameters
+    ----------
+    topic : Topic
+        The topic.
+    subscription : Subscription
+        A subscription to it that no executor serves (see `BenchNode.inbox`).
+
+    Attributes
+    ----------
+    topic : Topic
+        As given.
+    subscription : Subscription
+        As given.
+    """
+
+    def __init__(self, topic: Topic, subscription: Subscription) -> None:
+        self.topic = topic
+        self.subscription = subscription
+
+    def take(self, most: int | None = None) -> Iterator[bytes]:
+        """Take the messages in the order in which they came.
+
+        Parameters
+        ----------
+        most : int, optional
+            How many at most; all there are where it is not given.
+
+        Yields
+        ------
+        bytes
+            One message.
+        """
+        handle, kind = self.subscription.handle, self.subscription.msg_type
+        count = 0
+        while most is None or count < most:
+            taken = handle.take_message(kind, True)
+            if taken is None:
+                return
+            count += 1
+            yield taken[0]

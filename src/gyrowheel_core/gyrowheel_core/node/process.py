@@ -1,0 +1,177 @@
+"""A node as a process: its environment, signals, exit codes, and the loop that runs it."""
+
+from __future__ import annotations
+
+import contextlib
+import enum
+import gc
+import os
+import signal
+import sys
+import time
+import traceback
+from collections.abc import Iterator, Sequence
+from importlib import resources
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
+
+from gyrowheel_core.errors import InputError, one_line
+from gyrowheel_core.node.base import BenchNode, Fault
+from gyrowheel_core.node.parameters import AUTOSTART
+
+
+class ExitCode(enum.IntEnum):
+    """Exit codes of a node's process."""
+
+    OK = 0
+    CRASH = 1
+    BAD_INPUT = 2
+    FAULT = 3
+
+
+def prepare_environment() -> None:
+    """Set what the middleware reads from the environment, unless the user has set it; before `rclpy.init`.
+
+    Discovery stays on this computer, with the settings of ``config/fastdds.xml``.
+    """
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    if os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST":
+        profiles = resources.files("gyrowheel_core").joinpath("config/fastdds.xml")
+        os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(profiles))
+
+
+def make_executor(context: Context | None = None) -> Executor:
+    """Return the fastest executor that this rclpy has, in the default context if none is given.
+
+    Call its ``spin_once`` with a time-out in a loop: the waits of the events executor without one cannot be
+    interrupted by signals.
+    """
+    try:
+        from rclpy.experimental import EventsExecutor
+    except ImportError:  # rclpy before 7.1.4
+        return SingleThreadedExecutor(context=context)
+    return EventsExecutor(context=context)
+
+
+class StopSignals:
+    """Notes SIGINT, SIGTERM and SIGHUP instead of letting them end the process.
+
+    Repeated signals change nothing: a terminal sends Ctrl-C to a starter and to its nodes, so that a node
+    may get it twice, the second time in the middle of its cleaning up.
+    """
+
+    def __init__(self) -> None:
+        self.received = False
+        self._node: BenchNode | None = None
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, self._handle)
+
+    def attach(self, node: BenchNode) -> None:
+        """Stop `node` at a signal, also at one that came before."""
+        self._node = node
+        if self.received:
+            node.stop()
+
+    def _handle(self, number: int, frame: object) -> None:
+        self.received = True
+        if self._node is not None:
+            self._node.stop()
+
+
+def parameter_help(node_class: type[BenchNode]) -> str:
+    """Return the text that ``--help`` prints: what the node does and its parameters."""
+    lines = [
+        (node_class.__doc__ or node_class.NODE_NAME).strip().splitlines()[0],
+        "",
+        f"node {node_class.NODE_NAME}; set parameters by --ros-args -p NAME:=VALUE",
+        "",
+    ]
+    for param in (AUTOSTART, *node_class.PARAMETERS):
+        lines.append(f"  {param.name} (default {param.default!r}; {param.allowed})")
+        lines.append(f"      {param.description}")
+    return "\n".join(lines)
+
+
+@contextlib.contextmanager
+def _ros(arguments: Sequence[str]) -> Iterator[None]:
+    prepare_environment()
+    try:
+        unknown = remove_ros_args(["program", *arguments])[1:]
+        rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
+    except Exception as error:  # rclpy gives a class of its own to each way in which arguments can be wrong
+        # what follows " Error: " are places in the source of rcl
+        reason = one_line(error).split(" Error: ")[0]
+        raise InputError(f"ROS arguments: {reason}") from None
+    try:
+        if unknown:
+            raise InputError(f"unknown argument {unknown[0]!r}; set parameters by --ros-args -p NAME:=VALUE")
+        yield
+    finally:
+        rclpy.try_shutdown()
+
+
+def run_node(node_class: type[BenchNode], arguments: Sequence[str] | None = None) -> int:
+    """Run a node until it is told to end; the whole of a node's ``main``.
+
+    Parameters
+    ----------
+    node_class : type
+        The node's class.
+    arguments : sequence of str, optional
+        Arguments of the command line after the program's name; those of the process where not given.
+
+    Returns
+    -------
+    int
+        Exit code for the process (`ExitCode`). Whatever is not 0 has been explained on stderr: bad input
+        and faults in a last line ``NODE: MESSAGE`` and ``NODE: FAULT_NAME: MESSAGE``, a crash by its
+        traceback.
+    """
+    arguments = sys.argv[1:] if arguments is None else arguments
+    if "--help" in arguments or "-h" in arguments:
+        print(parameter_help(node_class))
+        return ExitCode.OK
+    signals = StopSignals()
+    try:
+        with _ros(arguments):
+            failure = _run(node_class, signals)
+    except InputError as error:
+        failure = error
+    if failure is None:
+        return ExitCode.OK
+    if isinstance(failure, InputError | Fault):
+        print(f"{node_class.NODE_NAME}: {failure}", file=sys.stderr, flush=True)
+        return ExitCode.FAULT if isinstance(failure, Fault) else ExitCode.BAD_INPUT
+    traceback.print_exception(failure)
+    return ExitCode.CRASH
+
+
+def _run(node_class: type[BenchNode], signals: StopSignals) -> BaseException | None:
+    """Run the node inside an initialised rclpy; return why it failed, or None."""
+    node = node_class()
+    executor = make_executor()
+    executor.add_node(node)
+    signals.attach(node)
+    try:
+        if node.parameter("autostart") and not node.stopping:
+            node.start()
+        # What was made up to here stays: looking through it again and again would cost a sample now and then.
+        gc.collect()
+        gc.freeze()
+        while not node.stopping:
+            executor.spin_once(timeout_sec=0.1)
+        end = time.monotonic() + node.LINGER
+        while node.failure is None and time.monotonic() < end:
+            executor.spin_once(timeout_sec=0.02)
+    except Exception as error:
+        node.failure = node.failure or error
+    if isinstance(node.failure, Fault):
+        node.get_logger().fatal(str(node.failure))
+    node.finish(executor)
+    executor.shutdown()
+    node.destroy_node()
+    return node.failure

@@ -1,0 +1,91 @@
+"""Name, type and quality of service of every topic of the bench."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Final
+
+from gyrowheel_core import wire
+
+if TYPE_CHECKING:
+    from rclpy.qos import QoSProfile
+
+# Reliable delivery keeps in the writer what a reader has not acknowledged, and in the reader what it has not
+# taken, up to this many messages; then the oldest are lost. At 10 000 samples per second, which is as fast as
+# the nodes can run in lock-step, a reader may be busy elsewhere for five seconds.
+_HIGH_RATE: Final = 50_000
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic; delivery is reliable on all of them.
+
+    Attributes
+    ----------
+    name : str
+        Full name.
+    type_name : str
+        Message type, such as ``"std_msgs/msg/String"``.
+    depth : int
+        How many messages are kept for a slow reader.
+    latched : bool
+        Whether the last messages are delivered to a reader that comes later (durability `transient_local`).
+    layout : Layout or None
+        Layout of the serialized message where it is a fixed one.
+    """
+
+    name: str
+    type_name: str
+    depth: int = 10
+    latched: bool = False
+    layout: wire.Layout | None = None
+
+    @property
+    def qos(self) -> QoSProfile:
+        """Quality of service for publishers and subscriptions alike."""
+        # rclpy only here: names and types also serve where recordings are read without ROS.
+        from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+        return QoSProfile(
+            history=HistoryPolicy.KEEP_LAST,
+            depth=self.depth,
+            reliability=ReliabilityPolicy.RELIABLE,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL if self.latched else DurabilityPolicy.VOLATILE,
+        )
+
+    @property
+    def message_class(self) -> type[Any]:
+        """Python class of the messages; its package must be installed."""
+        package, kind, name = self.type_name.split("/")
+        result: type[Any] = getattr(import_module(f"{package}.{kind}"), name)
+        return result
+
+
+def _fixed(name: str, layout: wire.Layout, depth: int) -> Topic:
+    return Topic(name, layout.type_name, depth, layout=layout)
+
+
+MEASUREMENT: Final = _fixed("/gyrowheel/measurement", wire.MEASUREMENT, _HIGH_RATE)
+COMMAND: Final = _fixed("/gyrowheel/command", wire.COMMAND, _HIGH_RATE)
+SETPOINT: Final = _fixed("/gyrowheel/setpoint", wire.SETPOINT, _HIGH_RATE)
+DRAG_ESTIMATE: Final = _fixed("/gyrowheel/drag_estimate", wire.DRAG_ESTIMATE, 100)
+BENCH: Final = Topic("/gyrowheel/bench", "std_msgs/msg/String", 1, latched=True)
+ENVIRONMENT: Final = Topic("/gyrowheel/environment", "std_msgs/msg/String", 10, latched=True)
+TRUTH: Final = Topic("/gyrowheel/truth", "std_msgs/msg/String", 1_000)
+CLOCK: Final = _fixed("/clock", wire.CLOCK, 100)
+JOINT_STATES: Final = Topic("/joint_states", "sensor_msgs/msg/JointState")
+DIAGNOSTICS: Final = Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", 100)
+
+TOPICS: Final = (
+    MEASUREMENT,
+    COMMAND,
+    SETPOINT,
+    DRAG_ESTIMATE,
+    BENCH,
+    ENVIRONMENT,
+    TRUTH,
+    CLOCK,
+    JOINT_STATES,
+    DIAGNOSTICS,
+)

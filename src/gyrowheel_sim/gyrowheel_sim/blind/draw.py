@@ -1,0 +1,113 @@
+"""A hidden machine for blind tests: its parameters within the stated uncertainties, and effects drawn at random.
+
+Only the key file knows what was drawn; a recording of the machine carries none of it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from gyrowheel_core.errors import InputError
+from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.blind.outside import OUTSIDE
+from gyrowheel_sim.effects.declaration import Effect
+from gyrowheel_sim.effects.registry import EffectValues, registry, validated
+from gyrowheel_sim.effects.sizes import for_bench
+from gyrowheel_sim.plant.scenario import Scenario, write_private_json
+
+Kind = Literal["none", "single", "pair", "outside"]
+#: How often each kind is drawn.
+KINDS: dict[Kind, float] = {"none": 0.2, "single": 0.5, "pair": 0.2, "outside": 0.1}
+
+
+def draw_machine(bench: Bench, rng: np.random.Generator) -> dict[str, float]:
+    """Draw the true bench parameters within their standard uncertainties; a group varies by one factor."""
+    values: dict[str, float] = {}
+    for group in bench.groups().values():
+        factor = float(np.clip(rng.standard_normal(), -2.5, 2.5))
+        values.update({p.name: p.value + factor * p.uncertainty for p in group})
+    return values
+
+
+def draw_effect(effect: Effect, rng: np.random.Generator) -> dict[str, float]:
+    """Draw coefficients of an effect within their usual sizes (log-uniform; shapes within their uncertainty)."""
+    values = {}
+    for c in effect.coefficients:
+        if c.shape is not None:
+            values[c.name] = float(np.clip(rng.normal(c.shape, c.shape_uncertainty), *c.usual))
+        else:
+            size = math.exp(rng.uniform(math.log(c.usual[0]), math.log(c.usual[1])))
+            values[c.name] = size * (float(rng.choice((-1.0, 1.0))) if c.signed else 1.0)
+    return values
+
+
+def draw(bench: Bench, seed: int, *, kinds: Sequence[Kind] = tuple(KINDS)) -> Scenario:
+    """Draw a hidden machine.
+
+    Parameters
+    ----------
+    bench : Bench
+        The bench as its file describes it.
+    seed : int
+        Seed of machine, effects and noise; not negative.
+    kinds : sequence of str
+        What may be drawn: ``none``, ``single``, ``pair`` (of the registered effects), ``outside`` (an effect that
+        no declaration of the registry contains).
+    """
+    if seed < 0:
+        raise InputError(f"seed: {seed} is out of range; allowed: >= 0")
+    rng = np.random.default_rng([seed, 0x6779726F])
+    values = draw_machine(bench, rng)
+    weights = np.array([KINDS[kind] for kind in kinds])
+    kind = kinds[int(rng.choice(len(kinds), p=weights / weights.sum()))]
+    pool = [for_bench(e, bench) for e in (OUTSIDE if kind == "outside" else registry().values())]
+    count = {"none": 0, "single": 1, "pair": 2, "outside": 1}[kind]
+    chosen = [pool[int(i)] for i in rng.choice(len(pool), size=count, replace=False)]
+    effects: EffectValues = {effect.name: draw_effect(effect, rng) for effect in chosen}
+    return Scenario(values=values, effects=effects, noise_seed=seed)
+
+
+def reuse_or_draw(bench: Bench, key: Path, seed: int, *, kinds: Sequence[Kind] = tuple(KINDS)) -> Scenario:
+    """Return the machine of a key file, or draw one and write the key file; the noise takes `seed` in both cases.
+
+    Raises
+    ------
+    InputError
+        If the key file exists and is not one.
+    """
+    if key.exists():
+        return replace(_read_key(bench, key), noise_seed=seed)
+    scenario = draw(bench, seed, kinds=kinds)
+    write_private_json(key, {"values": dict(scenario.values), "effects": scenario.effects})
+    return replace(scenario, noise_seed=seed)
+
+
+def _read_key(bench: Bench, key: Path) -> Scenario:
+    """Return the machine of a key file."""
+    try:
+        raw = json.loads(key.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{key}: cannot be read: {error.strerror or error}") from None
+    except (ValueError, RecursionError):
+        raise InputError(f"{key}: not a key file: it is no JSON; name a new file") from None
+    for name in ("values", "effects"):
+        if not isinstance(raw, dict) or not isinstance(raw.get(name), dict):
+            raise InputError(
+                f"{key}: not a key file: a JSON object with the objects values and effects is expected; "
+                "name a new file"
+            )
+    bench.with_values(raw["values"], where=f"{key}: values")
+    outside = {effect.name: effect for effect in OUTSIDE}
+    effects: EffectValues = {}
+    for name, given in raw["effects"].items():
+        if not isinstance(given, dict):
+            raise InputError(f"{key}: effects.{name}: {given!r:.60} is not an object of coefficients")
+        effects[name] = validated(name, given, where=f"{key}: effects", declared=outside, bench=bench)
+    return Scenario(values=raw["values"], effects=effects)

@@ -1,0 +1,1 @@
+"""Equations of motion of the rotor on its flex gimbal: kinematics, derivation, dynamics, inverse dynamics."""

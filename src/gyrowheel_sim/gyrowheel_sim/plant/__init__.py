@@ -1,0 +1,1 @@
+"""The simulated machine: compiled kernel, scenario, guard, pacing, and its node."""

@@ -1,0 +1,257 @@
+"""Guards between the commands and the machine: limits, hard stop, watch-dog, refusal of what makes no sense.
+
+The guard stands where the voltages leave for the machine. `Guard.take` judges each command, `Guard.output` gives the
+voltages of the next sample, `Guard.observe` looks at each sample. It knows no ROS and no clock: time is counted in
+samples, so that it acts in the same way whatever paces them.
+
+What it does has a name (`GuardState`), which the plant's node says on ``/diagnostics``. Two states are final:
+``controller_lost`` and ``tilt_stop`` switch the coils off and let the motor spin down, whatever is commanded, until
+`Guard.start` is called again.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass
+
+from gyrowheel_core.errors import InputError
+
+#: A command beyond so many times a limit is no command that a loop in working order gives: it is refused.
+NONSENSE = 2.0
+#: So many samples in a row must be beyond the hard stop: one wrong reading stops no test.
+STOP_SAMPLES = 4
+
+
+class GuardState(enum.StrEnum):
+    """What the guard is doing.
+
+    The states between ``normal`` and ``controller_lost`` tell what happened since the last `Guard.report`; the worst
+    of them counts.
+    """
+
+    STOPPED = "stopped"
+    WAITING = "waiting"
+    NORMAL = "normal"
+    VOLTAGE_LIMITED = "voltage_limited"
+    COMMAND_REFUSED = "command_refused"
+    HOLDING = "holding"
+    CONTROLLER_LOST = "controller_lost"
+    TILT_STOP = "tilt_stop"
+
+
+class Refusal(enum.StrEnum):
+    """Why a command was refused; the last voltages stay."""
+
+    MALFORMED = "malformed"
+    NOT_FINITE = "not_finite"
+    OUT_OF_RANGE = "out_of_range"
+    STALE = "stale"
+    AHEAD = "ahead"
+
+
+@dataclass(frozen=True)
+class GuardLimits:
+    """What the guard allows.
+
+    Attributes
+    ----------
+    coil_voltage, motor_voltage : float
+        Largest voltages [V]. Commands beyond are held at them; beyond `NONSENSE` times them they are refused.
+    tilt_stop : float
+        Hard stop: tilt beyond which the coils are switched off and the motor spins down [rad].
+    watchdog : int
+        Samples in a row without a new command that mean the loss of the controller.
+    oldest : int
+        How many samples old the one may be that a command answers.
+    spin_down : float
+        How fast the motor voltage goes to zero at a spin-down [V per sample].
+    """
+
+    coil_voltage: float
+    motor_voltage: float
+    tilt_stop: float
+    watchdog: int = 500
+    oldest: int = 20
+    spin_down: float = 1.5e-3
+
+    def __post_init__(self) -> None:
+        """Check every limit."""
+        for name in ("coil_voltage", "motor_voltage", "tilt_stop", "spin_down"):
+            value = getattr(self, name)
+            if not math.isfinite(value) or value <= 0.0:
+                raise InputError(f"guard.{name}: {value!r} is out of range; allowed: > 0")
+        for name, low in (("watchdog", 1), ("oldest", 0)):
+            if getattr(self, name) < low:
+                raise InputError(f"guard.{name}: {getattr(self, name)!r} is out of range; allowed: >= {low}")
+
+
+class Guard:
+    """Judges commands and gives the voltages that are applied.
+
+    Parameters
+    ----------
+    limits : GuardLimits
+        What is allowed; may be replaced at any time.
+    motor_voltage : float
+        Voltage of the motor until the first command [V]: that at which the machine is found.
+
+    Attributes
+    ----------
+    limits : GuardLimits
+        As given.
+    trip : GuardState or None
+        ``controller_lost`` or ``tilt_stop`` once it has happened.
+    reason : str
+        One line about the trip; empty without one.
+    taken, late, missing, held, limited : int
+        Commands taken; those of them that came after the next sample; samples that were passed over, by
+        their numbers; samples for which the last voltages were held; commands beyond a voltage limit.
+    refused : dict of Refusal to int
+        Commands refused, by the reason.
+    """
+
+    def __init__(self, limits: GuardLimits, *, motor_voltage: float = 0.0) -> None:
+        self.limits = limits
+        self._first = (0.0, 0.0, motor_voltage)
+        self.trip: GuardState | None = None
+        self.reason = ""
+        self.taken = self.late = self.missing = self.held = self.limited = 0
+        self.refused = dict.fromkeys(Refusal, 0)
+        self._voltages = (0.0, 0.0, 0.0)
+        self._last: int | None = None  # sequence that the last command answered
+        self._running = self._commanded = self._fresh = False
+        self._idle = 0  # samples in a row without a new command
+        self._beyond = 0  # samples in a row beyond the hard stop
+        self._told = (0, 0, 0, 0)  # limited, refused, held, and all samples at the last report
+        self._samples = 0
+
+    def start(self) -> None:
+        """Begin, or begin anew after a trip: wait for the first command."""
+        self.trip, self.reason = None, ""
+        self._voltages, self._first = self._first, (0.0, 0.0, 0.0)
+        self._running, self._commanded, self._fresh = True, False, False
+        self._last = None
+        self._idle = self._beyond = 0
+
+    def stop(self) -> None:
+        """Switch off: no voltage on coils and motor."""
+        self._running = False
+        self._voltages = (0.0, 0.0, 0.0)
+
+    @property
+    def running(self) -> bool:
+        """Whether it lets voltages through: it was started, and has neither been stopped nor tripped."""
+        return self._running and self.trip is None
+
+    @property
+    def voltages(self) -> tuple[float, float, float]:
+        """Coil x, coil y, motor: what is applied at present [V]."""
+        return self._voltages
+
+    @property
+    def off(self) -> bool:
+        """Whether there is no voltage on coils and motor."""
+        return self._voltages == (0.0, 0.0, 0.0)
+
+    def take(self, answered: int, newest: int, x: float, y: float, motor: float) -> Refusal | None:
+        """Judge a command; return why it is refused, or None.
+
+        Parameters
+        ----------
+        answered : int
+            Sequence number of the sample that it answers.
+        newest : int
+            That of the newest sample.
+        x, y, motor : float
+            Voltages [V].
+        """
+        if answered > newest:
+            return self.refuse(Refusal.AHEAD)
+        last = self._last
+        if newest - answered > self.limits.oldest or (last is not None and answered <= last):
+            return self.refuse(Refusal.STALE)
+        if last is not None:
+            self.missing += answered - last - 1
+        self._last = answered
+        if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(motor)):
+            return self.refuse(Refusal.NOT_FINITE)
+        coil, top = self.limits.coil_voltage, self.limits.motor_voltage
+        if abs(x) > coil or abs(y) > coil or abs(motor) > top:
+            self.limited += 1
+            if abs(x) > NONSENSE * coil or abs(y) > NONSENSE * coil or abs(motor) > NONSENSE * top:
+                return self.refuse(Refusal.OUT_OF_RANGE)
+            x, y = min(max(x, -coil), coil), min(max(y, -coil), coil)
+            motor = min(max(motor, -top), top)
+        self.late += answered < newest
+        self.taken += 1
+        if self._running and self.trip is None:
+            self._voltages = (x, y, motor)
+            self._commanded = self._fresh = True
+        return None
+
+    def refuse(self, why: Refusal) -> Refusal:
+        """Count a command that is refused, also one that could not even be read."""
+        self.refused[why] += 1
+        return why
+
+    def output(self) -> tuple[float, float, float]:
+        """Return coil x, coil y and motor voltage up to the next sample [V]; call once a sample."""
+        self._samples += 1
+        if self._fresh:
+            self._fresh, self._idle = False, 0
+        elif self.trip is not None:
+            motor, step = self._voltages[2], self.limits.spin_down
+            motor = 0.0 if abs(motor) <= step else motor - math.copysign(step, motor)
+            self._voltages = (0.0, 0.0, motor)
+        elif self._commanded and self._running:
+            self.held += 1
+            self._idle += 1
+            if self._idle >= self.limits.watchdog:
+                self._trip(GuardState.CONTROLLER_LOST, f"no valid command for {self._idle} samples")
+        return self._voltages
+
+    def observe(self, tilt_x: float, tilt_y: float) -> None:
+        """Look at the tilt of a sample [rad]; one that is no number counts as beyond the hard stop."""
+        if tilt_x * tilt_x + tilt_y * tilt_y <= self.limits.tilt_stop**2:
+            self._beyond = 0
+        elif self._running:
+            self._beyond += 1
+            if self._beyond >= STOP_SAMPLES and self.trip is None:
+                tilt, stop = math.hypot(tilt_x, tilt_y), self.limits.tilt_stop
+                self._trip(
+                    GuardState.TILT_STOP,
+                    f"tilt {math.degrees(tilt):.2f} deg, hard stop at {math.degrees(stop):.2f} deg",
+                )
+
+    @property
+    def state(self) -> GuardState:
+        """What the guard is doing, and what has happened since the last `report`."""
+        if self.trip is not None:
+            return self.trip
+        if not self._running:
+            return GuardState.STOPPED
+        if not self._commanded:
+            return GuardState.WAITING
+        limited, refused, held, _ = self._told
+        if self.held > held:
+            return GuardState.HOLDING
+        if sum(self.refused.values()) > refused:
+            return GuardState.COMMAND_REFUSED
+        return GuardState.VOLTAGE_LIMITED if self.limited > limited else GuardState.NORMAL
+
+    @property
+    def held_share(self) -> float:
+        """Share of the samples since the last `report` for which the last voltages were held."""
+        return (self.held - self._told[2]) / max(self._samples - self._told[3], 1)
+
+    def report(self) -> GuardState:
+        """Return the state, and begin anew to note what happens."""
+        state = self.state
+        self._told = (self.limited, sum(self.refused.values()), self.held, self._samples)
+        return state
+
+    def _trip(self, state: GuardState, reason: str) -> None:
+        self.trip, self.reason = state, reason
+        self._fresh = False
+        self._voltages = (0.0, 0.0, self._voltages[2])

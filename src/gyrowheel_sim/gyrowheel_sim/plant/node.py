@@ -1,0 +1,465 @@
+"""The node ``plant``: the simulated bench, sample by sample, in one of two clocks.
+
+``lockstep``: it publishes sample 0 once enough subscribers listen and a controller is there, and from then on one
+sample for each command that answers the last one. The run is reproducible, and as fast as the two nodes can talk;
+``/clock`` carries the simulated time.
+
+``realtime``: a sample every period of the bench by the clock on the wall, answered or not; the stamps are the time of
+the computer. Where no command came, the last one goes on acting.
+
+In both a `Guard` stands between the commands and the machine.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from numpy.typing import NDArray
+from rclpy.time import Time
+from rclpy.timer import Timer
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+
+from gyrowheel_core import topics, wire
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.node import PRIORITY, BenchNode, Diagnosis, Param, run_node
+from gyrowheel_core.units import RPM
+from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.environment import from_json
+from gyrowheel_sim.plant.guard import Guard, GuardLimits, GuardState, Refusal
+from gyrowheel_sim.plant.pacing import Pacer
+from gyrowheel_sim.plant.plant import Plant
+from gyrowheel_sim.plant.scenario import Scenario
+
+CLOCK_PERIOD_NS = 10_000_000
+JOINT_STATE_PERIOD_NS = 1_000_000_000 // 60
+JOINTS = ("tilt_x", "tilt_y", "spin")
+#: Share of samples without a new command that is a warning: a computer with other work has a few.
+HELD_SHARE = 0.01
+#: A system clock that has moved so far from the stamps is said to have jumped [s].
+CLOCK_JUMP = 0.5
+
+_MESSAGES = {
+    GuardState.STOPPED: "stopped",
+    GuardState.WAITING: "waiting for the first command",
+    GuardState.NORMAL: "running",
+    GuardState.VOLTAGE_LIMITED: "voltage_limited: commands beyond the limits are held at them",
+    GuardState.COMMAND_REFUSED: "command_refused: commands that make no sense, or answer old samples",
+}
+
+
+class PlantNode(BenchNode):
+    """Simulates the bench: publishes its samples, takes the commands."""
+
+    NODE_NAME = "plant"
+    PARAMETERS = (
+        Param("bench", "gyrowheel", "Name of a shipped bench, or path of a bench file"),
+        Param("scenario_file", "", "JSON file of what the machine really is; empty: the bench file"),
+        Param("environment", "", "JSON list of environments from the start on; empty: upright, ambient air"),
+        Param("initial_spin_rate", 0.0, "Spin rate at the start [rad/s]", low=0.0, high=2000.0),
+        Param(
+            "clock",
+            "lockstep",
+            "What makes the plant step: a command, or the clock on the wall",
+            choices=("lockstep", "realtime"),
+        ),
+        Param(
+            "command_timeout",
+            5.0,
+            "Lock-step: silence of the controller that is a fault [s]",
+            low=0.1,
+            high=3600.0,
+        ),
+        Param(
+            "watchdog",
+            0.5,
+            "Real time: time without a valid command that means the loss of the controller [s]",
+            low=0.002,
+            high=60.0,
+            live=True,
+        ),
+        Param(
+            "oldest_command",
+            0.05,
+            "Real time: age of the sample that a command may answer [s]",
+            low=0.0,
+            high=10.0,
+            live=True,
+        ),
+        Param(
+            "tilt_stop",
+            0.0,
+            "Hard stop of the tilt [rad]; 0: that of the bench",
+            low=0.0,
+            high=1.0,
+            live=True,
+        ),
+        Param(
+            "coil_voltage_limit",
+            0.0,
+            "Largest coil voltage [V]; 0: that of the bench",
+            low=0.0,
+            high=1000.0,
+            live=True,
+        ),
+        Param(
+            "motor_voltage_limit",
+            0.0,
+            "Largest motor voltage [V]; 0: that of the bench",
+            low=0.0,
+            high=1000.0,
+            live=True,
+        ),
+        Param(
+            "spin_down_rate",
+            100.0,
+            "How fast the motor is brought down when the guard trips [rad/s^2]",
+            low=1.0,
+            high=10_000.0,
+            live=True,
+        ),
+        Param("wait_for_subscribers", 1, "Subscribers needed for sample 0", low=0, high=100),
+        PRIORITY,
+        Param("publish_truth", False, "Publish the true state on /gyrowheel/truth"),
+    )
+
+    def configure(self) -> None:
+        """Build the plant, its guard and its topics."""
+        self._bench = bench = Bench.load(self.parameter("bench"))
+        self._realtime = self.parameter("clock") == "realtime"
+        file = self.parameter("scenario_file")
+        scenario = Scenario.load(file, bench) if file else Scenario.nominal()
+        self._plant = Plant(bench, scenario, initial_spin_rate=self.parameter("initial_spin_rate"))
+        # Compiled code is loaded at its first call, which takes seconds: now rather than in the loop.
+        trial = Plant(bench, scenario, initial_spin_rate=0.0)
+        trial.measure()
+        trial.step(0.0, 0.0, 0.0)
+        if self.parameter("environment"):
+            self._plant.schedule(from_json(self.parameter("environment")))
+        self._period_ns = round(bench.sample_period * 1e9)
+        values = {param.name: self.parameter(param.name) for param in self.PARAMETERS if param.live}
+        self._guard = Guard(self._limits(values), motor_voltage=float(self._plant.machine.held[2]))
+
+        self._ignored = self._late_environments = 0
+        self._first: Timer | None = None  # runs until sample 0 is published
+        self._ticks: Timer | None = None  # real time: makes the samples that are due
+        self._pacer: Pacer | None = None
+        self._epoch = 0  # stamp of sample 0 [ns]
+        self._clock_offset = 0.0  # of the system clock to the stamps [s]
+        self._active = False
+        self._waiting: bytes | None = None  # command that came while the node was inactive
+        self._due = self._clock_due = self._joints_due = 0  # times at which the slow topics are due [ns]
+        self._reading: list[float] = [0.0] * len(wire.MEASUREMENT.fields)
+
+        self._measurements = self.publisher(topics.MEASUREMENT)
+        # In real time there is none: time is that of the computer.
+        self._clock_publisher = None if self._realtime else self.publisher(topics.CLOCK)
+        self._joints = self.publisher(topics.JOINT_STATES)
+        self._truth = self.publisher(topics.TRUTH) if self.parameter("publish_truth") else None
+        self._description = self.publisher(topics.BENCH)
+        self._description.publish(String(data=bench.describe()))
+        self._environment = self.subscription(topics.ENVIRONMENT, self._on_environment)
+        self._commands = self.subscription(
+            topics.COMMAND, self._on_command_realtime if self._realtime else self._on_command, raw=True
+        )
+
+    def activate(self) -> None:
+        """Publish sample 0 as soon as all are there who must not miss it, or go on where the node was deactivated."""
+        self.prioritise()
+        self._guard.start()
+        self._active = True
+        self._untouched = self._plant.sequence == 0
+        if self._untouched:
+            self._first = self.wall_timer(0.02, self._publish_first)
+        if self._realtime:
+            if not self._untouched:
+                self._start_pacing()
+            return
+        self._watched = (self._plant.sequence, time.monotonic())
+        self._watch = self.wall_timer(self.parameter("command_timeout") / 20.0, self._check_silence)
+        if not self._untouched and self._waiting is not None:
+            self._on_command(self._waiting)
+
+    def deactivate(self) -> None:
+        """Stop stepping, with no voltage on coils and motor."""
+        self._active = False
+        self._guard.stop()
+        if self._ticks is not None:
+            self.destroy_timer(self._ticks)
+            self._ticks = None
+        if not self._realtime:
+            self.destroy_timer(self._watch)
+        self._stop_waiting()
+        self.deliver(self._measurements)
+
+    def cleanup(self) -> None:
+        """Give up the plant and its topics."""
+        for subscription in (self._environment, self._commands):
+            self.destroy_subscription(subscription)
+        for publisher in (
+            self._measurements,
+            self._clock_publisher,
+            self._joints,
+            self._truth,
+            self._description,
+        ):
+            if publisher is not None:
+                self.destroy_publisher(publisher)
+
+    def check_tuning(self, values: Mapping[str, Any]) -> None:
+        """Refuse limits beyond those of the bench."""
+        self._limits(values)
+
+    def tune(self) -> None:
+        """Take over the limits."""
+        values = {param.name: self.parameter(param.name) for param in self.PARAMETERS if param.live}
+        self._guard.limits = self._limits(values)
+
+    def diagnose(self) -> Diagnosis:
+        """Return the state of the guard, counts and time."""
+        guard = self._guard
+        share = guard.held_share
+        state = guard.report()
+        outputs = "off" if guard.off else "driven" if guard.trip is None else "spinning down"
+        values: dict[str, object] = {
+            "clock": self.parameter("clock"),
+            "guard": state,
+            "outputs": outputs,
+            "samples": self._plant.sequence + (self._first is None),
+            "simulated_time": f"{self._plant.time_ns * 1e-9:.4f}",
+            "spin_rate_rpm": f"{self._reading[3] / RPM:.0f}",
+            "tilt_deg": f"{math.degrees(math.hypot(*self._reading[:2])):.3f}",
+            "tilt_stop_deg": f"{math.degrees(guard.limits.tilt_stop):g}",
+            "commands": guard.taken + guard.refused[Refusal.OUT_OF_RANGE],
+            "saturated_commands": guard.limited,
+            "ignored_commands": self._ignored,
+            "late_environments": self._late_environments,
+        }
+        values |= {f"refused_{why}": count for why, count in guard.refused.items()}
+        if self._realtime:
+            values |= self._pace()
+        if self._first is not None and (missing := self._missing()):
+            return Diagnosis(f"waiting for {' and '.join(missing)}", values)
+        if guard.trip is not None:
+            return Diagnosis(
+                f"{guard.trip}: {guard.reason}; coils off, motor {outputs}", values, DiagnosticStatus.ERROR
+            )
+        if state in (GuardState.WAITING, GuardState.STOPPED):
+            return Diagnosis(_MESSAGES[state], values)
+        if state is GuardState.HOLDING:
+            text = f"holding: {share:.1%} of the samples had no new command, the last one went on acting"
+            return Diagnosis(
+                text, values, DiagnosticStatus.WARN if share > HELD_SHARE else DiagnosticStatus.OK
+            )
+        if state is not GuardState.NORMAL:
+            return Diagnosis(_MESSAGES[state], values, DiagnosticStatus.WARN)
+        if abs(self._clock_offset) > CLOCK_JUMP:
+            return Diagnosis(
+                f"clock_jump: the clock of the computer is {self._clock_offset:+.1f} s from the stamps",
+                values,
+                DiagnosticStatus.WARN,
+            )
+        if self._ignored or self._late_environments:
+            return Diagnosis("running; some input came late or twice", values, DiagnosticStatus.WARN)
+        return Diagnosis("running", values)
+
+    def _limits(self, values: Mapping[str, Any]) -> GuardLimits:
+        """Return the limits of the guard; InputError where one is beyond that of the bench."""
+        v, period = self._bench.value, self._bench.sample_period
+
+        def limit(name: str, of_bench: str) -> float:
+            given, largest = float(values[name]), v(of_bench)
+            if given > largest * (1.0 + 1e-9):
+                raise InputError(
+                    f"parameter {name}: {given:g} is beyond the bench; allowed: up to {largest:.6g}"
+                )
+            return given or largest
+
+        return GuardLimits(
+            coil_voltage=limit("coil_voltage_limit", "coil_voltage_limit"),
+            motor_voltage=limit("motor_voltage_limit", "supply_voltage"),
+            tilt_stop=limit("tilt_stop", "tilt_limit"),
+            watchdog=max(round(values["watchdog"] / period), 1),
+            oldest=round(values["oldest_command"] / period),
+            spin_down=v("motor_constant") * values["spin_down_rate"] * period,
+        )
+
+    # ---- the first sample
+
+    def _publish_first(self) -> None:
+        if not self._missing():
+            self._stop_waiting()
+            if self._realtime:
+                self._start_pacing()
+            self._publish_sample(self._plant.measure())
+
+    def _missing(self) -> list[str]:
+        """Return what has to be there before sample 0, and is not."""
+        missing = []
+        have, need = self._measurements.get_subscription_count(), self.parameter("wait_for_subscribers")
+        if have < need:
+            missing.append(f"subscribers: {have} of {need}")
+        # Two ends of a line do not know of each other at the same moment: a command from one that this node does not
+        # know yet would be lost, and in lock-step nothing goes on without it.
+        if not self._realtime and not self._commands.get_publisher_count():
+            missing.append("a publisher of commands")
+        return missing
+
+    def _stop_waiting(self) -> None:
+        if self._first is not None:
+            self.destroy_timer(self._first)
+            self._first = None
+
+    # ---- lock-step
+
+    def _on_command(self, raw: bytes) -> None:
+        if not self._active:
+            self._waiting = raw
+            return
+        if self._first is not None:  # nobody has seen a sample that it could answer
+            self._ignored += 1
+            return
+        sequence, guard = self._plant.sequence, self._guard
+        try:
+            _, answered, voltage_x, voltage_y, motor_voltage = wire.COMMAND.unpack(raw)
+        except ValueError as error:
+            self.fault("command_malformed", f"after sample {sequence}: {error}")
+            return
+        if answered != sequence:
+            self._ignored += 1
+            return
+        if guard.take(answered, sequence, voltage_x, voltage_y, motor_voltage) is Refusal.NOT_FINITE:
+            # nothing else would make the next step: the time of the bench stands still for good
+            self.fault(
+                "command_not_finite",
+                f"command for sample {sequence}: coil_voltage_x {voltage_x:g}, coil_voltage_y {voltage_y:g}, "
+                f"motor_voltage {motor_voltage:g} V; every voltage must be finite",
+            )
+            return
+        self._step()
+
+    def _check_silence(self) -> None:
+        sequence, since = self._watched
+        now = time.monotonic()
+        if sequence != self._plant.sequence or sequence == 0:
+            self._watched = (self._plant.sequence, now)
+        elif now - since > self.parameter("command_timeout"):
+            self.fault(
+                "controller_silent",
+                f"no command for {self.parameter('command_timeout'):g} s after sample {self._plant.sequence}",
+            )
+
+    # ---- real time
+
+    def _start_pacing(self) -> None:
+        """Go on at the pace of the clock from the present sample on."""
+        now = time.time_ns()
+        now -= now % CLOCK_PERIOD_NS
+        self._epoch = now - self._plant.time_ns
+        self._pacer = Pacer(self._period_ns, time.monotonic_ns())
+        self._ticks = self.wall_timer(self._period_ns * 1e-9, self._tick)
+
+    def _tick(self) -> None:
+        if not self._active or self._pacer is None:
+            return
+        for _ in range(self._pacer.due(time.monotonic_ns())):
+            self._step()
+
+    def _on_command_realtime(self, raw: bytes) -> None:
+        if not self._active:
+            return
+        guard = self._guard
+        try:
+            _, answered, voltage_x, voltage_y, motor_voltage = wire.COMMAND.unpack(raw)
+        except ValueError as error:
+            if guard.refuse(Refusal.MALFORMED) and guard.refused[Refusal.MALFORMED] == 1:
+                self.get_logger().error(f"{error}; such commands are refused")
+            return
+        guard.take(answered, self._plant.sequence, voltage_x, voltage_y, motor_voltage)
+
+    def _pace(self) -> dict[str, object]:
+        """Return what the diagnosis says of the pace."""
+        guard, pacer = self._guard, self._pacer
+        values: dict[str, object] = {
+            "late_commands": guard.late,
+            "missing_commands": guard.missing,
+            "held_samples": guard.held,
+        }
+        if pacer is not None:
+            stamp = self._epoch + self._plant.time_ns + pacer.behind_ns
+            self._clock_offset = (time.time_ns() - stamp) * 1e-9
+            values |= {
+                "late_samples": pacer.late,
+                "worst_delay_ms": f"{pacer.worst_ns * 1e-6:.2f}",
+                "behind_s": f"{pacer.behind_ns * 1e-9:.4f}",
+                "clock_offset_s": f"{self._clock_offset:.3f}",
+            }
+        return values
+
+    # ---- both
+
+    def _step(self) -> None:
+        """Go on by one sample."""
+        guard = self._guard
+        tripped = guard.trip
+        reading = self._plant.step(*guard.output())
+        self._publish_sample(reading)
+        if guard.trip is not tripped:
+            self.get_logger().error(f"{guard.trip}: {guard.reason}; coils off, the motor is brought down")
+            self.announce()
+
+    def _publish_sample(self, reading: NDArray[np.float64]) -> None:
+        sequence = self._plant.sequence
+        now = sequence * self._period_ns
+        self._reading = values = reading.tolist()
+        self._guard.observe(values[0], values[1])
+        self._measurements.publish(wire.MEASUREMENT.pack(self._epoch + now, sequence, *values))
+        if now >= self._due:
+            self._publish_slow(now, values)
+
+    def _publish_slow(self, now: int, values: list[float]) -> None:
+        if now >= self._clock_due:
+            self._clock_due += CLOCK_PERIOD_NS
+            if self._clock_publisher is not None:
+                self._clock_publisher.publish(wire.CLOCK.pack(now))
+            if self._truth is not None:
+                truth = {"time": (self._epoch + now) * 1e-9, **self._plant.truth()}
+                self._truth.publish(String(data=json.dumps(truth)))
+        if now >= self._joints_due:
+            self._joints_due += JOINT_STATE_PERIOD_NS
+            message = JointState(name=JOINTS, position=values[:3])
+            message.header.stamp = Time(nanoseconds=self._epoch + now).to_msg()
+            self._joints.publish(message)
+        self._due = min(self._clock_due, self._joints_due)
+
+    def _on_environment(self, message: String) -> None:
+        try:
+            events = from_json(message.data)
+        except InputError as error:
+            self.get_logger().error(f"{topics.ENVIRONMENT.name}: {error}; the message is ignored")
+            return
+        period = self._period_ns * 1e-9
+        if self._realtime:  # the plant counts from sample 0
+            events = [
+                replace(event, time=max(event.time - self._epoch * 1e-9, 0.0) if event.time else 0.0)
+                for event in events
+            ]
+        late = [event for event in events if round(event.time / period) < self._plant.sequence]
+        if late and not self._realtime:
+            self._late_environments += len(late)
+            self.get_logger().warning(
+                f"an environment for {late[0].time:g} s came at {self._plant.time_ns * 1e-9:g} s"
+            )
+        self._plant.schedule(events)
+
+
+def main() -> int:
+    """Run the node."""
+    return run_node(PlantNode)

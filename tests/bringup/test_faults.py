@@ -1,0 +1,427 @@
+"""Faults injected into the running graph: each has a name, leaves a readable recording, and nothing else behind."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+
+from gyrowheel_analysis.recording import Recording, info
+from gyrowheel_bringup.graph import EXECUTABLES, Graph, GraphError, Progress
+from gyrowheel_control.loops.closed_loop import simulate
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core import topics, wire
+from gyrowheel_core.topics import Topic
+from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.plant.scenario import Scenario
+
+from .helpers import LONG_PLAN, SHORT_PLAN, Bystander, NodeProcess, alive, next_domain, wait_for
+
+# ruff: noqa: PT012  (the graph is a context manager, and the error comes from within)
+pytestmark = [pytest.mark.graph, pytest.mark.timeout(300)]
+
+SHARED = Path("/dev/shm")
+FAULTY = Topic("/faulty/command", topics.COMMAND.type_name, topics.COMMAND.depth, layout=wire.COMMAND)
+#: The recorder does not hear what the controller says to the relay.
+ALONE: dict[str, dict[str, object]] = {"controller": {"wait_for_subscribers": 1}}
+#: A loaded computer keeps a process waiting for longer than a real bench allows: the loop must stand the delay.
+PATIENT: dict[str, dict[str, object]] = {
+    "plant": {"watchdog": 5.0, "oldest_command": 5.0},
+    "controller": {"nutation_damping": 0.0, "tilt_bandwidth": 1.0, "tilt_integral": 0.5}
+    | ALONE["controller"],
+}
+BRIEF = """\
+schema: 1
+name: brief
+hold_s: 0.4
+segments:
+  - {label: level, spin_rpm: 2000, tilt_deg: [0, 0]}
+  - {label: tilted, tilt_deg: [1.0, 0.5], hold_s: 1.0}
+"""
+
+
+def segments_of(pids: set[int]) -> set[str]:
+    """Return the shared memory of the middleware that processes use."""
+    found = set()
+    for pid in pids:
+        lines = Path(f"/proc/{pid}/maps").read_text().splitlines()
+        found |= {line.rpartition("/")[2] for line in lines if "/dev/shm/fast" in line}
+    return found
+
+
+class Watched:
+    """Runs graphs and remembers what processes and shared memory they had."""
+
+    def __init__(self) -> None:
+        self.pids: set[int] = set()
+        self.segments: set[str] = set()
+
+    def note(self, pids: set[int]) -> None:
+        self.pids |= pids
+        self.segments |= segments_of({pid for pid in pids if alive(pid)} | {os.getpid()})
+
+    def check(self) -> None:
+        """Nothing is left of them."""
+        assert not any(alive(pid) for pid in self.pids)
+        # a port of a number that another graph on this computer uses now is not ours any more
+        gone = self.segments - segments_of({os.getpid()})
+        left = {name for name in gone if (SHARED / name).exists() and "_port" not in name}
+        assert not left
+
+
+@pytest.fixture
+def watched() -> Iterator[Watched]:
+    result = Watched()
+    yield result
+    result.check()
+
+
+def diagnoses(directory: Path, name: str) -> list[dict[str, str]]:
+    """Return what a node said on /diagnostics, as recorded."""
+    found = []
+    with AnyReader([directory]) as reader:
+        for connection, _, raw in reader.messages(
+            [c for c in reader.connections if c.topic == topics.DIAGNOSTICS.name]
+        ):
+            for status in reader.deserialize(raw, connection.msgtype).status:  # type: ignore[attr-defined]
+                if status.name == name:
+                    found.append({"message": status.message} | {v.key: v.value for v in status.values})
+    return found
+
+
+@pytest.mark.parametrize("node", ["controller", "plant"])
+def test_a_killed_node_is_named(node: str, tmp_path: Path, watched: Watched):
+    directory = tmp_path / "recording"
+    with (
+        pytest.raises(GraphError) as caught,
+        Graph(LONG_PLAN, record=directory, domain_id=next_domain()) as graph,
+    ):
+
+        def kill(progress: Progress) -> None:
+            if progress.elapsed >= 1.0 and not watched.pids:
+                watched.note(set(graph.pids.values()))
+                os.kill(graph.pids[node], signal.SIGKILL)
+
+        graph.run(progress=kill)
+    assert (caught.value.fault, caught.value.node) == ("node_died", node)
+    assert str(caught.value) == f"{node}: killed by SIGKILL"
+    assert info(directory).integrity.missing == 0
+
+
+def test_in_real_time_the_motor_is_brought_down_when_the_controller_dies(tmp_path: Path, watched: Watched):
+    directory = tmp_path / "recording"
+    parameters: dict[str, dict[str, object]] = {"plant": {"watchdog": 1.0, "spin_down_rate": 400.0}}
+    with (
+        pytest.raises(GraphError) as caught,
+        Graph(
+            BRIEF.replace("1.0}", "60.0}"),
+            record=directory,
+            realtime=True,
+            parameters=parameters,
+            domain_id=next_domain(),
+        ) as graph,
+    ):
+
+        def kill(progress: Progress) -> None:
+            if progress.elapsed >= 3.0 and not watched.pids:  # by then the loop is closed on any computer
+                watched.note(set(graph.pids.values()))
+                os.kill(graph.pids["controller"], signal.SIGKILL)
+
+        graph.run(progress=kill)
+    assert (caught.value.fault, caught.value.node) == ("node_died", "controller")
+    recording = Recording.open(directory)
+    assert recording.integrity().missing == 0
+    said = diagnoses(directory, "plant")
+    assert said[-1]["state"] == "inactive"
+    lost = [entry for entry in said if entry.get("guard") == "controller_lost"]
+    assert lost[0]["message"].startswith("controller_lost: no valid command for 2000 samples; coils off")
+    assert lost[-1]["outputs"] == "off"
+    # what the recording shows of it
+    assert abs(recording.measurement["coil_voltage_x"][-100:].mean()) < 0.1
+    assert abs(recording.measurement["motor_voltage"][-100:].mean()) < 0.1
+    assert recording.measurement["spin_rate"][-1] < 0.9 * recording.measurement["spin_rate"][0]
+
+
+class Relay:
+    """Stands between controller and plant and passes the commands on as a test wants.
+
+    Parameters
+    ----------
+    domain : int
+        ROS domain.
+    change : callable
+        Given the number and the bytes of a command, returns the commands to send instead.
+    """
+
+    REMAP: ClassVar[dict[str, dict[str, str]]] = {"controller": {topics.COMMAND.name: FAULTY.name}}
+
+    def __init__(self, domain: int, change: Callable[[int, bytes], list[bytes]]) -> None:
+        self._bystander = Bystander(domain)
+        self._output = self._bystander.publisher(topics.COMMAND)
+        self._change = change
+        self._count = 0
+        self._bystander.listen(FAULTY, self._pass, raw=True)
+        self._running = True
+        self._thread = threading.Thread(target=self._spin)
+        self._thread.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._running = False
+        self._thread.join()
+        self._bystander.close()
+
+    def _spin(self) -> None:
+        while self._running:
+            self._bystander.executor.spin_once(timeout_sec=0.05)
+
+    def _pass(self, raw: bytes) -> None:
+        # like the controller itself: what is said before the plant listens is lost, and the plant waits for ever
+        while self._running and not self._output.get_subscription_count():
+            time.sleep(0.005)
+        self._count += 1
+        for command in self._change(self._count, raw):
+            self._output.publish(command)
+
+
+def with_voltages(raw: bytes, *voltages: float) -> bytes:
+    stamp, sequence, *_ = wire.COMMAND.unpack(raw)
+    return wire.COMMAND.pack(stamp, sequence, *voltages)
+
+
+class BadLine:
+    """Drops, repeats, exchanges and spoils commands, each kind one in a hundred."""
+
+    def __init__(self) -> None:
+        self._old = self._kept = b""
+        self.dropped = self.stale = self.spoilt = self.nonsense = 0
+
+    def __call__(self, count: int, raw: bytes) -> list[bytes]:
+        self._old = self._old or raw
+        if self._kept:  # the one before, after this one
+            kept, self._kept = self._kept, b""
+            self.stale += 1
+            return [raw, kept]
+        match count % 100:
+            case 10:
+                self.dropped += 1
+                return []
+            case 30:
+                self.stale += 1
+                return [raw, self._old]
+            case 50:
+                self._kept = raw
+                return []
+            case 70:
+                self.spoilt += 1
+                return [with_voltages(raw, 0.0, math.nan, 5.0)]
+            case 90:
+                self.nonsense += 1
+                return [with_voltages(raw, 0.0, -1e6, 5.0)]
+            case _:
+                return [raw]
+
+
+def test_in_real_time_a_bad_line_is_counted_and_the_last_command_acts(tmp_path: Path, watched: Watched):
+    domain, directory, line = next_domain(), tmp_path / "recording", BadLine()
+    with (
+        Relay(domain, line),
+        Graph(
+            BRIEF,
+            record=directory,
+            realtime=True,
+            remap=Relay.REMAP,
+            parameters=PATIENT,
+            domain_id=domain,
+        ) as graph,
+    ):
+        watched.note(set(graph.pids.values()))
+        result = graph.run()
+    assert result.samples >= round(result.simulated_seconds / 0.0005)
+    said = [entry for entry in diagnoses(directory, "plant") if "guard" in entry][-1]
+    # on a loaded computer many of the last ones come after the last word of the plant; test_guard.py counts exactly
+    for name, sent in (
+        ("refused_stale", line.stale),
+        ("refused_not_finite", line.spoilt),
+        ("refused_out_of_range", line.nonsense),
+    ):
+        assert sent > 10
+        assert 5 <= int(said[name]) <= sent
+    # of two that are exchanged the first is passed over
+    assert 5 <= int(said["missing_commands"]) <= line.dropped + line.stale
+    assert result.pace["held_samples"] >= 5
+    assert said["guard"] in ("holding", "command_refused")
+    assert Recording.open(directory).integrity().missing == 0
+
+
+def fails(
+    change: Callable[[int, bytes], list[bytes]], tmp_path: Path, watched: Watched, **plant: object
+) -> GraphError:
+    """Run a plan in lock-step over a line with a fault that ends it; return the error."""
+    domain, directory = next_domain(), tmp_path / "recording"
+    with (
+        Relay(domain, change),
+        pytest.raises(GraphError) as caught,
+        Graph(
+            LONG_PLAN,
+            record=directory,
+            remap=Relay.REMAP,
+            without=["drag_estimator"],
+            domain_id=domain,
+            parameters={"plant": plant} | ALONE,
+        ) as graph,
+    ):
+        watched.note(set(graph.pids.values()))
+        graph.run()
+    assert info(directory).integrity.missing == 0
+    return caught.value
+
+
+def test_a_command_that_is_not_finite_ends_lock_step(tmp_path: Path, watched: Watched):
+    error = fails(
+        lambda count, raw: [with_voltages(raw, math.nan, 0.0, 5.0) if count == 1500 else raw],
+        tmp_path,
+        watched,
+    )
+    assert (error.fault, error.node) == ("command_not_finite", "plant")
+    assert "command for sample 1499" in str(error)
+
+
+def test_a_command_that_does_not_come_ends_lock_step(tmp_path: Path, watched: Watched):
+    error = fails(
+        lambda count, raw: [] if count == 1500 else [raw],
+        tmp_path,
+        watched,
+        command_timeout=1.0,
+    )
+    assert (error.fault, error.node) == ("controller_silent", "plant"), error
+
+
+def test_a_runaway_tilt_trips_the_hard_stop(tmp_path: Path, watched: Watched):
+    def push(count: int, raw: bytes) -> list[bytes]:
+        return [with_voltages(raw, 0.0, 9.0, 6.0) if count > 1500 else raw]
+
+    error = fails(push, tmp_path, watched)
+    assert (error.fault, error.node) == ("tilt_stop", "plant"), error
+    assert "hard stop at 5.00 deg; coils off" in str(error)
+    measurement = Recording.open(tmp_path / "recording").measurement
+    tilt = np.degrees(np.hypot(measurement["tilt_x"], measurement["tilt_y"]))
+    assert tilt.max() > 5.0
+    assert any(entry.get("guard") == "tilt_stop" for entry in diagnoses(tmp_path / "recording", "plant"))
+
+
+def test_a_jump_of_the_clock_ends_the_plan(tmp_path: Path, watched: Watched):
+    domain, directory = next_domain(), tmp_path / "recording"
+    bystander = Bystander(domain)
+    clock = bystander.publisher(topics.CLOCK)
+    try:
+        with (
+            pytest.raises(GraphError) as caught,
+            Graph(LONG_PLAN, record=directory, domain_id=domain, without=["drag_estimator"]) as graph,
+        ):
+
+            def jump(progress: Progress) -> None:
+                if progress.elapsed >= 1.0:
+                    watched.note(set(graph.pids.values()))
+                    clock.publish(wire.CLOCK.pack(round((progress.elapsed + 100.0) * 1e9)))
+
+            graph.run(progress=jump)
+    finally:
+        bystander.close()
+    assert (caught.value.fault, caught.value.node) == ("clock_jump", "conductor")
+    assert info(directory).integrity.missing == 0
+
+
+def test_an_estimator_that_starts_late_joins(
+    domain: int,
+    bystander: Bystander,
+    start_node: Callable[..., NodeProcess],
+    tmp_path: Path,
+    watched: Watched,
+):
+    directory = tmp_path / "recording"
+    options: dict[str, Any] = {"without": ["drag_estimator"], "hold_after_plan": True}
+    with Graph(BRIEF, record=directory, domain_id=domain, **options) as graph:
+        graph.run()
+        estimator = start_node("drag_estimator")
+        bystander.spin_until(lambda: int(bystander.values("drag_estimator").get("samples", 0)) > 0, 60.0)
+        watched.note({*graph.pids.values(), estimator.process.pid})
+        graph.run(BRIEF)
+        assert estimator.interrupt() == 0
+    assert "joined late, at sample" in bystander.diagnoses["drag_estimator"].message or any(
+        "joined late, at sample" in entry["message"] for entry in diagnoses(directory, "drag_estimator")
+    )
+    assert set(Recording.open(directory).drag_estimate["segment"]) >= {1}
+
+
+def test_two_graphs_on_two_domains_do_not_meet(tmp_path: Path, watched: Watched):
+    errors: list[BaseException] = []
+
+    def run(number: int) -> None:
+        try:
+            scenario = Scenario.nominal(noise_seed=number)
+            with Graph(
+                SHORT_PLAN, scenario=scenario, record=tmp_path / f"{number}", domain_id=domains[number]
+            ) as graph:
+                watched.note(set(graph.pids.values()))
+                graph.run()
+        except BaseException as error:
+            errors.append(error)
+
+    domains = [next_domain(), next_domain()]
+    threads = [threading.Thread(target=run, args=(number,)) for number in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not errors
+    plan = Plan.load(SHORT_PLAN)
+    for number in range(2):
+        expected = simulate(Bench.load(), Scenario.nominal(noise_seed=number), plan)
+        readings = Recording.open(tmp_path / f"{number}").readings
+        assert np.array_equal(readings[: len(expected.measurement)], expected.measurement)
+
+
+def test_ctrl_c_twice_leaves_a_complete_recording(tmp_path: Path, watched: Watched):
+    directory, plan = tmp_path / "recording", tmp_path / "plan.yaml"
+    plan.write_text(LONG_PLAN, encoding="utf-8")
+    command = [sys.executable, "-c", "from gyrowheel.cli import main; main()", "up"]
+    with subprocess.Popen(
+        [*command, "--plan", str(plan), "--record", str(directory)],
+        env=os.environ | {"ROS_DOMAIN_ID": str(next_domain())},
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as process:
+        assert process.stderr is not None
+        lines = iter(process.stderr.readline, "")
+        pids = next(line for line in lines if line.startswith("plant ")).split()[1::2]
+        assert len(pids) == len(EXECUTABLES)
+        wait_for(
+            lambda: (
+                any(directory.rglob("*.mcap"))
+                and max(f.stat().st_size for f in directory.rglob("*.mcap")) > 10**6
+            ),
+            40.0,
+        )
+        watched.note({process.pid, *map(int, pids)})
+        for _ in range(2):
+            os.killpg(process.pid, signal.SIGINT)
+        rest = process.stderr.read()
+        assert process.wait(60.0) == 130
+    assert rest.strip().endswith("interrupted")
+    assert "Traceback" not in rest
+    assert info(directory).integrity.missing == 0

@@ -1,0 +1,205 @@
+"""The whole graph: five processes that run a plan together."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+from gyrowheel_analysis.recording import Integrity, Recording, info
+from gyrowheel_bringup.graph import EXECUTABLES, Graph, GraphError, GraphResult, Progress, find_executable
+from gyrowheel_control.loops.closed_loop import simulate
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core import wire
+from gyrowheel_core.errors import InputError
+from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.effects import registry
+from gyrowheel_sim.plant.scenario import Scenario
+
+from .helpers import LONG_PLAN, SHORT_PLAN, alive, next_domain, wait_for
+
+pytestmark = [pytest.mark.graph, pytest.mark.timeout(90)]
+
+
+def everything() -> Scenario:
+    """Return a machine with every effect at its usual size."""
+    effects = {name: {c.name: c.usual[0] for c in effect.coefficients} for name, effect in registry().items()}
+    return Scenario.nominal(effects, noise_seed=5)
+
+
+class Session(NamedTuple):
+    result: GraphResult
+    progress: list[Progress]
+    recording: Recording
+    plan: Plan
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Session:
+    """One run of the short plan, recorded."""
+    directory = tmp_path_factory.mktemp("graph") / "recording"
+    plan = Plan.load(SHORT_PLAN)
+    progress: list[Progress] = []
+    with Graph(plan, scenario=everything(), record=directory, domain_id=next_domain()) as graph:
+        assert all(alive(pid) for pid in graph.pids.values())
+        result = graph.run(progress=progress.append)
+    return Session(result, progress, Recording.open(directory), plan)
+
+
+def test_five_processes_run_the_plan_and_end(session: Session):
+    result = session.result
+    assert set(result.pids) == set(EXECUTABLES)
+    assert len({os.getpid(), *result.pids.values()}) == 6
+    assert not any(alive(pid) for pid in result.pids.values())
+    assert result.segments == len(session.plan.segments)
+    assert result.simulated_seconds == pytest.approx(session.plan.duration)
+    assert {p.label for p in session.progress} == {"level", "tilted", "faster", "cone"}
+    assert [p.elapsed for p in session.progress] == sorted(p.elapsed for p in session.progress)
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="no control of the cores")
+def test_the_nodes_of_the_loop_share_a_core_and_leave_the_others_alone():
+    allowed = os.sched_getaffinity(0)
+    with Graph(domain_id=next_domain(), without=("conductor", "recorder")) as graph:
+        cores = {name: os.sched_getaffinity(pid) for name, pid in graph.pids.items()}
+    if len(allowed) == 1:
+        assert set(map(frozenset, cores.values())) == {frozenset(allowed)}
+        return
+    assert cores["plant"] == cores["controller"]
+    assert len(cores["plant"]) == 1
+    assert cores["drag_estimator"] == allowed - cores["plant"]
+    assert os.sched_getaffinity(0) == allowed
+
+
+def test_every_sample_is_recorded_once_and_answered(session: Session):
+    n = session.result.samples
+    assert n == round(session.plan.duration / 0.0005) + 1
+    measurement, command = session.recording.measurement, session.recording.command
+    assert session.recording.integrity() == Integrity(samples=n)
+    assert np.array_equal(measurement["sequence"], np.arange(n))
+    assert np.array_equal(measurement["stamp_ns"], np.arange(n) * 500_000)
+    # the plant waits for the answer to the last one, which no setpoint covers
+    assert np.array_equal(command["measurement_sequence"], np.arange(n - 1))
+    assert np.array_equal(session.recording.setpoint["stamp_ns"], session.plan.setpoints()["stamp_ns"])
+
+
+def test_graph_gives_the_samples_of_the_simulation_bit_for_bit(session: Session):
+    run = simulate(Bench.load(), everything(), session.plan)
+    n = len(run.measurement)
+    command = np.stack([session.recording.command[name] for name in wire.COMMAND.fields], axis=1)
+    assert np.array_equal(session.recording.readings[:n], run.measurement)
+    assert np.array_equal(command[:n], run.command)
+
+
+def test_steady_holds_are_estimated(session: Session):
+    estimates = session.recording.drag_estimate
+    settled = estimates[estimates["settled"]]
+    assert settled["segment"].tolist() == [1]  # the other holds are too short
+    assert settled["tilt_x"] == pytest.approx(np.radians(1.0), abs=1e-3)
+    assert np.isfinite(settled["simulated_torque"]).all()
+
+
+def test_a_killed_controller_is_named_and_the_recording_kept(tmp_path: Path):
+    directory = tmp_path / "recording"
+
+    def kill(progress: Progress) -> None:
+        if progress.elapsed >= 1.0:
+            os.kill(graph.pids["controller"], signal.SIGKILL)
+
+    options: dict[str, Any] = {"domain_id": next_domain(), "without": ["drag_estimator"]}
+    with pytest.raises(GraphError) as caught, Graph(LONG_PLAN, record=directory, **options) as graph:
+        graph.run(progress=kill)
+    assert (caught.value.fault, caught.value.node) == ("node_died", "controller")
+    assert str(caught.value) == "controller: killed by SIGKILL"
+    assert not any(alive(pid) for pid in graph.pids.values())
+    assert info(directory).integrity.missing == 0
+
+
+StartGraph = Callable[[str], tuple[subprocess.Popen[str], list[int]]]
+
+
+@pytest.fixture
+def start_graph(tmp_path: Path) -> Iterator[StartGraph]:
+    """Return a function that runs code which starts a graph and prints the process ids of its nodes."""
+    started: list[subprocess.Popen[str]] = []
+
+    def start(code: str) -> tuple[subprocess.Popen[str], list[int]]:
+        with (tmp_path / "log").open("wb") as errors:
+            starter = subprocess.Popen(
+                [sys.executable, "-c", f"from gyrowheel_bringup.graph import Graph\n{code}"],
+                stdout=subprocess.PIPE,
+                stderr=errors,
+                text=True,
+                start_new_session=True,
+            )
+        started.append(starter)
+        assert starter.stdout is not None
+        pids = [int(text) for text in starter.stdout.readline().split()]
+        assert pids, (tmp_path / "log").read_text()
+        assert all(alive(pid) for pid in pids)
+        return starter, pids
+
+    yield start
+    for starter in started:
+        starter.kill()
+        starter.wait()
+
+
+def test_ctrl_c_twice_leaves_nothing_behind(tmp_path: Path, start_graph: StartGraph):
+    code = f"""if True:
+        with Graph({LONG_PLAN!r}, domain_id={next_domain()}, without=["drag_estimator", "recorder"]) as graph:
+            graph.run(progress=lambda p: print(*graph.pids.values(), flush=True))
+    """
+    starter, pids = start_graph(code)
+    starter.send_signal(signal.SIGINT)
+    wait_for(lambda: not all(alive(pid) for pid in pids), 10.0)
+    starter.send_signal(signal.SIGINT)
+    assert starter.wait(20.0) != 0
+    assert not any(alive(pid) for pid in pids)
+    assert (tmp_path / "log").read_text().strip().endswith("KeyboardInterrupt")
+
+
+def test_a_used_domain_is_refused_and_nodes_end_after_a_killed_starter(domain: int, start_graph: StartGraph):
+    without = sorted(set(EXECUTABLES) - {"conductor"})
+    code = f"""if True:
+        with Graph(domain_id={domain}, without={without}) as graph:
+            print(*graph.pids.values(), flush=True)
+            graph.wait()
+    """
+    starter, pids = start_graph(code)
+    with pytest.raises(GraphError, match="the ROS domain has another node"):
+        Graph(domain_id=domain, without=without).__enter__()
+    assert all(alive(pid) for pid in pids)
+    starter.kill()
+    starter.wait()
+    wait_for(lambda: not any(alive(pid) for pid in pids), 10.0)
+
+
+def test_bad_input_is_refused_before_anything_starts(tmp_path: Path):
+    with pytest.raises(InputError, match=r"tilt 80\.00 deg is beyond the bench"):
+        Graph(SHORT_PLAN.replace("[1.0, 0.5]", "[80.0, 0.5]"))
+    with pytest.raises(InputError, match="exists already"):
+        Graph(record=tmp_path)
+    with pytest.raises(InputError, match="no such node"):
+        Graph(without=["camera"])
+
+
+def test_a_bad_parameter_is_told_by_the_node(tmp_path: Path):
+    options: dict[str, Any] = {"without": set(EXECUTABLES) - {"conductor"}, "domain_id": next_domain()}
+    with pytest.raises(InputError, match=r"parameter lead: 99\.0 is not allowed"):
+        Graph(parameters={"conductor": {"lead": 99.0}}, **options).__enter__()
+
+
+def test_executables_are_found_or_explained():
+    assert os.access(find_executable("gyrowheel_sim", "plant_node"), os.X_OK)
+    with pytest.raises(InputError, match="no executable 'plan'; it has: plant_node"):
+        find_executable("gyrowheel_sim", "plan")
+    with pytest.raises(InputError, match="package 'nowhere' is not installed"):
+        find_executable("nowhere", "plant_node")

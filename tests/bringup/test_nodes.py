@@ -1,0 +1,369 @@
+"""Each node alone, as a process: its parameters, its faults, its part of the protocol."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from gyrowheel_msgs.action import RunPlan
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from rcl_interfaces.srv import SetParameters
+from rclpy.action import ActionClient
+from rclpy.parameter import Parameter
+
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core import topics, wire
+from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.environment import from_json, to_json
+
+from .helpers import LONG_PLAN, SHORT_PLAN, Bystander, NodeProcess
+
+pytestmark = [pytest.mark.graph, pytest.mark.timeout(60)]
+
+Start = Callable[..., NodeProcess]
+LEAD_NS = 100_000_000
+
+
+def test_bad_parameters_end_a_node_with_one_line(start_node: Start):
+    nodes = {
+        "parameter lead: 99.0 is not allowed; allowed: a number 0.02 .. 10": start_node(
+            "conductor", lead=99.0
+        ),
+        "bench 'no/such.yaml'": start_node("conductor", bench="no/such.yaml"),
+        "no/such.json": start_node("plant", scenario_file="no/such.json"),
+    }
+    for line, node in nodes.items():
+        assert node.process.wait(30.0) == 2
+        assert line in node.output
+        assert node.output.count("\n") == 1
+        assert "Traceback" not in node.output
+
+
+def test_a_lifecycle_manager_can_run_a_node(bystander: Bystander, start_node: Start):
+    conductor = start_node("conductor", autostart="false")
+    calls = {
+        name: bystander.node.create_client(kind, f"/conductor/{name}")
+        for name, kind in (
+            ("get_state", GetState),
+            ("change_state", ChangeState),
+            ("set_parameters", SetParameters),
+        )
+    }
+
+    def call(name: str, request: Any) -> Any:
+        bystander.spin_until(calls[name].service_is_ready)
+        future = calls[name].call_async(request)
+        bystander.spin_until(future.done)
+        return future.result()
+
+    def change(label: str) -> bool:
+        return bool(call("change_state", ChangeState.Request(transition=Transition(label=label))).success)
+
+    def set_parameter(name: str, value: Any) -> Any:
+        parameter = Parameter(name, value=value).to_parameter_msg()
+        return call("set_parameters", SetParameters.Request(parameters=[parameter])).results[0]
+
+    def state() -> str:
+        return str(call("get_state", GetState.Request()).current_state.label)
+
+    assert state() == "unconfigured"
+    assert not set_parameter("lead", 99.0).successful
+    assert set_parameter("bench", "no/such.yaml").successful
+    assert not change("configure")  # said in the log; the node goes on
+    assert state() == "unconfigured"
+    assert set_parameter("bench", "gyrowheel").successful
+    assert change("configure")
+    assert change("activate")
+    assert state() == "active"
+    assert "fixed" in set_parameter("lead", 1.0).reason
+    for label in ("deactivate", "cleanup", "configure", "activate", "deactivate"):
+        assert change(label)
+    assert not change("deactivate")  # not from here
+    assert not change("no_such_transition")
+    assert state() == "inactive"
+    assert conductor.interrupt() == 0
+    assert "bench 'no/such.yaml'" in conductor.output
+    assert "Traceback" not in conductor.output
+
+
+def test_an_inactive_estimator_leaves_samples_out(bystander: Bystander, start_node: Start):
+    start_node("drag_estimator")
+    samples, setpoints = bystander.publisher(topics.MEASUREMENT), bystander.publisher(topics.SETPOINT)
+    change = bystander.node.create_client(ChangeState, "/drag_estimator/change_state")
+    period = 500_000
+
+    def send(first: int) -> None:
+        """Send two hundred samples, and the setpoint that comes after them; return when they have arrived."""
+        for number in range(first, first + 200):
+            samples.publish(wire.MEASUREMENT.pack(number * period, number, *[0.0] * 11))
+        setpoints.publish(wire.SETPOINT.pack((first + 200) * period, 0, 0, *[0.0] * 6))
+        assert samples.wait_for_all_acked()
+        assert setpoints.wait_for_all_acked()
+
+    def trigger(label: str) -> None:
+        answer = change.call_async(ChangeState.Request(transition=Transition(label=label)))
+        bystander.spin_until(answer.done)
+        assert answer.result().success
+
+    bystander.spin_until(lambda: bystander.values("drag_estimator").get("state") == "active", 60.0)
+    for ready in (samples.get_subscription_count, setpoints.get_subscription_count, change.service_is_ready):
+        bystander.spin_until(ready)
+    send(0)
+    bystander.spin_until(lambda: bystander.values("drag_estimator").get("samples") == "200")
+    trigger("deactivate")
+    send(200)
+    trigger("activate")
+    send(400)
+    bystander.spin_until(lambda: bystander.values("drag_estimator").get("first_sample") == "400")
+    bystander.spin_until(lambda: bystander.values("drag_estimator").get("samples") == "200")
+    assert bystander.values("drag_estimator")["missing_samples"] == "0"
+
+
+def test_gains_and_limits_change_while_a_node_works(bystander: Bystander, start_node: Start):
+    start_node("controller")
+    bystander.spin_until(lambda: bystander.values("controller").get("state") == "active")
+    client = bystander.node.create_client(SetParameters, "/controller/set_parameters")
+    bystander.spin_until(client.service_is_ready)
+
+    def set_parameter(name: str, value: Any) -> Any:
+        parameter = Parameter(name, value=value).to_parameter_msg()
+        future = client.call_async(SetParameters.Request(parameters=[parameter]))
+        bystander.spin_until(future.done)
+        return future.result().results[0]
+
+    assert bystander.values("controller")["tilt_limit_deg"] == "3"
+    assert set_parameter("tilt_bandwidth", 10.0).successful
+    assert "out of range Min: 0.0, Max: 60.0" in set_parameter("tilt_bandwidth", 1e3).reason
+    assert set_parameter("tilt_limit", math.radians(4.0)).successful
+    bystander.spin_until(lambda: bystander.values("controller").get("tilt_limit_deg") == "4")
+    refused = set_parameter("tilt_limit", math.radians(4.9))
+    assert refused.reason.endswith("too near to the hard stop at 5.00 deg; allowed: up to 4.75 deg")
+    assert "fixed" in set_parameter("bench", "dtg").reason
+
+
+def test_setpoints_are_limited_or_refused_and_a_deactivated_controller_lets_go(
+    bystander: Bystander, start_node: Start
+):
+    commands: list[tuple[Any, ...]] = []
+    controller = start_node("controller", wait_for_subscribers=1)
+    samples, setpoints = bystander.publisher(topics.MEASUREMENT), bystander.publisher(topics.SETPOINT)
+    bystander.listen(topics.COMMAND, lambda raw: commands.append(wire.COMMAND.unpack(raw)), raw=True)
+    bystander.spin_until(lambda: samples.get_subscription_count() and setpoints.get_subscription_count())
+    bystander.spin_until(lambda: bystander.said("controller") == "waiting for a sample")
+
+    def answer(sequence: int, tilt: float, *, reading: float = 0.0) -> None:
+        now = sequence * 500_000
+        setpoints.publish(wire.SETPOINT.pack(now, 0, 1, tilt, 0.0, 0.0, 0.0, 200.0, 0.0))
+        samples.publish(wire.MEASUREMENT.pack(now, sequence, reading, 0.0, 0.0, 200.0, *[0.0] * 7))
+
+    answer(0, 0.01)
+    bystander.spin_until(lambda: len(commands) == 1)
+    answer(10, math.radians(20.0))
+    bystander.spin_until(lambda: len(commands) == 2)
+    answer(20, 0.01, reading=math.nan)
+    bystander.spin_until(lambda: bystander.values("controller").get("refused_samples") == "1")
+    answer(30, math.nan)  # its sample waits for another setpoint
+    bystander.spin_until(lambda: bystander.values("controller").get("refused_setpoints") == "1")
+    assert bystander.values("controller")["limited_setpoints"] == "1"
+    assert "input_refused" in bystander.diagnoses["controller"].message
+    controller.process.send_signal(2)
+    bystander.spin_until(lambda: len(commands) == 3)
+    assert controller.process.wait(15.0) == 0
+    assert [command[1] for command in commands] == [0, 10, 30]
+    assert commands[-1][2:] == (0.0, 0.0, commands[1][4])
+
+
+class Answers:
+    """Takes samples and sends the commands that a test wants."""
+
+    def __init__(self, bystander: Bystander) -> None:
+        self.samples: list[int] = []
+        self.commands = bystander.publisher(topics.COMMAND)
+        bystander.listen(topics.MEASUREMENT, self._on_sample, raw=True)
+        bystander.spin_until(lambda: self.samples and self.commands.get_subscription_count())
+
+    def send(self, x: float, y: float, motor: float, *, sequence: int | None = None) -> None:
+        answered = self.samples[-1] if sequence is None else sequence
+        self.commands.publish(wire.COMMAND.pack(answered * 500_000, answered, x, y, motor))
+
+    def _on_sample(self, raw: bytes) -> None:
+        self.samples.append(wire.MEASUREMENT.unpack(raw)[1])
+
+
+def test_a_command_that_is_not_finite_is_a_named_fault(bystander: Bystander, start_node: Start):
+    plant = start_node("plant", initial_spin_rate=200.0)
+    answers = Answers(bystander)
+    answers.send(0.0, math.nan, 5.0)
+    bystander.spin_until(lambda: bystander.values("plant").get("fault") == "command_not_finite")
+    assert bystander.diagnoses["plant"].level == DiagnosticStatus.ERROR
+    assert plant.process.wait(15.0) == 3
+    last = plant.output.strip().rpartition("\n")[2]
+    assert last.startswith("plant: command_not_finite: command for sample 0:")
+    assert "Traceback" not in plant.output
+    assert answers.samples == [0]
+
+
+def test_plant_publishes_counts_and_names_a_silent_controller(bystander: Bystander, start_node: Start):
+    heard: dict[str, list[Any]] = {}
+    for topic in (topics.CLOCK, topics.JOINT_STATES, topics.BENCH, topics.TRUTH):
+        bystander.listen(topic, heard.setdefault(topic.name, []).append)
+    plant = start_node("plant", initial_spin_rate=200.0, command_timeout=2.0, publish_truth="true")
+    answers = Answers(bystander)
+    for sequence in range(100):
+        answers.send(0.0, 0.0, 5.0)
+        bystander.spin_until(lambda wanted=sequence + 1: answers.samples[-1] == wanted)  # type: ignore[misc]
+    answers.send(0.0, 0.0, 5.0, sequence=99)  # once more
+    answers.send(0.0, 0.0, 5.0, sequence=107)  # of a sample to come
+    answers.send(1e6, 0.0, 5.0)  # beyond the limit of the coils
+    bystander.spin_until(lambda: answers.samples[-1] == 101)
+
+    bystander.spin_until(lambda: len(heard["/clock"]) == 6 and len(heard["/gyrowheel/truth"]) == 6)
+    assert [m.clock.nanosec for m in heard["/clock"]] == [10_000_000 * k for k in range(6)]
+    truth = [json.loads(m.data) for m in heard["/gyrowheel/truth"]]
+    assert [t["time"] for t in truth] == pytest.approx([0.01 * k for k in range(6)])
+    assert truth[0]["spin_rate"] == 200.0
+    assert json.loads(heard["/gyrowheel/bench"][0].data)["name"] == Bench.load().name
+    bystander.spin_until(lambda: len(heard["/joint_states"]) == 4)  # 60 Hz
+    assert list(heard["/joint_states"][0].name) == ["tilt_x", "tilt_y", "spin"]
+
+    bystander.spin_until(lambda: bystander.values("plant").get("commands") == "101")
+    assert bystander.values("plant")["ignored_commands"] == "2"
+    assert bystander.values("plant")["saturated_commands"] == "1"
+    bystander.spin_until(lambda: bystander.values("plant").get("fault") == "controller_silent")
+    assert plant.process.wait(15.0) == 3
+    assert "plant: controller_silent: no command for 2 s after sample 101" in plant.output
+    assert answers.samples == list(range(102))
+
+
+def test_in_real_time_samples_come_unasked_and_the_guard_names_what_it_sees(
+    bystander: Bystander, start_node: Start
+):
+    stamps: list[tuple[int, int]] = []
+    bystander.listen(
+        topics.MEASUREMENT, lambda raw: stamps.append(wire.MEASUREMENT.unpack(raw)[:2]), raw=True
+    )
+    plant = start_node(
+        "plant", initial_spin_rate=200.0, clock="realtime", watchdog=1.0, spin_down_rate=2000.0
+    )
+    commands = bystander.publisher(topics.COMMAND)
+    bystander.spin_until(lambda: len(stamps) > 200 and commands.get_subscription_count())
+    first, sequence = stamps[0]
+    assert stamps == [(first + 500_000 * k, sequence + k) for k in range(len(stamps))]
+    assert abs(first * 1e-9 - time.time()) < 60.0
+    assert bystander.node.count_publishers("/clock") == 0
+    assert bystander.values("plant").get("guard", "waiting") == "waiting"
+
+    now = time.time()
+    commands.publish(wire.COMMAND.pack(stamps[-1][0], stamps[-1][1], 0.1, 0.0, 7.0))
+    bystander.spin_until(lambda: bystander.values("plant").get("guard") == "controller_lost")
+    assert time.time() - now > 0.5
+    status = bystander.diagnoses["plant"]
+    assert status.level == DiagnosticStatus.ERROR
+    assert status.hardware_id == "gyrowheel"
+    bystander.spin_until(lambda: bystander.values("plant").get("outputs") == "off")
+    assert plant.interrupt() == 0  # a trip is a state, not the end of the node
+    assert "controller_lost: no valid command for 2000 samples" in plant.output
+    assert "Traceback" not in plant.output
+
+
+class Client:
+    """Asks the conductor for plans, and moves the clock by hand."""
+
+    def __init__(self, bystander: Bystander) -> None:
+        self.bystander = bystander
+        self.setpoints: list[tuple[Any, ...]] = []
+        self.environments: list[str] = []
+        self.feedback: list[Any] = []
+        self.clock = bystander.publisher(topics.CLOCK)
+        bystander.listen(
+            topics.SETPOINT, lambda raw: self.setpoints.append(wire.SETPOINT.unpack(raw)), raw=True
+        )
+        bystander.listen(topics.ENVIRONMENT, lambda message: self.environments.append(message.data))
+        self.action = ActionClient(bystander.node, RunPlan, "/gyrowheel/run_plan")
+        bystander.spin_until(lambda: self.action.server_is_ready() and self.clock.get_subscription_count())
+
+    def ask(self, plan: str) -> Any:
+        """Return the goal handle."""
+        request = RunPlan.Goal(plan=plan)
+        future = self.action.send_goal_async(
+            request, feedback_callback=lambda m: self.feedback.append(m.feedback)
+        )
+        self.bystander.spin_until(future.done)
+        return future.result()
+
+    def result(self, goal: Any) -> Any:
+        future = goal.get_result_async()
+        self.bystander.spin_until(future.done)
+        return future.result().result
+
+    def move_clock(self, start: int, stop: int, *, last: int | None = None) -> None:
+        """Publish the clock every 10 ms [ns]; the setpoints follow, up to `last` in a plan."""
+        for now in range(start, stop + 1, 10_000_000):
+            self.clock.publish(wire.CLOCK.pack(now))
+            ahead = now + LEAD_NS - 5_000_000
+            awaited = ahead if last is None else min(ahead, last)
+            while self.setpoints[-1][0] < awaited:
+                count = len(self.setpoints)
+                self.bystander.spin_until(lambda count=count: len(self.setpoints) > count)  # type: ignore[misc]
+
+
+def test_conductor_walks_holds_and_refuses(bystander: Bystander, start_node: Start):
+    conductor = start_node("conductor", lead=LEAD_NS * 1e-9)
+    client = Client(bystander)
+
+    goal = client.ask("no_such_plan")
+    assert "plan 'no_such_plan': no such shipped plan or file" in client.result(goal).message
+    result = client.result(client.ask(SHORT_PLAN.replace("[1.0, 0.5]", "[80.0, 0.5]")))
+    assert not result.success
+    assert "tilt 80.00 deg is beyond the bench; allowed: up to" in result.message
+    assert not client.setpoints
+
+    plan = Plan.load(SHORT_PLAN)
+    rows = plan.setpoints()
+    goal = client.ask(SHORT_PLAN)
+    assert goal.accepted
+    bystander.spin_until(lambda: len(client.setpoints) == LEAD_NS // 5_000_000)
+    assert client.environments == [to_json(plan.environment())]
+    assert not client.ask("quick").accepted  # one at a time
+    end = len(rows) * 5_000_000
+    client.move_clock(0, end, last=end - 5_000_000)
+    result = client.result(goal)
+    assert result.success
+    assert (result.segments, result.duration) == (len(plan.segments), pytest.approx(plan.duration))
+    assert [tuple(s) for s in client.setpoints[: len(rows)]] == [tuple(row) for row in rows.tolist()]
+    assert {f.label for f in client.feedback} == {"level", "tilted", "faster", "cone"}
+
+    # it holds the last state, and the next plan follows without a gap
+    bystander.spin_until(lambda: client.setpoints[-1][0] == end + LEAD_NS - 5_000_000)
+    held = client.setpoints[-1]
+    assert held[5:7] == (0.0, 0.0)
+    count = len(client.setpoints)
+    goal = client.ask(LONG_PLAN)
+    bystander.spin_until(lambda: len(client.setpoints) > count)
+    assert client.setpoints[count][0] == held[0] + 5_000_000
+    start = client.setpoints[count][0] * 1e-9
+    assert from_json(client.environments[-1])[0].time == pytest.approx(start)
+
+    # cancelled: it goes on holding, also while the clock stands still
+    cancelling = goal.cancel_goal_async()
+    bystander.spin_until(cancelling.done)
+    result = client.result(goal)
+    assert (result.success, result.message) == (False, "cancelled")
+    client.move_clock(end, end + 200_000_000)
+    stamps = [s[0] for s in client.setpoints]
+    assert stamps == list(range(0, stamps[-1] + 1, 5_000_000))
+
+    # a plan on its way is answered when the node is told to end
+    goal = client.ask(LONG_PLAN)
+    future = goal.get_result_async()
+    bystander.spin_until(lambda: len(client.setpoints) > len(stamps))
+    conductor.process.send_signal(2)
+    bystander.spin_until(future.done)
+    assert "the conductor was stopped" in future.result().result.message
+    assert conductor.process.wait(15.0) == 0

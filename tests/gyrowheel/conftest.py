@@ -1,0 +1,43 @@
+"""The command line, and recordings and a model that tests share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from gyrowheel.machine import scenario
+from gyrowheel.simulation import record_simulation
+from gyrowheel_analysis.model import Model
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_sim.bench import Bench
+
+from .helpers import DRAG_PLAN, OTHER_PLAN, Shell
+
+
+@pytest.fixture
+def gyrowheel(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Shell:
+    monkeypatch.setenv("COLUMNS", "80")
+    return Shell(capsys)
+
+
+@dataclass(frozen=True)
+class Wheel:
+    """Two recordings of one machine with windage, and the model without."""
+
+    recording: Path
+    other: Path
+    model: Path
+
+
+@pytest.fixture(scope="session")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Wheel:
+    folder = tmp_path_factory.mktemp("wheel")
+    bench = Bench.load()
+    for text in (DRAG_PLAN, OTHER_PLAN):
+        plan = Plan.load(text)
+        machine = scenario(bench, plan.name, effects=["windage:w=0.0013"], seed=4)
+        record_simulation(folder / plan.name, bench, machine, plan)
+    Model.new().save(folder / "model.yaml")
+    return Wheel(folder / "drag", folder / "other", folder / "model.yaml")

@@ -1,0 +1,112 @@
+"""Diagnoses made up for tests of what is done with them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from gyrowheel_analysis.diagnosis.diagnose import (
+    DetectionLimit,
+    Diagnosis,
+    EffectFinding,
+    Estimate,
+    FreeForm,
+    NextTest,
+    NuisanceEstimate,
+    TieReport,
+)
+from gyrowheel_analysis.residuals.error_table import ErrorRow, ErrorTable, Residuals
+from gyrowheel_analysis.residuals.regions import Region
+from gyrowheel_sim.effects import get
+
+
+def row(size: float) -> ErrorRow:
+    """Return a row of errors of some size [N·m]."""
+    return ErrorRow({"tilt_x": size, "tilt_y": 0.9 * size, "spin": 0.1 * size}, (size / 2e-5) ** 2)
+
+
+TABLE = ErrorTable(row(4e-4), row(2.1e-5), row(2e-5), row(3e-4), row(2.4e-5), row(2e-5))
+
+
+def residuals(name: str = "drag", role: str = "fit", count: int = 12) -> Residuals:
+    """Return residuals that fall to the noise."""
+    rng = np.random.default_rng(count)
+    time = np.linspace(1.0, 30.0, count)
+    noise = np.full(count, 2e-5)
+    tilt = 0.03 * np.exp(1j * rng.uniform(0.0, 6.0, count))
+    channels = {
+        channel: (20.0 * noise * rng.normal(size=count), noise * rng.normal(size=count), noise)
+        for channel in ("tilt_x", "tilt_y", "spin")
+    }
+    return Residuals(name, role, time, np.repeat([366.5, 157.0], count // 2), tilt, channels)
+
+
+def finding(name: str, *ties: TieReport, size: float = 1.0) -> EffectFinding:
+    """Return a finding of a registered effect of its usual size."""
+    effect = get(name)
+    coefficients = {c.name: Estimate(size * c.default, 0.01 * c.default, c.unit) for c in effect.coefficients}
+    evidence = ["all else accounted for, the residual is there"]
+    return EffectFinding(
+        name, effect.title, coefficients, 321.0, effect.formula, effect.sentence, evidence, list(ties)
+    )
+
+
+def tie(name: str, plan: str | None = "air_density") -> TieReport:
+    """Return a tie with a registered effect."""
+    return TieReport(
+        name, get(name).title, 3.2, plan, None if plan is None else 88.0, None if plan is None else 1.2
+    )
+
+
+def limit(name: str, value: float) -> list[DetectionLimit]:
+    """Return the same detection limit for every amplitude of an effect."""
+    effect = get(name)
+    return [DetectionLimit(name, effect.title, c.name, value, c.unit, c.usual) for c in effect.amplitudes]
+
+
+def diagnosis(verdict: str, *findings: EffectFinding, **changes: Any) -> Diagnosis:
+    """Return a diagnosis."""
+    result = Diagnosis(
+        verdict=verdict,  # type: ignore[arg-type]
+        summary="summary",
+        effects=list(findings),
+        free_form=[],
+        error=TABLE,
+        where=[Region("tilt, 3500 rpm", 0.8, "0.4 mN·m rms, noise 0.02")],
+        next_test=None,
+        nuisance={
+            "coil_constant": NuisanceEstimate(0.0206, 5e-5, 0.02, 4e-4, "N*m/V"),
+            "motor_constant": NuisanceEstimate(0.03, 1e-4, 0.03, 3e-4, "N*m/A"),
+        },
+        detection_limits=[
+            *limit("gravity_offset", 0.011),
+            *limit("windage", 1e-4),
+            *limit("tilt_bias", float("inf")),
+        ],
+        residuals=[residuals(), residuals("other", "validation", 8)],
+        recordings=["drag"],
+        model="model.yaml",
+        drift_scales={},
+        seconds=1.0,
+    )
+    return replace(result, **changes)
+
+
+UNKNOWN = diagnosis(
+    "unknown",
+    free_form=[
+        FreeForm(
+            "rotor_torque = a*z^2",
+            99.0,
+            {"a": Estimate(1e-3, 1e-5, "N*m")},
+            "It grows with the tilt squared.",
+        )
+    ],
+)
+AMBIGUOUS = diagnosis(
+    "ambiguous",
+    finding("aero_cross", tie("flexure_damping")),
+    next_test=NextTest("air_density", 88.0, 1.2, "tells aero_cross from flexure_damping"),
+)

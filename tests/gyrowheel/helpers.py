@@ -1,0 +1,86 @@
+"""The command line run within the test, and plans of a few seconds."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gyrowheel.cli.app import app
+from gyrowheel.cli.shell import run
+
+#: A plan that shows drag: three speeds, some tilts.
+DRAG_PLAN = """\
+schema: 1
+name: drag
+hold_s: 1.3
+segments:
+  - {spin_rpm: 3500, tilt_deg: [[0, 0], [3, 0], [0, 3]]}
+  - {spin_rpm: 2500, tilt_deg: [[-3, 0], [0, -3]]}
+  - {spin_rpm: 1500, tilt_deg: [[0, 0], [2, 2], [0, 3]]}
+"""
+#: The same states in another order, under another name.
+OTHER_PLAN = """\
+schema: 1
+name: other
+hold_s: 1.3
+segments:
+  - {spin_rpm: 3000, tilt_deg: [[0, 0], [2, -2]]}
+  - {spin_rpm: 2000, tilt_deg: [[0, 0], [-3, 1]]}
+"""
+SHORT_PLAN = """\
+schema: 1
+name: short
+hold_s: 0.3
+segments:
+  - {spin_rpm: 3000, tilt_deg: [[0, 0], [0.5, 0]]}
+"""
+TOO_FAST_PLAN = """\
+schema: 1
+name: too_fast
+segments:
+  - {spin_rpm: 9000, tilt_deg: [[0, 0]]}
+"""
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a call of the command line gave."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def json(self) -> Any:
+        """What it wrote to stdout, read as JSON that has only finite numbers."""
+        return json.loads(self.out, parse_constant=pytest.fail)
+
+
+class Shell:
+    """Calls the command line as `gyrowheel ...`, in this process."""
+
+    def __init__(self, capsys: pytest.CaptureFixture[str]) -> None:
+        self._capsys = capsys
+
+    def __call__(self, *arguments: object) -> Result:
+        """Return what `gyrowheel` with these arguments gives."""
+        self._capsys.readouterr()
+        code = run(app, [str(argument) for argument in arguments])
+        captured = self._capsys.readouterr()
+        return Result(code, captured.out, captured.err)
+
+    def good(self, *arguments: object) -> Result:
+        """Return the same, and insist on success."""
+        result = self(*arguments)
+        assert result.code == 0, result.err
+        return result
+
+
+def write(path: Path, text: str) -> Path:
+    """Write a text file and return its path."""
+    path.write_text(text, encoding="utf-8")
+    return path

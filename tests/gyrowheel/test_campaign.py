@@ -1,0 +1,541 @@
+"""Campaigns: what is hidden, who sees what, how answers are judged and counted, and who does the work."""
+
+from __future__ import annotations
+
+import ast
+import json
+import math
+import os
+import re
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gyrowheel.campaign import hiding, workers
+from gyrowheel.campaign.cases import Campaign, Case, cases
+from gyrowheel.campaign.hiding import LARGEST, Secret, Yardstick, hide, yardstick
+from gyrowheel.campaign.job import run_case
+from gyrowheel.campaign.judge import Interval, Judged, judge
+from gyrowheel.campaign.outside import declared, outside_forms
+from gyrowheel.campaign.summary import Rate, Summary, covered
+from gyrowheel.text.campaign import campaign_page, case_line
+from gyrowheel.text.layout import show
+from gyrowheel_analysis.fitting.terms import ERRORS
+from gyrowheel_analysis.recording import Recording
+from gyrowheel_control.loops.controller import Gains
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core.errors import InputError
+from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.blind.draw import KINDS
+from gyrowheel_sim.effects import registry
+from gyrowheel_sim.plant.scenario import Scenario
+
+from .findings import diagnosis, finding, tie
+from .helpers import DRAG_PLAN, OTHER_PLAN, Shell, write
+
+CAMPAIGN = Campaign(DRAG_PLAN, OTHER_PLAN, seed=5)
+
+
+def case_of(kind: str, campaign: Campaign = CAMPAIGN, ordinal: int = 0) -> Case:
+    return next(c for c in cases(campaign, 400) if c.kind == kind and c.ordinal == ordinal)
+
+
+@pytest.fixture(scope="module")
+def measure() -> Yardstick:
+    return yardstick(CAMPAIGN.bench, CAMPAIGN.plan)
+
+
+# ---- the cases
+
+
+def test_every_kind_has_its_share_and_more_cases_change_none():
+    many = cases(CAMPAIGN, 200)
+    counts = {kind: sum(c.kind == kind for c in many) for kind in KINDS}
+    assert counts == {kind: round(200 * share) for kind, share in KINDS.items()}
+    assert cases(CAMPAIGN, 30) == many[:30]
+    assert [c.index for c in cases(CAMPAIGN, 30, [7, 3])] == [3, 7]
+    assert {c.kind for c in cases(replace(CAMPAIGN, kinds=("none",)), 5)} == {"none"}
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"seed": -1}, "seed: -1"),
+        ({"kinds": ("nun",)}, "kinds: 'nun'"),
+        ({"kinds": ()}, "kinds: none given"),
+        ({"kinds": ("none", "none")}, "twice"),
+        ({"drift": -1.0}, "drift: -1"),
+        ({"noise": math.nan}, "noise: nan"),
+        ({"gains": 9.0}, "gains: 9"),
+        ({"lost": 0.5}, r"lost: 0\.5 is out of range; allowed: 0 \.\. 0\.2"),
+        ({"plan": DRAG_PLAN.replace("3500", "9000")}, "9000 rpm"),
+    ],
+)
+def test_bad_settings_are_refused(change: dict[str, Any], words: str):
+    with pytest.raises(InputError, match=words):
+        replace(CAMPAIGN, **change)
+
+
+# ---- what is hidden
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_secret_depends_on_its_case_alone(kind: str, measure: Yardstick):
+    case = case_of(kind)
+    assert hide(case, measure) == hide(case, measure)
+    other = hide(replace(case, index=case.index + 1000), measure)
+    assert other.scenario.values != hide(case, measure).scenario.values
+
+
+def test_machines_controllers_and_noise_vary(measure: Yardstick):
+    secrets = [hide(c, measure) for c in cases(replace(CAMPAIGN, kinds=("none",), gains=2.0, drift=3.0), 40)]
+    assert all(not s.truth and not s.scenario.effects for s in secrets)
+    stated = CAMPAIGN.bench
+    for name in ("rotor_inertia_z", "coil_constant", "tilt_bias_x"):
+        p = stated.parameters[name]
+        drawn = np.array([(s.scenario.values[name] - p.value) / p.uncertainty for s in secrets])
+        assert 0.6 < drawn.std() < 1.4
+    drifts = np.array([s.scenario.values["coil_voltage_drift"] for s in secrets])
+    assert np.all((drifts >= 3.0e-3 / 1.41) & (drifts <= 3.0e-3 * 1.41))
+    assert drifts.std() > 0.0
+    spin = np.array([s.gains.spin_proportional for s in secrets]) / Gains().spin_proportional
+    assert 1.5 < spin.min() < spin.max() < 2.6
+    assert len({s.gains.tilt_bandwidth for s in secrets}) == 40
+
+
+def test_effects_take_turns_and_are_as_large_as_limits_allow(measure: Yardstick):
+    pool = [*registry(), *ERRORS]
+    secrets = [hide(case_of("single", ordinal=k), measure) for k in range(len(pool))]
+    assert {name for s in secrets for name in s.truth} == set(pool)
+    for secret in secrets:
+        ((name, values),) = secret.truth.items()
+        size = secret.sizes[name]
+        assert math.isnan(size) or 0.0 < size <= 1.001 * LARGEST, name
+        if name in ERRORS:
+            assert not secret.scenario.effects
+        else:
+            assert secret.scenario.effects == secret.truth
+            for c in registry()[name].amplitudes:
+                assert abs(values[c.name]) <= 1.001 * max(hiding.MOST_OF_USUAL * c.usual[1], 0.0)
+    assert sum(s.sizes[next(iter(s.truth))] >= 1.0 for s in secrets) > 0.5 * len(pool)
+
+
+def test_a_size_is_in_proportion_and_says_what_the_finder_says(measure: Yardstick):
+    once = measure.size("windage", {"w": 5e-4, "n": 1.48}, 1.0, {})
+    assert measure.size("windage", {"w": 1e-3, "n": 1.48}, 1.0, {}) == pytest.approx(2.0 * once, rel=1e-3)
+    assert measure.size("windage", {"w": 5e-4, "n": 1.48}, 3.0, {}) < once
+    # what another hidden effect can explain is not taken for this one
+    beside = {"bearing_viscous": {"b": 5e-6}}
+    assert measure.size("windage", {"w": 5e-4, "n": 1.48}, 1.0, beside) < once
+
+
+def test_the_error_of_a_parameter_is_hidden_in_the_parameter(measure: Yardstick):
+    campaign = replace(CAMPAIGN, kinds=("single",))
+    for case in cases(campaign, len(registry()) + len(ERRORS)):
+        secret = hide(case, measure)
+        if "coil_gain_error" in secret.truth:
+            error = secret.truth["coil_gain_error"]["relative_error"]
+            assert abs(error) > 0.1
+            assert secret.scenario.values["coil_constant"] == pytest.approx(0.02 * (1.0 + error))
+            return
+    pytest.fail("no case hides coil_gain_error")
+
+
+def test_forms_outside_the_library_are_simulated_but_not_registered(measure: Yardstick):
+    names = {form.effect.name for form in outside_forms()}
+    assert not names & set(registry())
+    secrets = [hide(case_of("outside", ordinal=k), measure) for k in range(len(names))]
+    assert {name for s in secrets for name in s.truth} == names
+    for secret in secrets:
+        own = set(secret.truth) & set(declared())
+        assert set(secret.scenario.declared) == (set(declared()) if own else set())
+
+
+def test_what_is_recorded_loses_samples_and_carries_no_truth(tmp_path: Path, measure: Yardstick):
+    case = case_of("single", replace(CAMPAIGN, lost=0.05))
+    secret = hide(case, measure)
+    for part, name in enumerate(("a", "b")):
+        hiding.record(case, secret, CAMPAIGN.validation_plan, part, tmp_path / name)
+    first, second = (Recording.open(tmp_path / name) for name in ("a", "b"))
+    lost = first.integrity().missing / (first.integrity().missing + first.integrity().samples)
+    assert lost == pytest.approx(0.05, rel=0.1)
+    assert not np.array_equal(first.measurement["sequence"], second.measurement["sequence"])
+    content = b"".join(file.read_bytes() for file in (tmp_path / "a").iterdir())
+    for word in (*secret.truth, "noise_seed", str(secret.scenario.noise_seed)):
+        assert not re.search(rb"\b" + word.encode() + rb"\b", content), word
+
+
+def test_the_finder_can_see_nothing_but_recordings_and_the_model():
+    folder = Path(hiding.__file__).parent
+    tree = ast.parse((folder / "finding.py").read_text(encoding="utf-8"))
+    modules = {n.module for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) and n.module}
+    modules |= {a.name for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names}
+    assert {m.split(".")[0] for m in modules} <= {"__future__", "pathlib", "gyrowheel_analysis"}
+    (function,) = (n for n in tree.body if isinstance(n, ast.FunctionDef))
+    assert [a.arg for a in function.args.args] == ["recording", "unused", "model"]
+
+
+# ---- judging
+
+
+def secret_of(**truth: dict[str, float]) -> Secret:
+    return Secret(Scenario.nominal(), truth, dict.fromkeys(truth, 3.0))
+
+
+WINDAGE = {"w": 1.0e-3, "n": 1.5}
+CROSS = {"c": 5e-3, "n": 2.0}
+
+
+@pytest.mark.parametrize(
+    ("kind", "truth", "answer", "outcome", "right"),
+    [
+        ("none", {}, diagnosis("nothing_missing"), "exact", True),
+        ("none", {}, diagnosis("effect", finding("windage")), "misnamed", False),
+        ("none", {}, diagnosis("unknown"), "unknown", False),
+        ("single", {"windage": WINDAGE}, diagnosis("effect", finding("windage")), "exact", True),
+        ("single", {"windage": WINDAGE}, diagnosis("nothing_missing"), "missed", False),
+        ("single", {"windage": WINDAGE}, diagnosis("unknown"), "unknown", False),
+        ("single", {"windage": WINDAGE}, diagnosis("effect", finding("aero_cross")), "misnamed", False),
+        (
+            "single",
+            {"windage": WINDAGE},
+            diagnosis("ambiguous", finding("bearing_viscous", tie("windage"))),
+            "tied",
+            True,
+        ),
+        (
+            "single",
+            {"windage": WINDAGE},
+            diagnosis("ambiguous", finding("bearing_viscous", tie("windage", None))),
+            "tied_without_test",
+            False,
+        ),
+        (
+            "pair",
+            {"windage": WINDAGE, "aero_cross": CROSS},
+            diagnosis("effect", finding("windage")),
+            "partial",
+            False,
+        ),
+        (
+            "pair",
+            {"windage": WINDAGE, "aero_cross": CROSS},
+            diagnosis("effect", finding("windage"), finding("flexure_damping")),
+            "misnamed",
+            False,
+        ),
+        (
+            "pair",
+            {"windage": WINDAGE, "aero_cross": CROSS},
+            diagnosis("ambiguous", finding("windage"), finding("flexure_damping", tie("aero_cross"))),
+            "tied",
+            True,
+        ),
+        ("outside", {"contact": {"A": 0.01, "p": 0.5}}, diagnosis("unknown"), "unknown", True),
+        (
+            "outside",
+            {"contact": {"A": 0.01, "p": 0.5}},
+            diagnosis("effect", finding("cubic_stiffness")),
+            "misnamed",
+            False,
+        ),
+    ],
+)
+def test_judge(kind: str, truth: dict[str, dict[str, float]], answer: Any, outcome: str, right: bool):
+    judged = judge(case_of(kind), secret_of(**truth), answer)
+    assert (judged.outcome, judged.right) == (outcome, right)
+    json.dumps(judged.to_json())
+
+
+def test_what_is_below_its_limit_may_be_missed_but_not_misnamed():
+    small = replace(secret_of(windage=WINDAGE), sizes={"windage": 1.2})
+    assert judge(case_of("single"), small, diagnosis("nothing_missing")).right
+    assert not judge(case_of("single"), small, diagnosis("effect", finding("aero_cross"))).right
+
+
+def test_another_exponent_of_a_library_effect_is_right_where_it_is():
+    secret = replace(secret_of(steep_windage={"w": 1e-3, "n": 1.55}), resembles=("windage", "n"))
+    assert judge(case_of("outside"), secret, diagnosis("effect", finding("windage"))).outcome == "named_right"
+    far = replace(secret, truth={"steep_windage": {"w": 1e-3, "n": 2.8}})
+    assert judge(case_of("outside"), far, diagnosis("effect", finding("windage"))).outcome == "misnamed"
+
+
+def test_intervals_are_those_of_what_was_named_right():
+    judged = judge(case_of("single"), secret_of(windage=WINDAGE), diagnosis("effect", finding("windage")))
+    assert {i.name for i in judged.intervals} == {"windage.w", "windage.n"}
+    assert judged.parameters
+    assert judged.validation == pytest.approx(2.4e-5 / 2e-5)
+    wrong = judge(case_of("single"), secret_of(windage=WINDAGE), diagnosis("effect", finding("aero_cross")))
+    assert not wrong.intervals
+    assert not wrong.parameters
+
+
+# ---- counting
+
+
+def judged_case(index: int, kind: str = "single", outcome: Any = "exact", **changes: Any) -> Judged:
+    truth = {} if kind == "none" else {"windage": WINDAGE}
+    named = ["windage"] if outcome == "exact" and truth else []
+    verdict = "effect" if named else "nothing_missing"
+    base = Judged(
+        index, kind, truth, dict.fromkeys(truth, 3.0), True, verdict, named, [], outcome, seconds=2.0
+    )
+    return replace(base, **changes)
+
+
+@settings(deadline=None)
+@given(st.integers(1, 200).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
+def test_an_interval_contains_its_rate(counts: tuple[int, int]):
+    rate = Rate(*counts)
+    low, high = rate.interval
+    assert 0.0 <= low <= rate.part <= high <= 1.0
+
+
+def test_known_intervals():
+    assert Rate(0, 100).interval == pytest.approx((0.0, 0.0362), abs=1e-4)
+    assert Rate(5, 10).interval == pytest.approx((0.1871, 0.8129), abs=1e-4)
+    assert math.isnan(Rate(0, 0).part)
+
+
+def test_coverage_counts_intervals_that_hold():
+    rng = np.random.default_rng(3)
+    sample = [Interval("x", float(v), 2.0, 5.0) for v in 5.0 + 2.0 * rng.standard_normal(4000)]
+    for level in (0.5, 0.95):
+        assert covered(sample, level).part == pytest.approx(level, abs=0.03)
+
+
+def test_the_summary_counts():
+    done = [
+        judged_case(0, "none"),
+        judged_case(1, "none", "misnamed", named=["windage"], verdict="effect"),
+        judged_case(2, validation=1.1),
+        judged_case(3, validation=1.3),
+        judged_case(4, outcome="tied", named=["bearing_viscous"]),
+        judged_case(5, outcome="misnamed", named=["aero_cross"]),
+        judged_case(6, outcome="missed", detectable=False),
+        judged_case(7, "outside", "unknown", validation=1.4),
+        judged_case(8, "outside", "misnamed", named=["windage"]),
+        judged_case(9, "pair", "partial"),
+        judged_case(10, outcome="failed", error="ValueError: no"),
+    ]
+    summary = Summary.of(5, 20, reversed(done))
+    content = summary.to_json()
+    assert content["cases"] == 11
+    assert content["none"] == {"n": 2, "false_alarms": 1}
+    single = content["single"]
+    assert (single["n"], single["detectable"], single["exact"], single["tied"], single["wrong"]) == (
+        6,
+        5,
+        2,
+        1,
+        2,
+    )
+    assert single["below"] == {"missed": 1}
+    assert content["pair"]["wrong"] == 1
+    outside = content["outside"]
+    assert (outside["n"], outside["unknown"], outside["named_right"], outside["absorbed"]) == (2, 1, 0, 1)
+    assert content["validated"] == {"n": 2, "within_1p2_floor": 1}
+    assert content["median_seconds"] == 2.0
+    assert content["confusion"]["windage"]["windage"] == 3
+    assert content["confusion"]["none"] == {"nothing_missing": 1, "windage": 1}
+    assert content["failed"] == [10]
+    assert content["not_right"] == [1, 5, 8, 9, 10]
+
+
+@pytest.mark.parametrize("width", [80, 110])
+def test_the_page_fits_and_names_every_mistake(width: int):
+    from rich.console import Console
+
+    done = [
+        judged_case(k, validation=1.0, intervals=[Interval("windage.w", 1.0, 0.1, 1.05)]) for k in range(5)
+    ]
+    done += [judged_case(5, outcome="misnamed", named=["flexure_hysteresis"], ties=[("windage_tilt", None)])]
+    done += [judged_case(6, "none"), judged_case(7, "outside", "missed")]
+    console = Console(width=width, highlight=False, color_system=None)
+    with console.capture() as capture:
+        show(console, campaign_page(Summary.of(5, 9, done), "8 blind cases"))
+    shown = capture.get()
+    assert all(len(line) <= width for line in shown.splitlines())
+    assert "interrupted: 8 of 9 cases" in shown
+    assert "flexure_hysteresis or windage_tilt" in shown
+    assert "…" not in shown
+    assert case_line(done[5]) == "case 5: hidden windage (3.0); answered flexure_hysteresis or windage_tilt"
+    with console.capture() as capture:
+        show(console, campaign_page(Summary.of(5, 9, []), "nothing done"))
+    assert "0 of 9" in capture.get()
+
+
+# ---- the work
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Judged]]:
+    """Two cases done in this process, everything kept."""
+    folder = tmp_path_factory.mktemp("campaign")
+    with workers.judged_cases(cases(CAMPAIGN, 2), jobs=1, keep=str(folder)) as results:
+        return folder, list(results)
+
+
+def timeless(done: list[Judged]) -> list[dict[str, Any]]:
+    return [{**c.to_json(), "seconds": 0.0} for c in sorted(done, key=lambda c: c.index)]
+
+
+def test_a_case_keeps_what_it_was(alone: tuple[Path, list[Judged]]):
+    folder, done = alone
+    assert [c.index for c in done] == [0, 1]
+    assert not any(c.outcome == "failed" for c in done), [c.error for c in done]
+    for case in done:
+        kept = folder / f"case-{case.index:04d}"
+        assert {p.name for p in kept.iterdir()} == {"recording", "unused", "diagnosis.json", "key.json"}
+        assert json.loads((kept / "key.json").read_text())["effects"] == case.truth
+        assert json.loads((kept / "diagnosis.json").read_text())["verdict"] == case.verdict
+        assert case.validation is not None
+
+
+@pytest.mark.slow
+def test_processes_change_nothing(alone: tuple[Path, list[Judged]]):
+    with workers.judged_cases(cases(CAMPAIGN, 2), jobs=2) as results:
+        assert timeless(list(results)) == timeless(alone[1])
+
+
+@pytest.mark.slow
+def test_a_cluster_changes_nothing(alone: tuple[Path, list[Judged]]):
+    distributed = pytest.importorskip("dask.distributed")
+    options = {"host": "127.0.0.1", "dashboard_address": None, "protocol": "tcp", "threads_per_worker": 1}
+    with (
+        distributed.LocalCluster(n_workers=1, **options) as cluster,
+        workers.judged_cases(cases(CAMPAIGN, 1), jobs=1, dask=cluster.scheduler_address) as results,
+    ):
+        assert timeless(list(results)) == timeless(alone[1][:1])
+
+
+def test_a_cluster_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch):
+    pytest.importorskip("dask.distributed")
+    monkeypatch.setattr(workers, "_CONNECT", 0.5)
+    with (
+        pytest.raises(InputError, match=r"--dask tcp://127\.0\.0\.1:9: no scheduler answers"),
+        workers.judged_cases(cases(CAMPAIGN, 2), jobs=1, dask="tcp://127.0.0.1:9"),
+    ):
+        pass
+
+
+def test_a_finder_that_fails_is_a_case_that_is_not_right(monkeypatch: pytest.MonkeyPatch):
+    def fail(*_: object) -> None:
+        raise np.linalg.LinAlgError("singular matrix")
+
+    monkeypatch.setattr("gyrowheel.campaign.job.find", fail)
+    judged = run_case(case_of("none"))
+    assert (judged.outcome, judged.error, judged.right) == ("failed", "LinAlgError: singular matrix", False)
+
+
+# ---- the verb
+
+COUNTS = ("n", "detectable", "exact", "tied", "wrong")
+
+
+def test_the_verb_reports_and_keeps_the_json_contract(gyrowheel: Shell, tmp_path: Path):
+    plan, other = write(tmp_path / "plan.yaml", DRAG_PLAN), write(tmp_path / "other.yaml", OTHER_PLAN)
+    arguments = ["campaign", "--plan", plan, "--validation-plan", other, "--cases", 40, "--jobs", 1]
+    arguments += ["--only", 1, "--only", 2, "--seed", 5, "--list", tmp_path / "list.json"]
+    shown = gyrowheel.good(*arguments, "--json", tmp_path / "out.json")
+    assert "2 blind cases of plan drag, seed 5" in shown.out
+    assert "false alarms: 0 of 1" in shown.out
+    content = json.loads((tmp_path / "out.json").read_text(), parse_constant=pytest.fail)
+    assert content["schema"] == 1
+    assert (content["seed"], content["cases"]) == (5, 2)
+    assert set(content["none"]) == {"n", "false_alarms"}
+    assert set(content["single"]) >= set(COUNTS)
+    assert set(content["pair"]) >= set(COUNTS)
+    assert set(content["outside"]) >= {"n", "unknown", "named_right", "absorbed"}
+    assert set(content["validated"]) == {"n", "within_1p2_floor"}
+    assert set(content) >= {"coverage95", "median_seconds", "confusion"}
+    listed = json.loads((tmp_path / "list.json").read_text())
+    assert [c["case"] for c in listed] == [1, 2]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--plan", "quik"], ["quik", "quick"]),
+        (["--kinds", "none,duble"], ["kinds", "duble", "allowed: none, single"]),
+        (["--cases", "0"], ["cases: 0"]),
+        (["--cases", "5", "--only", "5"], ["only: 5", "0 .. 4"]),
+        (["--jobs", "0", "--plan", "quick"], ["jobs: 0"]),
+        (["--lost", "1"], ["lost: 1"]),
+        (["--keep", "file"], ["file"]),
+    ],
+)
+def test_bad_input_is_one_line(
+    gyrowheel: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], words: list[str]
+):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path / "file", "")
+    result = gyrowheel("campaign", *arguments)
+    assert result.code == 2
+    assert result.out == ""
+    assert all(word in result.err.splitlines()[-1] for word in words), result.err
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_finished_cases_survive_an_interruption(
+    gyrowheel: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def interrupted(case: Case, *_: object) -> Judged:
+        if case.index == 3:
+            raise KeyboardInterrupt
+        return judged_case(case.index)
+
+    monkeypatch.setattr(workers, "run_case", interrupted)
+    result = gyrowheel(
+        "campaign", "--plan", "check", "--jobs", 1, "--cases", 9, "--json", tmp_path / "out.json"
+    )
+    assert result.code == 130
+    assert "interrupted: 3 of 9 cases were finished" in result.out
+    assert json.loads((tmp_path / "out.json").read_text())["cases"] == 3
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_the_workers_and_leaves_nothing(tmp_path: Path):
+    plan, scratch = write(tmp_path / "plan.yaml", DRAG_PLAN), tmp_path / "scratch"
+    scratch.mkdir()
+    command = [sys.executable, "-c", "from gyrowheel.cli import main; main()", "campaign"]
+    command += ["--plan", str(plan), "--cases", "30", "--jobs", "2", "--json", str(tmp_path / "out.json")]
+    process = subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"TMPDIR": str(scratch)},
+        start_new_session=True,
+    )
+    try:
+        assert process.stderr is not None
+        while "of 30 cases" not in (line := process.stderr.readline()):
+            assert line, "ended before the first cases"
+        os.killpg(process.pid, signal.SIGINT)  # as the terminal does: to the workers, too
+        out, err = process.communicate(timeout=60)
+    finally:
+        process.kill()
+        process.wait()
+    assert process.returncode == 130, err
+    assert "Traceback" not in err
+    assert err.splitlines()[-1] == "interrupted"
+    assert "of 30 cases were finished" in out
+    assert json.loads((tmp_path / "out.json").read_text())["cases"] >= 1
+    assert not [path for path in scratch.iterdir() if path.name.startswith("campaign-")]
+
+
+def test_plans_and_bench_travel_with_the_case():
+    # a worker elsewhere has none of the files
+    text = Bench.load().describe()
+    case = case_of("single")
+    assert Plan.load(case.campaign.plan).name == "drag"
+    assert case.campaign.bench.describe() == text

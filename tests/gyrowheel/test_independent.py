@@ -1,0 +1,119 @@
+"""The finder on recordings of another make, and that they are of another make."""
+
+from __future__ import annotations
+
+import ast
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import benchmarks.independent as package
+from benchmarks.independent.cases import solve
+from benchmarks.independent.loop import run
+from benchmarks.independent.machine import COEFFICIENTS, ERRORS, Secret, bench_file
+from benchmarks.independent.sequence import Step, long_sequence, references, short_sequence
+from gyrowheel_analysis.fitting.terms import ERRORS as KNOWN_ERRORS
+from gyrowheel_sim.effects import registry
+
+Array = NDArray[np.float64]
+MNM = 1e3 * 0.02  # mN m of a coil a volt
+
+
+def holds(steps: list[Step], effects: dict[str, dict[str, float]] | None = None, substeps: int = 4) -> Array:
+    """Mean readings of every step over whole revolutions of its second half, without noise."""
+    asked = references(steps, 5e-4)
+    readings = run(Secret.stated(effects), asked, None, substeps=substeps).readings
+    means = []
+    for number in range(len(steps)):
+        rows = np.flatnonzero((asked.step == number) & asked.steady)
+        rows = rows[len(rows) // 2 :]
+        angle = np.unwrap(readings[rows, 2])
+        turns = math.floor((angle[-1] - angle[0]) / (2 * math.pi))
+        means.append(readings[rows[: np.searchsorted(angle, angle[0] + 2 * math.pi * turns)]].mean(axis=0))
+    return np.array(means)
+
+
+def test_machine_controller_and_sequence_share_nothing_with_the_project() -> None:
+    folder = Path(package.__file__).parent
+    for name in ("machine", "controller", "sequence", "loop"):
+        tree = ast.parse((folder / f"{name}.py").read_text(encoding="utf-8"))
+        for node in ast.walk(tree):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            assert not [n for n in names if n.startswith("gyrowheel")], name
+    assert {effect for effect, _ in COEFFICIENTS} <= registry().keys()
+    for effect, key in COEFFICIENTS:
+        assert key in registry()[effect].defaults(), effect
+    assert ERRORS.keys() == KNOWN_ERRORS.keys()
+
+
+def test_holding_torques_are_those_of_the_bench_and_the_step_makes_none() -> None:
+    steps = [Step(rpm, 3 + 0j, hold=4.0) for rpm in (1000.0, 3500.0, 4000.0)]
+    found = holds(steps)
+    assert found[:, 4] * MNM == pytest.approx([6.42, -0.49, -2.79], abs=0.01)
+    assert found[:, 6] == pytest.approx([3.17, 11.04, 12.61], abs=0.006)
+    assert holds(steps, substeps=8)[:, 4:6] * MNM == pytest.approx(found[:, 4:6] * MNM, abs=0.0012)
+
+
+@pytest.mark.parametrize(
+    ("effects", "in_phase", "across", "drag"),
+    [
+        # torques of the coils at 3.2 degrees along the tilt and a quarter turn ahead, and of the motor [mN m]
+        ({"aero_restoring": {"k": 0.02, "n": 2.0}}, 20.0 * 0.0559, 0.0, 0.0),
+        ({"aero_cross": {"c": 0.005, "n": 2.0}}, 0.0, -5.0 * 0.0559, -5.0 * 0.0559**2),
+        ({"windage": {"w": 1e-3, "n": 1.5}}, 0.0, -0.5 * 0.0559, 1.0),
+        ({"flexure_damping": {"C": 1e-5}}, 0.0, -0.01 * 366.52 * 0.0559, 0.0),
+        ({"flexure_hysteresis": {"h": 3e-3}}, 0.0, -3.0 * 0.0559, 0.0),
+        ({"cubic_stiffness": {"q": 4.0}}, 0.75 * 4e3 * 0.0559**3, 0.0, 0.0),
+        ({"fixed_torque": {"F_x": 1e-3, "F_y": -5e-4}}, -1.0, 0.5, 0.5 * 0.0559),
+        ({"bearing_coulomb": {"T": 2e-3}}, 0.0, 0.0, 2.0),
+    ],
+)
+def test_effects_are_as_large_as_their_formulas_say(
+    effects: dict[str, dict[str, float]], in_phase: float, across: float, drag: float
+) -> None:
+    steps = [Step(3500.0, 3.2 + 0j, hold=3.0)]
+    less, more = holds(steps)[0], holds(steps, effects)[0]
+    change = more - less
+    assert change[4] * MNM == pytest.approx(in_phase, abs=0.005 + 0.01 * abs(in_phase))
+    assert change[5] * MNM == pytest.approx(across, abs=0.005 + 0.02 * abs(across))
+    # of a torque across the tilted rotor a part acts on the shaft, and all but a little of one along it
+    assert change[7] * 30.0 == pytest.approx(drag, abs=0.002 + 0.005 * abs(drag))
+
+
+def test_sequences_stay_within_the_bench() -> None:
+    stated = {name: line.value for name, line in bench_file().items()}
+    for steps in (long_sequence(), short_sequence()):
+        asked = references(steps, 5e-4)
+        assert np.abs(asked.tilt).max() < stated["tilt_limit"]
+        assert stated["spin_rate_minimum"] < asked.spin.min()
+        assert asked.spin.max() < stated["spin_rate_maximum"] * (1 + 1e-9)
+        # what is asked for has no jumps
+        assert np.abs(np.diff(asked.tilt)).max() < 2e-4
+        assert np.abs(np.diff(asked.tilt) / 5e-4 - asked.tilt_rate[:-1]).max() < 0.02
+
+
+# three cases of the many that `python -m benchmarks.independent` tries; each draws machine, noise, controller and sizes
+
+
+def test_nothing_hidden_and_nothing_found() -> None:
+    case = solve(70, 2, "short", "none")
+    assert case.verdict == "nothing_missing"
+    assert case.outcome == "right"
+
+
+def test_one_effect_is_found() -> None:
+    case = solve(70, 4, "short", "single")
+    assert case.detectable
+    assert case.effects.keys() == {"tilt_rotation"}
+    assert case.good, case
+
+
+def test_two_effects_are_found() -> None:
+    case = solve(70, 4, "short", "pair")
+    assert case.detectable
+    assert case.effects.keys() == {"aero_cross", "coil_heating"}
+    assert case.good, case

@@ -1,0 +1,28 @@
+"""What a simulated machine is, from what the user asks for."""
+
+from __future__ import annotations
+
+import pytest
+
+from gyrowheel.machine import scenario
+from gyrowheel_core.errors import InputError
+from gyrowheel_sim.air.effects import air_effects
+from gyrowheel_sim.bench import Bench
+
+BENCH = Bench.load()
+
+
+@pytest.mark.parametrize("model", ["correlation", "vorticity", "table", "surrogate"])
+def test_a_model_of_the_air_stands_for_its_effects(model: str) -> None:
+    machine = scenario(BENCH, "quick", effects=[f"aero:{model}", "fixed_torque:F_x=0.001,F_y=0"], seed=1)
+    expected = air_effects(model, bench=BENCH).values
+    assert {name: machine.effects[name] for name in expected} == expected
+    assert set(machine.effects) == {*expected, "fixed_torque"}
+    assert expected, "every model says something"
+
+
+def test_the_air_twice_or_of_an_unknown_model_is_refused() -> None:
+    with pytest.raises(InputError, match="windage is given twice"):
+        scenario(BENCH, "quick", effects=["aero:table", "windage"], seed=1)
+    with pytest.raises(InputError, match="'fluent' is not known; allowed: correlation"):
+        scenario(BENCH, "quick", effects=["aero:fluent"], seed=1)

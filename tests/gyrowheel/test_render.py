@@ -1,0 +1,293 @@
+"""How results look on the terminal."""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from functools import partial
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rich.console import Console, RenderableType
+
+from gyrowheel.cli.finding import following
+from gyrowheel.text.air import check_page, table_page
+from gyrowheel.text.bench import bench_page
+from gyrowheel.text.comparison import channel_table
+from gyrowheel.text.diagnosis import detection_limits, verdict_sentence
+from gyrowheel.text.diagnosis import diagnosis as rendered
+from gyrowheel.text.effects import effect_list, effect_page
+from gyrowheel.text.errors import fall
+from gyrowheel.text.formulas import pretty
+from gyrowheel.text.layout import figures_table, show, words_table
+from gyrowheel.text.models import model_page
+from gyrowheel.text.plans import plan_list, plan_page
+from gyrowheel.text.quantities import (
+    decimal,
+    edge,
+    fixed,
+    minus,
+    quantity,
+    seconds,
+    short,
+    span,
+    with_error,
+)
+from gyrowheel.text.replay import estimates_table
+from gyrowheel_analysis.compare import ChannelMetrics
+from gyrowheel_analysis.diagnosis.diagnose import Estimate
+from gyrowheel_analysis.model import Model
+from gyrowheel_analysis.reduction import Coverage
+from gyrowheel_analysis.residuals.error_table import CHANNELS, ErrorRow
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_sim.air.check import check_table
+from gyrowheel_sim.air.table import TorqueTable
+from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.effects import Effect, effect_from_text, registry
+from gyrowheel_sim.effects.formula import parse
+from gyrowheel_sim.effects.parts import split
+
+from .findings import AMBIGUOUS, UNKNOWN, diagnosis, finding, limit, tie
+
+VERDICTS = {
+    "nothing": diagnosis("nothing_missing"),
+    "effect": diagnosis("effect", finding("windage")),
+    "two": diagnosis("effect", finding("windage"), finding("coil_tilt", size=-1.0)),
+    "ambiguous": AMBIGUOUS,
+    "no test": diagnosis("ambiguous", finding("aero_cross", tie("windage", None))),
+    "unknown": UNKNOWN,
+    "insufficient": diagnosis("insufficient_data", error=None, nuisance={}, detection_limits=[], where=[]),
+}
+
+
+def text_of(parts, width: int = 80) -> str:
+    stream = io.StringIO()
+    show(Console(file=stream, width=width, markup=False), parts)
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("shown", "expected"),
+    [
+        (with_error(0.02231, 0.00027, "N*m/rad"), "22.31 ± 0.27 mN·m/rad"),
+        (with_error(-3.2e-6, 4.5e-7, "N*m*s/rad"), "−3.20 ± 0.45 µN·m·s/rad"),
+        (with_error(2.05, 0.03, "1", pure=True), "2.050 ± 0.030"),
+        (with_error(0.0562, 0.000996, "1"), "5.62 ± 0.10 %"),
+        (with_error(0.1, 0.0, "N*m"), "100 mN·m"),
+        (with_error(math.radians(0.2), math.radians(0.01), "rad"), "0.200 ± 0.010 deg"),
+        (with_error(0.0012, 0.0345, "N*m"), "1 ± 34 mN·m"),
+        (quantity(2.2e-4, "N*m", digits=2), "0.22 mN·m"),
+        (quantity(366.519, "rad/s"), "3500 rpm"),
+        (span(0.0008, 0.0013, "N*m"), "0.8 .. 1.3 mN·m"),
+        (span(0.001, 0.004, "1/K"), "0.1 .. 0.4 %/K"),
+        (fixed(0.0), "0.00"),
+        (fixed(-0.0), "0.00"),
+        (with_error(-0.0001, 0.1, "N*m/rad^3"), "0.00 ± 0.10 N·m/rad³"),
+        (decimal(-0.3, 0), "0"),
+        (decimal(-12.34, 1), "−12.3"),
+        (decimal(12.34, 1, sign=True), "+12.3"),
+        (decimal(math.nan, 1), "–"),
+        (minus("T1 -0.3 %, (-2) and 1e-5 of k-omega, 3-4"), "T1 −0.3 %, (−2) and 1e-5 of k-omega, 3-4"),
+        (fixed(0.99996), "1.00"),
+        (fixed(0.031789), "0.0318"),
+        (fixed(math.nan), "–"),
+        (short(0.0573), "0.0573"),
+        (short(1e7), "1.00e+07"),
+        (seconds(0.25), "0.2 s"),
+        (seconds(131.2), "2 min 11 s"),
+        (seconds(180.0), "3 min"),
+    ],
+)
+def test_numbers_as_people_read_them(shown: str, expected: str):
+    assert shown == expected
+
+
+def test_every_unit_in_use_has_a_sign():
+    units = {c.unit for effect in registry().values() for c in effect.coefficients}
+    units |= {p.unit for p in Bench.load().parameters.values()}
+    assert not [unit for unit in units if set("*^") & set(edge(unit).label)]
+
+
+def test_torques_of_a_small_bench_are_shown_in_a_smaller_unit():
+    row = ErrorRow({"tilt_x": 1.2e-5, "tilt_y": 1.1e-5, "spin": 2.1e-6}, 70.0)
+    after = ErrorRow({"tilt_x": 4e-7, "tilt_y": 6e-7, "spin": 2.1e-6}, 0.7)
+    floor = ErrorRow({"tilt_x": 6.6e-7, "tilt_y": 6.6e-7, "spin": 3.8e-6}, 1.0)
+    text = fall(row, after, floor, "it")
+    assert text.endswith("tilt x, where the error falls most, from 12.0 to 0.400 µN·m (noise 0.660).")
+    large = ErrorRow({name: 100.0 * value for name, value in floor.rms.items()}, 1.0)
+    assert "mN·m" in fall(row, after, large, "it")
+    assert "rises most" in fall(after, row, floor, "it")
+
+
+def test_formulas_are_written_with_signs():
+    for effect in registry().values():
+        shown = pretty(effect.formula)
+        assert not [
+            word
+            for word in ("Omega", "rho", "theta", "*", "^", "torque =")
+            if word in shown.replace("z*", "")
+        ]
+    assert pretty(registry()["windage"].formula) == "torque along the spin axis = −w·(Ω/Ω₀)ⁿ·(ρ/ρ₀)ⁿ⁻¹"
+    assert pretty(registry()["cubic_stiffness"].formula) == "torque of each flexure = −q·θ³"
+
+
+@pytest.mark.parametrize("effect", registry().values(), ids=lambda effect: effect.name)
+def test_a_formula_as_it_is_shown_can_be_typed_in(effect: Effect):
+    for part, law in zip(pretty(effect.formula).split("; "), effect.laws, strict=True):
+        typed = parse(part.partition(" = ")[2], [c.name for c in effect.coefficients])
+        # |z|² is shown for z z*
+        assert split(typed) == split(law.expression)
+
+
+def test_a_model_shows_an_effect_of_its_own():
+    own = effect_from_text("stator_pull: torque = -k*r*z; k [N*m/rad]")
+    model = Model(Bench.load(), effects={"stator_pull": {"k": 0.02}}, declared={"stator_pull": own})
+    words = " ".join(text_of(model_page(model, "m.yaml")).split())
+    assert "stator_pull k 20 mN·m/rad" in words
+    assert "torque on the rotor = −k·Ω·z/Ω₀" in words
+
+
+#: Everything of a size that takes as much room as there can be.
+COMPARED: Any = SimpleNamespace(
+    channels={
+        name: ChannelMetrics(0.0543e-3, 0.0123e-3, 99.9, 0.999, 1.0, 0.0, 0.0, 12345.6) for name in CHANNELS
+    },
+    raw_rms=dict.fromkeys(CHANNELS, 0.0543e-3),
+)
+ESTIMATE: dict[str, Any] = {
+    "segment": 11,
+    "tilt_x": -0.0523,
+    "tilt_y": -0.0523,
+    "spin_rate": 408.4,
+    "dc_voltage": (-1.0123, -1.0123, 11.234),
+    "simulated_torque": (-0.0123, -0.0123, -0.0123),
+    "residual": (-0.0123, -0.0123, -0.0123),
+}
+SHIPPED_TABLES: dict[str, Callable[[], Iterable[RenderableType]]] = {
+    **{f"bench {name}": partial(bench_page, Bench.load(name)) for name in ("gyrowheel", "dtg")},
+    "effects": lambda: effect_list(registry().values()),
+    **{f"effect {e.name}": partial(effect_page, e) for e in registry().values()},
+    "plans": lambda: plan_list(map(Plan.load, Plan.shipped())),
+    **{f"plan {name}": partial(plan_page, Plan.load(name)) for name in Plan.shipped()},
+    "limits": lambda: detection_limits(
+        [replace(each, value=1.9 * each.usual[1]) for e in registry() for each in limit(e, 1.0)]
+    ),
+    "channels": lambda: [channel_table(COMPARED)],
+    "estimates": lambda: [estimates_table([ESTIMATE])],
+    "air table": lambda: table_page(TorqueTable.load()),
+    "air check": lambda: check_page(TorqueTable.load(), check_table(TorqueTable.load())),
+}
+
+
+@pytest.mark.parametrize("width", [80, 110])
+@pytest.mark.parametrize("name", SHIPPED_TABLES)
+def test_no_table_is_cut(name: str, width: int):
+    shown = text_of(SHIPPED_TABLES[name](), width)
+    assert "…" not in shown
+    lines = shown.splitlines()
+    assert all(len(line) <= width for line in lines if "gyrowheel " not in line)
+    assert not [line for line in lines if re.search(r"[ (]-\d", line)]
+    # whatever is a word or a number stands in one piece
+    pieces = set(shown.split())
+    assert not set(text_of(SHIPPED_TABLES[name](), 400).split()) - pieces - {"─" * n for n in range(400)}
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.data(), st.integers(12, 80))
+def test_nothing_of_a_table_is_lost_on_any_terminal(data: st.DataObject, width: int):
+    word = st.text("abcxyz0189.−", min_size=1, max_size=30)
+    count = data.draw(st.integers(1, 6))
+    rows = data.draw(st.lists(st.lists(word, min_size=count, max_size=count), min_size=1, max_size=4))
+    figures = figures_table("", *[""] * (count - 1))
+    words = words_table(*[""] * count, whole=range(0, count, 2))
+    for table in (figures, words):
+        for row in rows:
+            table.add_row(*row)
+        shown = text_of([table], width)
+        assert "…" not in shown
+        assert all(len(line) <= width for line in shown.splitlines())
+        letters = "".join(character for row in rows for character in "".join(row))
+        assert sorted(letters) == sorted(shown.replace("─", "").replace(" ", "").replace("\n", ""))
+
+
+def test_what_would_have_to_be_larger_than_anything_real_is_not_to_be_seen():
+    (plain,) = limit("aero_cross", 0.09)
+    far = [
+        *limit("external_damping", 0.12),
+        *limit("runout", math.radians(23.0)),
+        *limit("inertia_anisotropy", 3.1e-3),
+    ]
+    words = " ".join(text_of(detection_limits([plain, *far])).split())
+    assert "aero_cross c 90 mN·m/rad" in words
+    assert (
+        "Not to be seen here at any size that occurs: external_damping, runout, inertia_anisotropy." in words
+    )
+    assert "e+" not in words
+
+
+@pytest.mark.parametrize("width", [80, 110])
+@pytest.mark.parametrize("name", VERDICTS)
+def test_every_verdict_can_be_shown(name: str, width: int):
+    found = VERDICTS[name]
+    shown = text_of(rendered(found), width)
+    assert all(len(line) <= width for line in shown.splitlines())
+    words = " ".join(shown.replace("│", " ").split())
+    assert verdict_sentence(found).split(":")[0] in words
+    if found.detection_limits:
+        assert "gravity_offset G 11 mN·m/rad 0.8 .. 6 mN·m/rad not visible" in words
+        assert "Not to be seen here at any size that occurs: tilt_bias." in words
+        assert "coil_constant 20.600 ± 0.050 mN·m/V 20.00 ± 0.40 mN·m/V" in words
+        assert "motor_constant" not in words
+
+
+def test_verdicts_are_plain_sentences():
+    assert verdict_sentence(VERDICTS["effect"]) == "An effect is missing: drag of the air on the spin."
+    assert verdict_sentence(VERDICTS["two"]).startswith("Two effects are missing: ")
+    assert "either cross torque of the air on the tilted rotor or additional" in verdict_sentence(AMBIGUOUS)
+
+
+def test_an_effect_of_the_model_that_does_not_fit_is_told_from_one_that_is_missing():
+    own, new = finding("aero_cross"), finding("windage")
+    wrong = replace(
+        own, in_model={name: Estimate(2.0e-3, 1e-4, e.unit) for name, e in own.coefficients.items()}
+    )
+    alone, both = diagnosis("effect", wrong), diagnosis("effect", new, wrong)
+    assert verdict_sentence(alone) == "The model has another size of aero_cross than these recordings show."
+    assert verdict_sentence(both).startswith(
+        "An effect is missing: drag of the air on the spin. The model has"
+    )
+    assert "in the model 2.00 ± 0.10 mN·m/rad" in " ".join(text_of(rendered(both)).split())
+
+
+def test_what_takes_no_part_is_said():
+    part = Coverage(60.0, 30.0, {"of a kind": 2.0, "of another": 8.0, "of a third": 0.01})
+    words = " ".join(text_of(rendered(replace(AMBIGUOUS, coverage=part))).split())
+    said = "30 of 40 s of steady motion take part (of 60 s recorded); left out: 8.0 s of another, 2.0 s of a kind."
+    assert said in words
+    nearly = replace(AMBIGUOUS, coverage=Coverage(60.0, 39.0, {"of a kind": 1.0}))
+    assert "take part" not in text_of(rendered(nearly))
+
+
+def test_ties_name_the_test_or_say_that_there_is_none():
+    assert "Plan air_density separates them, expected Δχ² 88" in " ".join(
+        text_of(rendered(AMBIGUOUS)).split()
+    )
+    assert "No test on this bench separates them" in " ".join(text_of(rendered(VERDICTS["no test"])).split())
+
+
+def test_the_next_command_is_never_broken(tmp_path):
+    folder = tmp_path / "a folder with a very long name that does not fit into eighty columns"
+    command = following(VERDICTS["effect"], [folder / "drag"], [folder / "other"], folder / "model.yaml")
+    assert command is not None
+    assert f"--fit '{folder}/drag' --validate '{folder}/other'" in command
+    assert f"  {command}\n" in text_of(rendered(VERDICTS["effect"], following=command))
+    assert following(VERDICTS["nothing"], [folder], [], folder) is None
+    test = following(AMBIGUOUS, [folder / "drag"], [], folder / "model.yaml")
+    assert test is not None
+    assert "gyrowheel up --plan air_density --record" in test
