@@ -71,12 +71,12 @@ def test_a_variation_is_a_plan_of_its_own_that_can_be_written_down(tmp_path: Pat
     [
         ("check@speed=2", "'speed' cannot be varied; allowed: rig, yaw_deg, air_density_ratio"),
         ("check@", "'' cannot be varied"),
-        ("check@rig=sideways", "rig: Input should be 'upright', 'inverted'"),
+        ("check@rig=sideways", "rig: 'sideways' is not known; allowed: upright, inverted, x_up, y_up"),
         ("check@hold_s=soon", "hold_s: 'soon' is not a number"),
         ("check@hold_s=nan", "hold_s: 'nan' is not a number"),
         ("check@tilt_ratio=100", "tilt_ratio: 100 is out of range; allowed: 0.01 .. 10"),
         ("check@rig=inverted,rig=upright", "rig is given twice"),
-        ("check@air_density_ratio=7", "air_density_ratio: Input should be less than or equal to 2"),
+        ("check@air_density_ratio=7", "air_density_ratio: 7.0 is out of range; allowed: 0.01 .. 2"),
         ("chek@rig=inverted", "plan 'chek': no such shipped plan or file; did you mean"),
     ],
 )

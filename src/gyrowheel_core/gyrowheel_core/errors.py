@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable
+
 
 class InputError(ValueError):
     """Bad input by the user.
@@ -14,3 +17,10 @@ class InputError(ValueError):
 def one_line(error: BaseException) -> str:
     """Return what an error says, in one line; the name of its class where it says nothing."""
     return " ".join(str(error).split()) or type(error).__name__
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Return what a message says after a name that is not known: the one that was meant, or all that there are."""
+    names = list(known)
+    near = difflib.get_close_matches(name[:60], names, n=1)
+    return f"did you mean {near[0]}?" if near else f"allowed: {', '.join(names) or 'none'}"

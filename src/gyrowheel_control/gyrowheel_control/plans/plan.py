@@ -6,7 +6,7 @@ import difflib
 import itertools
 import math
 import random
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
@@ -14,10 +14,11 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from gyrowheel_control.plans.variation import MARK, as_text, varied
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.schema import Number, Section, Whole, check
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_core.yaml_text import read_yaml
 from gyrowheel_sim.bench import Bench
@@ -42,18 +43,15 @@ SETPOINT_DTYPE = np.dtype(
     ]
 )
 
-Number = Annotated[float, Field(allow_inf_nan=False)]
 Tilt = tuple[Number, Number]
 
 
-class Block(BaseModel):
+class Block(Section):
     """One entry of a plan: a hold, a grid of holds (speeds times tilts), a cone, or a change of speed.
 
     Angles in degrees, speeds in rpm, times in seconds, as the field names say. The environment (rig, yaw, air
     density, preheat, rate of the table) stays as it is until a block changes it.
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     label: str = ""
     spin_rpm: Number | list[Number] | None = None
@@ -66,8 +64,8 @@ class Block(BaseModel):
     cone_period_s: Annotated[Number, Field(gt=0.05, le=3600.0)] | None = None
     cone_turns: Annotated[Number, Field(gt=0.0, le=1000.0)] = 1.0
     sweep_to_rpm: Number | None = None
-    repeat: Annotated[int, Field(ge=1, le=1000)] = 1
-    shuffle_seed: int | None = None
+    repeat: Annotated[Whole, Field(ge=1, le=1000)] = 1
+    shuffle_seed: Whole | None = None
     rig: Literal["upright", "inverted", "x_up", "y_up"] | None = None
     yaw_deg: Annotated[Number, Field(ge=-360.0, le=360.0)] | None = None
     air_density_ratio: Annotated[Number, Field(ge=0.01, le=2.0)] | None = None
@@ -85,10 +83,8 @@ class Block(BaseModel):
         return self
 
 
-class PlanFile(BaseModel):
+class PlanFile(Section):
     """A plan file."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     schema_: Literal[1] = Field(alias="schema")
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
@@ -189,17 +185,7 @@ class Plan:
 
     @classmethod
     def _from_text(cls, text: str, origin: str) -> Plan:
-        raw = read_yaml(text, origin)
-        if not isinstance(raw, Mapping):
-            raise InputError(f"{origin}: not a plan (a mapping with schema, name and segments is expected)")
-        try:
-            content = PlanFile.model_validate(raw)
-        except ValidationError as error:
-            first = error.errors()[0]
-            place = ".".join(str(part) for part in first["loc"] if part not in ("tuple[float,float]",))
-            value = first.get("input")
-            shown = "" if isinstance(value, dict | list) else f" (given: {value!r})"
-            raise InputError(f"{origin}: {place or 'plan'}: {first['msg']}{shown}") from None
+        content = check(PlanFile, read_yaml(text, origin), origin, kind="plan")
         return cls(content, text, origin)
 
     @staticmethod
