@@ -1,7 +1,9 @@
 """Reading of MCAP files by whole chunks: fixed-layout messages go to numpy arrays without a loop over them.
 
-Every length, place and number in a file is checked before it is used, and so is every checksum that the file
+Every length, offset and number in a file is checked before it is used, and so is every checksum that the file
 has: a damaged file is either refused or read exactly. No more than one chunk of a file is in memory at a time.
+
+The reader is ours because rosbags' raw bytes with numpy.frombuffer take seven times as long (``benchmarks readers``).
 """
 
 from __future__ import annotations
