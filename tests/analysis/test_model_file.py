@@ -199,7 +199,7 @@ def test_a_model_is_saved_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytes
         raise OSError(28, "No space left on device")
 
     model = Model.load(written(tmp_path, content()))
-    monkeypatch.setattr(yaml, "safe_dump", full)
+    monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(InputError, match="cannot be written: No space left"):
         model.save(file)
     monkeypatch.undo()

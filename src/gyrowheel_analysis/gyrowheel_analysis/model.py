@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,6 +10,7 @@ from typing import Any
 import yaml
 
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.files import write_text
 from gyrowheel_core.yaml_text import read_yaml
 from gyrowheel_sim.bench import Bench, check_value
 from gyrowheel_sim.effects import (
@@ -220,29 +219,10 @@ class Model:
         InputError
             If the file cannot be written.
         """
-        file = Path(path)
-        try:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            handle, temporary = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
-        except OSError as error:
-            raise InputError(f"model '{path}': cannot be written: {error.strerror}") from None
-        try:
-            with os.fdopen(handle, "w", encoding="utf-8") as stream:
-                yaml.safe_dump(
-                    self.to_mapping(),
-                    stream,
-                    sort_keys=False,
-                    width=110,
-                    default_flow_style=None,
-                    allow_unicode=True,
-                )
-            os.chmod(temporary, 0o644)
-            os.replace(temporary, file)
-        except BaseException as error:
-            os.unlink(temporary)
-            if isinstance(error, OSError):
-                raise InputError(f"model '{path}': cannot be written: {error.strerror}") from None
-            raise
+        text = yaml.safe_dump(
+            self.to_mapping(), sort_keys=False, width=110, default_flow_style=None, allow_unicode=True
+        )
+        write_text(Path(path), text)
 
     def changed(
         self,

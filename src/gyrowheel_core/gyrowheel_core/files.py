@@ -6,13 +6,14 @@ import contextlib
 import json
 import math
 import os
+import secrets
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from gyrowheel_core.errors import InputError
+from gyrowheel_core.errors import InputError, one_line
 
 
 def require_new(directory: Path) -> None:
@@ -23,8 +24,9 @@ def require_new(directory: Path) -> None:
     InputError
         If the path exists and is no empty directory.
     """
-    if directory.exists() and not (directory.is_dir() and not any(directory.iterdir())):
-        raise InputError(f"{directory}: exists; a recording needs a new directory")
+    with disk_errors(directory):
+        if directory.exists() and not (directory.is_dir() and not any(directory.iterdir())):
+            raise InputError(f"{directory}: exists; a recording needs a new directory")
 
 
 @contextlib.contextmanager
@@ -40,7 +42,7 @@ def new_directory(directory: Path) -> Iterator[Path]:
     target = directory.absolute()
     with disk_errors(target):
         target.parent.mkdir(parents=True, exist_ok=True)
-        workplace = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
+        workplace = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name[:40]}."))
     try:
         yield workplace / target.name
         with disk_errors(target):
@@ -59,9 +61,9 @@ def require_writable(file: Path) -> None:
     InputError
         If it is no file, or the folder where it goes cannot be written to.
     """
-    if file.exists() and not file.is_file():
-        raise InputError(f"{file}: cannot be written: it is not a file")
     with disk_errors(file):
+        if file.exists() and not file.is_file():
+            raise InputError(f"{file}: cannot be written: it is not a file")
         folder = file.absolute().parent
         while not folder.exists():  # those that are missing are made with the file
             folder = folder.parent
@@ -69,28 +71,60 @@ def require_writable(file: Path) -> None:
             pass
 
 
-def write_text(file: Path, text: str) -> None:
-    """Write a text file that is whole or as it was before.
+@contextlib.contextmanager
+def new_file(file: Path, *, private: bool = False) -> Iterator[Path]:
+    """Give a place for a file; it replaces `file` when the block has ended well, and goes when it has not.
+
+    Parameters
+    ----------
+    file : Path
+        Where the file belongs; folders that are missing are made.
+    private : bool
+        Whether only its owner may read it. Others get the permissions of any new file.
+
+    Yields
+    ------
+    Path
+        An empty file beside `file`, to be written over.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    with disk_errors(file):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        place = file.with_name(f".{file.name[:40]}.{secrets.token_hex(6)}")
+        os.close(os.open(place, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600 if private else 0o666))
+        try:
+            yield place
+            os.replace(place, file)
+        except BaseException:
+            place.unlink(missing_ok=True)
+            raise
+
+
+def write_bytes(file: Path, content: bytes, *, private: bool = False) -> None:
+    """Write a file that is whole or as it was before (see `new_file`).
 
     Raises
     ------
     InputError
         If it cannot be written.
     """
-    with disk_errors(file):
-        file.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
-        try:
-            with os.fdopen(handle, "w", encoding="utf-8") as stream:
-                stream.write(text)
-            # a temporary file is private to its owner, a result is a file like any other
-            umask = os.umask(0)
-            os.umask(umask)
-            os.chmod(temporary, 0o666 & ~umask)
-            os.replace(temporary, file)
-        except BaseException:
-            os.unlink(temporary)
-            raise
+    with new_file(file, private=private) as place:
+        place.write_bytes(content)
+
+
+def write_text(file: Path, text: str, *, private: bool = False) -> None:
+    """Write a text file that is whole or as it was before (see `new_file`).
+
+    Raises
+    ------
+    InputError
+        If it cannot be written.
+    """
+    write_bytes(file, text.encode("utf-8"), private=private)
 
 
 def json_text(content: Any) -> str:
@@ -117,4 +151,4 @@ def disk_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+        raise InputError(f"{path}: cannot be written: {error.strerror or one_line(error)}") from None

@@ -16,7 +16,6 @@ from gyrowheel.campaign.judge import Judged, failed, judge
 from gyrowheel_analysis.model import Model
 from gyrowheel_core.errors import one_line
 from gyrowheel_core.files import json_text, write_text
-from gyrowheel_sim.plant.scenario import write_private_json
 
 
 def run_case(case: Case, keep: str | None = None, scratch: str | None = None) -> Judged:
@@ -47,7 +46,7 @@ def run_case(case: Case, keep: str | None = None, scratch: str | None = None) ->
         record(case, secret, campaign.validation_plan, 1, unused)
         judged = _answered(case, secret, recording, unused, folder)
         if keep is not None:
-            write_private_json(folder / "key.json", secret.to_json())
+            write_text(folder / "key.json", json_text(secret.to_json()), private=True)
             _move(folder, Path(keep) / f"case-{case.index:04d}")
         return judged
     finally:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
-import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
@@ -22,7 +20,7 @@ from gyrowheel_analysis.exchange.fields import COMMANDS, GROUPS, READINGS, SETPO
 from gyrowheel_analysis.exchange.table import check_suffix
 from gyrowheel_analysis.recording import Recording
 from gyrowheel_core import wire
-from gyrowheel_core.errors import InputError, one_line
+from gyrowheel_core.files import new_file, write_text
 from gyrowheel_core.units import DEG
 from gyrowheel_sim import environment as environments
 
@@ -65,7 +63,7 @@ def export_recording(
     check_suffix(path)
     schema, groups = _table_schema(recording)
     command, setpoint = _nearest(recording)
-    with _whole(path) as place, contextlib.ExitStack() as stack:
+    with new_file(path) as place, contextlib.ExitStack() as stack:
         if path.suffix == ".csv":
             writer: Any = stack.enter_context(pc.CSVWriter(place, schema))
         else:
@@ -77,8 +75,7 @@ def export_recording(
             if progress is not None:
                 progress(rows.stop / total)
     if map_file is not None:
-        with _whole(Path(map_file)) as place:
-            place.write_text(_map_text(recording, groups), encoding="utf-8")
+        write_text(Path(map_file), _map_text(recording, groups))
     return [str(name) for name in schema.names]
 
 
@@ -203,25 +200,3 @@ def _map_text(recording: Recording, groups: dict[str, dict[str, str]]) -> str:
             for event in recording.environment
         ]
     return _MAP_HEAD + yaml.safe_dump(content, sort_keys=False, default_flow_style=None)
-
-
-@contextlib.contextmanager
-def _whole(path: Path) -> Iterator[Path]:
-    """Give a place for a file that moves to where it belongs when the block has ended well."""
-    temporary: Path | None = None
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        os.close(handle)
-        temporary = Path(name)
-        yield temporary
-        umask = os.umask(0)
-        os.umask(umask)
-        temporary.chmod(0o666 & ~umask)
-        temporary.replace(path)
-        temporary = None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or one_line(error)}") from None
-    finally:
-        if temporary is not None:
-            temporary.unlink(missing_ok=True)

@@ -8,9 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import os
 import re
-import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -40,6 +38,7 @@ from gyrowheel_analysis.recording.writer import (
     write_metadata,
 )
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.files import new_directory, require_new
 from gyrowheel_core.wire import SECOND
 from gyrowheel_core.yaml_text import read_yaml
 
@@ -171,30 +170,17 @@ def salvage(source: str | Path, target: str | Path, *, progress: Fraction | None
     files, stated = _sources(source)
     if being_written(source):
         raise InputError(f"{source}: is being recorded; stop the recorder first")
-    if target.exists() and not (target.is_dir() and not any(target.iterdir())):
-        raise InputError(f"{target}: exists; a recording needs a new directory")
+    require_new(target)
     if source.is_dir() and source.resolve() in target.resolve().parents:
         raise InputError(f"{target}: lies in {source}, which is not to be touched")
-    place = target.absolute()
-    try:
-        place.parent.mkdir(parents=True, exist_ok=True)
-        workshop = Path(tempfile.mkdtemp(dir=place.parent, prefix=f".{place.name}."))
-    except OSError as error:
-        raise InputError(f"{target}: cannot be written: {error.strerror or error}") from None
-    try:
-        job = _Job(source, workshop / place.name, progress or (lambda _: None))
-        (workshop / place.name).mkdir()
-        result = job.run(files, stated, str(target))
-        if place.exists():
-            place.rmdir()
-        os.replace(workshop / place.name, place)
-    except OSError as error:
-        raise InputError(
-            f"{error.filename or target}: cannot be written: {error.strerror or error}"
-        ) from None
-    finally:
-        shutil.rmtree(workshop, ignore_errors=True)
-    return result
+    with new_directory(target) as place:
+        try:
+            place.mkdir()
+            return _Job(source, place, progress or (lambda _: None)).run(files, stated, str(target))
+        except OSError as error:
+            raise InputError(
+                f"{error.filename or target}: cannot be written: {error.strerror or error}"
+            ) from None
 
 
 @dataclass(frozen=True)

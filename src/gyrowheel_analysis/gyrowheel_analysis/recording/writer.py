@@ -19,6 +19,7 @@ from gyrowheel_analysis.recording.definitions import definition
 from gyrowheel_analysis.recording.mcap.writer import Block, McapWriter
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.files import write_text
 from gyrowheel_core.topics import Topic
 
 #: Name of the file that makes a directory a recording; it is written last.
@@ -367,16 +368,10 @@ def write_metadata(directory: Path, metadata: dict[str, Any]) -> None:
 
     Raises
     ------
-    OSError
+    InputError
         If the disk does not take it.
     """
-    temporary = directory / f".{METADATA_FILE}"
-    try:
-        temporary.write_text(_yaml({"rosbag2_bagfile_information": metadata}), encoding="utf-8")
-        temporary.replace(directory / METADATA_FILE)
-    except OSError:
-        temporary.unlink(missing_ok=True)
-        raise
+    write_text(directory / METADATA_FILE, _yaml({"rosbag2_bagfile_information": metadata}))
 
 
 def being_written(path: Path) -> bool:

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import RegularGridInterpolator
 
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.files import write_text
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.air.cfd.case import Case, Result
 from gyrowheel_sim.air.geometry import LENGTHS, Geometry
@@ -122,9 +123,7 @@ class TorqueTable:
     def write(self, path: Path) -> None:
         """Write the table as a file that is whole or as it was: JSON, SI units, one row a line."""
         rows = ",\n".join(json.dumps(row.to_json(), ensure_ascii=False) for row in self.rows)
-        half = path.with_name(f".{path.name}.half")
-        half.write_text(f'{{"schema": {SCHEMA}, "rows": [\n{rows}\n]}}\n', encoding="utf-8")
-        half.replace(path)
+        write_text(path, f'{{"schema": {SCHEMA}, "rows": [\n{rows}\n]}}\n')
 
     @functools.cached_property
     def method(self) -> tuple[str, str]:

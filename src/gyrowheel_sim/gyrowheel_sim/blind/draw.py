@@ -15,12 +15,13 @@ from typing import Literal
 import numpy as np
 
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.files import json_text, write_text
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.blind.outside import OUTSIDE
 from gyrowheel_sim.effects.declaration import Effect
 from gyrowheel_sim.effects.registry import EffectValues, registry, validated
 from gyrowheel_sim.effects.sizes import for_bench
-from gyrowheel_sim.plant.scenario import Scenario, write_private_json
+from gyrowheel_sim.plant.scenario import Scenario
 
 Kind = Literal["none", "single", "pair", "outside"]
 #: How often each kind is drawn.
@@ -85,7 +86,8 @@ def reuse_or_draw(bench: Bench, key: Path, seed: int, *, kinds: Sequence[Kind] =
     if key.exists():
         return replace(_read_key(bench, key), noise_seed=seed)
     scenario = draw(bench, seed, kinds=kinds)
-    write_private_json(key, {"values": dict(scenario.values), "effects": scenario.effects})
+    content = {"values": dict(scenario.values), "effects": scenario.effects}
+    write_text(key, json_text(content), private=True)
     return replace(scenario, noise_seed=seed)
 
 

@@ -20,6 +20,7 @@ import numpy as np
 import sympy as sp
 from sympy.printing.pycode import PythonCodePrinter
 
+from gyrowheel_core.files import write_text
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.declaration import TARGETS, Effect
 from gyrowheel_sim.effects.parts import split
@@ -206,7 +207,7 @@ def _compiled(parts: Sequence[str], what: str) -> ModuleType:
         return sys.modules[name]
     path = cache_folder() / f"{name}.py"
     if not path.is_file() or path.read_text(encoding="utf-8") != text:
-        _write_atomically(path, text)
+        write_text(path, text)
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:  # pragma: no cover - only a broken interpreter gets here
         raise RuntimeError(f"cannot load the generated module {path}")
@@ -245,15 +246,8 @@ def _cached_laws(effects: tuple[Effect, ...]) -> str:
     if path.is_file():
         return path.read_text(encoding="utf-8")
     text = laws_source(effects)
-    _write_atomically(path, text)
+    write_text(path, text)
     return text
-
-
-def _write_atomically(path: Path, text: str) -> None:
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name)
-    with os.fdopen(handle, "w", encoding="utf-8") as file:
-        file.write(text)
-    os.replace(temporary, path)
 
 
 def _kernel_text(package: str, name: str) -> str:

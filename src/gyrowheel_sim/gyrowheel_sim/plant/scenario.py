@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.files import json_text, write_text
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import (
     Effect,
@@ -83,22 +82,8 @@ class Scenario:
         return cls({k: float(v) for k, v in values.items()}, checked, seed, declared)
 
     def save(self, path: str | Path) -> None:
-        """Write a scenario file, atomically and readable by its owner alone."""
+        """Write a scenario file that is whole or as it was before; only its owner may read it."""
         content = {"values": dict(self.values), "effects": self.effects, "noise_seed": self.noise_seed}
         if self.declared:
             content["declared"] = {name: effect_to_mapping(effect) for name, effect in self.declared.items()}
-        write_private_json(Path(path), content)
-
-
-def write_private_json(path: Path, content: object) -> None:
-    """Write JSON so that the file is whole or absent, and readable by its owner alone."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            json.dump(content, file, indent=2)
-            file.write("\n")
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise
+        write_text(Path(path), json_text(content), private=True)

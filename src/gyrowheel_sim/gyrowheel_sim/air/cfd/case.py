@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.files import write_text
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.air.cfd import dictionaries, openfoam, polymesh
 from gyrowheel_sim.air.cfd.history import Torque, average, read_history, read_log
@@ -458,9 +459,7 @@ def _times(folder: Path) -> list[Path]:
 
 def write_json(path: Path, content: Any) -> None:
     """Write a file that is whole or not there."""
-    half = path.with_name(f".{path.name}.{os.getpid()}")
-    half.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    half.replace(path)
+    write_text(path, json.dumps(content, indent=1, ensure_ascii=False) + "\n")
 
 
 def _geometry(case: Case) -> Geometry:

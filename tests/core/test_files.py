@@ -1,0 +1,75 @@
+"""Files appear whole or not at all, with the permissions of any other file, or private."""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.files import new_directory, new_file, require_writable, write_bytes, write_text
+
+
+@pytest.fixture(params=[0o022, 0o077, 0o002])
+def umask(request: pytest.FixtureRequest) -> Iterator[int]:
+    before = os.umask(request.param)
+    yield request.param
+    os.umask(before)
+
+
+def mode(path: Path) -> int:
+    return stat.S_IMODE(path.stat().st_mode)
+
+
+def test_a_file_has_the_permissions_of_any_new_file(tmp_path: Path, umask: int) -> None:
+    write_text(tmp_path / "deep" / "own.txt", "µ")
+    (tmp_path / "plain.txt").write_text("")
+    assert mode(tmp_path / "deep" / "own.txt") == mode(tmp_path / "plain.txt") == 0o666 & ~umask
+    assert (tmp_path / "deep" / "own.txt").read_text(encoding="utf-8") == "µ"
+    with new_directory(tmp_path / "folder") as place:
+        place.mkdir()
+    assert mode(tmp_path / "folder") == 0o777 & ~umask
+
+
+def test_a_private_file_is_for_its_owner_alone(tmp_path: Path, umask: int) -> None:
+    file = tmp_path / "key.json"
+    file.write_text("old")
+    file.chmod(0o644)
+    write_text(file, "new", private=True)
+    assert (mode(file), file.read_text()) == (0o600, "new")
+
+
+def test_a_file_stays_as_it_was_where_writing_fails(tmp_path: Path) -> None:
+    file = tmp_path / "a.bin"
+    write_bytes(file, b"before")
+
+    def write(error: BaseException) -> None:
+        with new_file(file) as place:
+            place.write_bytes(b"half")
+            raise error
+
+    with pytest.raises(InputError, match=rf"^{file}: cannot be written: No space left on device$"):
+        write(OSError(28, "No space left on device"))
+    with pytest.raises(KeyboardInterrupt):
+        write(KeyboardInterrupt())
+    assert (file.read_bytes(), os.listdir(tmp_path)) == (b"before", ["a.bin"])
+
+
+def test_a_place_that_takes_no_file_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    (tmp_path / "folder").mkdir()
+    for path in (tmp_path / "file" / "below.txt", tmp_path / "folder", tmp_path / ("long" * 70)):
+        with pytest.raises(InputError, match=rf"^{path}: cannot be written: "):
+            write_text(path, "x")
+        with pytest.raises(InputError, match=rf"^{path}: cannot be written: "):
+            require_writable(path)
+    assert sorted(os.listdir(tmp_path)) == ["file", "folder"]
+
+
+def test_a_long_name_is_no_obstacle(tmp_path: Path) -> None:
+    file = tmp_path / ("n" * 255)
+    write_text(file, "x")
+    assert file.read_text() == "x"
