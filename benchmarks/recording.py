@@ -66,7 +66,7 @@ def _reading(progress: Fraction) -> Report:
 
         def ours() -> float:
             recording = Recording.open(directory)
-            return float(recording.readings[:, 0].sum() + recording.command["motor_voltage"].sum())
+            return float(recording.readings.tilt_x.sum() + recording.command["motor_voltage"].sum())
 
         def by_rosbags() -> float:
             total = 0.0

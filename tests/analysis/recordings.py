@@ -87,7 +87,7 @@ def assert_same(left, right):
 
 def assert_holds(recording, run):
     """Check that a recording holds exactly what a run gave."""
-    np.testing.assert_array_equal(recording.readings, run["measurement"])
+    np.testing.assert_array_equal(recording.readings.array, run["measurement"])
     np.testing.assert_array_equal(recording.measurement["sequence"], np.arange(len(run["measurement"])))
     np.testing.assert_array_equal(
         recording.measurement["stamp_ns"], PERIOD_NS * np.arange(len(run["measurement"]))
@@ -108,6 +108,6 @@ def assert_holds(recording, run):
 
 def assert_counting(recording, count=50):
     """Check that the samples are those of `measurements` and `objects`."""
-    assert recording.readings.tolist() == [[float(k + i) for i in range(11)] for k in range(count)]
+    assert recording.readings.array.tolist() == [[float(k + i) for i in range(11)] for k in range(count)]
     assert recording.measurement["sequence"].tolist() == list(range(count))
     assert recording.measurement["stamp_ns"].tolist() == [k * PERIOD_NS for k in range(count)]

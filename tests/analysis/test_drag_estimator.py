@@ -15,6 +15,7 @@ from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction import Samples, reduce
 from gyrowheel_control.loops.closed_loop import Run, simulate
 from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core.readings import Readings
 from gyrowheel_sim.plant.scenario import Scenario
 
 from .machines import BENCH
@@ -47,7 +48,9 @@ def estimates(run: Run) -> Iterator[Estimate]:
         estimator.setpoint(int(row["stamp_ns"]), int(row["segment"]), int(row["phase"]), values)
     stamps = np.arange(len(run.measurement), dtype=np.int64) * 500_000
     for start in range(0, len(stamps), 100):
-        yield from estimator.add_block(stamps[start : start + 100], run.measurement[start : start + 100])
+        yield from estimator.add_block(
+            stamps[start : start + 100], Readings(run.measurement[start : start + 100])
+        )
     yield from estimator.finish()
 
 
@@ -58,11 +61,11 @@ def test_a_long_hold_is_estimated_as_a_whole(run: Run) -> None:
     time = np.arange(len(run.measurement), dtype=np.float64) * BENCH.sample_period
     stop = last.stamp_ns * 1e-9
     inside = (time >= stop - last.duration) & (time <= stop)
-    assert last.spin_rate == pytest.approx(run.measurement[inside, 3].mean(), rel=1e-7)
+    assert last.spin_rate == pytest.approx(Readings(run.measurement).spin_rate[inside].mean(), rel=1e-7)
     np.testing.assert_allclose(last.dc_voltage, run.measurement[inside, 4:7].mean(axis=0), atol=3e-4)
     # all its windows, reduced in one go
     setpoint = run.setpoints
-    samples = Samples(time, run.measurement, setpoint["stamp_ns"] * 1e-9, setpoint)
+    samples = Samples(time, Readings(run.measurement), setpoint["stamp_ns"] * 1e-9, setpoint)
     windows = reduce(samples, BENCH)
     within = windows.segment == last.segment
     coil, motor = Balance(windows, BENCH, clean=False).required(BENCH.values(), [])

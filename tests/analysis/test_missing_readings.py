@@ -28,13 +28,13 @@ from gyrowheel_analysis.reduction import (
     reduce,
     reduce_and_account,
 )
+from gyrowheel_analysis.reduction.quality import SLOW
 from gyrowheel_control.plans.plan import Plan
-from gyrowheel_core import wire
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.readings import READINGS, Readings
 
 from .machines import BENCH, assert_same_means, hidden_machine, record
 
-NAMES = tuple(wire.MEASUREMENT.fields)
 UNREAD = "with readings missing"
 THIN = """\
 schema: 1
@@ -74,31 +74,32 @@ def same(one: Windows, other: Windows) -> bool:
 
 @settings(max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
-    column=st.integers(0, len(NEEDED) - 1),
+    name=st.sampled_from(NEEDED),
     row=st.floats(0.0, 1.0),
     value=st.sampled_from([np.nan, np.inf, -np.inf]),
 )
 def test_a_sample_without_a_reading_counts_as_lost(
-    samples: Samples, column: int, row: float, value: float
+    samples: Samples, name: str, row: float, value: float
 ) -> None:
     first = samples.time < 8.0
-    time, values = samples.time[first], samples.values[first]
-    k = round(row * (len(values) - 1))
-    values[k, column] = value
-    lost = replace(samples, time=np.delete(time, k), values=np.delete(values, k, axis=0))
-    found = reduce(replace(samples, time=time, values=values), BENCH)
+    time, readings = samples.time[first], samples.readings[first]
+    k = round(row * (len(readings) - 1))
+    readings[name][k] = value
+    others = np.delete(np.arange(len(time)), k)
+    lost = replace(samples, time=time[others], readings=readings[others])
+    found = reduce(replace(samples, time=time, readings=readings), BENCH)
     assert len(found) > 3
     assert same(found, reduce(lost, BENCH))
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", READINGS)
 def test_scattered_missing_readings_hardly_move_a_window(
     samples: Samples, windows: Windows, name: str
 ) -> None:
     rng = np.random.default_rng(4)
-    values = samples.values.copy()
-    values[rng.random(len(values)) < 0.01, NAMES.index(name)] = np.nan
-    data = replace(samples, values=values)
+    readings = samples.readings.copy()
+    readings[name][rng.random(len(readings)) < 0.01] = np.nan
+    data = replace(samples, readings=readings)
     found, coverage = reduce_and_account(data, BENCH)
     assert coverage.complete
     assert_same_means(found, windows)
@@ -108,19 +109,19 @@ def test_scattered_missing_readings_hardly_move_a_window(
 
 def test_the_noise_is_that_of_the_readings_that_there_are(samples: Samples) -> None:
     rng = np.random.default_rng(5)
-    values = samples.values.copy()
-    values[rng.random(len(values)) < 0.003, 0] = np.nan
-    found = reduce(replace(samples, values=values), BENCH).reading_noise[0]
+    readings = samples.readings.copy()
+    readings.tilt_x[rng.random(len(readings)) < 0.003] = np.nan
+    found = reduce(replace(samples, readings=readings), BENCH).reading_noise[0]
     assert found == pytest.approx(reading_noise(samples, BENCH), rel=0.1)
 
 
 def test_a_stretch_without_readings_is_left_out_and_accounted_for(samples: Samples, windows: Windows) -> None:
     gone = windows.select(np.flatnonzero(windows.duration > 0.9)[2:3])
-    values = samples.values.copy()
+    readings = samples.readings.copy()
     start, length = float(gone.start[0]), float(gone.duration[0])
     rows = (samples.time > start) & (samples.time < start + length)
-    values[rows, NAMES.index("motor_current")] = np.nan
-    found, coverage = reduce_and_account(replace(samples, values=values), BENCH)
+    readings.motor_current[rows] = np.nan
+    found, coverage = reduce_and_account(replace(samples, readings=readings), BENCH)
     assert len(found) == len(windows) - 1
     assert coverage.left_out[UNREAD] == pytest.approx(length, rel=0.1)
     assert f"s {UNREAD}" in coverage.sentence()
@@ -134,9 +135,9 @@ def test_what_is_missing_within_a_window_does_not_count_as_used(samples: Samples
     end = float(own.start[0] + own.duration[0])
     turn = 2.0 * np.pi / float(own.mean_spin[0])  # what follows the last whole revolution counts as well
     for start, stop, length in ((end - 0.3, end + 0.1, 0.3 + 0.5 * turn), (end - 0.5, end - 0.495, 0.005)):
-        values = samples.values.copy()
-        values[(samples.time > start) & (samples.time < stop), 0] = np.nan
-        found, coverage = reduce_and_account(replace(samples, values=values), BENCH)
+        readings = samples.readings.copy()
+        readings.tilt_x[(samples.time > start) & (samples.time < stop)] = np.nan
+        found, coverage = reduce_and_account(replace(samples, readings=readings), BENCH)
         _, whole = reduce_and_account(samples, BENCH)
         assert len(found) == len(windows)
         assert coverage.left_out[UNREAD] == pytest.approx(length, abs=0.5 * turn if stop > end else 0.001)
@@ -145,17 +146,18 @@ def test_what_is_missing_within_a_window_does_not_count_as_used(samples: Samples
 
 def test_samples_that_are_lost_are_not_taken_for_unread_ones(samples: Samples) -> None:
     kept = np.arange(len(samples.time)) % 4 == 0
-    thin = replace(samples, time=samples.time[kept], values=samples.values[kept].copy())
-    thin.values[5, 0] = np.nan
+    thin = replace(samples, time=samples.time[kept], readings=samples.readings[kept].copy())
+    thin.readings.tilt_x[5] = np.nan
     _, coverage = reduce_and_account(thin, BENCH)
     assert UNREAD not in coverage.left_out
     assert coverage.left_out["with too few samples or revolutions"] > 0.0
 
 
 def test_nothing_is_left_where_hardly_anything_was_read(samples: Samples) -> None:
-    values = samples.values.copy()
-    values[10:, 7] = np.nan
-    for data in (replace(samples, values=values), replace(samples, values=values * np.nan)):
+    readings = samples.readings.copy()
+    readings.motor_current[10:] = np.nan
+    nothing = Readings(np.full_like(readings.array, np.nan))
+    for data in (replace(samples, readings=readings), replace(samples, readings=nothing)):
         for own in (data, replace(data, setpoint_time=data.setpoint_time[:0], setpoint=data.setpoint[:0])):
             found, coverage = reduce_and_account(own, BENCH)
             assert len(found) == 0
@@ -182,7 +184,7 @@ def test_a_needed_column_without_any_reading_is_named(recording: Recording, name
 
 def test_what_the_analysis_can_do_without_is_assumed_and_said(recording: Recording, windows: Windows) -> None:
     hurt = recording
-    for name in NAMES[len(NEEDED) :]:
+    for name in SLOW:
         hurt = without(hurt, name)
     found, coverage = reduce_and_account(samples_of(hurt), BENCH)
     assert len(found) == len(windows)
@@ -215,18 +217,18 @@ def test_with_all_readings_nothing_is_copied_or_warned_of(samples: Samples, wind
 
 
 def test_the_drag_estimate_forgets_a_sample_with_a_reading_missing(recording: Recording) -> None:
-    def estimates(values: np.ndarray[Any, Any]) -> list[Any]:
+    def estimates(readings: Readings) -> list[Any]:
         estimator = DragEstimator(Model.new())
         for row in recording.setpoint:
             motion = [row[n] for n in ("tilt_x", "tilt_y", "tilt_rate_x", "tilt_rate_y")]
             speed = [row["spin_rate"], row["spin_acceleration"]]
             estimator.setpoint(row["stamp_ns"], row["segment"], row["phase"], [*motion, *speed])
-        return estimator.add_block(recording.measurement["stamp_ns"], values) + estimator.finish()
+        return estimator.add_block(recording.measurement["stamp_ns"], readings) + estimator.finish()
 
     whole = recording.readings.copy()
     holed = whole.copy()
-    holed[5000, NAMES.index("coil_voltage_x")] = np.nan
-    holed[20000:20003, NAMES.index("tilt_y")] = np.nan
+    holed.coil_voltage_x[5000] = np.nan
+    holed.tilt_y[20000:20003] = np.nan
     own, plain = estimates(holed), estimates(whole)
     assert len(own) == len(plain) > 5
     for a, b in zip(own, plain, strict=True):

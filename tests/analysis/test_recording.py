@@ -203,7 +203,7 @@ def test_integrity(order, dropped, doubled, tmp_path_factory):
     )
     kept = sorted(set(range(12)) - dropped)
     assert recording.measurement["sequence"].tolist() == kept
-    assert recording.readings[:, 0].tolist() == kept
+    assert recording.readings.tilt_x.tolist() == kept
     integrity = recording.integrity()
     lost = [first + k for first, count in integrity.gaps for k in range(count)]
     assert lost == sorted(dropped)
@@ -219,7 +219,7 @@ def test_numbers_that_are_none_are_counted_and_kept(tmp_path):
     messages[2] = wire.MEASUREMENT.pack(2 * PERIOD_NS, 2, float("nan"), *[0.0] * 9, float("inf"))
     recording = Recording.open(record(tmp_path / "bag", [*messages, messages[2]]))
     assert (recording.integrity().not_finite, recording.integrity().duplicates) == (1, 1)
-    assert np.isnan(recording.readings[2, 0])
+    assert np.isnan(recording.readings.tilt_x[2])
     assert json.loads(info(tmp_path / "bag").to_json())["integrity"]["not_finite"] == 1
 
 

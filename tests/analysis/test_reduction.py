@@ -64,22 +64,33 @@ def test_the_noise_is_that_of_the_recording(factor: float, tmp_path: Path) -> No
     found = reading_noise(data, BENCH) / STATED
     assert found[JUDGED] == pytest.approx(factor, rel=0.06)
     kept = np.random.default_rng(1).random(len(data.time)) > 0.03
-    lossy = replace(data, time=data.time[kept], values=data.values[kept])
+    lossy = replace(data, time=data.time[kept], readings=data.readings[kept])
     assert (reading_noise(lossy, BENCH) / STATED)[JUDGED] == pytest.approx(factor, rel=0.1)
 
 
 def test_the_noise_of_a_few_samples_is_the_stated_one(samples: Samples) -> None:
-    few = replace(samples, time=samples.time[:300], values=samples.values[:300])
+    few = replace(samples, time=samples.time[:300], readings=samples.readings[:300])
     assert reading_noise(few, BENCH) == pytest.approx(STATED)
+
+
+#: Sizes of spikes [SI], by the reading that they are in.
+SPIKES = {
+    "tilt_x": 0.02,
+    "spin_rate": 50.0,
+    "coil_voltage_x": 5.0,
+    "motor_voltage": 8.0,
+    "motor_current": 3.0,
+    "coil_temperature": 40.0,
+}
 
 
 def test_spikes_do_not_move_a_window(samples: Samples, windows: Windows) -> None:
     rng = np.random.default_rng(2)
-    values = samples.values.copy()
-    for column, size in ((0, 0.02), (3, 50.0), (4, 5.0), (6, 8.0), (7, 3.0), (8, 40.0)):
-        hit = rng.choice(len(values), len(values) // 2000, replace=False)
-        values[hit, column] += size * rng.choice((-1.0, 1.0), len(hit))
-    spiked = reduce(replace(samples, values=values), BENCH)
+    readings = samples.readings.copy()
+    for name, size in SPIKES.items():
+        hit = rng.choice(len(readings), len(readings) // 2000, replace=False)
+        readings[name][hit] += size * rng.choice((-1.0, 1.0), len(hit))
+    spiked = reduce(replace(samples, readings=readings), BENCH)
     assert_same_means(spiked, windows)
     # the mean of a coil's voltage knows no better than what the controller makes of the tilt's noise
     assert np.abs(spiked.coil_voltage - windows.coil_voltage).max() < 2.0e-3
@@ -87,10 +98,10 @@ def test_spikes_do_not_move_a_window(samples: Samples, windows: Windows) -> None
 
 
 def test_a_clipped_reading_is_left_out(samples: Samples, windows: Windows) -> None:
-    values = samples.values.copy()
-    limit = 0.6 * float(np.abs(values[:, 0]).max())
-    values[:, 0] = np.clip(values[:, 0], -limit, limit)
-    left = reduce(replace(samples, values=values), BENCH)
+    readings = samples.readings.copy()
+    limit = 0.6 * float(np.abs(readings.tilt_x).max())
+    readings.tilt_x[:] = np.clip(readings.tilt_x, -limit, limit)
+    left = reduce(replace(samples, readings=readings), BENCH)
     assert 0 < len(left) < len(windows)
     assert np.abs(left.mean_tilt.real).max() < limit
     # what was not clipped is as it was
@@ -101,13 +112,13 @@ def test_a_clipped_reading_is_left_out(samples: Samples, windows: Windows) -> No
 def test_motion_that_has_not_settled_is_left_out_or_begins_later(samples: Samples, windows: Windows) -> None:
     holds = np.flatnonzero(windows.duration > 0.9)
     restless, late = windows.select(holds[2:3]), windows.select(holds[5:6])
-    values = samples.values.copy()
+    readings = samples.readings.copy()
     t = samples.time
     shaken = (t >= restless.start) & (t <= restless.start + restless.duration)
-    values[shaken, 0] += 1.0e-3 * np.sin(40.0 * t[shaken])
+    readings.tilt_x[shaken] += 1.0e-3 * np.sin(40.0 * t[shaken])
     ringing = t >= late.start - 0.5
-    values[ringing, 0] += 2.0e-3 * np.exp(-(t[ringing] - late.start) / 0.06) * np.sin(60.0 * t[ringing])
-    left = reduce(replace(samples, values=values), BENCH)
+    readings.tilt_x[ringing] += 2.0e-3 * np.exp(-(t[ringing] - late.start) / 0.06) * np.sin(60.0 * t[ringing])
+    left = reduce(replace(samples, readings=readings), BENCH)
     assert not np.any(np.isclose(left.middle, restless.middle, atol=0.05))
     (same,) = np.flatnonzero(np.isclose(left.start + left.duration, late.start + late.duration, atol=0.05))
     assert left.start[same] > late.start + 0.1
@@ -115,10 +126,10 @@ def test_motion_that_has_not_settled_is_left_out_or_begins_later(samples: Sample
 
 
 def test_a_supply_that_fails_is_noticed(samples: Samples, windows: Windows) -> None:
-    values = samples.values.copy()
-    values[:, 7] += 0.5 * np.where(np.arange(len(values)) % 2, 1.0, -1.0)
+    readings = samples.readings.copy()
+    readings.motor_current[:] += 0.5 * np.where(np.arange(len(readings)) % 2, 1.0, -1.0)
     holds = int(np.sum(windows.duration > 0.9))
-    assert len(reduce(replace(samples, values=values), BENCH)) < holds / 4
+    assert len(reduce(replace(samples, readings=readings), BENCH)) < holds / 4
 
 
 def test_what_is_left_out_is_accounted_for(samples: Samples, windows: Windows) -> None:
@@ -130,11 +141,11 @@ def test_what_is_left_out_is_accounted_for(samples: Samples, windows: Windows) -
     assert whole.used == pytest.approx(windows.duration.sum(), rel=0.06)
     assert whole.sentence().startswith(f"All {whole.used:.0f} s of steady motion take part")
 
-    values = samples.values.copy()
-    limit = 0.6 * float(np.abs(values[:, 0]).max())
-    values[:, 0] = np.clip(values[:, 0], -limit, limit)
+    readings = samples.readings.copy()
+    limit = 0.6 * float(np.abs(readings.tilt_x).max())
+    readings.tilt_x[:] = np.clip(readings.tilt_x, -limit, limit)
     lost = samples.time < samples.time[0] + 0.3 * whole.recorded
-    clipped = replace(samples, values=values)
+    clipped = replace(samples, readings=readings)
     _, part = reduce_and_account(clipped, BENCH)
     assert part.steady == pytest.approx(whole.steady)
     assert not part.complete
@@ -142,7 +153,7 @@ def test_what_is_left_out_is_accounted_for(samples: Samples, windows: Windows) -
     assert "s with a reading at the end of its range" in part.sentence()
     # three of four samples missing in the first part
     thin = ~lost | (np.arange(len(lost)) % 4 == 0)
-    fewer = replace(clipped, time=samples.time[thin], values=values[thin])
+    fewer = replace(clipped, time=samples.time[thin], readings=readings[thin])
     _, both = reduce_and_account(fewer, BENCH)
     assert both.left_out["with too few samples or revolutions"] > 0.1 * whole.steady
     assert both.steady == pytest.approx(whole.steady, rel=0.01)

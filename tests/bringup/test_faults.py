@@ -391,7 +391,7 @@ def test_two_graphs_on_two_domains_do_not_meet(tmp_path: Path, watched: Watched)
     plan = Plan.load(SHORT_PLAN)
     for number in range(2):
         expected = simulate(Bench.load(), Scenario.nominal(noise_seed=number), plan)
-        readings = Recording.open(tmp_path / f"{number}").readings
+        readings = Recording.open(tmp_path / f"{number}").readings.array
         assert np.array_equal(readings[: len(expected.measurement)], expected.measurement)
 
 

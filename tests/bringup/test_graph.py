@@ -94,7 +94,7 @@ def test_graph_gives_the_samples_of_the_simulation_bit_for_bit(session: Session)
     run = simulate(Bench.load(), everything(), session.plan)
     n = len(run.measurement)
     command = np.stack([session.recording.command[name] for name in wire.COMMAND.fields], axis=1)
-    assert np.array_equal(session.recording.readings[:n], run.measurement)
+    assert np.array_equal(session.recording.readings.array[:n], run.measurement)
     assert np.array_equal(command[:n], run.command)
 
 

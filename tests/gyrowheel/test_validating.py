@@ -48,10 +48,10 @@ def test_a_reading_that_is_no_number_does_not_end_the_analysis(
     commands = np.column_stack([whole.command[name] for name in wire.COMMAND.fields if "voltage" in name])
     for name, rows, code in (("tilt_x", slice(5000, 5001), 0), ("motor_current", slice(None), 2)):
         readings = whole.readings.copy()
-        readings[rows, list(wire.MEASUREMENT.fields).index(name)] = float("nan")
+        readings[name][rows] = float("nan")
         write_run(
             tmp_path / name,
-            readings,
+            readings.array,
             commands,
             whole.setpoint,
             to_json(whole.environment),

@@ -12,6 +12,7 @@ import pytest
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.reduction import Samples, reduce
 from gyrowheel_control.loops.controller import Controller, Gains, loop_code
+from gyrowheel_core.readings import Readings
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.mechanics.dynamics import generalised_forces, inertia_terms, joint_accelerations
 from gyrowheel_sim.mechanics.kinematics import tilt_of_joint
@@ -69,7 +70,9 @@ def test_hold_in_closed_loop(figures):
 def test_balance_meets_full_simulation(figures):
     run = quiet_run(hold_plan(figures.rpm, 0.0, 3.0))
     time = np.arange(len(run.measurement), dtype=np.float64) * BENCH.sample_period
-    samples = Samples(time, run.measurement, run.setpoints["stamp_ns"] * 1e-9, run.setpoints, run.environment)
+    samples = Samples(
+        time, Readings(run.measurement), run.setpoints["stamp_ns"] * 1e-9, run.setpoints, run.environment
+    )
     balance = Balance(reduce(samples, BENCH), BENCH)
     residual = balance.measured - balance.predicted(BENCH.values(), [])
     for channel in ("tilt_x", "tilt_y", "spin"):

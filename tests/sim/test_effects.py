@@ -20,6 +20,7 @@ from gyrowheel_analysis.fitting.terms import ERRORS
 from gyrowheel_analysis.reduction import READING_NOISES, Samples, reduce
 from gyrowheel_control.loops.controller import loop_code
 from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core.readings import Readings
 from gyrowheel_sim.bench import unit_registry
 from gyrowheel_sim.blind.outside import THREE_LOBED
 from gyrowheel_sim.effects import Coefficient, Effect, registry
@@ -449,7 +450,9 @@ def simulated(plan: str, name: str | None, values: tuple[tuple[str, float], ...]
     """Return the balance of a plan run without noise on a machine with an effect."""
     run = quiet_run(Plan.load(plan), {name: dict(values)} if name else {})
     time = np.arange(len(run.measurement), dtype=np.float64) * BENCH.sample_period
-    samples = Samples(time, run.measurement, run.setpoints["stamp_ns"] * 1e-9, run.setpoints, run.environment)
+    samples = Samples(
+        time, Readings(run.measurement), run.setpoints["stamp_ns"] * 1e-9, run.setpoints, run.environment
+    )
     windows = reduce(samples, BENCH)
     # the readings of a simulation without noise have less of it than a recording is believed to have
     stated = np.tile([BENCH.value(noise) for noise in READING_NOISES], (len(windows), 1))

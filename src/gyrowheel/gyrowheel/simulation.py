@@ -17,6 +17,7 @@ from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import new_directory
+from gyrowheel_core.readings import Readings
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import to_json
 from gyrowheel_sim.plant.scenario import Scenario
@@ -88,7 +89,7 @@ def _estimates(run: Run, bench: Bench) -> Iterator[Estimate]:
     stamps = np.arange(len(run.measurement), dtype=np.int64) * round(bench.sample_period * wire.SECOND)
     for start in range(0, len(stamps), _BLOCK):
         block = slice(start, start + _BLOCK)
-        yield from estimator.add_block(stamps[block], run.measurement[block])
+        yield from estimator.add_block(stamps[block], Readings(run.measurement[block]))
     yield from estimator.finish()
 
 

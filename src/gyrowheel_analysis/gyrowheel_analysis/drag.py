@@ -6,7 +6,7 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -16,12 +16,16 @@ from gyrowheel_analysis.balance.balance import ActiveEffect, Balance
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction import LONGEST, NEEDED, SETTLING, SPIN_SETTLING, Samples, reduce
 from gyrowheel_control.plans.plan import HOLD, SETPOINT_DTYPE
+from gyrowheel_core.readings import Readings
 from gyrowheel_core.units import DEG
 
 Array = NDArray[np.float64]
 
-#: Columns of the readings that are filtered: tilts, coil voltages, motor voltage and current.
-_COLUMNS = np.array([0, 1, 4, 5, 6, 7])
+#: Readings that are filtered; `_TILT`, `_DC` and `_CURRENT` are places among them.
+_FILTERED = ("tilt_x", "tilt_y", "coil_voltage_x", "coil_voltage_y", "motor_voltage", "motor_current")
+_COLUMNS = np.array(Readings.columns(_FILTERED))
+_TILT, _DC, _CURRENT = slice(0, 2), slice(2, 5), 5
+_NEEDED_COLUMNS = Readings.columns(NEEDED)
 _RADIUS = 0.97  # of the notch's poles: 10 Hz wide, settles in 0.1 s
 _NOTCH_SETTLING = 0.15  # s
 _UPDATE, _SELDOM = 0.5, 5.0  # s between two estimates of one hold, at its beginning and in the long run
@@ -93,11 +97,25 @@ def notch(values: Any, columns: Any, rate: Any, period: float, radius: float, st
             out[i, c] = x
 
 
+class _Setpoint(NamedTuple):
+    """One setpoint: a row of `SETPOINT_DTYPE`."""
+
+    stamp_ns: int
+    segment: int
+    phase: int
+    tilt_x: float
+    tilt_y: float
+    tilt_rate_x: float
+    tilt_rate_y: float
+    spin_rate: float
+    spin_acceleration: float
+
+
 @dataclass
 class _Hold:
     """A hold under way: sums over all of it, and the samples whose windows are not final yet."""
 
-    setpoint: tuple[Any, ...]
+    setpoint: _Setpoint
     start: float  # s, when it has settled
     due: float  # s, of the next estimate
     first: float = math.nan
@@ -110,16 +128,16 @@ class _Hold:
     times: list[Array] = field(default_factory=list)
     readings: list[Array] = field(default_factory=list)
 
-    def add(self, time: Array, readings: Array, filtered: Array) -> None:
+    def add(self, time: Array, readings: Readings, filtered: Array) -> None:
         """Take samples."""
         if not self.count:
             self.first = float(time[0])
         self.last = float(time[-1])
         self.count += len(time)
         self.filtered += filtered.sum(axis=0)
-        self.spin += float(readings[:, 3].sum())
+        self.spin += float(readings.spin_rate.sum())
         self.times.append(time)
-        self.readings.append(readings)
+        self.readings.append(readings.array)
 
 
 class DragEstimator:
@@ -136,45 +154,53 @@ class DragEstimator:
         self._bench = model.bench
         self._effects = [ActiveEffect(model.library[name], values) for name, values in model.effects.items()]
         self._state = np.full(4 * len(_COLUMNS) + 1, math.nan)
-        self._setpoints: deque[tuple[Any, ...]] = deque()
+        self._setpoints: deque[_Setpoint] = deque()
         self._hold: _Hold | None = None
         self._spin_before: float | None = None
         self._reference: Array | None = None
 
     def setpoint(self, stamp_ns: int, segment: int, phase: int, values: Sequence[float]) -> None:
         """Take a setpoint: tilt_x, tilt_y, their rates, spin rate and acceleration; stamps must ascend."""
-        self._setpoints.append((stamp_ns, segment, phase, *values))
+        self._setpoints.append(_Setpoint(stamp_ns, segment, phase, *values))
 
-    def add_block(self, stamps_ns: NDArray[np.int64], values: Array) -> list[Estimate]:
+    def add_block(self, stamps_ns: NDArray[np.int64], readings: Readings) -> list[Estimate]:
         """Take consecutive samples and return the estimates that they complete.
 
         Parameters
         ----------
         stamps_ns : ndarray (m,)
             Sampling instants [ns].
-        values : ndarray (m, 11)
-            Readings, columns as in the Measurement message. A sample that lacks one it needs (NaN) counts as lost.
+        readings : Readings
+            Readings (m) [SI]. A sample without one of `NEEDED` (not finite) counts as lost.
         """
-        whole = np.isfinite(values[:, : len(NEEDED)]).all(axis=1)
+        whole = np.asarray(np.isfinite(readings.array[:, _NEEDED_COLUMNS]).all(axis=1))
         if not whole.all():  # the filters would never forget it
-            stamps_ns, values = stamps_ns[whole], values[whole]
-        filtered = np.empty((len(values), len(_COLUMNS)))
-        notch(values, _COLUMNS, values[:, 3], self._bench.sample_period, _RADIUS, self._state, filtered)
+            stamps_ns, readings = stamps_ns[whole], readings[whole]
+        filtered = np.empty((len(readings), len(_COLUMNS)))
+        notch(
+            readings.array,
+            _COLUMNS,
+            readings.spin_rate,
+            self._bench.sample_period,
+            _RADIUS,
+            self._state,
+            filtered,
+        )
         estimates: list[Estimate] = []
         at = 0
         while at < len(stamps_ns):
             # setpoints that begin within the block cut it
             stop = len(stamps_ns)
-            if self._setpoints and self._setpoints[0][0] <= stamps_ns[at]:
+            if self._setpoints and self._setpoints[0].stamp_ns <= stamps_ns[at]:
                 estimates += self._take(self._setpoints.popleft())
                 continue
             if self._setpoints:
-                stop = min(stop, int(np.searchsorted(stamps_ns, self._setpoints[0][0])))
+                stop = min(stop, int(np.searchsorted(stamps_ns, self._setpoints[0].stamp_ns)))
             if self._hold is not None:
                 time = np.asarray(stamps_ns[at:stop] * 1e-9, dtype=np.float64)
                 keep = time >= self._hold.start
                 if keep.any():
-                    self._hold.add(time[keep], values[at:stop][keep], filtered[at:stop][keep])
+                    self._hold.add(time[keep], readings[at:stop][keep], filtered[at:stop][keep])
                     if time[-1] >= self._hold.due:
                         step = _SHARE * (self._hold.last - self._hold.first)
                         self._hold.due = self._hold.last + min(max(step, _UPDATE), _SELDOM)
@@ -186,17 +212,17 @@ class DragEstimator:
         """Return the estimate of the hold under way, at the end of a test."""
         return self._end()
 
-    def _take(self, setpoint: tuple[Any, ...]) -> list[Estimate]:
-        stamp, segment, phase = setpoint[:3]
-        spin = float(setpoint[7])
-        if self._hold is not None and phase == HOLD and segment == self._hold.setpoint[1]:
+    def _take(self, setpoint: _Setpoint) -> list[Estimate]:
+        hold, spin = setpoint.phase == HOLD, float(setpoint.spin_rate)
+        if self._hold is not None and hold and setpoint.segment == self._hold.setpoint.segment:
             return []
         estimates = self._end()
-        if phase == HOLD and math.hypot(setpoint[5], setpoint[6]) < 0.1 * DEG and abs(setpoint[8]) < 0.5:
+        turning = math.hypot(setpoint.tilt_rate_x, setpoint.tilt_rate_y)
+        if hold and turning < 0.1 * DEG and abs(setpoint.spin_acceleration) < 0.5:
             changed = self._spin_before is not None and abs(spin - self._spin_before) > 2.0
-            start = stamp * 1e-9 + (SPIN_SETTLING if changed else SETTLING)
+            start = setpoint.stamp_ns * 1e-9 + (SPIN_SETTLING if changed else SETTLING)
             self._hold = _Hold(setpoint, start, start + _UPDATE)
-        if phase == HOLD:
+        if hold:
             self._spin_before = spin
         return estimates
 
@@ -223,7 +249,7 @@ class DragEstimator:
         """Return the simulated torques of some samples, times the length of their windows, and that length."""
         # the reduction drops the settling itself: give it the beginning of the hold as it was
         setpoint = np.array([hold.setpoint] * 2, dtype=SETPOINT_DTYPE)
-        samples = Samples(time, readings, np.array([time[0] - SETTLING, time[-1]]), setpoint)
+        samples = Samples(time, Readings(readings), np.array([time[0] - SETTLING, time[-1]]), setpoint)
         windows = reduce(samples, self._bench)
         if not len(windows):
             return np.zeros(3), 0.0
@@ -245,19 +271,19 @@ class DragEstimator:
                 math.hypot(v("motor_voltage_noise") / math.sqrt(count), v("motor_voltage_drift")),
             ]
         )
-        dc = mean[2:5]
+        dc, tilt = mean[_DC], mean[_TILT]
         if settled and self._reference is None:
             self._reference = dc.copy()
         increment = dc - self._reference if self._reference is not None else np.full(3, math.nan)
-        measured, measured_std = self._measured(dc, float(mean[5]), std)
+        measured, measured_std = self._measured(dc, float(mean[_CURRENT]), std)
         return [
             Estimate(
                 stamp_ns=round(hold.last * 1e9),
-                segment=int(hold.setpoint[1]),
+                segment=int(hold.setpoint.segment),
                 settled=settled,
                 duration=hold.last - hold.first,
-                tilt_x=float(mean[0]),
-                tilt_y=float(mean[1]),
+                tilt_x=float(tilt[0]),
+                tilt_y=float(tilt[1]),
                 spin_rate=hold.spin / count,
                 dc_voltage=dc,
                 dc_voltage_std=std,

@@ -27,6 +27,7 @@ from gyrowheel_analysis.reduction import Samples, reduce
 from gyrowheel_control.loops.closed_loop import simulate
 from gyrowheel_control.loops.controller import Gains
 from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core.readings import Readings
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.blind.draw import draw_effect, draw_machine
 from gyrowheel_sim.effects import Effect, EffectValues, registry
@@ -112,7 +113,7 @@ class Yardstick:
         run = simulate(bench, Scenario.nominal(noise_seed=1), plan)
         samples = Samples(
             time=np.arange(len(run.measurement), dtype=np.float64) * bench.sample_period,
-            values=run.measurement,
+            readings=Readings(run.measurement),
             setpoint_time=run.setpoints["stamp_ns"] * 1e-9,
             setpoint=run.setpoints,
             environment=run.environment,

@@ -80,15 +80,14 @@ def samples_of(recording: Recording) -> Samples:
     InputError
         If one that nothing can stand for was never measured.
     """
-    finite = np.isfinite(recording.readings)
-    if missing := [name for k, name in enumerate(NEEDED) if not finite[:, k].any()]:
+    if missing := [name for name in NEEDED if not np.isfinite(recording.readings[name]).any()]:
         raise InputError(
             f"{recording.path}: {', '.join(missing)}: no reading is a number; "
             f"allowed: readings of {', '.join(NEEDED)} in most samples, all else may be missing"
         )
     return Samples(
         time=recording.time,
-        values=recording.readings,
+        readings=recording.readings,
         setpoint_time=recording.seconds(recording.setpoint["stamp_ns"]),
         setpoint=recording.setpoint,
         environment=recording.environment,

@@ -13,6 +13,7 @@ from gyrowheel_analysis.drag import DragEstimator, Estimate
 from gyrowheel_analysis.model import Model
 from gyrowheel_core import topics, wire
 from gyrowheel_core.node import BenchNode, Diagnosis, Inbox, Param, run_node
+from gyrowheel_core.readings import READINGS, Readings
 
 #: Samples that are handed over together: estimates come seldom, and a block costs little more than a sample.
 BLOCK = 100
@@ -46,9 +47,7 @@ class DragEstimatorNode(BenchNode):
         file = self.parameter("model")
         self._model = Model.load(file) if file else Model.new(self.parameter("bench"))
         # Compiled code is loaded at its first call, which takes seconds: now rather than in the test.
-        DragEstimator(self._model).add_block(
-            np.zeros(1, np.int64), np.ones((1, len(wire.MEASUREMENT.fields)))
-        )
+        DragEstimator(self._model).add_block(np.zeros(1, np.int64), Readings(np.ones((1, len(READINGS)))))
         self._active = False
         self._estimates = 0
         self._begin()
@@ -184,8 +183,8 @@ class DragEstimatorNode(BenchNode):
         # those that come later than their successors are rare, and were counted as missing
         self._missing += max(last - self._sequence - len(rows), 0)
         self._sequence = last
-        values = np.stack([rows[name] for name in wire.MEASUREMENT.fields], axis=1)
-        self._publish(self._estimator.add_block(wire.MEASUREMENT.stamps(rows), values))
+        readings = Readings(np.stack([rows[name] for name in READINGS], axis=1))
+        self._publish(self._estimator.add_block(wire.MEASUREMENT.stamps(rows), readings))
 
     def _publish(self, estimates: Iterable[Estimate]) -> None:
         for estimate in estimates:

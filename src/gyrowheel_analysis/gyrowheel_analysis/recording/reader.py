@@ -14,8 +14,9 @@ import numpy.typing as npt
 from gyrowheel_analysis.recording.bags import read_bag
 from gyrowheel_analysis.recording.columns import columns, texts, wanted
 from gyrowheel_analysis.recording.mcap.reader import Want
-from gyrowheel_core import topics, wire
+from gyrowheel_core import topics
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.readings import READINGS, Readings
 from gyrowheel_sim import environment as environments
 from gyrowheel_sim.environment import Environment
 
@@ -179,11 +180,11 @@ class Recording:
         return self.seconds(self.measurement["stamp_ns"])
 
     @cached_property
-    def readings(self) -> npt.NDArray[np.float64]:
-        """Readings [SI], shape (n, 11), columns as in the Measurement message; a view of `measurement`."""
+    def readings(self) -> Readings:
+        """Readings [SI] with named columns; a view of `measurement`."""
         # every field has eight bytes, the readings are the last ones
         rows = np.ascontiguousarray(self.measurement).view(np.float64).reshape(len(self.measurement), -1)
-        return rows[:, -len(wire.MEASUREMENT.fields) :]
+        return Readings(rows[:, -len(READINGS) :])
 
     def seconds(self, stamp_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
         """Return stamps [ns] as times from the start of the recording [s]."""
@@ -216,7 +217,7 @@ def _in_order(samples: npt.NDArray[Any], where: str) -> tuple[npt.NDArray[Any], 
     holes = np.flatnonzero(steps > 1)
     gaps = [(int(samples["sequence"][k]) + 1, int(steps[k]) - 1) for k in holes]
     finite = np.ones(len(samples), dtype=bool)
-    for name in wire.MEASUREMENT.fields:
+    for name in READINGS:
         finite &= np.isfinite(samples[name])
     return samples, Integrity(
         samples=len(samples),

@@ -7,12 +7,12 @@ means, which leaves their noise simple.
 """
 
 from gyrowheel_analysis.reduction.coverage import Coverage
-from gyrowheel_analysis.reduction.motor_heat import MOTOR_THERMAL, motor_temperatures
+from gyrowheel_analysis.reduction.motor_temperature import MOTOR_THERMAL, motor_temperatures
 from gyrowheel_analysis.reduction.planned import planned_windows
-from gyrowheel_analysis.reduction.readings import NEEDED, READING_NOISES, readable, reading_noise
+from gyrowheel_analysis.reduction.quality import NEEDED, READING_NOISES, readable, reading_noise
 from gyrowheel_analysis.reduction.recorded import reduce, reduce_and_account
 from gyrowheel_analysis.reduction.samples import Samples
-from gyrowheel_analysis.reduction.spans import LONGEST, SETTLING, SPIN_SETTLING, steady_spans
+from gyrowheel_analysis.reduction.steady import LONGEST, SETTLING, SPIN_SETTLING, steady_spans
 from gyrowheel_analysis.reduction.windows import FORWARD, HARMONICS, Windows, concatenate, without_noise
 
 __all__ = [

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from gyrowheel_analysis.reduction.motor_heat import MOTOR_THERMAL
-from gyrowheel_analysis.reduction.readings import READING_NOISES
-from gyrowheel_analysis.reduction.spans import (
+from gyrowheel_analysis.reduction.motor_temperature import MOTOR_THERMAL
+from gyrowheel_analysis.reduction.quality import READING_NOISES
+from gyrowheel_analysis.reduction.steady import (
     CONE_SETTLING,
     FEWEST_REVOLUTIONS,
     LONGEST,

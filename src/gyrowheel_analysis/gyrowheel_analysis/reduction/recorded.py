@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.reduction.coverage import Coverage
-from gyrowheel_analysis.reduction.motor_heat import motor_temperatures
-from gyrowheel_analysis.reduction.readings import clipped_readings, readable, reading_noise
+from gyrowheel_analysis.reduction.motor_temperature import motor_temperatures
+from gyrowheel_analysis.reduction.quality import clipped_readings, readable, reading_noise
 from gyrowheel_analysis.reduction.samples import Array, Samples
-from gyrowheel_analysis.reduction.spans import LONGEST, SHORTEST, cone_window, steady_spans, window_count
+from gyrowheel_analysis.reduction.steady import LONGEST, SHORTEST, cone_window, steady_spans, window_count
 from gyrowheel_analysis.reduction.window_fit import FEWEST_SAMPLES, fit_window
 from gyrowheel_analysis.reduction.windows import DEGREE, MEAN, RISE, Windows
 from gyrowheel_sim.bench import Bench
@@ -71,7 +71,7 @@ def reduce_and_account(data: Samples, bench: Bench) -> tuple[Windows, Coverage]:
         longest, last = LONGEST, 0.0
         if turn > 0.0:
             first, end = np.searchsorted(data.time, (start, stop))
-            inside = data.values[first:end, 3]
+            inside = data.readings.spin_rate[first:end]
             speed = float(np.median(inside)) if len(inside) else math.nan
             if not speed > 0.0:
                 left_out[_why_too_few(data.time, without, start, stop, h)] += stop - start

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_core.readings import Readings
 from gyrowheel_sim.environment import Environment
 
 Array = NDArray[np.float64]
@@ -22,18 +23,18 @@ class Samples:
     ----------
     time : ndarray (n,)
         Sampling instants [s].
-    values : ndarray (n, 11)
-        Readings, columns as in the Measurement message [SI].
+    readings : Readings
+        Readings (n) [SI]; one that was not taken is not finite.
     setpoint_time : ndarray (m,)
         Times of the setpoints [s]; empty if there are none.
     setpoint : structured ndarray (m,)
-        Setpoints with fields ``segment``, ``phase``, ``tilt_rate_x``, ``tilt_rate_y``, ``spin_acceleration``.
+        Setpoints, with the fields of the Setpoint message.
     environment : sequence of Environment
         Known changes of the environment.
     """
 
     time: Array
-    values: Array
+    readings: Readings
     setpoint_time: Array
     setpoint: Any
     environment: Sequence[Environment] = ()

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.reduction.motor_heat import interpolated
-from gyrowheel_analysis.reduction.readings import READING_NOISES, despiked, without_spikes
+from gyrowheel_analysis.reduction.motor_temperature import interpolated
+from gyrowheel_analysis.reduction.quality import READING_NOISES, SLOW, despiked, without_spikes
 from gyrowheel_analysis.reduction.samples import Array, Samples
-from gyrowheel_analysis.reduction.spans import FEWEST_REVOLUTIONS, SHORTEST
+from gyrowheel_analysis.reduction.steady import FEWEST_REVOLUTIONS, SHORTEST
 from gyrowheel_analysis.reduction.windows import DEGREE, FORWARD, HARMONICS, MEAN, MODULATION, RISE, attitude
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import Environment
@@ -27,6 +27,8 @@ _FURTHER = 4
 #: What a window leaves of the motor's current beside harmonics and ripple, in its noise: beyond it something goes on
 #: that averages do not describe, as a supply that fails.
 _RESTLESS = 30.0
+#: Columns of what is fitted: tilt, motor current, coil voltages, spin rate, motor voltage.
+_TILT, _CURRENT, _COIL, _SPIN, _MOTOR = range(5)
 #: From a Legendre series of `DEGREE` terms to powers of x.
 _TO_POWERS = np.zeros((DEGREE, DEGREE))
 for _term in range(DEGREE):
@@ -72,14 +74,14 @@ def fit_window(
     """
     if j - i < 3 * FEWEST_REVOLUTIONS:
         return None
-    angle = np.unwrap(data.values[i:j, 2])
+    angle = np.unwrap(data.readings.spin_angle[i:j])
     turns = math.floor((angle[-1] - angle[0]) / (2.0 * math.pi))
     if turns < FEWEST_REVOLUTIONS:
         return None
     # the last sample belongs to the interval before it, so n samples cover n periods
     stop = int(np.searchsorted(angle, angle[0] + 2.0 * math.pi * turns - 0.5 * (angle[1] - angle[0])))
     j, angle = i + stop, angle[:stop]
-    time, values = data.time[i:j], data.values[i:j]
+    time, own = data.time[i:j], data.readings[i:j]
     if len(time) < FEWEST_SAMPLES * (time[-1] - time[0]) / h or time[-1] - time[0] < 0.5 * SHORTEST:
         return None  # too many samples lost
     # a reading of a voltage is of the interval that ends with it
@@ -91,20 +93,22 @@ def fit_window(
     waves = _waves(angle, powers[:, :MODULATION])
     design = np.hstack([powers, waves])
     # the smooth part of the speed comes from the angle, which knows its slope far better
-    readings = np.column_stack(
+    readings = np.column_stack(  # in the order of `_TILT`, `_CURRENT`, ...
         [
-            values[:, 0] + 1j * values[:, 1],
-            values[:, 7],
-            values[:, 4] + 1j * values[:, 5],
-            values[:, 3],
-            values[:, 6],
+            own.tilt_x + 1j * own.tilt_y,
+            own.motor_current,
+            own.coil_voltage_x + 1j * own.coil_voltage_y,
+            own.spin_rate,
+            own.motor_voltage,
         ]
     )
     gram = np.linalg.inv(design.T @ design)
     readings, fit, left = despiked(readings, design, gram)
     harmonics = _harmonics(fit[:, degree:])
     smooth = spin_terms(duration)
-    ripple = _ripple(left[:, (3, 1, 4)].real, angle, bench)
+    spin_ripple, current_ripple, voltage_ripple = _ripple(
+        left[:, (_SPIN, _CURRENT, _MOTOR)].real, angle, bench
+    )
     legendre = np.polynomial.legendre.legvander(x, smooth - 1)
     turning = np.hstack([legendre, waves])
     turning_gram = np.linalg.inv(turning.T @ turning)
@@ -114,21 +118,23 @@ def fit_window(
         for name in ("tilt_noise", "spin_angle_noise", "motor_current_noise")
     )
     unsettled = (
-        _more(x, design, gram, left[:, 0], degree) > 2.0 * _UNSETTLED_TILT * tilt_noise**2
+        _more(x, design, gram, left[:, _TILT], degree) > 2.0 * _UNSETTLED_TILT * tilt_noise**2
         or _more(x, turning, turning_gram, beside[:, 0], smooth) > _UNSETTLED_ANGLE * angle_noise**2
-        or np.mean(np.abs(left[:, 1]) ** 2) - 2.0 * abs(ripple[1]) ** 2 > (_RESTLESS * current_noise) ** 2
+        or np.mean(np.abs(left[:, _CURRENT]) ** 2) - 2.0 * abs(current_ripple) ** 2
+        > (_RESTLESS * current_noise) ** 2
     )
     inverse = gram[:degree, :degree]
     rise = RISE / duration
     # mean of the second derivative of the angle: difference of its slope, n (n + 1) / 2 at the end, between the ends
     slope = np.array([k * (k + 1) * (1 - k % 2) for k in range(smooth)]) * 2.0 / duration**2
-    slow = without_spikes(values[:, 8:11])
-    warming = float(x @ slow[:, 0] - x.sum() * slow[:, 0].mean()) / float(x @ x - x.sum() * x.mean())
+    slow = without_spikes(np.column_stack([own[name] for name in SLOW]))
+    coil = slow[:, SLOW.index("coil_temperature")]
+    warming = float(x @ coil - x.sum() * coil.mean()) / float(x @ x - x.sum() * x.mean())
     last = [e for e in data.environment if e.time <= begin + 1e-6]
     surroundings = last[-1] if last else Environment()
     means = readings.mean(axis=0)
-    air = slow.mean(axis=0)
-    speed = float(means[3].real)
+    temperatures = dict(zip(SLOW, slow.mean(axis=0), strict=True))
+    speed = float(means[_SPIN].real)
     forward = [HARMONICS.index(order) for order in FORWARD]
     mean = MEAN[:MODULATION]
     held = _held(np.array(FORWARD), speed * h)
@@ -138,27 +144,25 @@ def fit_window(
         "start": begin,
         "duration": duration,
         "samples": float(len(time)),
-        "tilt": fit[0, :degree],
-        "tilt_harmonics": harmonics[0],
+        "tilt": fit[_TILT, :degree],
+        "tilt_harmonics": harmonics[_TILT],
         "spin": _shortened(np.asarray(np.polynomial.legendre.legder(turned[0, :smooth]), dtype=np.float64))
         * 2.0
         / duration,
-        "current_harmonics": harmonics[1],
-        "coil_voltage": complex(means[2]),
-        "motor_voltage": float(means[4].real),
-        "motor_current": float(means[1].real),
-        "coil_temperature": air[0],
+        "current_harmonics": harmonics[_CURRENT],
+        "coil_voltage": complex(means[_COIL]),
+        "motor_voltage": float(means[_MOTOR].real),
+        "motor_current": float(means[_CURRENT].real),
+        **temperatures,
         "coil_temperature_rate": warming * 2.0 / duration,
-        "air_temperature": air[1],
-        "air_pressure": air[2],
         "motor_temperatures": interpolated(heat[0], heat[1], 0.5 * (begin + end)),
         "motor_temperature_rates": heating / duration,
         "temperature_sensitivity": interpolated(heat[0], heat[2], 0.5 * (begin + end)),
-        "coil_harmonics": harmonics[2, forward] @ mean * held,
+        "coil_harmonics": harmonics[_COIL, forward] @ mean * held,
         "harmonic_variance": len(time) * _wave_variance(gram[degree:, degree:], mean),
-        "spin_ripple": ripple[0],
-        "current_ripple": ripple[1],
-        "voltage_ripple": ripple[2] * _held(bench.value("motor_ripple_order"), speed * h),
+        "spin_ripple": spin_ripple,
+        "current_ripple": current_ripple,
+        "voltage_ripple": voltage_ripple * _held(bench.value("motor_ripple_order"), speed * h),
         **attitude(surroundings),
         "tilt_rate_variance": float(rise @ inverse @ rise) * tilt_noise**2,
         "spin_acceleration_variance": float(slope @ turning_gram[:smooth, :smooth] @ slope) * angle_noise**2,

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.reduction.motor_heat import MOTOR_THERMAL
-from gyrowheel_analysis.reduction.readings import READING_NOISES
+from gyrowheel_analysis.reduction.motor_temperature import MOTOR_THERMAL
+from gyrowheel_analysis.reduction.quality import READING_NOISES
 from gyrowheel_analysis.reduction.samples import Array
 from gyrowheel_core.units import DEG
 from gyrowheel_sim.environment import Environment

@@ -8,6 +8,7 @@ import numpy as np
 
 from gyrowheel_analysis.reduction.samples import Samples
 from gyrowheel_control.plans.plan import HOLD
+from gyrowheel_core.readings import Readings
 from gyrowheel_core.units import DEG
 
 #: Time given to the loops to settle at the start of a steady motion [s]; the spin loop is the slower one.
@@ -65,8 +66,8 @@ def _spans_from_motion(data: Samples) -> list[tuple[float, float, int, float]]:
     if n < 10:
         return []
     time = data.time[: n * block].reshape(n, block).mean(axis=1)
-    means = data.values[: n * block].reshape(n, block, -1).mean(axis=1)
-    tilt, spin = means[:, 0] + 1j * means[:, 1], means[:, 3]
+    means = Readings(data.readings.array[: n * block].reshape(n, block, -1).mean(axis=1))
+    tilt, spin = means.tilt_x + 1j * means.tilt_y, means.spin_rate
     rate = np.gradient(tilt, time)
     bend = np.abs(np.gradient(rate, time))
     jerk = np.abs(np.gradient(np.gradient(spin, time), time))

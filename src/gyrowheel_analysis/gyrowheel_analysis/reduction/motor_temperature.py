@@ -47,7 +47,7 @@ def motor_temperatures(data: Samples, bench: Bench) -> tuple[Array, Array, Array
     count = int(block[-1]) + 1
     # blocks without any sample keep the heating of the one before
     samples = np.bincount(block, minlength=count)
-    sums = np.bincount(block, weights=data.values[:, 7] ** 2, minlength=count)
+    sums = np.bincount(block, weights=data.readings.motor_current**2, minlength=count)
     known = np.flatnonzero(samples)
     last = known[np.searchsorted(known, np.arange(count), side="right") - 1]
     power = bench.value("motor_resistance") * (sums[last] / samples[last])
@@ -57,7 +57,7 @@ def motor_temperatures(data: Samples, bench: Bench) -> tuple[Array, Array, Array
         moved = stated.copy()
         moved[k] *= 1.01
         sensitivity[..., k] = (_warming(power, moved) - above) / (0.01 * value)
-    air = float(np.mean(data.values[:, 9]))
+    air = float(np.mean(data.readings.air_temperature))
     return data.time[0] + _THERMAL_STEP * np.arange(count + 1), air + above, sensitivity
 
 

@@ -12,22 +12,28 @@ from numpy.typing import NDArray
 from scipy.signal.windows import blackmanharris
 
 from gyrowheel_analysis.reduction.samples import Array, Samples
-from gyrowheel_core import wire
+from gyrowheel_core.readings import READINGS, Readings
 from gyrowheel_sim.bench import Bench
 
-#: What the noise of the readings is called in the bench file, in the order of `Windows.reading_noise`.
-READING_NOISES = (
-    "tilt_noise",
-    "spin_angle_noise",
-    "spin_rate_noise",
-    "coil_voltage_noise",
-    "motor_voltage_noise",
-    "motor_current_noise",
-)
-#: Readings by column; a sample without one of the first ones is of no use, the others hardly change.
-_NAMES = tuple(wire.MEASUREMENT.fields)
-_NEEDED = 8
-NEEDED = _NAMES[:_NEEDED]
+#: Readings that hardly change; the air first, because coils without a thermometer are taken to be as warm as the air.
+_FILLED = ("air_temperature", "air_pressure", "coil_temperature")
+#: The same in the order of the message.
+SLOW = tuple(name for name in READINGS if name in _FILLED)
+#: Readings without which a sample is of no use.
+NEEDED = tuple(name for name in READINGS if name not in SLOW)
+#: Readings that show the white noise of each name in the bench file; none where the stated noise is kept.
+_NOISE_SHOWN_BY: dict[str, tuple[str, ...]] = {
+    "tilt_noise": ("tilt_x", "tilt_y"),
+    "spin_angle_noise": ("spin_angle",),
+    "spin_rate_noise": ("spin_rate",),
+    "coil_voltage_noise": (),
+    "motor_voltage_noise": ("motor_voltage",),
+    "motor_current_noise": ("motor_current",),
+}
+#: Names of the noise of the readings in the bench file, in the order of `Windows.reading_noise`.
+READING_NOISES = tuple(_NOISE_SHOWN_BY)
+#: Readings that a sensor clips at the end of its range.
+_CLIPPED = ("tilt_x", "tilt_y", "spin_rate", "motor_current")
 _NOISE_BLOCKS = (256, 64)  # samples; the short ones where many samples are lost
 _MOST_BLOCKS = 400
 _FEWEST_BLOCKS = 20
@@ -58,30 +64,28 @@ def readable(data: Samples, bench: Bench) -> tuple[Samples, Array, tuple[str, ..
     assumed : tuple of str
         What was never measured, and what is taken in its place.
     """
-    finite = np.isfinite(data.values)
+    finite = np.isfinite(data.readings.array)
     if finite.all():
         return data, np.zeros(0), ()
-    values, assumed = data.values.copy(), []
-    # the air first: where the coils have no thermometer they are taken to be as warm as the air
-    for column in (9, 10, 8):
-        known = finite[:, column]
+    readings, assumed = data.readings.copy(), []
+    for name in _FILLED:
+        column = readings[name]
+        known = np.isfinite(column)
         if known.all():
             continue
         if known.any():
-            values[~known, column] = np.interp(data.time[~known], data.time[known], values[known, column])
-        elif column == 8:
-            values[:, column] = values[:, 9]
+            column[~known] = np.interp(data.time[~known], data.time[known], column[known])
+        elif name == "coil_temperature":
+            column[:] = readings.air_temperature
             assumed.append("coil_temperature (that of the air is taken)")
         else:
-            values[:, column] = bench.value(_NAMES[column])
-            if column == 10:
+            column[:] = bench.value(name)
+            if name == "air_pressure":
                 for event in data.environment:
-                    values[data.time >= event.time, column] = (
-                        bench.value("air_pressure") * event.air_density_ratio
-                    )
-            assumed.append(f"{_NAMES[column]} (that of the bench is taken)")
-    whole = finite[:, :_NEEDED].all(axis=1)
-    read = replace(data, time=data.time[whole], values=values[whole])
+                    column[data.time >= event.time] = bench.value("air_pressure") * event.air_density_ratio
+            assumed.append(f"{name} (that of the bench is taken)")
+    whole = np.asarray(finite[:, Readings.columns(NEEDED)].all(axis=1))
+    read = replace(data, time=data.time[whole], readings=readings[whole])
     return read, data.time[~whole], tuple(assumed)
 
 
@@ -93,8 +97,7 @@ def reading_noise(data: Samples, bench: Bench) -> Array:
     the stated noise is kept for these; so it is where too many samples are lost, or the spectrum is empty.
     """
     stated = np.array([bench.value(name) for name in READING_NOISES])
-    columns = [(0, 1), (2,), (3,), (), (6,), (7,)]
-    wanted = sorted({c for group in columns for c in group})
+    shown = [name for names in _NOISE_SHOWN_BY.values() for name in names]
     whole = np.flatnonzero(np.abs(np.diff(data.time) - bench.sample_period) > 0.5 * bench.sample_period) + 1
     edges = np.r_[0, whole, len(data.time)]
     for block in _NOISE_BLOCKS:
@@ -106,8 +109,9 @@ def reading_noise(data: Samples, bench: Bench) -> Array:
     else:
         return stated
     starts = starts[np.linspace(0, len(starts) - 1, min(len(starts), _MOST_BLOCKS)).astype(np.int64)]
-    values = data.values[starts[:, None] + np.arange(block)][:, :, wanted]
-    values[:, :, wanted.index(2)] = np.unwrap(values[:, :, wanted.index(2)], axis=1)
+    values = data.readings.array[starts[:, None] + np.arange(block)][:, :, Readings.columns(shown)]
+    angle = shown.index("spin_angle")
+    values[:, :, angle] = np.unwrap(values[:, :, angle], axis=1)
     x = np.linspace(-1.0, 1.0, block)
     basis, _ = np.linalg.qr(x[:, None] ** np.arange(3))
     values = values - basis @ (basis.T @ values)
@@ -115,7 +119,10 @@ def reading_noise(data: Samples, bench: Bench) -> Array:
     power = np.abs(np.fft.rfft(values * window[:, None], axis=1)) ** 2 / np.sum(window**2)
     low, high = (round(edge * block / 2) for edge in _NOISE_BAND)
     level = np.median(np.median(power[:, low:high], axis=1), axis=0) / math.log(2.0)
-    found = [np.sqrt(np.mean([level[wanted.index(c)] for c in group])) if group else 0.0 for group in columns]
+    found = [
+        np.sqrt(np.mean([level[shown.index(name)] for name in names])) if names else 0.0
+        for names in _NOISE_SHOWN_BY.values()
+    ]
     return np.array(
         [
             own if ratio == 0.0 else own * min(max(ratio, _NOISE_RANGE[0]), _NOISE_RANGE[1])
@@ -129,8 +136,8 @@ def clipped_readings(data: Samples) -> NDArray[np.bool_]:
     result = np.zeros(len(data.time), dtype=bool)
     if not len(data.time):
         return result
-    for column in (0, 1, 3, 7):
-        values = data.values[:, column]
+    for name in _CLIPPED:
+        values = data.readings[name]
         for end in (values.min(), values.max()):
             at = values == end
             # noise reaches its extreme once; a reading without any noise stands anywhere for long

@@ -1,0 +1,119 @@
+"""Readings of the bench as columns with names: those of the Measurement message, in its order and units."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, Final, Self, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel_core import wire
+
+Array = NDArray[np.float64]
+
+#: Names of the columns.
+READINGS: Final = wire.MEASUREMENT.fields
+
+
+class _Column:
+    """The column that has the name of the attribute."""
+
+    def __set_name__(self, owner: type[Readings], name: str) -> None:
+        self._place = READINGS.index(name)
+
+    @overload
+    def __get__(self, readings: None, owner: type[Readings]) -> Self: ...
+
+    @overload
+    def __get__(self, readings: Readings, owner: type[Readings]) -> Array: ...
+
+    def __get__(self, readings: Readings | None, owner: type[Readings]) -> Self | Array:
+        return self if readings is None else readings.array[:, self._place]
+
+
+class Readings:
+    """Readings (n, 11) with named columns; nothing is copied.
+
+    Parameters
+    ----------
+    array : ndarray (n, 11)
+        Readings [SI], columns as in the Measurement message.
+
+    Attributes
+    ----------
+    array : ndarray (n, 11)
+        As given.
+    tilt_x, tilt_y, spin_angle : ndarray (n,)
+        Angles [rad].
+    spin_rate : ndarray (n,)
+        Spin rate [rad/s].
+    coil_voltage_x, coil_voltage_y, motor_voltage : ndarray (n,)
+        Voltages [V].
+    motor_current : ndarray (n,)
+        Current [A].
+    coil_temperature, air_temperature : ndarray (n,)
+        Temperatures [K].
+    air_pressure : ndarray (n,)
+        Pressure [Pa].
+
+    Raises
+    ------
+    ValueError
+        If the array does not have a column for each reading.
+
+    Examples
+    --------
+    >>> readings = Readings(np.zeros((3, 11)))
+    >>> readings.tilt_x is not readings["tilt_x"], np.shares_memory(readings.tilt_x, readings["tilt_x"])
+    (True, True)
+    >>> len(readings[1:])
+    2
+    """
+
+    __slots__ = ("array",)
+
+    tilt_x = _Column()
+    tilt_y = _Column()
+    spin_angle = _Column()
+    spin_rate = _Column()
+    coil_voltage_x = _Column()
+    coil_voltage_y = _Column()
+    motor_voltage = _Column()
+    motor_current = _Column()
+    coil_temperature = _Column()
+    air_temperature = _Column()
+    air_pressure = _Column()
+
+    def __init__(self, array: Array) -> None:
+        if array.ndim != 2 or array.shape[1] != len(READINGS):
+            raise ValueError(f"readings have the shape {array.shape}; it must be (n, {len(READINGS)})")
+        self.array = array
+
+    @staticmethod
+    def columns(names: Iterable[str]) -> list[int]:
+        """Return the numbers of columns, for code that needs several of them as one array."""
+        return [READINGS.index(name) for name in names]
+
+    def copy(self) -> Readings:
+        """Return a copy whose columns may be written to."""
+        return Readings(self.array.copy())
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self.array)
+
+    @overload
+    def __getitem__(self, which: str) -> Array: ...
+
+    @overload
+    def __getitem__(self, which: slice | NDArray[Any]) -> Readings: ...
+
+    def __getitem__(self, which: str | slice | NDArray[Any]) -> Array | Readings:
+        """Return a column by its name, or some of the samples (slice, mask or indices)."""
+        if isinstance(which, str):
+            return self.array[:, READINGS.index(which)]
+        return Readings(self.array[which])
+
+    def __repr__(self) -> str:
+        return f"Readings({len(self)} samples)"
