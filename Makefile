@@ -33,7 +33,7 @@ ifdef _ROS_WHEELS_BOOTSTRAP_COMPLETE
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH
 endif
 
-.PHONY: all demo test bench lint docs lock clean help
+.PHONY: all demo test quick bench lint docs lock clean help
 
 all: $(DONE)/packages ## create .venv and install the seven packages into it (also: just `make`)
 	$(call say,ready: .venv/bin/gyrowheel ("make demo" shows what it does))
@@ -70,9 +70,12 @@ test: $(DONE)/packages ## run the tests (ARGS="-k plans" picks some)
 ifdef ARGS
 	@$(BIN)/python -m pytest $(ARGS)
 else
-	@$(BIN)/python -m pytest -n auto --dist worksteal -m 'beside or not graph'
-	@$(BIN)/python -m pytest -m 'graph and not beside'
+	@$(BIN)/python -m pytest -n auto --dist worksteal -m 'not alone'
+	@$(BIN)/python -m pytest -m alone
 endif
+
+quick: lint ## lint, and the tests that are neither slow nor start nodes: for every commit
+	@$(BIN)/python -m pytest -n auto --dist worksteal -m 'not slow and not graph'
 
 bench: $(DONE)/packages ## measure speed and accuracy beside other tools; figures in bench.json (ARGS=simulation)
 	@$(BIN)/python -m benchmarks $(ARGS)

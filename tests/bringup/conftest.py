@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from .helpers import Bystander, NodeProcess, next_domain
+from ..domains import next_domain
+from .helpers import Bystander, NodeProcess
 
 
 @pytest.fixture

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import fcntl
 import itertools
 import os
 import signal
 import subprocess
-import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -40,31 +38,6 @@ name: long
 segments:
   - {label: level, spin_rpm: 2000, tilt_deg: [0, 0], hold_s: 2000}
 """
-
-_numbers = itertools.count()
-_held: set[int] = set()
-
-
-def next_domain() -> int:
-    """Return a ROS domain that no other test uses, of this run or of another one on this computer.
-
-    A file that stays locked until this process ends keeps it.
-    """
-    for _ in range(80):
-        domain = 20 + (7 * os.getpid() + next(_numbers)) % 80
-        if domain in _held:  # by a test of this run that ended long ago
-            return domain
-        handle = os.open(
-            Path(tempfile.gettempdir()) / f"gyrowheel_test_domain_{domain}", os.O_RDWR | os.O_CREAT, 0o666
-        )
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            os.close(handle)
-        else:
-            _held.add(domain)
-            return domain
-    raise RuntimeError("every ROS domain is in use")
 
 
 def alive(pid: int) -> bool:

@@ -42,6 +42,7 @@ from gyrowheel_sim.mechanics.kinematics import axis_of_tilt
 from gyrowheel_sim.plant.node import JOINTS
 from gyrowheel_sim.plant.scenario import Scenario
 
+from ..domains import next_domain
 from .helpers import SHORT_PLAN
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -337,7 +338,7 @@ def test_foxglove_is_shown_a_replay(tmp_path: Path) -> None:
 
     plan = Plan.load(SHORT_PLAN)
     record_simulation(tmp_path / "run", Bench.load(), Scenario.nominal(), plan)
-    domain = str(20 + (7 * os.getpid() + 40) % 80)
+    domain = str(next_domain())
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("ROS_DOMAIN_ID", domain)
         with foxglove(0) as address:
@@ -457,7 +458,7 @@ def test_colcon_builds_all_packages_and_their_nodes_run(tmp_path: Path) -> None:
     said = subprocess.run(
         ["bash", "-c", script],
         cwd=tmp_path,
-        env=environment | {"ROS_DOMAIN_ID": str(20 + (7 * os.getpid() + 60) % 80)},
+        env=environment | {"ROS_DOMAIN_ID": str(next_domain())},
         capture_output=True,
         text=True,
         check=False,

@@ -26,7 +26,8 @@ from gyrowheel_core.topics import Topic
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.plant.scenario import Scenario
 
-from .helpers import LONG_PLAN, SHORT_PLAN, Bystander, NodeProcess, alive, next_domain, wait_for
+from ..domains import next_domain
+from .helpers import LONG_PLAN, SHORT_PLAN, Bystander, NodeProcess, alive, wait_for
 
 # ruff: noqa: PT012  (the graph is a context manager, and the error comes from within)
 pytestmark = [pytest.mark.graph, pytest.mark.timeout(300)]
@@ -119,6 +120,7 @@ def test_a_killed_node_is_named(node: str, tmp_path: Path, watched: Watched):
     assert info(directory).integrity.missing == 0
 
 
+@pytest.mark.alone
 def test_in_real_time_the_motor_is_brought_down_when_the_controller_dies(tmp_path: Path, watched: Watched):
     directory = tmp_path / "recording"
     parameters: dict[str, dict[str, object]] = {"plant": {"watchdog": 1.0, "spin_down_rate": 400.0}}
@@ -235,6 +237,7 @@ class BadLine:
                 return [raw]
 
 
+@pytest.mark.alone
 def test_in_real_time_a_bad_line_is_counted_and_the_last_command_acts(tmp_path: Path, watched: Watched):
     domain, directory, line = next_domain(), tmp_path / "recording", BadLine()
     with (

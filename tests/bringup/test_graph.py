@@ -23,7 +23,8 @@ from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import registry
 from gyrowheel_sim.plant.scenario import Scenario
 
-from .helpers import LONG_PLAN, SHORT_PLAN, alive, next_domain, wait_for
+from ..domains import next_domain
+from .helpers import LONG_PLAN, SHORT_PLAN, alive, wait_for
 
 pytestmark = [pytest.mark.graph, pytest.mark.timeout(90)]
 

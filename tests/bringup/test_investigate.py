@@ -14,7 +14,7 @@ import pytest
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.recording import Recording
 
-from .helpers import next_domain
+from ..domains import next_domain
 
 COMMAND = [sys.executable, "-c", "from gyrowheel.cli import main; main()"]
 
@@ -38,7 +38,6 @@ def investigated(folder: Path, *arguments: str) -> tuple[dict[str, Any], str]:
 
 
 @pytest.mark.graph
-@pytest.mark.beside
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
 def test_the_papers_own_plans_are_ambiguous_and_the_graph_settles_it(tmp_path: Path):

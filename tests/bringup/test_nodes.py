@@ -241,6 +241,7 @@ def test_plant_publishes_counts_and_names_a_silent_controller(bystander: Bystand
     assert answers.samples == list(range(102))
 
 
+@pytest.mark.alone
 def test_in_real_time_samples_come_unasked_and_the_guard_names_what_it_sees(
     bystander: Bystander, start_node: Start
 ):

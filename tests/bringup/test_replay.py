@@ -25,7 +25,8 @@ from gyrowheel_bringup.graph import Graph, find_executable
 from gyrowheel_core import topics, wire
 from gyrowheel_core.node import PARENT_VARIABLE
 
-from .helpers import Bystander, NodeProcess, next_domain
+from ..domains import next_domain
+from .helpers import Bystander, NodeProcess
 
 pytestmark = [pytest.mark.graph, pytest.mark.timeout(120)]
 

@@ -17,6 +17,7 @@ from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import registry
 from gyrowheel_sim.effects.sizes import for_bench
 
+from ..domains import next_domain
 from .findings import AMBIGUOUS
 from .helpers import Shell, write
 from .test_up import COMMAND
@@ -132,7 +133,7 @@ def test_the_graph_runs_it_and_gives_the_same_samples(gyrowheel: Shell, tmp_path
         [*COMMAND, "up", *map(str, options), "--record", str(tmp_path / "up")],
         capture_output=True,
         text=True,
-        env=os.environ | {"ROS_DOMAIN_ID": str(20 + (11 * os.getpid() + 7) % 80)},
+        env=os.environ | {"ROS_DOMAIN_ID": str(next_domain())},
     )
     assert done.returncode == 0, done.stderr
     gyrowheel.good("simulate", *options, "-o", tmp_path / "simulated")
