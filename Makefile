@@ -86,7 +86,7 @@ lint: $(DONE)/packages ## check style and types
 	@$(BIN)/mypy
 
 docs: $(DONE)/packages ## write the pages of docs that come from the code
-	@$(BIN)/python tools/docs.py
+	@$(BIN)/python -m tools.docs
 
 lock: $(DONE)/venv ## write requirements.lock anew, with the newest versions
 	@$(PIP) install uv

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import ast
+import functools
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from tools.house import HOUSE
+
 SRC = Path(__file__).resolve().parents[1] / "src"
 #: Each package imports only those before it.
-LAYERS = [
-    "gyrowheel_msgs",
-    "gyrowheel_core",
-    "gyrowheel_sim",
-    "gyrowheel_control",
-    "gyrowheel_analysis",
-    "gyrowheel_bringup",
-    "gyrowheel",
-]
+LAYERS = ["gyrowheel_msgs", *(package.name for package in HOUSE)]
 #: Modules that may import rclpy (and the messages): the nodes and what they share.
 ROS_MODULES = {
     "gyrowheel_core": ("node", "topics"),
@@ -30,14 +26,37 @@ ROS_MODULES = {
 MODULES = sorted(p for package in LAYERS[1:] for p in (SRC / package / package).rglob("*.py"))
 
 
-def imported(path: Path) -> set[str]:
+def name_of(path: Path) -> str:
+    """Return the name by which a file is imported."""
+    parts = path.relative_to(SRC).with_suffix("").parts[1:]
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+FILES = {name_of(path): path for path in MODULES}
+
+
+def statements(tree: ast.AST, *, at_import: bool) -> Iterator[ast.AST]:
+    """Yield the nodes of a module; with `at_import` only those that run when it is imported."""
+    for node in ast.iter_child_nodes(tree):
+        yield node
+        later = isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
+        for_types = isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
+        if not (at_import and (later or for_types)):
+            yield from statements(node, at_import=at_import)
+
+
+@functools.cache
+def imported(path: Path, *, at_import: bool = False) -> frozenset[str]:
+    """Return what a file imports: ``a.b`` of ``from a import b`` where that is a module of ours, else ``a``."""
     names: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in statements(ast.parse(path.read_text(encoding="utf-8")), at_import=at_import):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
-            names.add(node.module)
-    return names
+            for alias in node.names:
+                full = f"{node.module}.{alias.name}"
+                names.add(full if full in FILES else node.module)
+    return frozenset(names)
 
 
 def package_and_module(path: Path) -> tuple[str, str]:
@@ -70,3 +89,31 @@ def test_analysis_plots_nothing_and_sees_no_truth() -> None:
         assert not {
             n for n in names if n.startswith(("gyrowheel_sim.plant.scenario", "gyrowheel_sim.blind"))
         }, path
+
+
+def test_no_modules_import_each_other_in_a_circle() -> None:
+    below = {name: imported(path, at_import=True) & FILES.keys() for name, path in FILES.items()}
+    done: set[str] = set()
+
+    def follow(name: str, way: list[str]) -> None:
+        assert name not in way, " -> ".join([*way[way.index(name) :], name])
+        if name not in done:
+            for other in sorted(below[name] - {name}):
+                follow(other, [*way, name])
+            done.add(name)
+
+    for name in FILES:
+        follow(name, [])
+
+
+def test_the_house_is_told_apart_from_a_wrong_one(tmp_path: Path) -> None:
+    """The reader of imports sees those in functions, those for types, and modules imported by name."""
+    file = tmp_path / "module.py"
+    file.write_text(
+        "from typing import TYPE_CHECKING\nfrom gyrowheel_sim import bench\nimport numpy.linalg\n"
+        "if TYPE_CHECKING:\n    from gyrowheel_core import errors\n"
+        "def f():\n    from gyrowheel_analysis.diagnosis import selection\n"
+    )
+    now = {"typing", "gyrowheel_sim.bench", "numpy.linalg"}
+    assert imported(file, at_import=True) == now
+    assert imported(file) == now | {"gyrowheel_core.errors", "gyrowheel_analysis.diagnosis.selection"}

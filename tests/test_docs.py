@@ -35,6 +35,7 @@ def generator() -> ModuleType:
     return module
 
 
+@pytest.mark.slow
 def test_pages_are_what_the_declarations_give(generator: ModuleType) -> None:
     pages = generator.made()
     assert [str(path.relative_to(ROOT)) for path in generator.stale(pages)] == [], (
@@ -47,6 +48,7 @@ def test_pages_are_what_the_declarations_give(generator: ModuleType) -> None:
     assert pages[path] == generator.to_svg(found, generator.json.dumps(found.to_json()))
 
 
+@pytest.mark.slow
 def test_a_page_that_is_not_up_to_date_is_noticed(
     generator: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -15,6 +15,7 @@ from benchmarks.mutations import Hang, Tally, WrongAnswer
 from gyrowheel_core.errors import InputError
 
 
+@pytest.mark.slow
 def test_damaged_recordings() -> None:
     tally = mutations.recordings(220, seed=11)
     assert tally.failures == []
@@ -24,6 +25,7 @@ def test_damaged_recordings() -> None:
     assert tally.longest < mutations.PATIENCE
 
 
+@pytest.mark.slow
 def test_damaged_yaml_files() -> None:
     tally = mutations.yaml_files(220, seed=12)
     assert tally.failures == []

@@ -34,6 +34,7 @@ from gyrowheel_sim.effects.declaration import TARGETS
 from gyrowheel_sim.effects.formula import FUNCTIONS, HANDY
 from gyrowheel_sim.effects.quantities import QUANTITIES, REFERENCES, z
 from gyrowheel_sim.effects.typed import typed_effect
+from tools import house
 
 #: Texts and pictures by path.
 Pages: TypeAlias = dict[Path, str | bytes]
@@ -418,6 +419,7 @@ def made() -> Pages:
         pages[DOCS / page] = with_tables((DOCS / page).read_text(encoding="utf-8"))
     momentum = envelope(bench)
     pages[DOCS / "momentum.csv"] = momentum.to_csv()
+    pages[DOCS / "images" / "house.svg"] = house.to_svg()
     shown = json.dumps(momentum.to_json())
     pages[DOCS / "images" / "momentum_caps.png"] = caps_png(bench, shown)
     pages[DOCS / "images" / "momentum_body.png"] = body_png(bench, shown)
@@ -439,7 +441,7 @@ def _same(path: Path, content: str | bytes) -> bool:
     old = path.read_text(encoding="utf-8")
     if path.suffix == ".csv":
         return _close(_table(old), _table(content))
-    if path.suffix == ".svg":  # a picture is the same if it shows the same numbers
+    if path.suffix == ".svg" and _numbers(content) is not None:  # the same if it shows the same numbers
         return _close(_numbers(old), _numbers(content))
     return old == content
 

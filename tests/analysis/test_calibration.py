@@ -55,6 +55,7 @@ def calibrated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scenario, list
     return machine, found, calibrate(found, Model.new())
 
 
+@pytest.mark.slow
 def test_wrong_constants_are_found_within_their_errors(tmp_path: Path):
     apart = []
     for seed in range(41, 49):

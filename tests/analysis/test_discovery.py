@@ -80,6 +80,7 @@ def test_a_hidden_effect_is_found_added_and_validated(name: str, tmp_path: Path)
         assert again.verdict == "nothing_missing", again.summary
 
 
+@pytest.mark.slow
 def test_nothing_hidden_is_nothing_missing(tmp_path: Path) -> None:
     for seed in range(10):
         machine = hidden_machine(seed=700 + seed, effects={})
@@ -152,6 +153,7 @@ def test_a_wrong_gimbal_inertia_is_told_from_the_air_by_its_torque_twice_a_revol
         assert found.verdict == "effect", found.summary
 
 
+@pytest.mark.slow
 def test_look_alikes_are_a_tie_with_the_test_that_separates_them(tmp_path: Path) -> None:
     """By averages alone, speeds and tilts cannot tell a strong restoring torque of the air from a wrong inertia."""
     machine = hidden_machine(5, {"aero_restoring": {"k": 0.12, "n": 2.0}})
@@ -198,6 +200,7 @@ def test_a_very_different_rotor_is_one_finding(tmp_path: Path) -> None:
     assert abs(estimate.value + 0.32) < 4.0 * max(estimate.standard_error, 0.005)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "truth",
     [

@@ -74,6 +74,7 @@ def test_a_long_hold_is_estimated_as_a_whole(run: Run) -> None:
     np.testing.assert_allclose(last.simulated_torque, expected, atol=2e-6)
 
 
+@pytest.mark.slow
 def test_the_work_for_a_hold_grows_with_its_length_only(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     lengths = []
 

@@ -441,6 +441,7 @@ def test_a_finder_that_fails_is_a_case_that_is_not_right(monkeypatch: pytest.Mon
 COUNTS = ("n", "detectable", "exact", "tied", "wrong")
 
 
+@pytest.mark.slow
 def test_the_verb_reports_and_keeps_the_json_contract(gyrowheel: Shell, tmp_path: Path):
     plan, other = write(tmp_path / "plan.yaml", DRAG_PLAN), write(tmp_path / "other.yaml", OTHER_PLAN)
     arguments = ["campaign", "--plan", plan, "--validation-plan", other, "--cases", 40, "--jobs", 1]

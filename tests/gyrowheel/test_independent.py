@@ -50,6 +50,7 @@ def test_machine_controller_and_sequence_share_nothing_with_the_project() -> Non
     assert ERRORS.keys() == KNOWN_ERRORS.keys()
 
 
+@pytest.mark.slow
 def test_holding_torques_are_those_of_the_bench_and_the_step_makes_none() -> None:
     steps = [Step(rpm, 3 + 0j, hold=4.0) for rpm in (1000.0, 3500.0, 4000.0)]
     found = holds(steps)
@@ -99,12 +100,14 @@ def test_sequences_stay_within_the_bench() -> None:
 # three cases of the many that `python -m benchmarks.independent` tries; each draws machine, noise, controller and sizes
 
 
+@pytest.mark.slow
 def test_nothing_hidden_and_nothing_found() -> None:
     case = solve(70, 2, "short", "none")
     assert case.verdict == "nothing_missing"
     assert case.outcome == "right"
 
 
+@pytest.mark.slow
 def test_one_effect_is_found() -> None:
     case = solve(70, 4, "short", "single")
     assert case.detectable
@@ -112,6 +115,7 @@ def test_one_effect_is_found() -> None:
     assert case.good, case
 
 
+@pytest.mark.slow
 def test_two_effects_are_found() -> None:
     case = solve(70, 4, "short", "pair")
     assert case.detectable

@@ -27,6 +27,7 @@ MACHINE = ["--bench", "dtg", "--machine", 12]
 FLOOR = 1.2e-6
 
 
+@pytest.mark.slow
 def test_a_hidden_effect_is_named_added_and_proven(gyrowheel: Shell, tmp_path: Path):
     for plan in ("dtg_quick", "dtg_check"):
         gyrowheel.good("simulate", "--plan", plan, "-o", tmp_path / plan, *MACHINE, "--effect", "aero_cross")

@@ -245,6 +245,7 @@ _NUMBERS = ["0", "1", "2", "7", "12345678", "0.5", "1e-9", "2.50", "1e22", "i", 
 formulas = st.recursive(st.sampled_from([*NAMES, *_QUANTITIES, *_NUMBERS]), _longer, max_leaves=25)
 
 
+@pytest.mark.slow
 @given(formulas)
 @settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 def test_what_is_printed_is_read_back(text: str) -> None:

@@ -18,6 +18,7 @@ SHAFT_REACTION = 0.25 / (1.0 / v("shaft_inertia") + 1.0 / v("rotor_inertia_z"))
 GIMBAL_REACTION = 1.3e-6
 
 
+@pytest.mark.slow
 def test_coefficients_by_averaging_the_equations_of_motion():
     slow = d.average()
     (Irx, _, Irz), (Igx, Igy, Igz) = d.ROTOR_INERTIA, d.GIMBAL_INERTIA

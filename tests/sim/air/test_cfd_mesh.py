@@ -67,6 +67,7 @@ def test_the_mesh_fills_the_gap(upright: PolyMesh):
     assert upright.volumes.sum() == pytest.approx(polygon * exact, rel=1e-6)
 
 
+@pytest.mark.slow
 @given(tilt=tilts, direction=directions)
 def test_no_cell_folds_when_the_rotor_tilts(upright: PolyMesh, tilt: float, direction: float):
     mesh = moved(upright, tilt, direction)

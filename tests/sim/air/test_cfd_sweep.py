@@ -95,6 +95,7 @@ def test_half_written_results_are_computed_again(tmp_path: Path, player: Player)
 SWEEP = ["cfd", "sweep", "--mesh", "tiny", "--iterations", "40", "--tilts", "0,2,5", "--speeds", "3000,3500"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_a_sweep_that_is_killed_goes_on_where_it_was(tmp_path: Path, player: Player, jobs: int):
     study = tmp_path / "study"
