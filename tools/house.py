@@ -120,7 +120,7 @@ def to_svg() -> str:
                 x += width + _GAP
             line_y += _PART_HEIGHT + _GAP
         y += max(height, 64.0) + 10
-    height = y + 34
+    whole = y + 34
     style = (
         "text{font-family:ui-monospace,Menlo,Consolas,monospace;fill:#202124}"
         ".name{font-size:14px;font-weight:bold}.about{font-size:11px;font-family:sans-serif;fill:#3c4043}"
@@ -135,10 +135,10 @@ def to_svg() -> str:
         "only nodes and topics import it.</text>"
     )
     return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{_WIDTH}" height="{height:g}" '
-        f'viewBox="0 0 {_WIDTH} {height:g}" '
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{_WIDTH}" height="{whole:g}" '
+        f'viewBox="0 0 {_WIDTH} {whole:g}" '
         f'role="img" aria-label="Packages and folders, each above what it imports"><style>{style}</style>'
-        f'<rect width="{_WIDTH}" height="{height:g}" rx="8" fill="#ffffff"/>\n'
+        f'<rect width="{_WIDTH}" height="{whole:g}" rx="8" fill="#ffffff"/>\n'
         + "\n".join([top, *body, bottom])
         + "\n</svg>\n"
     )
