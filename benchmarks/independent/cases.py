@@ -21,6 +21,7 @@ from benchmarks.independent.sequence import (
     references,
     short_sequence,
 )
+from gyrowheel.text.sentences.diagnosis import verdict_sentence
 from gyrowheel_analysis.diagnosis.diagnose import Diagnosis, diagnose
 from gyrowheel_analysis.diagnosis.selection import ERROR_LIMIT, THRESHOLD, threshold
 from gyrowheel_analysis.fitting.preparation import one_thread, prepare
@@ -318,5 +319,5 @@ def judged(case: Case, answer: Diagnosis) -> Case:
         answer.verdict,
         named,
         outcome,
-        answer.summary,
+        verdict_sentence(answer),
     )

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gyrowheel.text.sentences.diagnosis import verdict_sentence
 from gyrowheel_analysis.add import add_effect
 from gyrowheel_analysis.calibrate import CONSTANTS, Calibration, calibrate
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
@@ -133,7 +134,9 @@ def test_a_calibrated_model_has_no_wrong_constants_any_more(
     before = diagnose(fresh, Model.new())
     assert {e.name for e in before.effects} & {"coil_gain_error", "motor_constant_error"}
     after = diagnose(fresh, found.model)
-    assert not {e.name for e in after.effects} & {"coil_gain_error", "motor_constant_error"}, after.summary
+    assert not {e.name for e in after.effects} & {"coil_gain_error", "motor_constant_error"}, (
+        verdict_sentence(after)
+    )
     # again, from the model calibrated before: nothing of it is believed twice
     again = calibrate(fresh, found.model)
     assert all(abs(pull) < 4.0 for pull in pulls(again, machine))

@@ -9,6 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from gyrowheel.results.contract import comparison_json, diagnosis_json
+from gyrowheel.text.sentences.diagnosis import verdict_sentence
+from gyrowheel.text.sentences.residuals import region_name
 from gyrowheel_analysis.add import add_effect
 from gyrowheel_analysis.compare import compare
 from gyrowheel_analysis.diagnosis.diagnose import Diagnosis, diagnose
@@ -62,7 +65,7 @@ def test_a_hidden_effect_is_found_added_and_validated(name: str, tmp_path: Path)
 
     found = diagnose([fit], model, validate=[unused])
     tied = {tie.name for e in found.effects for tie in e.ties}
-    assert named(found) == {name} or (len(found.effects) == 1 and name in tied), found.summary
+    assert named(found) == {name} or (len(found.effects) == 1 and name in tied), verdict_sentence(found)
     if named(found) == {name}:
         effect = found.effects[0]
         for key, estimate in effect.coefficients.items():
@@ -77,7 +80,7 @@ def test_a_hidden_effect_is_found_added_and_validated(name: str, tmp_path: Path)
     assert added.error.after.chi2_per_n < 0.9 * added.error.before.chi2_per_n
     if name in AGAIN:  # with the effect in the model, nothing is missing any more
         again = diagnose([fit], added.model)
-        assert again.verdict == "nothing_missing", again.summary
+        assert again.verdict == "nothing_missing", verdict_sentence(again)
 
 
 @pytest.mark.slow
@@ -85,7 +88,7 @@ def test_nothing_hidden_is_nothing_missing(tmp_path: Path) -> None:
     for seed in range(10):
         machine = hidden_machine(seed=700 + seed, effects={})
         found = diagnose([record(tmp_path, f"seed{seed}", machine, "quick")], Model.new())
-        assert found.verdict == "nothing_missing", (seed, found.summary)
+        assert found.verdict == "nothing_missing", (seed, verdict_sentence(found))
         assert not found.effects
         assert not found.free_form
 
@@ -150,7 +153,7 @@ def test_a_wrong_gimbal_inertia_is_told_from_the_air_by_its_torque_twice_a_revol
         ]
         found = diagnose(recordings, Model.new())
         assert named(found) == {"aero_restoring" if name == "air" else "gimbal_inertia_error"}
-        assert found.verdict == "effect", found.summary
+        assert found.verdict == "effect", verdict_sentence(found)
 
 
 @pytest.mark.slow
@@ -162,7 +165,7 @@ def test_look_alikes_are_a_tie_with_the_test_that_separates_them(tmp_path: Path)
         record(tmp_path, "t", machine, "paper_tilt", noise_seed=6),
     ]
     found = diagnose(recordings, Model.new(), averages=True)
-    assert found.verdict == "ambiguous", found.summary
+    assert found.verdict == "ambiguous", verdict_sentence(found)
     (effect,) = found.effects
     ties = {tie.name: tie for tie in effect.ties}
     assert {effect.name, *ties} >= {"aero_restoring", "gimbal_inertia_error"}
@@ -212,7 +215,7 @@ def test_a_very_different_rotor_is_one_finding(tmp_path: Path) -> None:
 )
 def test_an_effect_outside_the_library_is_unknown_with_a_formula(truth: EffectValues, tmp_path: Path) -> None:
     found = diagnose([record(tmp_path, "fit", hidden_machine(8, truth), "quick")], Model.new())
-    assert found.verdict == "unknown", found.summary
+    assert found.verdict == "unknown", verdict_sentence(found)
     assert not found.effects
     assert found.free_form[0].formula
     assert found.error is not None
@@ -240,20 +243,20 @@ def test_too_little_data_is_said(tmp_path: Path) -> None:
     )
     found = diagnose([record(tmp_path, "short", hidden_machine(11, {}), Plan.load(text))], Model.new())
     assert found.verdict == "insufficient_data"
-    json.dumps(found.to_json())
+    json.dumps(diagnosis_json(found))
 
 
 def test_compare_says_where_and_on_what(tmp_path: Path) -> None:
     machine = hidden_machine(12, {"aero_cross": {"c": 0.008, "n": 1.98}})
     result = compare([record(tmp_path, "fit", machine, "quick")], Model.new())
-    assert result.where[0].region.startswith("tilt, 3500 rpm")
+    assert region_name(result.where[0]).startswith("tilt, 3500 rpm")
     assert sum(region.share_of_chi2 for region in result.where) > 0.6
     assert result.channels["tilt_x"].chi2_per_n > 3.0
     assert result.channels["spin"].chi2_per_n < 2.0
     for metrics in result.channels.values():
         parts = metrics.theil_bias + metrics.theil_variance + metrics.theil_covariance
         assert parts == pytest.approx(1.0, abs=1e-6)
-    content = json.loads(json.dumps(result.to_json()))
+    content = json.loads(json.dumps(comparison_json(result)))
     assert set(content["error"]["before"]["rms"]) == {"tilt_x", "tilt_y", "spin"}
 
 
@@ -263,7 +266,7 @@ def test_the_json_keeps_its_contract(tmp_path: Path) -> None:
         record(tmp_path, "a", machine, "quick"),
         record(tmp_path, "b", machine, "check", noise_seed=14),
     )
-    content = json.loads(json.dumps(diagnose([fit], Model.new(), validate=[unused]).to_json()))
+    content = json.loads(json.dumps(diagnosis_json(diagnose([fit], Model.new(), validate=[unused]))))
     assert content["schema"] == 1
     assert content["verdict"] == "effect"
     assert set(content) >= {

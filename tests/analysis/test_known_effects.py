@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from gyrowheel.results.contract import diagnosis_json
+from gyrowheel.text.sentences.diagnosis import verdict_sentence
 from gyrowheel_analysis.add import add_effect
 from gyrowheel_analysis.compare import compare
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
@@ -50,14 +52,14 @@ def test_of_the_right_size_nothing_is_missing(recordings: dict[str, Recording]) 
 def test_of_a_wrong_size_it_is_named_and_no_other(recordings: dict[str, Recording], error: float) -> None:
     found = diagnose([recordings["with"]], model_with(0.003, error))
     assert found.verdict == "effect"
-    assert found.summary == "of another size than in the model: aero_cross"
+    assert verdict_sentence(found) == "The size of aero_cross in the model disagrees with these recordings."
     (effect,) = found.effects
     assert effect.name == "aero_cross"
     # the size that it has, not what is to be added to that of the model
     assert abs(effect.coefficients["c"].value - TRUTH["c"]) < 3.0 * effect.coefficients["c"].standard_error
     assert effect.in_model is not None
     assert (effect.in_model["c"].value, effect.in_model["c"].standard_error) == (0.003, error)
-    assert found.to_json()["effects"][0]["in_model"]["c"]["value"] == 0.003
+    assert diagnosis_json(found)["effects"][0]["in_model"]["c"]["value"] == 0.003
     assert found.error is not None
     assert found.error.after.chi2_per_n < 1.2 < found.error.before.chi2_per_n
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
+from gyrowheel.results.contract import diagnosis_json
 from gyrowheel_analysis.add import add_effect
 from gyrowheel_analysis.compare import compare
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
@@ -321,7 +322,7 @@ def test_a_proposal_goes_into_the_model_as_it_is(tmp_path: Path) -> None:
     fit = record(tmp_path, "fit", machine, "quick")
     unused = record(tmp_path, "unused", machine, "check", noise_seed=9000)
     found = diagnose([fit], Model.new())
-    (form,) = found.to_json()["free_form"]
+    (form,) = diagnosis_json(found)["free_form"]
 
     added = add_effect(Model.new(), [effect_from_mapping(form["name"], form["declaration"])], [fit], [unused])
     assert added.error.validation_before is not None

@@ -13,12 +13,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gyrowheel.text.sentences.residuals import (
+    dependence_sentences,
+    growth_sentence,
+    region_description,
+    region_name,
+)
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.fitting.noise import SOURCES
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.reduction import planned_windows
 from gyrowheel_analysis.reduction.groups import direction_groups, masks, octants, speed_groups
-from gyrowheel_analysis.residuals.dependence import SIGNIFICANT, dependences, sentences, whiteness
+from gyrowheel_analysis.residuals.dependence import SIGNIFICANT, dependences, judged, whiteness
 from gyrowheel_analysis.residuals.growth import growth
 from gyrowheel_analysis.residuals.maps import VARIABLES, all_maps, maps_json, residual_map, variables_of
 from gyrowheel_analysis.residuals.regions import regions
@@ -79,11 +85,19 @@ def residual(part: str, values: Any, rows: Any = None) -> tuple[Any, WindowResid
     return rows, window_residuals(p.balances, balance.windows, rows, p.noise.deviation())
 
 
-def judged(rows: Any, data: WindowResiduals, drift: float = 1.0) -> tuple[Any, Any]:
+def judge(rows: Any, data: WindowResiduals, drift: float = 1.0) -> tuple[Any, Any]:
     p = problem()
     p.noise.use_scales(dict.fromkeys(SOURCES.values(), drift))
     white = p.noise.whiten
     return dependences(data, p.balances, rows, white), whiteness(data, p.balances, white(rows))
+
+
+def grows(data: WindowResiduals) -> list[str]:
+    return [growth_sentence(law) for law in growth(data)]
+
+
+def sentences(found: Any, white: Any) -> list[str]:
+    return dependence_sentences(judged(found, white))
 
 
 # ---- which windows belong together
@@ -162,12 +176,14 @@ def test_the_regions_say_where_the_misfit_is_and_what_it_looks_like() -> None:
     rng = np.random.default_rng(2)
     _, data = residual("tilt_2n", np.where(fast, 0.02 * np.conj(w.mean_tilt), 0.0), noise_rows(rng))
     first, *_ = regions(data, BENCH)
-    assert first.region.startswith("tilt 2N, 3500 rpm")
+    assert region_name(first).startswith("tilt 2N, 3500 rpm")
     assert first.share_of_chi2 > 0.3
-    assert "coil torque twice a revolution beyond the model 0." in first.description
-    assert "in proportion to the tilt" in first.description
+    assert "residual coil torque twice a revolution 0." in region_description(first)
+    assert region_description(first).endswith("; proportional to the tilt")
     _, data = residual("motor_voltage", np.where(fast, -0.05, 0.0), noise_rows(rng))
-    assert regions(data, BENCH)[0].description.startswith("motor voltage 49 mV less than the model, noise 2")
+    assert region_description(regions(data, BENCH)[0]).startswith(
+        "motor voltage 49 mV below the model, noise 2"
+    )
 
 
 # ---- sentences
@@ -179,13 +195,13 @@ def test_phase_and_growth_of_a_torque_are_said(angle: float, exponent: float) ->
     w = problem().balances[0].windows
     law = 0.03 * np.exp(1j * angle) * (w.mean_spin / (3500 * RPM)) ** exponent * w.mean_tilt
     _, data = residual("tilt", law)
-    (sentence,) = growth(data)
-    assert "turns with the tilt" in sentence
+    (sentence,) = grows(data)
+    assert "proportional to the tilt" in sentence
     degrees = math.degrees(angle)
     if abs(degrees) < 19.0:
         assert "in phase with it" in sentence
     elif abs(degrees) > 161.0:
-        assert "against it" in sentence
+        assert "opposed to it" in sentence
     elif 21.0 < abs(degrees) < 159.0:
         assert f"{abs(degrees):.0f}° {'ahead of' if degrees > 0 else 'behind'} it" in sentence
     assert float(sentence.split("Ω^")[1].split("±")[0]) == pytest.approx(
@@ -207,49 +223,47 @@ WARM = 273.15 + 20.0
         (
             lambda: law(tilt_2n=lambda w: 0.02 * np.conj(w.mean_tilt)),
             [
-                "a coil torque twice a revolution",
-                "in proportion to the tilt",
-                "20 mN·m/rad",
-                "at every speed",
+                "the residual coil torque twice a revolution",
+                "is proportional to the tilt: 20 mN·m/rad, the same at every speed",
             ],
         ),
         (
             lambda: law(tilt_1n=lambda w: (1e-4 + 1e-4j) * (w.mean_spin / 100.0) ** 2),
-            ["once a revolution", "same at every tilt", "grows as Ω^2.00"],
+            ["once a revolution", "same at every tilt", "growing as Ω^2.00"],
         ),
         (
             lambda: law(spin_ripple=lambda w: 0.05 / w.mean_spin * np.ones(len(w)) * 100.0 + 0j),
-            ["ripple of the motor torque", "falls as Ω^−1.00"],
+            ["ripple of the motor torque", "falling as Ω^−1.00"],
         ),
         (
             lambda: law(tilt=lambda w: 2e-3 * (w.coil_temperature - WARM) * w.mean_tilt),
-            ["turns with the tilt, in phase", "as the coils warm from 20 to 40 °C", "mN·m/rad"],
+            ["proportional to the tilt and in phase", "as the coils warm from 20 to 40 °C", "mN·m/rad"],
         ),
         (
             lambda: law(spin=lambda w: 1e-5 * w.middle),
-            ["the motor torque beyond the model's goes from", "s in the recording"],
+            ["the residual motor torque goes from", "s of the recording"],
         ),
         (
             lambda: law(motor_voltage=lambda w: 2e-4 * w.mean_spin),
-            ["the motor voltage is", "mV more than the model asks for", "grows as Ω^1.00"],
+            ["the motor voltage is", "mV above the model", "growing as Ω^1.00"],
         ),
         (
             lambda: law(tilt=lambda w: np.full(len(w), 3e-4 - 1e-4j)),
-            ["same at every tilt, +0.30 mN·m about x and −0.10 about y"],
+            ["same at every tilt: +0.30 mN·m about x and −0.10 about y"],
         ),
         (
             lambda: law(tilt=lambda w: 4.0 * w.mean_tilt * np.abs(w.mean_tilt) ** 2),
-            ["grows with the cube of the tilt, in phase with it, 4000 mN·m/rad³"],
+            ["proportional to the cube of the tilt and in phase with it: 4000 mN·m/rad³"],
         ),
         (
             lambda: law(spin=lambda w: 0.1 * np.abs(w.mean_tilt) ** 2),
-            ["the motor torque is", "grows with the tilt squared"],
+            ["the residual motor torque is proportional to the square of the tilt: +100 mN·m/rad²"],
         ),
     ],
     ids=["2N", "1N", "ripple", "coils", "time", "voltage", "constant", "cube", "square"],
 )
 def test_what_a_residual_follows_is_said(data: Callable[[], WindowResiduals], words: list[str]) -> None:
-    (sentence,) = growth(data())
+    (sentence,) = grows(data())
     for word in words:
         assert word in sentence
 
@@ -257,7 +271,7 @@ def test_what_a_residual_follows_is_said(data: Callable[[], WindowResiduals], wo
 def test_nothing_is_said_of_noise() -> None:
     for seed in range(20):
         _, data = residual("spin", 0.0, noise_rows(np.random.default_rng(seed)))
-        assert growth(data) == []
+        assert grows(data) == []
 
 
 # ---- tests
@@ -268,7 +282,7 @@ def test_noise_depends_on_nothing(drift: float) -> None:
     cases, named, unlike = 40, 0, 0
     for seed in range(cases):
         rows, data = residual("spin", 0.0, noise_rows(np.random.default_rng([seed, 7]), drift))
-        found, white = judged(rows, data, drift)
+        found, white = judge(rows, data, drift)
         named += any(test.stated for test in found)
         unlike += any(len(white) * min(w.p_size, w.p_order) < SIGNIFICANT for w in white)
         if not any(len(white) * min(w.p_size, w.p_order) < SIGNIFICANT for w in white):
@@ -295,7 +309,7 @@ def test_the_variable_on_which_a_residual_depends_is_named(part: str, values: An
     right = 0
     for seed in range(6):
         rows, data = residual(part, values(w), noise_rows(np.random.default_rng([seed, 3])))
-        found, white = judged(rows, data)
+        found, white = judge(rows, data)
         stated = [test for test in found if test.part == part and test.stated]
         right += [test.variable for test in stated] == [variable]
         assert not any(test.stated for test in found if test.part != part)
@@ -344,7 +358,7 @@ def test_of_variables_that_do_as_well_the_plainest_is_named_and_the_other_too() 
             for text in sentences(found, whiteness(data, [own], rows / p.noise.deviation()))
             if text.startswith("tilt:")
         )
-        assert "or on the temperature of the coils, which went with that in these recordings" in said
+        assert "or on the coil temperature, which varied along with it in these recordings" in said
 
 
 def test_order_among_small_residuals_is_noticed() -> None:
@@ -355,11 +369,11 @@ def test_order_among_small_residuals_is_noticed() -> None:
     own = p.balances[0].channel("voltage_ripple_x")
     rows[own] = 1.2 * p.noise.deviation()[own] * np.sin(np.arange(count) * 2.0 * math.pi / 9.0)
     data = window_residuals(p.balances, p.balances[0].windows, rows, p.noise.deviation())
-    found, white = judged(rows, data)
+    found, white = judge(rows, data)
     (ripple,) = (w for w in white if w.part == "voltage_ripple")
     assert ripple.p_size > 0.05
     assert ripple.p_order < 1e-4
-    assert any("neighbours in time are alike" in text for text in sentences(found, white))
+    assert any("neighbouring windows are correlated" in text for text in sentences(found, white))
 
 
 def test_few_windows_give_no_test() -> None:
@@ -371,7 +385,7 @@ def test_few_windows_give_no_test() -> None:
     assert dependences(data, [few], np.zeros(len(few)), small.noise.whiten) == []
     assert whiteness(data, [few], np.zeros(len(few))) == []
     assert regions(replace(data, parts=data.parts), BENCH)
-    assert growth(data) == []
+    assert grows(data) == []
 
 
 def test_averages_alone_have_maps_and_sentences_too() -> None:
@@ -381,7 +395,7 @@ def test_averages_alone_have_maps_and_sentences_too() -> None:
     rows[balance.channel("spin")] = 4e-4
     data = window_residuals([balance], windows, rows, np.full(len(rows), 2e-5))
     assert set(data.parts) == {"tilt", "spin", "motor_voltage"}
-    assert growth(data) == ["the motor torque is 0.40 mN·m more than the model asks for, at every speed"]
+    assert grows(data) == ["the motor torque is 0.40 mN·m above the model, the same at every speed"]
     assert len(residual_map(data).cells) > 3
 
 

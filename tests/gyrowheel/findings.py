@@ -18,7 +18,9 @@ from gyrowheel_analysis.diagnosis.diagnose import (
     TieReport,
 )
 from gyrowheel_analysis.residuals.error_table import ErrorRow, ErrorTable, Residuals
-from gyrowheel_analysis.residuals.regions import Region
+from gyrowheel_analysis.residuals.growth import Growth
+from gyrowheel_analysis.residuals.regions import Look, Region
+from gyrowheel_core.units import RPM
 from gyrowheel_sim.effects import get
 
 
@@ -47,9 +49,9 @@ def finding(name: str, *ties: TieReport, size: float = 1.0) -> EffectFinding:
     """Return a finding of a registered effect of its usual size."""
     effect = get(name)
     coefficients = {c.name: Estimate(size * c.default, 0.01 * c.default, c.unit) for c in effect.coefficients}
-    evidence = ["all else accounted for, the residual is there"]
+    law = Growth("tilt", "tilt", 0.022j, uniform=True)
     return EffectFinding(
-        name, effect.title, coefficients, 321.0, effect.formula, effect.sentence, evidence, list(ties)
+        name, effect.title, effect.sentence, coefficients, 321.0, effect.formula, [law], [], list(ties)
     )
 
 
@@ -70,11 +72,11 @@ def diagnosis(verdict: str, *findings: EffectFinding, **changes: Any) -> Diagnos
     """Return a diagnosis."""
     result = Diagnosis(
         verdict=verdict,  # type: ignore[arg-type]
-        summary="summary",
+        windows=40,
         effects=list(findings),
         free_form=[],
         error=TABLE,
-        where=[Region("tilt, 3500 rpm", 0.8, "0.4 mN·m rms, noise 0.02")],
+        where=[Region("tilt", 3500 * RPM, (), 0.8, Look("mixed", 4e-4, 2e-5))],
         next_test=None,
         nuisance={
             "coil_constant": NuisanceEstimate(0.0206, 5e-5, 0.02, 4e-4, "N*m/V"),
@@ -108,5 +110,5 @@ UNKNOWN = diagnosis(
 AMBIGUOUS = diagnosis(
     "ambiguous",
     finding("aero_cross", tie("flexure_damping")),
-    next_test=NextTest("air_density", 88.0, 1.2, "tells aero_cross from flexure_damping"),
+    next_test=NextTest("air_density", 88.0, 1.2, separates=("aero_cross", "flexure_damping")),
 )

@@ -16,10 +16,9 @@ from gyrowheel.investigation import (
     BROAD,
     Investigation,
     Step,
-    end_sentence,
     investigate,
-    what_was_learned,
 )
+from gyrowheel.text.sentences.investigation import end_sentence, learned
 from gyrowheel_analysis.diagnosis.diagnose import Diagnosis, Estimate, NextTest
 from gyrowheel_analysis.diagnosis.discrimination import Telling
 from gyrowheel_analysis.diagnosis.precision import Sharpening, relative_error
@@ -79,7 +78,7 @@ def scripted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[..., t
 PRECISE = diagnosis("effect", finding("aero_cross"))
 NOTHING = diagnosis("nothing_missing")
 SEPARATING = replace(
-    AMBIGUOUS, next_test=NextTest("air_density", 88.0, 1.2, "tells aero_cross from flexure_damping")
+    AMBIGUOUS, next_test=NextTest("air_density", 88.0, 1.2, separates=("aero_cross", "flexure_damping"))
 )
 
 
@@ -87,8 +86,8 @@ def test_a_tie_is_settled_by_the_test_that_was_named(scripted: Any, tmp_path: Pa
     done, listener = scripted([SEPARATING, PRECISE])
     assert done.settled
     assert [step.plans for step in done.steps] == [["check"], ["air_density"]]
-    assert listener.begun[1] == (["air_density"], "tells aero_cross from flexure_damping")
-    assert "flexure_damping would do as well" in done.steps[0].learned[0]
+    assert listener.begun[1] == (["air_density"], "separates aero_cross from flexure_damping")
+    assert "flexure_damping would explain it as well" in done.steps[0].learned[0]
     assert done.steps[1].learned[-1] == "flexure_damping is ruled out."
     assert [path.name for path in done.recordings] == ["1-check", "2-air_density"]
     content = json.loads((tmp_path / "investigation.json").read_text())
@@ -106,7 +105,7 @@ def test_a_tie_is_settled_by_the_test_that_was_named(scripted: Any, tmp_path: Pa
 def test_no_test_is_run_a_third_time(scripted: Any):
     done, _ = scripted([SEPARATING] * 3)
     assert not done.settled
-    assert "run 2 times and have not told" in done.reason
+    assert "run 2 times and have not" in done.reason
     assert [step.plans for step in done.steps] == [["check"], ["air_density"], ["air_density"]]
 
 
@@ -126,7 +125,7 @@ def test_an_unknown_effect_is_looked_at_more_broadly_once(scripted: Any):
     done, _ = scripted([UNKNOWN, UNKNOWN])
     assert [step.plans for step in done.steps] == [["check"], [BROAD]]
     assert done.settled
-    assert "a formula that does: rotor_torque = a*z^2" in done.steps[-1].learned[0]
+    assert "The formula proposed: rotor_torque = a*z^2" in done.steps[-1].learned[0]
 
 
 def test_an_uncertain_coefficient_is_sharpened(scripted: Any):
@@ -138,7 +137,7 @@ def test_an_uncertain_coefficient_is_sharpened(scripted: Any):
 
 
 def test_thorough_goes_on_with_what_could_not_be_seen(scripted: Any):
-    more = replace(NOTHING, next_test=NextTest("inverted", 60.0, 0.7, "would show a usual gravity_offset"))
+    more = replace(NOTHING, next_test=NextTest("inverted", 60.0, 0.7, reveals="gravity_offset"))
     assert len(scripted([more])[0].steps) == 1
     done, _ = scripted([more, NOTHING], thorough=True, plans=["quick"])
     assert [step.plans for step in done.steps] == [["quick"], ["inverted"]]
@@ -186,9 +185,9 @@ def test_what_averages_would_leave_open_is_explained(scripted: Any, monkeypatch:
     monkeypatch.setattr("gyrowheel_analysis.diagnosis.discrimination.telling_channels", telling)
     done, _ = scripted([PRECISE], plain=SEPARATING)
     assert asked == [("aero_cross", "flexure_damping")]
-    (learned,) = (text for text in done.steps[0].learned if "Averages" in text)
-    assert "leave open whether it is aero_cross or flexure_damping" in learned
-    assert "the torque of the coils twice a revolution tells (Δχ² 1990 against flexure_damping)" in learned
+    (said,) = (text for text in done.steps[0].learned if "Averages" in text)
+    assert "would not separate aero_cross from flexure_damping" in said
+    assert "the torque of the coils twice a revolution does (Δχ² 1990 against flexure_damping)" in said
     # where averages lead elsewhere, or tell as well, there is nothing to explain
     assert len(scripted([PRECISE], plain=PRECISE)[0].steps[0].learned) == 1
     assert (
@@ -201,7 +200,7 @@ def test_what_averages_would_leave_open_is_explained(scripted: Any, monkeypatch:
 
 def test_every_verdict_is_told_in_a_sentence_or_two():
     for found in (PRECISE, NOTHING, SEPARATING, UNKNOWN, diagnosis("insufficient_data")):
-        sentences = what_was_learned(found, None)
+        sentences = learned(found, [])
         assert 1 <= len(sentences) <= 2
         assert all(text.endswith(".") and text[0].isupper() for text in sentences)
 
@@ -276,7 +275,7 @@ def test_what_happens_within_a_revolution_settles_the_papers_own_plans_at_once(
     # and it is said why: the gimbal's inertia makes a torque twice a revolution, the air none
     other = "aero_restoring" if hidden == "gimbal_inertia_error" else "gimbal_inertia_error"
     (why,) = (text for text in first["learned"] if "Averages" in text)
-    assert "the torque of the coils twice a revolution tells" in why
+    assert "the torque of the coils twice a revolution does" in why
     assert other in why
 
 

@@ -20,7 +20,7 @@ from gyrowheel.cli.finding import following
 from gyrowheel.text.air import check_page, table_page
 from gyrowheel.text.bench import bench_page
 from gyrowheel.text.comparison import channel_table
-from gyrowheel.text.diagnosis import detection_limits, verdict_sentence
+from gyrowheel.text.diagnosis import detection_limits
 from gyrowheel.text.diagnosis import diagnosis as rendered
 from gyrowheel.text.effects import effect_list, effect_page
 from gyrowheel.text.errors import fall
@@ -40,6 +40,7 @@ from gyrowheel.text.quantities import (
     with_error,
 )
 from gyrowheel.text.replay import estimates_table
+from gyrowheel.text.sentences.diagnosis import verdict_sentence
 from gyrowheel_analysis.compare import ChannelMetrics
 from gyrowheel_analysis.diagnosis.diagnose import Estimate
 from gyrowheel_analysis.model import Model
@@ -247,9 +248,12 @@ def test_every_verdict_can_be_shown(name: str, width: int):
 
 
 def test_verdicts_are_plain_sentences():
-    assert verdict_sentence(VERDICTS["effect"]) == "An effect is missing: drag of the air on the spin."
+    assert (
+        verdict_sentence(VERDICTS["effect"]) == "An effect is missing: drag of the air on the spin (windage)."
+    )
     assert verdict_sentence(VERDICTS["two"]).startswith("Two effects are missing: ")
-    assert "either cross torque of the air on the tilted rotor or additional" in verdict_sentence(AMBIGUOUS)
+    either = "either cross torque of the air on the tilted rotor (aero_cross) or additional"
+    assert either in verdict_sentence(AMBIGUOUS)
 
 
 def test_an_effect_of_the_model_that_does_not_fit_is_told_from_one_that_is_missing():
@@ -258,9 +262,9 @@ def test_an_effect_of_the_model_that_does_not_fit_is_told_from_one_that_is_missi
         own, in_model={name: Estimate(2.0e-3, 1e-4, e.unit) for name, e in own.coefficients.items()}
     )
     alone, both = diagnosis("effect", wrong), diagnosis("effect", new, wrong)
-    assert verdict_sentence(alone) == "The model has another size of aero_cross than these recordings show."
+    assert verdict_sentence(alone) == "The size of aero_cross in the model disagrees with these recordings."
     assert verdict_sentence(both).startswith(
-        "An effect is missing: drag of the air on the spin. The model has"
+        "An effect is missing: drag of the air on the spin (windage). The size of"
     )
     assert "in the model 2.00 ± 0.10 mN·m/rad" in " ".join(text_of(rendered(both)).split())
 

@@ -21,7 +21,7 @@ def test_maps_and_a_picture(gyrowheel: Shell, wheel: Wheel, tmp_path: Path):
     options = ["--map", "speed", "--map", "azimuth,time", "--picture", picture]
     shown = gyrowheel.good("compare", wheel.recording, "--model", wheel.model, *options).out
     assert "Residual over the spin rate" in shown
-    assert "over direction of the tilt and time in the recording" in shown
+    assert "over tilt direction and time" in shown
     assert "s of steady motion take part (of" in shown
     assert f"picture: {picture}" in shown
     assert all(len(line) <= 80 for line in shown.splitlines() if "picture" not in line)

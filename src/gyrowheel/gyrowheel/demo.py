@@ -288,7 +288,8 @@ def _draw(diagnosis: Diagnosis, added: Added | None, place: Place, stage: Stage)
     from rich.text import Text
 
     from gyrowheel.plots.picture import save_picture
-    from gyrowheel.text.diagnosis import coefficients_line, verdict_sentence
+    from gyrowheel.text.diagnosis import coefficients_line
+    from gyrowheel.text.sentences.diagnosis import verdict_sentence
 
     stage.step("Report")
     found = diagnosis if added is None else added

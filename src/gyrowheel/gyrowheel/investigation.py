@@ -6,18 +6,15 @@ gives a recording.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from gyrowheel.text.quantities import quantity, seconds
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import disk_errors, json_text, write_text
-from gyrowheel_core.quantities import listed
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.diagnosis.diagnose import Diagnosis
@@ -132,6 +129,8 @@ class Investigation:
 
     def to_json(self) -> dict[str, Any]:
         """Return the investigation as a JSON object."""
+        from gyrowheel.results.contract import diagnosis_json
+
         return {
             "schema": 1,
             "model": self.model,
@@ -159,7 +158,7 @@ class Investigation:
                 }
                 for step in self.steps
             ],
-            "diagnosis": self.steps[-1].diagnosis.to_json() if self.steps else None,
+            "diagnosis": diagnosis_json(self.steps[-1].diagnosis) if self.steps else None,
         }
 
 
@@ -205,6 +204,7 @@ def investigate(
     InputError
         If there is nothing to begin with, or the first plans take more time than there is.
     """
+    from gyrowheel.text.sentences.investigation import learned
     from gyrowheel_analysis.diagnosis.diagnose import diagnose
     from gyrowheel_analysis.recording import Recording
 
@@ -239,9 +239,10 @@ def investigate(
         with listener.working("diagnosing") as say:
             found = diagnose(recordings, model, averages=done.averages, progress=say)
             wanted = _next(found, recordings, model, done, following, thorough, say)
-            learned = what_was_learned(found, before)
+            gone = [] if before is None else _ruled_out(found, before)
+            said = learned(found, gone)
             if before is None and not done.averages:
-                learned += _why_so_soon(found, recordings, model, say)
+                said += _why_so_soon(found, recordings, model, say)
         took = sum(_minutes(plan) for plan in following)
         done.steps.append(
             Step(
@@ -251,9 +252,9 @@ def investigate(
                 made,
                 took,
                 found,
-                learned,
+                said,
                 before=None if before is None else before.verdict,
-                separated=[] if before is None else _ruled_out(found, before),
+                separated=gone,
                 left=max(done.budget - done.minutes - took, 0.0),
             )
         )
@@ -289,6 +290,8 @@ def _next(
     progress: Callable[[str], None],
 ) -> Wanted | tuple[bool, str]:
     """Return the test that what is open asks for; else whether all is settled, and why it ends."""
+    from gyrowheel.text.sentences.diagnosis import purpose
+
     ran = [name for step in done.steps for name in step.plans] + [plan.called for plan in now]
 
     def fresh(plan: str) -> bool:
@@ -297,17 +300,17 @@ def _next(
     if found.verdict == "ambiguous":
         test = found.next_test
         if test is not None and fresh(test.plan):
-            return Wanted(test.plan, test.reason)
+            return Wanted(test.plan, purpose(test))
         for finding in found.effects:
             for tie in finding.ties:
                 if tie.separating_plan is not None and fresh(tie.separating_plan):
-                    return Wanted(tie.separating_plan, f"tells {finding.name} from {tie.name}")
+                    return Wanted(tie.separating_plan, f"separates {finding.name} from {tie.name}")
         if all(tie.separating_plan is None for f in found.effects for tie in f.ties):
             return False, "no test on this bench separates what is left"
-        return False, f"the tests that should tell were run {MOST_RUNS} times and have not told"
+        return False, f"the tests that should separate them were run {MOST_RUNS} times and have not"
     if found.verdict == "insufficient_data":
         test = found.next_test
-        plan, why = (test.plan, test.reason) if test else (BROAD, "shows most known effects")
+        plan, why = (test.plan, purpose(test)) if test else (BROAD, "shows most known effects")
         if fresh(plan):
             return Wanted(plan, why)
         return False, "further recordings of these plans would not show more"
@@ -325,36 +328,8 @@ def _next(
                 f"knows {sharper.effect} to {100.0 * sharper.expected:.0f} % instead of {100.0 * sharper.now:.0f} %",
             )
     if thorough and found.next_test is not None and fresh(found.next_test.plan):
-        return Wanted(found.next_test.plan, found.next_test.reason)
+        return Wanted(found.next_test.plan, purpose(found.next_test))
     return True, "nothing is open"
-
-
-def what_was_learned(found: Diagnosis, before: Diagnosis | None) -> list[str]:
-    """Return in a sentence or two what a diagnosis says, and what it says now that it could not say before."""
-    sentences = []
-    names = [f.name for f in found.effects]
-    if found.verdict == "nothing_missing":
-        sentences.append("The model explains everything recorded so far; nothing is missing.")
-    elif found.verdict == "insufficient_data":
-        sentences.append(f"This is too little to tell: {found.summary}.")
-    elif found.verdict == "unknown":
-        formula = found.free_form[0].formula if found.free_form else ""
-        sentences.append(f"Something acts that no known effect explains; a formula that does: {formula}.")
-    elif found.verdict == "ambiguous":
-        for finding in found.effects:
-            if finding.ties:
-                others = listed([tie.name for tie in finding.ties], "or")
-                sentences.append(
-                    f"It looks like {finding.name} ({finding.title}), but {others} would do as well."
-                )
-            else:
-                sentences.append(f"{finding.name} is there: {_size(finding)}.")
-    else:
-        sentences += [f"It is {f.name}: {f.title}, {_size(f)}." for f in found.effects]
-    gone = _ruled_out(found, before) if before is not None else []
-    if gone and names:
-        sentences.append(f"{listed(gone, 'and')} {'is' if len(gone) == 1 else 'are'} ruled out.")
-    return sentences
 
 
 def _ruled_out(found: Diagnosis, before: Diagnosis) -> list[str]:
@@ -367,6 +342,7 @@ def _why_so_soon(
     """Return why the first recordings settle what averages over revolutions leave open; nothing where they do not."""
     if found.verdict != "effect" or len(found.effects) != 1:
         return []
+    from gyrowheel.text.sentences.investigation import settled_by
     from gyrowheel_analysis.diagnosis.diagnose import diagnose
     from gyrowheel_analysis.diagnosis.discrimination import telling_channels
 
@@ -382,29 +358,8 @@ def _why_so_soon(
         return []  # averages lead elsewhere
     rival = others[0]
     first, *_ = telling_channels(recordings, model, finding.name, rival)
-    open_ = listed([finding.name, *others], "or")
-    return [
-        f"Averages over revolutions alone would leave open whether it is {open_}; {first.title} tells "
-        f"(Δχ² {first.delta_chi2:.0f} against {rival})."
-    ]
+    return [settled_by([finding.name, *others], first.title, first.delta_chi2, rival)]
 
 
 def _alternatives(found: Diagnosis) -> set[str]:
     return {name for f in found.effects for name in (f.name, *(tie.name for tie in f.ties))}
-
-
-def _size(finding: Any) -> str:
-    """Return the first amplitude of a finding with its relative error."""
-    name, estimate = next(iter(finding.coefficients.items()))
-    text = f"{name} = {quantity(estimate.value, estimate.unit)}"
-    if estimate.value and math.isfinite(estimate.standard_error):
-        text += f", known to {100.0 * abs(estimate.standard_error / estimate.value):.2g} %"
-    return text
-
-
-def end_sentence(done: Investigation) -> str:
-    """Return how an investigation ended, in a sentence."""
-    took = seconds(60.0 * done.minutes)
-    state = "Settled" if done.settled else "Not settled"
-    left = seconds(60.0 * max(done.budget - done.minutes, 0.0))
-    return f"{state} after {took} of bench time, {left} left: {done.reason or 'interrupted'}."

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,10 +21,16 @@ from gyrowheel_analysis.fitting.problem import Fit, Problem
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.reduction import Coverage, concatenate
-from gyrowheel_analysis.residuals.dependence import Dependence, Whiteness, dependences, sentences, whiteness
+from gyrowheel_analysis.residuals.dependence import (
+    Dependence,
+    PartDependence,
+    Whiteness,
+    dependences,
+    judged,
+    whiteness,
+)
 from gyrowheel_analysis.residuals.error_table import (
     CHANNELS,
-    TORQUE_CHANNELS,
     ErrorRow,
     Residuals,
     channel_rms,
@@ -32,7 +38,7 @@ from gyrowheel_analysis.residuals.error_table import (
     channels_of,
     error_row,
 )
-from gyrowheel_analysis.residuals.maps import ResidualMap, all_maps, maps_json
+from gyrowheel_analysis.residuals.maps import ResidualMap, all_maps
 from gyrowheel_analysis.residuals.regions import Region, regions
 from gyrowheel_analysis.residuals.windows import WindowResiduals, window_residuals
 from gyrowheel_core.errors import InputError
@@ -84,10 +90,10 @@ class Comparison:
         The error in the form of the error table.
     where : list of Region
         Where most of the misfit sits.
-    dependence : list of str
-        On which variables the residual depends, in sentences.
+    dependence : list of PartDependence
+        On which variables the residual depends.
     tests : list of Dependence
-        The tests behind these sentences, every part of the residual against every variable.
+        The tests behind it, every part of the residual against every variable.
     whiteness : list of Whiteness
         Whether the residuals are noise.
     data : WindowResiduals
@@ -106,7 +112,7 @@ class Comparison:
     raw_rms: dict[str, float]
     error_before: ErrorRow
     where: list[Region]
-    dependence: list[str]
+    dependence: list[PartDependence]
     tests: list[Dependence]
     whiteness: list[Whiteness]
     data: WindowResiduals
@@ -119,26 +125,6 @@ class Comparison:
     def maps(self) -> list[ResidualMap]:
         """The residual over every variable, and over speed and tilt."""
         return all_maps(self.data)
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the comparison as a JSON object."""
-        raw = {name: self.raw_rms[name] for name in TORQUE_CHANNELS}
-        return {
-            "schema": 1,
-            "error": {"unit": "N·m", "before": self.error_before.to_json(), "raw": {"rms": raw}},
-            "channels": {
-                name: {"unit": CHANNELS[name].unit, **asdict(metrics), "raw_rms": self.raw_rms[name]}
-                for name, metrics in self.channels.items()
-            },
-            "where": [region.to_json() for region in self.where],
-            "dependence": self.dependence,
-            "tests": [test.to_json() for test in self.tests],
-            "whiteness": [test.to_json() for test in self.whiteness],
-            "maps": maps_json(self.maps),
-            "recordings": self.recordings,
-            "model": self.model,
-            "coverage": self.coverage.to_json(),
-        }
 
 
 @one_thread()
@@ -179,7 +165,7 @@ def compare(recordings: Sequence[Recording], model: Model, *, progress: Progress
         raw_rms={name: channel.rms for name, channel in raw_row.channels.items()},
         error_before=errors.table.before,
         where=regions(data, problem.bench),
-        dependence=sentences(tests, noise),
+        dependence=judged(tests, noise),
         tests=tests,
         whiteness=noise,
         data=data,

@@ -13,6 +13,7 @@ from gyrowheel.campaign.cases import Case
 from gyrowheel.campaign.finding import find
 from gyrowheel.campaign.hiding import Secret, hide, record, yardstick
 from gyrowheel.campaign.judge import Judged, failed, judge
+from gyrowheel.results.contract import diagnosis_json
 from gyrowheel_analysis.model import Model
 from gyrowheel_core.errors import one_line
 from gyrowheel_core.files import json_text, write_text
@@ -59,7 +60,7 @@ def _answered(case: Case, secret: Secret, recording: Path, unused: Path, folder:
     except Exception as error:  # one case that cannot be answered must not take the others with it
         write_text(folder / "error.txt", traceback.format_exc())
         return failed(case, secret, f"{type(error).__name__}: {one_line(error)}")
-    write_text(folder / "diagnosis.json", json_text(answer.to_json()))
+    write_text(folder / "diagnosis.json", json_text(diagnosis_json(answer)))
     return judge(case, secret, answer)
 
 

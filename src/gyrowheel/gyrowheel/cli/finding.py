@@ -64,7 +64,9 @@ def compare(
 
         result = run(recordings, loaded, progress=say)
     if json is not None:
-        put_json(json, result.to_json())
+        from gyrowheel.results.contract import comparison_json
+
+        put_json(json, comparison_json(result))
     if json != "-":
         put_text(
             comparison(result, None if over is None else [residual_map(result.data, own) for own in over])
@@ -107,7 +109,9 @@ def diagnose(
 
         result = run(recordings, loaded, validate=unused, averages=averages, progress=say)
     if json is not None:
-        put_json(json, result.to_json())
+        from gyrowheel.results.contract import diagnosis_json
+
+        put_json(json, diagnosis_json(result))
     if json != "-":
         bench = bench_place(loaded, model)
         command = following(result, directories, validate or (), model, bench, averages=averages)

@@ -190,9 +190,9 @@ def _finish(
     from rich.text import Text
 
     from gyrowheel.cli.finding import following
-    from gyrowheel.investigation import end_sentence
     from gyrowheel.text.diagnosis import detection_limits, findings
     from gyrowheel.text.layout import Unbroken, command, heading
+    from gyrowheel.text.sentences.investigation import end_sentence
 
     if done.steps:
         last = done.steps[-1].diagnosis

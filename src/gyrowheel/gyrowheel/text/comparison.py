@@ -14,6 +14,9 @@ from rich.text import Text
 from gyrowheel.text.errors import unit_of
 from gyrowheel.text.layout import figures_table, heading, sentences, words_table
 from gyrowheel.text.quantities import decimal, fixed
+from gyrowheel.text.sentences.recordings import coverage_sentence
+from gyrowheel.text.sentences.residuals import dependence_sentences, region_description, region_name
+from gyrowheel.text.variables import TITLES
 from gyrowheel_analysis.residuals.error_table import CHANNELS
 from gyrowheel_analysis.residuals.maps import DEFAULT
 from gyrowheel_analysis.residuals.windows import PARTS
@@ -23,6 +26,7 @@ from gyrowheel_core.units import DEG, RPM
 if TYPE_CHECKING:
     from gyrowheel_analysis.compare import Comparison
     from gyrowheel_analysis.reduction import Coverage
+    from gyrowheel_analysis.residuals.dependence import PartDependence
     from gyrowheel_analysis.residuals.maps import ResidualMap, Span
     from gyrowheel_analysis.residuals.regions import Region
     from gyrowheel_analysis.residuals.windows import WindowResiduals
@@ -34,13 +38,6 @@ _MAP_LEGEND = (
 )
 _POOR, _BAD = 2.0, 5.0  # χ²/N
 _SAME_SPEED = 0.04
-_MAP_NAMES = {
-    "tilt": "size of the tilt",
-    "azimuth": "direction of the tilt",
-    "speed": "spin rate",
-    "time": "time in the recording",
-    "temperature": "temperature of the coils",
-}
 _SHORT = {
     "tilt": "tilt", "spin": "spin",
     "tilt_1n": "1N", "tilt_2n": "2N", "spin_ripple": "rip", "motor_voltage": "volt", "voltage_ripple": "vrip",
@@ -74,7 +71,7 @@ def comparison(result: Comparison, maps: Iterable[ResidualMap] | None = None) ->
 
 def coverage(found: Coverage) -> Iterator[RenderableType]:
     """Yield how much of the recordings takes part; in yellow if it is not nearly all of their steady motion."""
-    yield Text(f"{found.sentence()}.", style="dim" if found.complete else "yellow")
+    yield Text(f"{coverage_sentence(found)}.", style="dim" if found.complete else "yellow")
 
 
 def channel_table(result: Comparison) -> Table:
@@ -112,7 +109,7 @@ def channel_table(result: Comparison) -> Table:
 def map_table(shown: ResidualMap, result: Comparison) -> Iterator[RenderableType]:
     """Yield a map as a table: over one variable with the mean residuals, over two with χ²/N of what fails."""
     if len(shown.over) == 1:
-        yield heading(f"Residual over the {_MAP_NAMES[shown.over[0]]}")
+        yield heading(f"Residual over the {TITLES[shown.over[0]]}")
         yield _list_of(shown, result.data)
         yield Text(_MAP_LEGEND, style="dim")
         return
@@ -124,7 +121,7 @@ def map_table(shown: ResidualMap, result: Comparison) -> Iterator[RenderableType
     }
     worst = max(total, key=lambda name: total[name])
     for name in [n for n in total if total[n] > 2.0] or [worst]:
-        yield heading(f"χ²/N of {PARTS[name].title} over {_MAP_NAMES[rows]} and {_MAP_NAMES[columns]}")
+        yield heading(f"χ²/N of {PARTS[name].title} over {TITLES[rows]} and {TITLES[columns]}")
         yield _grid_of(shown, name)
 
 
@@ -219,7 +216,7 @@ def fails(result: Comparison) -> bool:
 
 
 def failures(
-    where: Iterable[Region], dependence: Iterable[str] = (), *, failing: bool = True
+    where: Iterable[Region], dependence: Iterable[PartDependence] = (), *, failing: bool = True
 ) -> Iterator[RenderableType]:
     """Yield the regions where the model fails, and on what the residual depends."""
     regions = list(where)
@@ -230,6 +227,8 @@ def failures(
         table = words_table("share of χ²", "where", "how")
         table.columns[0].justify = "right"
         for region in regions[:_MOST_REGIONS]:
-            table.add_row(f"{100.0 * region.share_of_chi2:.0f} %", region.region, region.description)
+            table.add_row(
+                f"{100.0 * region.share_of_chi2:.0f} %", region_name(region), region_description(region)
+            )
         yield table
-    yield from sentences(dependence)
+    yield from sentences(dependence_sentences(dependence))

@@ -15,7 +15,14 @@ from gyrowheel.text.errors import error_table
 from gyrowheel.text.formulas import pretty
 from gyrowheel.text.layout import command, heading, sentences, words_table
 from gyrowheel.text.quantities import is_pure, quantity, span, with_error
-from gyrowheel_core.quantities import listed
+from gyrowheel.text.sentences.diagnosis import (
+    evidence,
+    physics,
+    purpose,
+    tie_sentence,
+    title,
+    verdict_sentence,
+)
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.diagnosis.diagnose import (
@@ -23,7 +30,6 @@ if TYPE_CHECKING:
         Diagnosis,
         EffectFinding,
         FreeForm,
-        TieReport,
     )
 
 _COLOURS = {
@@ -37,30 +43,6 @@ _SETTLED = ("nothing_missing", "effect")
 _INDENT = (0, 0, 0, 2)
 _NEVER = 10.0  # times the largest usual size: nothing on a real bench is so far from what is usual
 _MOVED = 1.0  # stated uncertainties
-
-
-def verdict_sentence(result: Diagnosis) -> str:
-    """Return the verdict in one plain sentence."""
-    names = [finding.title for finding in result.effects]
-    if result.verdict == "nothing_missing":
-        return "Nothing is missing: the model explains these recordings down to their noise."
-    if result.verdict == "effect":
-        missing = [finding.title for finding in result.effects if finding.in_model is None]
-        wrong = [finding.name for finding in result.effects if finding.in_model is not None]
-        said = []
-        if missing:
-            verb = "An effect is" if len(missing) == 1 else f"{_count(len(missing))} effects are"
-            said.append(f"{verb} missing: {listed(missing, 'and')}.")
-        if wrong:
-            said.append(f"The model has another size of {listed(wrong, 'and')} than these recordings show.")
-        return " ".join(said)
-    if result.verdict == "ambiguous":
-        choices = [_either([f.title, *(tie.title for tie in f.ties)]) for f in result.effects]
-        return f"Missing: {'; and '.join(choices)}. These recordings cannot tell which."
-    if result.verdict == "unknown":
-        beside = f" beside {listed(names, 'and')}" if names else ""
-        return f"Something is missing{beside} that no known effect explains."
-    return f"These recordings cannot tell whether something is missing: {result.summary}."
 
 
 def diagnosis(result: Diagnosis, *, following: str | None = None) -> Iterator[RenderableType]:
@@ -101,7 +83,7 @@ def findings(result: Diagnosis) -> Iterator[RenderableType]:
         test = result.next_test
         yield heading("Test that would show more" if result.verdict in _SETTLED else "Test that would tell")
         about = f"{test.minutes:.1f} min, expected Δχ² {test.expected_separation:.0f}"
-        yield from sentences([f"plan {test.plan} ({about}): {test.reason}"])
+        yield from sentences([f"plan {test.plan} ({about}): {purpose(test)}"])
 
 
 def detection_limits(limits: list[DetectionLimit]) -> Iterator[RenderableType]:
@@ -133,7 +115,7 @@ def detection_limits(limits: list[DetectionLimit]) -> Iterator[RenderableType]:
 
 
 def _finding(finding: EffectFinding) -> Iterator[RenderableType]:
-    yield Text.assemble(("\n" + finding.name, "bold cyan"), f"  {finding.title}")
+    yield Text.assemble(("\n" + finding.name, "bold cyan"), f"  {title(finding)}")
     body = words_table("", "")
     for name, estimate in finding.coefficients.items():
         pure = is_pure(finding.name, name)
@@ -145,17 +127,9 @@ def _finding(finding: EffectFinding) -> Iterator[RenderableType]:
     body.add_row("law", pretty(finding.formula))
     body.add_row("Δχ²", f"{finding.delta_chi2:.0f} without it")
     yield Padding(body, _INDENT)
-    yield from sentences([finding.sentence, *finding.evidence])
+    yield from sentences([physics(finding), *evidence(finding)])
     for tie in finding.ties:
-        yield from sentences([_tie(tie)])
-
-
-def _tie(tie: TieReport) -> str:
-    text = f"could also be {tie.name} ({tie.title}): Δχ² only {tie.delta_chi2:.1f}"
-    if tie.separating_plan is not None:
-        gain = "" if tie.expected_separation is None else f", expected Δχ² {tie.expected_separation:.0f}"
-        return f"{text}. Plan {tie.separating_plan} separates them{gain}."
-    return f"{text}. No test on this bench separates them."
+        yield from sentences([tie_sentence(tie)])
 
 
 def _free_form(form: FreeForm) -> Iterator[RenderableType]:
@@ -196,11 +170,3 @@ def coefficients_line(finding: EffectFinding) -> str:
         f"{name} = {with_error(e.value, e.standard_error, e.unit, pure=is_pure(finding.name, name))}"
         for name, e in finding.coefficients.items()
     )
-
-
-def _count(number: int) -> str:
-    return {2: "Two", 3: "Three", 4: "Four"}.get(number, str(number))
-
-
-def _either(names: list[str]) -> str:
-    return f"{'either ' if len(names) > 1 else ''}{listed(names, 'or')}"

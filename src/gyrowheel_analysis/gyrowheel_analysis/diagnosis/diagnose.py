@@ -21,7 +21,7 @@ from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.reduction import Coverage, concatenate
 from gyrowheel_analysis.residuals.error_table import ErrorTable, Residuals
-from gyrowheel_analysis.residuals.growth import growth
+from gyrowheel_analysis.residuals.growth import Growth, growth
 from gyrowheel_analysis.residuals.regions import Region, regions
 from gyrowheel_analysis.residuals.windows import window_residuals
 from gyrowheel_sim.effects import effect_to_mapping
@@ -31,14 +31,6 @@ Verdict = Literal["nothing_missing", "effect", "ambiguous", "unknown", "insuffic
 
 #: A rival this part of the evidence worse explains nothing.
 _EXPLAINS_NOTHING = 0.95
-_ERROR_TITLES = {
-    "stiffness_error": "flexure stiffness differs from the bench file",
-    "gimbal_inertia_error": "gimbal inertia differs from the bench file",
-    "shaft_inertia_error": "shaft inertia differs from the bench file",
-    "rotor_inertia_error": "rotor spin inertia differs from the bench file",
-    "coil_gain_error": "torque constant of the coils differs from the bench file",
-    "motor_constant_error": "motor constant differs from the bench file",
-}
 
 
 @dataclass(frozen=True)
@@ -52,33 +44,75 @@ class Estimate:
 
 @dataclass(frozen=True)
 class TieReport:
-    """A term that explains the recordings as well, and the test that would tell.
+    """A term that explains the recordings as well, and the test that would separate the two.
 
-    `separating_plan` is None where no shipped plan separates the two.
+    Attributes
+    ----------
+    name : str
+        The term: an effect, or the error of a bench parameter (see `fitting.terms.ERRORS`).
+    effect_title : str
+        Title of the effect; empty for the error of a bench parameter.
+    delta_chi2 : float
+        By how much it is worse.
+    separating_plan : str or None
+        None where no shipped plan separates the two.
+    expected_separation, minutes : float or None
+        Expected difference of chi-squared after that plan, and its length.
+    in_model : bool
+        Whether the model has the effect already, with another size.
     """
 
     name: str
-    title: str
+    effect_title: str
     delta_chi2: float
     separating_plan: str | None
     expected_separation: float | None
     minutes: float | None
+    in_model: bool = False
+
+
+@dataclass(frozen=True)
+class RivalReport:
+    """A term in the place of the one found, and by how much it is worse."""
+
+    name: str
+    delta_chi2: float
 
 
 @dataclass(frozen=True)
 class EffectFinding:
     """An effect that the recordings ask for.
 
-    `in_model` has the coefficients with which the model has it already; None where it is missing.
+    Attributes
+    ----------
+    name : str
+        The effect, or the error of a bench parameter (see `fitting.terms.ERRORS`).
+    effect_title, effect_sentence : str
+        Title and physics of the effect as it declares them; empty for the error of a bench parameter.
+    coefficients : dict of str to Estimate
+        Its coefficients as fitted.
+    delta_chi2 : float
+        By how much chi-squared is worse without it, all else fitted again.
+    formula : str
+        Its law.
+    growth : list of Growth
+        The laws that the residual follows once everything but the effect is accounted for.
+    rivals : list of RivalReport
+        Other terms in its place that explain something, but less.
+    ties : list of TieReport
+        Terms that explain the recordings as well.
+    in_model : dict of str to Estimate, or None
+        The coefficients with which the model has it already; None where it is missing.
     """
 
     name: str
-    title: str
+    effect_title: str
+    effect_sentence: str
     coefficients: dict[str, Estimate]
     delta_chi2: float
     formula: str
-    sentence: str
-    evidence: list[str]
+    growth: list[Growth]
+    rivals: list[RivalReport]
     ties: list[TieReport]
     in_model: dict[str, Estimate] | None = None
 
@@ -101,12 +135,27 @@ class FreeForm:
 
 @dataclass(frozen=True)
 class NextTest:
-    """The test to run next."""
+    """The test to run next.
+
+    Attributes
+    ----------
+    plan : str
+        The plan.
+    expected_separation : float
+        Expected difference of chi-squared.
+    minutes : float
+        Length of the plan.
+    separates : tuple of str, or None
+        The two terms that it separates.
+    reveals : str or None
+        The effect that it would show at its usual size, which the recordings at hand cannot.
+    """
 
     plan: str
     expected_separation: float
     minutes: float
-    reason: str
+    separates: tuple[str, str] | None = None
+    reveals: str | None = None
 
 
 @dataclass(frozen=True)
@@ -150,8 +199,8 @@ class Diagnosis:
     ----------
     verdict : str
         ``nothing_missing``, ``effect``, ``ambiguous``, ``unknown`` or ``insufficient_data``.
-    summary : str
-        The verdict as one sentence.
+    windows : int
+        Steady windows in the recordings.
     effects : list of EffectFinding
         What is missing, strongest first.
     free_form : list of FreeForm
@@ -181,7 +230,7 @@ class Diagnosis:
     """
 
     verdict: Verdict
-    summary: str
+    windows: int
     effects: list[EffectFinding]
     free_form: list[FreeForm]
     error: ErrorTable | None
@@ -196,83 +245,6 @@ class Diagnosis:
     seconds: float
     versions: dict[str, str] = field(default_factory=dict)
     coverage: Coverage = field(default_factory=Coverage)
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the diagnosis as a JSON object."""
-
-        def coefficients(values: dict[str, Estimate]) -> dict[str, Any]:
-            return {
-                name: {"value": e.value, "standard_error": e.standard_error, "unit": e.unit}
-                for name, e in values.items()
-            }
-
-        return {
-            "schema": 1,
-            "verdict": self.verdict,
-            "summary": self.summary,
-            "effects": [
-                {
-                    "name": e.name,
-                    "coefficients": coefficients(e.coefficients),
-                    "delta_chi2": e.delta_chi2,
-                    "formula": e.formula,
-                    "evidence": e.evidence,
-                    "in_model": None if e.in_model is None else coefficients(e.in_model),
-                    "ties": [
-                        {
-                            "name": tie.name,
-                            "delta_chi2": tie.delta_chi2,
-                            "separating_plan": tie.separating_plan,
-                            "expected_separation": tie.expected_separation,
-                        }
-                        for tie in e.ties
-                    ],
-                }
-                for e in self.effects
-            ],
-            "free_form": [
-                {
-                    "name": f.name,
-                    "formula": f.formula,
-                    "delta_chi2": f.delta_chi2,
-                    "coefficients": coefficients(f.coefficients),
-                    "declaration": f.declaration,
-                }
-                for f in self.free_form
-            ],
-            "error": None if self.error is None else self.error.to_json(),
-            "where": [region.to_json() for region in self.where],
-            "next_test": None
-            if self.next_test is None
-            else {
-                "plan": self.next_test.plan,
-                "expected_separation": self.next_test.expected_separation,
-                "minutes": self.next_test.minutes,
-            },
-            "nuisance": {
-                name: {
-                    "value": n.value,
-                    "standard_error": n.standard_error,
-                    "prior_value": n.prior_value,
-                    "prior_uncertainty": n.prior_uncertainty,
-                }
-                for name, n in self.nuisance.items()
-            },
-            "detection_limits": [
-                {
-                    "effect": limit.effect,
-                    "coefficient": limit.coefficient,
-                    "value": limit.value if np.isfinite(limit.value) else None,
-                    "unit": limit.unit,
-                    "visible": limit.visible,
-                }
-                for limit in self.detection_limits
-            ],
-            "recordings": self.recordings,
-            "model": self.model,
-            "coverage": self.coverage.to_json(),
-            "versions": self.versions,
-        }
 
 
 @one_thread()
@@ -307,12 +279,8 @@ def diagnose(
     validation = prepare(validate, model, harmonics=not averages, progress=progress) if validate else None
     paths = [str(r.path) for r in recordings]
     if fitted.windows < FEWEST_WINDOWS:
-        text = (
-            f"{fitted.windows} steady windows; at least {FEWEST_WINDOWS} are needed to tell anything; "
-            f"{fitted.coverage.sentence()}"
-        )
         return Diagnosis(
-            "insufficient_data", text, [], [], None, [], None, {}, [], [], paths, model.origin, {},
+            "insufficient_data", fitted.windows, [], [], None, [], None, {}, [], [], paths, model.origin, {},
             clock.monotonic() - began, _versions(), fitted.coverage,
         )  # fmt: skip
     problem = fitted.problem
@@ -356,11 +324,11 @@ def diagnose(
         for c in limit.term.effect.coefficients
         if c.name == limit.coefficient
     ]
-    verdict, summary = _verdict(findings, proposal, limits)
+    verdict = _verdict(findings, proposal, limits)
     errors = errors_of(before, best, fitted, validation)
     return Diagnosis(
         verdict=verdict,
-        summary=summary,
+        windows=fitted.windows,
         effects=findings,
         free_form=[_free_form(proposal)] if proposal else [],
         error=errors.table,
@@ -386,33 +354,13 @@ def _beside(problem: Problem, proposal: Proposal, term: Term) -> Finding:
 
 def _verdict(
     findings: list[EffectFinding], proposal: Proposal | None, limits: list[DetectionLimit]
-) -> tuple[Verdict, str]:
+) -> Verdict:
     if proposal is not None:
-        what = proposal.term.effect.sentence if proposal.term.effect else ""
-        text = f"something is missing that no declared effect describes; a formula that does: {what}"
-        if findings:
-            text += f"; beside it: {' and '.join(f.name for f in findings)}"
-        return "unknown", text
-    if not findings:
-        if limits and not any(limit.visible for limit in limits):
-            return (
-                "insufficient_data",
-                "nothing was found, but these recordings could not have shown any usual effect",
-            )
-        return "nothing_missing", "the model explains the recordings within noise and stated uncertainties"
-    missing = [f.name for f in findings if f.in_model is None]
-    wrong = [f.name for f in findings if f.in_model is not None]
-    names = "; ".join(
-        f"{what}: {' and '.join(those)}"
-        for what, those in (("missing", missing), ("of another size than in the model", wrong))
-        if those
-    )
-    if any(f.ties for f in findings):
-        tied = "; ".join(
-            f"{f.name} cannot be told from {', '.join(t.name for t in f.ties)}" for f in findings if f.ties
-        )
-        return "ambiguous", f"{names}, but {tied}"
-    return "effect", names
+        return "unknown"
+    if findings:
+        return "ambiguous" if any(f.ties for f in findings) else "effect"
+    blind = bool(limits) and not any(limit.visible for limit in limits)
+    return "insufficient_data" if blind else "nothing_missing"
 
 
 def _report(fitted: Prepared, finding: Finding, best: Fit, planner: Planner) -> EffectFinding:
@@ -422,13 +370,6 @@ def _report(fitted: Prepared, finding: Finding, best: Fit, planner: Planner) -> 
     others = {name: values for name, values in best.coefficients.items() if name != term.name}
     alone = problem.measured - problem.predict(best.nuisance, others)
     data = window_residuals(problem.balances, windows, alone, problem.noise.deviation())
-    evidence = [f"all else accounted for, {sentence}" for sentence in growth(data)]
-    evidence.append(f"leaving it out worsens chi-squared by {finding.delta_chi2:.0f}, all else fitted again")
-    evidence += [
-        f"{rival.term.name} in its place is {rival.delta_chi2:.0f} worse"
-        for rival in finding.rivals
-        if rival.delta_chi2 < _EXPLAINS_NOTHING * finding.delta_chi2
-    ]
     ties = []
     for tie in finding.ties:
         separation = planner.best(best, tie.fit)
@@ -436,34 +377,32 @@ def _report(fitted: Prepared, finding: Finding, best: Fit, planner: Planner) -> 
         ties.append(
             TieReport(
                 tie.term.name,
-                _title(tie.term, problem),
+                tie.term.effect.title if tie.term.effect else "",
                 tie.delta_chi2,
                 useful.plan if useful else None,
                 useful.expected if useful else None,
                 useful.minutes if useful else None,
+                in_model=tie.term.name in problem.known,
             )
         )
     return EffectFinding(
         name=term.name,
-        title=_title(term, problem),
+        effect_title=term.effect.title if term.effect else "",
+        effect_sentence=term.effect.sentence if term.effect else "",
         coefficients=_estimates(term, best),
         delta_chi2=finding.delta_chi2,
         formula=term.effect.formula
         if term.effect
         else f"{', '.join(ERRORS[term.name])} = stated * (1 + relative_error)",
-        sentence=term.effect.sentence
-        if term.effect
-        else "The parameter lies beyond five of its stated uncertainties.",
-        evidence=evidence,
+        growth=growth(data),
+        rivals=[
+            RivalReport(rival.term.name, rival.delta_chi2)
+            for rival in finding.rivals
+            if rival.delta_chi2 < _EXPLAINS_NOTHING * finding.delta_chi2
+        ],
         ties=ties,
         in_model=_in_model(term, problem),
     )
-
-
-def _title(term: Term, problem: Problem) -> str:
-    if term.effect is None:
-        return _ERROR_TITLES[term.name]
-    return f"another size of the {term.effect.title}" if term.name in problem.known else term.effect.title
 
 
 def _in_model(term: Term, problem: Problem) -> dict[str, Estimate] | None:
@@ -509,7 +448,7 @@ def _next_test(
             str(tie.separating_plan),
             float(tie.expected_separation or 0.0),
             float(tie.minutes or 0.0),
-            f"tells {finding.name} from {tie.name}",
+            separates=(finding.name, tie.name),
         )
     if verdict in ("nothing_missing", "insufficient_data", "effect"):
         # the unseen effect that a test would show most clearly at its usual size
@@ -524,12 +463,7 @@ def _next_test(
             ):
                 best = (shown, limit.effect)
         if best is not None:
-            return NextTest(
-                best[0].plan,
-                best[0].expected,
-                best[0].minutes,
-                f"would show a usual {best[1]}, which these recordings cannot",
-            )
+            return NextTest(best[0].plan, best[0].expected, best[0].minutes, reveals=best[1])
     return None
 
 

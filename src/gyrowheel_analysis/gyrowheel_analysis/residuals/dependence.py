@@ -22,7 +22,6 @@ from gyrowheel_analysis.reduction import Windows
 from gyrowheel_analysis.reduction.groups import UPRIGHT
 from gyrowheel_analysis.residuals.error_table import channel_parts
 from gyrowheel_analysis.residuals.windows import PARTS, WindowResiduals
-from gyrowheel_core.quantities import listed, number
 from gyrowheel_core.units import DEG, RPM
 
 Array = NDArray[np.float64]
@@ -45,15 +44,15 @@ _LAGS = 4
 #: Variables that act on coils and case, and those that act on the motor; what was set first, what went along behind.
 _OF_TILT = ("speed", "tilt", "azimuth", "temperature", "air_pressure", "time")
 _OF_MOTOR = ("speed", "tilt", "azimuth", "motor_temperature", "air_pressure", "time")
-#: Variables: what they are called, and the smallest range over which anything can depend on them.
-VARIABLES: dict[str, tuple[str, float]] = {
-    "speed": ("spin rate", 50.0 * RPM),
-    "tilt": ("size of the tilt", 0.3 * DEG),
-    "azimuth": ("direction of the tilt", 0.1),
-    "temperature": ("temperature of the coils", 2.0),
-    "motor_temperature": ("temperature of the motor", 2.0),
-    "air_pressure": ("pressure of the air", 5e3),
-    "time": ("time", 5.0),
+#: Variables, and the smallest range of each over which anything can depend on it.
+VARIABLES: dict[str, float] = {
+    "speed": 50.0 * RPM,
+    "tilt": 0.3 * DEG,
+    "azimuth": 0.1,
+    "temperature": 2.0,
+    "motor_temperature": 2.0,
+    "air_pressure": 5e3,
+    "time": 5.0,
 }
 
 
@@ -151,6 +150,34 @@ class Whiteness:
         }
 
 
+@dataclass(frozen=True)
+class PartDependence:
+    """What the tests say of one part of the residual that is not noise.
+
+    Attributes
+    ----------
+    part : str
+        Which residual.
+    stated : tuple of Dependence
+        On what it depends, largest share first; empty where no variable accounts for it.
+    instead : tuple of str
+        Variables that would do as well as one of these, which varied along with it.
+    mostly_plain : bool
+        Whether most of it is constant or in proportion to the tilt, and needs no variable.
+    larger : bool
+        Whether it is larger than noise; else only its order in time is not that of noise.
+    whiteness : Whiteness
+        The test of size and order.
+    """
+
+    part: str
+    stated: tuple[Dependence, ...]
+    instead: tuple[str, ...]
+    mostly_plain: bool
+    larger: bool
+    whiteness: Whiteness
+
+
 def dependences(
     data: WindowResiduals, balances: Sequence[Balance], rows: Array, whiten: Callable[[Array], Array]
 ) -> list[Dependence]:
@@ -226,54 +253,22 @@ def whiteness(data: WindowResiduals, balances: Sequence[Balance], white: Array) 
     return result
 
 
-def sentences(found: Sequence[Dependence], white: Sequence[Whiteness]) -> list[str]:
-    """Return what the tests say, a sentence for every part of the residual that is more than noise."""
+def judged(found: Sequence[Dependence], white: Sequence[Whiteness]) -> list[PartDependence]:
+    """Return what the tests say of every part of the residual that is not noise."""
     result = []
     parts = max(len(white), 1)
     for test in white:
-        title = PARTS[test.part].title
         if parts * min(test.p_size, test.p_order) > SIGNIFICANT:
             continue
         own = [d for d in found if d.part == test.part]
-        stated = sorted((d for d in own if d.stated), key=lambda d: -d.share_beside)
-        if stated:
-            text = f"{title}: {_plain(stated[0])}depends on the {listed([_named(d) for d in stated], 'and')}"
-            names = [d.variable for d in stated]
-            if same := [VARIABLES[d.variable][0] for d in own if d.instead in names]:
-                text += f"; or on the {listed(same, 'or')}, which went with that in these recordings"
-            result.append(text)
-        elif parts * test.p_size <= SIGNIFICANT:
-            about = f"more than noise (χ²/N {number(test.chi2_per_n)})"
-            plain = _plain(own[0]).rstrip(", ") if own else ""
-            result.append(f"{title}: {about}, {plain or 'and no variable accounts for it'}")
-        elif test.correlation > 0.0:
-            result.append(
-                f"{title}: no larger than noise, but neighbours in time are alike "
-                f"(correlation {test.correlation:.2f}, p {_probability(test.p_order)})"
-            )
+        stated = tuple(sorted((d for d in own if d.stated), key=lambda d: -d.share_beside))
+        names = [d.variable for d in stated]
+        larger = parts * test.p_size <= SIGNIFICANT
+        if stated or larger or test.correlation > 0.0:
+            instead = tuple(d.variable for d in own if d.instead in names)
+            plain = bool(own) and own[0].share_of_none >= _MOSTLY  # the same for every variable
+            result.append(PartDependence(test.part, stated, instead, plain, larger, test))
     return result
-
-
-def _plain(d: Dependence) -> str:
-    """Return what most of the residual is if it needs no variable; an empty text otherwise."""
-    if d.share_of_none < _MOSTLY:
-        return ""
-    return "constant or in proportion to the tilt, " if d.part.startswith("tilt") else "the same everywhere, "
-
-
-def _named(d: Dependence) -> str:
-    # what is in proportion to the tilt depends on nothing else yet
-    beyond = "not in proportion, " if d.variable == "tilt" and d.part.startswith("tilt") else ""
-    about = f"{beyond}{_percent(d.share_beside)} of χ², p {_probability(d.p_beside)}"
-    return f"{VARIABLES[d.variable][0]} ({about})"
-
-
-def _percent(share: float) -> str:
-    return f"{100.0 * share:.0f} %"
-
-
-def _probability(p: float) -> str:
-    return "< 0.001" if p < 1e-3 else f"= {p:.1g}"
 
 
 def _variables(w: Windows) -> dict[str, Array]:
@@ -289,9 +284,9 @@ def _variables(w: Windows) -> dict[str, Array]:
     }
     result = {}
     spin = 2.0 * (w.mean_spin - w.mean_spin.min()) / max(float(np.ptp(w.mean_spin)), 1e-9) - 1.0
-    turning = float(np.ptp(w.mean_spin)) > VARIABLES["speed"][1]
+    turning = float(np.ptp(w.mean_spin)) > VARIABLES["speed"]
     of_speed = np.column_stack([np.ones(len(w)), spin, spin**2])
-    for name, (_, least) in VARIABLES.items():
+    for name, least in VARIABLES.items():
         if name == "azimuth":
             tilted = np.abs(z) > UPRIGHT
             if tilted.sum() >= _FEWEST and np.ptp(np.angle(z[tilted])) > least:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +12,38 @@ from numpy.typing import NDArray
 from gyrowheel_analysis.reduction import Windows
 from gyrowheel_analysis.reduction.groups import speed_groups
 from gyrowheel_analysis.residuals.windows import Part, WindowResiduals
-from gyrowheel_analysis.residuals.words import constant_axes, phase
-from gyrowheel_core.quantities import size_and_noise
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.bench import Bench
 
 _SHOWN = 5
+
+#: What sets windows of one spin rate apart.
+Condition = Literal["cone", "low_pressure", "warm_coils", "inverted"]
+#: What a residual looks like: an offset from the model; nothing but noise; in proportion to the tilt; constant;
+#: neither of these; or of no single kind.
+Form = Literal["offset", "noise", "tilt", "constant", "neither", "mixed"]
+
+
+@dataclass(frozen=True)
+class Look:
+    """What a residual looks like in some windows.
+
+    Attributes
+    ----------
+    form : str
+        Of `Form`.
+    size : float
+        Of an ``offset`` the mean residual without its sign, else its RMS [unit of the kind].
+    noise : float
+        RMS of its noise [unit of the kind].
+    value : complex
+        Of an ``offset`` and of a ``constant`` the mean; of ``tilt`` the slope [unit of the kind per rad]; else 0.
+    """
+
+    form: Form
+    size: float
+    noise: float
+    value: complex = 0.0
 
 
 @dataclass(frozen=True)
@@ -26,80 +52,77 @@ class Region:
 
     Attributes
     ----------
-    region : str
-        Which part: channel, speed, kind of motion, air, coils.
+    part : str
+        Which residual, see `windows.PARTS`.
+    spin_rate : float
+        About which spin rate [rad/s].
+    conditions : tuple of str
+        Of `Condition`: what else its windows have in common.
     share_of_chi2 : float
         Its share of the sum of squares of the residuals in units of their noise.
-    description : str
+    look : Look
         What the residual looks like there.
     """
 
-    region: str
+    part: str
+    spin_rate: float
+    conditions: tuple[Condition, ...]
     share_of_chi2: float
-    description: str
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the region as a JSON object."""
-        return {"region": self.region, "share_of_chi2": self.share_of_chi2, "description": self.description}
+    look: Look
 
 
 def regions(data: WindowResiduals, bench: Bench) -> list[Region]:
     """Return the few regions that carry most of the misfit, largest share first."""
-    labels = np.array(_labels(data.windows, bench))
+    places = _places(data.windows, bench)
     tilt, total = np.asarray(data.windows.mean_tilt), data.chi2
+    masks = {place: np.array([own == place for own in places]) for place in dict.fromkeys(places)}
     found = []
-    for part in data.parts.values():
+    for name, part in data.parts.items():
         squares = part.squares
-        for label in dict.fromkeys(labels):
-            mask = labels == label
+        for place, mask in masks.items():
             share = float(squares[mask].sum()) / total if total else 0.0
-            found.append((share, part, label, mask))
+            found.append((share, name, place, mask))
     found.sort(key=lambda item: -item[0])
     return [
-        Region(f"{part.kind.title}, {label}", share, _describe(part.at(mask), tilt[mask]))
-        for share, part, label, mask in found[:_SHOWN]
+        Region(name, tens * 10.0 * RPM, conditions, share, _look(data.parts[name].at(mask), tilt[mask]))
+        for share, name, (tens, conditions), mask in found[:_SHOWN]
     ]
 
 
-def _labels(w: Windows, bench: Bench) -> list[str]:
-    name = [""] * len(w)
+def _places(w: Windows, bench: Bench) -> list[tuple[int, tuple[Condition, ...]]]:
+    """Return the spin rate of each window in tens of rpm, as its group has it, and its conditions."""
+    tens = [0] * len(w)
     for group in speed_groups(w.mean_spin):
         speed = float(np.median(w.mean_spin[group])) / RPM
         for index in group:
-            name[index] = f"{round(speed / 10) * 10:.0f} rpm"
-    ambient = bench.value("air_pressure")
-    labels = []
+            tens[index] = round(speed / 10)
+    ambient, room = bench.value("air_pressure"), bench.value("air_temperature")
+    places = []
     for index in range(len(w)):
-        parts = [name[index]]
-        if abs(w.mean_tilt_rate[index]) > 0.5 * DEG:
-            parts.append("cone")
-        if w.air_pressure[index] < 0.8 * ambient:
-            parts.append("low pressure")
-        if w.coil_temperature[index] - bench.value("air_temperature") > 8.0:
-            parts.append("warm coils")
-        if w.up[index] < 0:
-            parts.append("inverted")
-        labels.append(", ".join(parts))
-    return labels
+        holds: dict[Condition, bool] = {
+            "cone": abs(w.mean_tilt_rate[index]) > 0.5 * DEG,
+            "low_pressure": w.air_pressure[index] < 0.8 * ambient,
+            "warm_coils": w.coil_temperature[index] - room > 8.0,
+            "inverted": w.up[index] < 0,
+        }
+        places.append((tens[index], tuple(name for name, true in holds.items() if true)))
+    return places
 
 
-def _describe(part: Part, tilt: NDArray[Any]) -> str:
-    """Return in words what a residual looks like in windows with these tilts."""
+def _look(part: Part, tilt: NDArray[Any]) -> Look:
+    """Return what a residual looks like in windows with these tilts."""
     kind, r = part.kind, part.values
     rms, noise = _rms(r), _rms(part.sigma)
     if not np.iscomplexobj(r):
         mean = part.mean.real
         if abs(mean) > 0.5 * rms:
-            side = "more" if mean > 0 else "less"
-            about = size_and_noise(abs(mean), noise, kind.unit, f" {side} than the model")
-            return f"{kind.subject} {about}"
-    text = f"{kind.subject} beyond the model {size_and_noise(rms, noise, kind.unit, ' rms')}"
+            return Look("offset", abs(mean), noise, mean)
     if len(r) < 2 or float(np.abs(tilt).max()) < 0.5 * DEG:
-        return text
+        return Look("mixed", rms, noise)
     if rms < 1.5 * noise * (math.sqrt(2.0) if np.iscomplexobj(r) else 1.0):
-        return f"{text}; hardly more than noise"
+        return Look("noise", rms, noise)
     if not kind.rows[0].startswith("tilt"):
-        return text
+        return Look("mixed", rms, noise)
     power = float(np.mean(np.abs(r) ** 2))
     # a constant, and a part in proportion to the tilt (its mirror image where it comes twice a revolution)
     p = np.conj(tilt) if kind.rows[0].startswith("tilt_2n") else tilt
@@ -107,13 +130,12 @@ def _describe(part: Part, tilt: NDArray[Any]) -> str:
     (constant, slope), *_ = np.linalg.lstsq(design, r, rcond=None)
     left = r - design @ np.array([constant, slope])
     if abs(slope) ** 2 * float(np.var(p)) > 0.5 * power:
-        turns = f"turns with the tilt, {phase(slope)}"
-        return f"{text}; {turns if kind.rows[0] == 'tilt_x' else 'in proportion to the tilt'}"
+        return Look("tilt", rms, noise, complex(slope))
     if abs(constant) ** 2 > 0.5 * power:
-        return f"{text}; constant{constant_axes(complex(constant), kind)}"
+        return Look("constant", rms, noise, complex(constant))
     if float(np.mean(np.abs(left) ** 2)) > 0.5 * power:
-        return f"{text}; neither constant nor in proportion to the tilt"
-    return text
+        return Look("neither", rms, noise)
+    return Look("mixed", rms, noise)
 
 
 def _rms(values: Any) -> float:

@@ -1,0 +1,1 @@
+"""Results as they leave the program: the JSON contract of each verb."""

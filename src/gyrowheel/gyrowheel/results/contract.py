@@ -1,0 +1,127 @@
+"""Results as JSON objects, fields and units as the contract has them (SI; schema 1)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from gyrowheel.text.sentences.diagnosis import evidence, verdict_sentence
+from gyrowheel.text.sentences.residuals import dependence_sentences, region_description, region_name
+from gyrowheel_analysis.residuals.error_table import CHANNELS, TORQUE_CHANNELS
+from gyrowheel_analysis.residuals.maps import maps_json
+
+if TYPE_CHECKING:
+    from gyrowheel_analysis.compare import Comparison
+    from gyrowheel_analysis.diagnosis.diagnose import Diagnosis, EffectFinding, Estimate
+    from gyrowheel_analysis.residuals.regions import Region
+
+
+def comparison_json(found: Comparison) -> dict[str, Any]:
+    """Return a comparison as a JSON object."""
+    raw = {name: found.raw_rms[name] for name in TORQUE_CHANNELS}
+    return {
+        "schema": 1,
+        "error": {"unit": "N·m", "before": found.error_before.to_json(), "raw": {"rms": raw}},
+        "channels": {
+            name: {"unit": CHANNELS[name].unit, **asdict(metrics), "raw_rms": found.raw_rms[name]}
+            for name, metrics in found.channels.items()
+        },
+        "where": [_region(region) for region in found.where],
+        "dependence": dependence_sentences(found.dependence),
+        "tests": [test.to_json() for test in found.tests],
+        "whiteness": [test.to_json() for test in found.whiteness],
+        "maps": maps_json(found.maps),
+        "recordings": found.recordings,
+        "model": found.model,
+        "coverage": found.coverage.to_json(),
+    }
+
+
+def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
+    """Return a diagnosis as a JSON object."""
+    test = found.next_test
+    return {
+        "schema": 1,
+        "verdict": found.verdict,
+        "summary": verdict_sentence(found),
+        "effects": [_effect(finding) for finding in found.effects],
+        "free_form": [
+            {
+                "name": form.name,
+                "formula": form.formula,
+                "delta_chi2": form.delta_chi2,
+                "coefficients": _coefficients(form.coefficients),
+                "declaration": form.declaration,
+            }
+            for form in found.free_form
+        ],
+        "error": None if found.error is None else found.error.to_json(),
+        "where": [_region(region) for region in found.where],
+        "next_test": None
+        if test is None
+        else {
+            "plan": test.plan,
+            "expected_separation": test.expected_separation,
+            "minutes": test.minutes,
+        },
+        "nuisance": {
+            name: {
+                "value": n.value,
+                "standard_error": n.standard_error,
+                "prior_value": n.prior_value,
+                "prior_uncertainty": n.prior_uncertainty,
+            }
+            for name, n in found.nuisance.items()
+        },
+        "detection_limits": [
+            {
+                "effect": limit.effect,
+                "coefficient": limit.coefficient,
+                "value": limit.value if math.isfinite(limit.value) else None,
+                "unit": limit.unit,
+                "visible": limit.visible,
+            }
+            for limit in found.detection_limits
+        ],
+        "recordings": found.recordings,
+        "model": found.model,
+        "coverage": found.coverage.to_json(),
+        "versions": found.versions,
+    }
+
+
+def _effect(finding: EffectFinding) -> dict[str, Any]:
+    return {
+        "name": finding.name,
+        "coefficients": _coefficients(finding.coefficients),
+        "delta_chi2": finding.delta_chi2,
+        "formula": finding.formula,
+        "evidence": evidence(finding),
+        "in_model": None if finding.in_model is None else _coefficients(finding.in_model),
+        "ties": [
+            {
+                "name": tie.name,
+                "delta_chi2": tie.delta_chi2,
+                "separating_plan": tie.separating_plan,
+                "expected_separation": tie.expected_separation,
+            }
+            for tie in finding.ties
+        ],
+    }
+
+
+def _region(region: Region) -> dict[str, Any]:
+    return {
+        "region": region_name(region),
+        "share_of_chi2": region.share_of_chi2,
+        "description": region_description(region),
+    }
+
+
+def _coefficients(values: Mapping[str, Estimate]) -> dict[str, Any]:
+    return {
+        name: {"value": e.value, "standard_error": e.standard_error, "unit": e.unit}
+        for name, e in values.items()
+    }
