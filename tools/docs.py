@@ -30,9 +30,9 @@ from gyrowheel_core.errors import InputError
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import Coefficient, Effect, registry
-from gyrowheel_sim.effects.declaration import TARGETS
 from gyrowheel_sim.effects.formula import FUNCTIONS, HANDY
 from gyrowheel_sim.effects.quantities import QUANTITIES, REFERENCES, z
+from gyrowheel_sim.effects.targets import TARGETS
 from gyrowheel_sim.effects.typed import typed_effect
 from tools import house
 
@@ -222,7 +222,7 @@ def _effect_lines(effect: Effect, picture: Signature | None, bench: Bench) -> It
 
 def _acts_on(effect: Effect) -> list[str]:
     return [
-        f"`{target}` ({TARGETS[target][2]}, in {_unit(TARGETS[target][0])})"
+        f"`{target}` ({TARGETS[target].sentence}, in {_unit(TARGETS[target].unit)})"
         for target in dict.fromkeys(law.target for law in effect.laws)
     ]
 
@@ -314,8 +314,8 @@ def tables() -> dict[str, str]:
     quantities += [f"| `{name}` | 1 | {_HANDY[name]} |" for name in HANDY]
     targets = ["| target | unit | real or complex | is |", "|---|---|---|---|"]
     targets += [
-        f"| `{name}` | {_unit(unit)} | {'complex' if both else 'real'} | {_cell(text)} |"
-        for name, (unit, both, text) in TARGETS.items()
+        f"| `{t.name}` | {_unit(t.unit)} | {'complex' if t.complex else 'real'} | {_cell(t.sentence)} |"
+        for t in TARGETS.values()
     ]
     functions = ["| function | is |", "|---|---|"]
     functions += [f"| `{name}` | {_cell(_FUNCTIONS[name])} |" for name in FUNCTIONS]

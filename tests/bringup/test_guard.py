@@ -12,8 +12,8 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.plant.guard import NONSENSE, STOP_SAMPLES, Guard, GuardLimits, GuardState, Refusal
+from gyrowheel_sim.plant.machine import Plant
 from gyrowheel_sim.plant.pacing import Pacer
-from gyrowheel_sim.plant.plant import Plant
 from gyrowheel_sim.plant.scenario import Scenario
 
 LIMITS = GuardLimits(

@@ -345,5 +345,5 @@ def test_ctrl_c_keeps_the_recordings(gyrowheel: Shell, tmp_path: Path, monkeypat
 
 def test_the_investigation_knows_nothing_of_the_machine():
     source = Path(investigation.__file__).read_text(encoding="utf-8")
-    for word in ("scenario", "blind", "gyrowheel_sim.plant.plant", "closed_loop"):
+    for word in ("scenario", "blind", "gyrowheel_sim.plant.machine", "closed_loop"):
         assert word not in source

@@ -16,7 +16,7 @@ from gyrowheel_core.readings import Readings
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.mechanics.dynamics import generalised_forces, inertia_terms, joint_accelerations
 from gyrowheel_sim.mechanics.kinematics import tilt_of_joint
-from gyrowheel_sim.plant.plant import Machine
+from gyrowheel_sim.plant.machine import Machine
 from gyrowheel_sim.plant.scenario import Scenario
 
 from .helpers import BENCH, INERTIAS, QUIET, TUNING_INERTIA, held, hold_plan, perfect_hold, quiet_run

@@ -16,7 +16,7 @@ from scipy.integrate import solve_ivp
 
 from gyrowheel_control.loops.controller import loop_code
 from gyrowheel_core.units import DEG, RPM
-from gyrowheel_sim.effects.code import compile_kernels
+from gyrowheel_sim.compiled import compile_kernels
 from gyrowheel_sim.mechanics import derivation as d
 from gyrowheel_sim.mechanics.dynamics import (
     Spin,
@@ -36,7 +36,8 @@ from gyrowheel_sim.mechanics.kinematics import (
     joint_of_azimuth,
     motor_to_gimbal,
 )
-from gyrowheel_sim.plant.plant import Machine, PlantParameters
+from gyrowheel_sim.plant.machine import Machine
+from gyrowheel_sim.plant.parameters import PlantParameters
 from gyrowheel_sim.plant.scenario import Scenario
 
 from .helpers import BENCH, INERTIAS, QUIET, TUNING_INERTIA, flexure_forces, perfect_hold

@@ -24,13 +24,15 @@ from gyrowheel_core.readings import Readings
 from gyrowheel_sim.bench import unit_registry
 from gyrowheel_sim.blind.outside import THREE_LOBED
 from gyrowheel_sim.effects import Coefficient, Effect, registry
-from gyrowheel_sim.effects.code import OUTPUTS, array_law, coefficient_arrays
-from gyrowheel_sim.effects.declaration import TARGETS
+from gyrowheel_sim.effects.code import FUNCTIONS, array_law, coefficient_arrays
+from gyrowheel_sim.effects.instant import Instant
 from gyrowheel_sim.effects.quantities import REFERENCES, Omega
+from gyrowheel_sim.effects.targets import TARGETS
 from gyrowheel_sim.environment import RIGS, Environment
-from gyrowheel_sim.plant.kernel import N_NOISE, N_STATE
-from gyrowheel_sim.plant.plant import Machine, simulated_effects
+from gyrowheel_sim.instruments.readings import N_NOISE
+from gyrowheel_sim.plant.machine import Machine, simulated_effects
 from gyrowheel_sim.plant.scenario import Scenario
+from gyrowheel_sim.plant.state import N_STATE, State, Surroundings
 
 from .helpers import BENCH, QUIET, quiet_run
 
@@ -93,7 +95,7 @@ def test_formula_shows_every_law_and_coefficient(effect):
 
 
 def surroundings(rig: str = "upright", table_rate: float = 0.0, turn: complex = 1.0) -> np.ndarray:
-    """Return the environment as the compiled code takes it, everything across the axis turned."""
+    """Return the environment as the compiled code takes it (`Surroundings`), everything across the axis turned."""
     environment = Environment(rig=rig)
     across = [v * turn for v in (environment.up_across, *environment.home)]
     parts = [part for v in across for part in (v.real, v.imag)]
@@ -103,32 +105,31 @@ def surroundings(rig: str = "upright", table_rate: float = 0.0, turn: complex = 
 class Law:
     """The compiled laws of one effect, by names."""
 
-    outputs = tuple(name for function in OUTPUTS.values() for names in function.values() for name in names)
-
     def __init__(self, effect: Effect, values: Mapping[str, float]) -> None:
         self.arrays = coefficient_arrays(simulated_effects(), {effect.name: dict(values)}, BENCH)
 
     def __call__(self, q: Mapping[str, Any]) -> dict[str, complex]:
-        z, z_rate = complex(q["z"]), complex(q["z_rate"])
-        results = [
-            function(
-                *self.arrays, surroundings(q["rig"]), z.real, z.imag, z_rate.real, z_rate.imag, q["theta_z"],
-                q["Omega"], q["theta_x"], q["theta_y"], q["theta_x_rate"], q["theta_y_rate"], q["T_coil"], q["T_air"],
-                q["T_winding"], q["T_motor"], q["rho"], q["i_motor"], q["t"],
-            )
-            for function in compiled_laws()
-        ]  # fmt: skip
-        return dict(zip(self.outputs, [value for result in results for value in result], strict=True))
+        around = surroundings(q["rig"])
+        given = dict(q)
+        for name in ("z", "z_rate"):
+            given[name.replace("z", "zx")] = complex(q[name]).real
+            given[name.replace("z", "zy")] = complex(q[name]).imag
+        given |= {place.name: around[place] for place in Surroundings}
+        instant = Instant(*(given[name] for name in Instant._fields))
+        outputs: dict[str, complex] = {}
+        for function in compiled_laws():
+            outputs |= function(*self.arrays, instant)._asdict()
+        return outputs
 
 
 @functools.cache
 def compiled_laws() -> Any:
-    return [numba.njit(getattr(loop_code(), name), error_model="numpy") for name in OUTPUTS]
+    return [numba.njit(getattr(loop_code(), name), error_model="numpy") for name in FUNCTIONS]
 
 
 #: Which outputs of the compiled laws belong to a target.
-BY_TARGET = {target: names for function in OUTPUTS.values() for target, names in function.items()}
-COMPLEX = [target for target, (_, two_axes, _) in TARGETS.items() if two_axes]
+BY_TARGET = {target.name: target.outputs for target in TARGETS.values()}
+COMPLEX = [target.name for target in TARGETS.values() if target.complex]
 
 
 def combined(outputs: Mapping[str, complex], target: str) -> complex:
@@ -197,7 +198,7 @@ def test_compiled_law_is_the_declared_law(effect):
         if "flexure_torque" in targets:  # both flexures obey the same law
             other = {**q, "theta_x": q["theta_y"], "theta_x_rate": q["theta_y_rate"]}
             expected = declared(effect, values, other, "flexure_torque", axis=-1.0)
-            assert abs(outputs["flex_y"] - expected) <= 1e-12 * abs(expected) + 1e-100
+            assert abs(outputs["flexure_torque_y"] - expected) <= 1e-12 * abs(expected) + 1e-100
         own = {name for target in targets for name in BY_TARGET[target]}
         assert not any(value for name, value in outputs.items() if name not in own)
 
@@ -237,10 +238,13 @@ def state_of(s: Mapping[str, Any]) -> np.ndarray:
     """Return the state of the compiled plant, the table turning steadily."""
     n = -1j * s["z"] / math.sqrt(1.0 + abs(s["z"]) ** 2)
     state = np.zeros(N_STATE)
-    state[:8] = [
-        n.real, n.imag, s["rate"].real, s["rate"].imag, s["angle"], s["Omega"], s["T_coil"], s["pressure"],
-    ]  # fmt: skip
-    state[12:15] = s["T_winding"], s["T_motor"], s["table_rate"]
+    given = {
+        State.n_x: n.real, State.n_y: n.imag, State.n_x_rate: s["rate"].real, State.n_y_rate: s["rate"].imag,
+        State.spin_angle: s["angle"], State.spin_rate: s["Omega"], State.coil_temperature: s["T_coil"],
+        State.air_pressure: s["pressure"], State.winding_temperature: s["T_winding"],
+        State.motor_temperature: s["T_motor"], State.table_rate: s["table_rate"],
+    }  # fmt: skip
+    state[list(given)] = list(given.values())
     return state
 
 

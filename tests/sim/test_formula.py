@@ -34,7 +34,7 @@ from gyrowheel_sim.effects.dimensions import Unit, check_effect, check_unit
 from gyrowheel_sim.effects.formula import MAX_DEPTH, MAX_LENGTH, parse, read, to_text
 from gyrowheel_sim.effects.parts import COMPONENTS, ComplexArgumentError, split
 from gyrowheel_sim.effects.quantities import QUANTITIES, Omega, Omega_ref, rho, rho_ref, z, z_rate, z_ref
-from gyrowheel_sim.plant.plant import plant_code, simulated_effects
+from gyrowheel_sim.plant.machine import plant_code, simulated_effects
 from gyrowheel_sim.plant.scenario import Scenario
 
 from .helpers import BENCH

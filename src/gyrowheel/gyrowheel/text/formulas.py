@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 
+from gyrowheel_sim.effects.targets import TARGETS
+
 _NAMES = {
     "Omega_ref": "Ω₀",
     "Omega": "Ω",
@@ -18,21 +20,6 @@ _NAMES = {
 }
 _CONJUGATE = "z\u0304"
 _RAISED = str.maketrans("0123456789-n", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻ⁿ")
-_TARGETS = {
-    "rotor_torque": "torque on the rotor",
-    "axial_torque": "torque along the spin axis",
-    "shaft_torque": "torque on the shaft",
-    "flexure_torque": "torque of each flexure",
-    "inertia_difference": "difference of the moments of inertia",
-    "case_rate": "rate of the case",
-    "coil_gain": "relative change of the torque per volt",
-    "coil_anisotropy": "mirrored part of the torque of the coils",
-    "coil_lag": "lag of the coils",
-    "motor_gain": "relative change of the motor constant",
-    "winding_resistance": "relative change of the winding resistance",
-    "supply_drop": "fall of the supply",
-    "tilt_reading": "error of the tilt reading",
-}
 
 
 def pretty(formula: str) -> str:
@@ -48,13 +35,13 @@ def pretty(formula: str) -> str:
 
 def in_words(target: str) -> str:
     """Return what a law acts on in a few words."""
-    return _TARGETS.get(target, target.replace("_", " "))
+    return TARGETS[target].words if target in TARGETS else target.replace("_", " ")
 
 
 def plain(text: str) -> str:
     """Return a formula with the names of its targets, where it may have them in the words of `pretty`."""
-    for target, words in _TARGETS.items():
-        text = text.replace(f"{words} =", f"{target} =")
+    for target in TARGETS.values():
+        text = text.replace(f"{target.words} =", f"{target.name} =")
     return text
 
 

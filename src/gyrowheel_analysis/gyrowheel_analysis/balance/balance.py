@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 
 from gyrowheel_analysis.reduction import FORWARD, HARMONICS, MOTOR_THERMAL, Windows, without_noise
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.effects.code import array_law, compile_kernels
-from gyrowheel_sim.effects.declaration import TARGETS, Effect
+from gyrowheel_sim.compiled import compile_kernels
+from gyrowheel_sim.effects.code import array_law
+from gyrowheel_sim.effects.declaration import Effect
 from gyrowheel_sim.effects.quantities import REFERENCES, Omega, T_motor, T_winding, t, theta_z, z, z_rate
+from gyrowheel_sim.effects.targets import TARGETS
 from gyrowheel_sim.mechanics.dynamics import Joint, generalised_forces
 from gyrowheel_sim.mechanics.inverse import N_POINT
 
@@ -663,7 +665,7 @@ class Balance:
                     result.flexure_torque = tuple(sides)
                     continue
                 value = function({**q, **active.values, **_NO_JOINT})
-                value = value if TARGETS[law.target][1] else np.real(value)
+                value = value if TARGETS[law.target].complex else np.real(value)
                 setattr(result, law.target, getattr(result, law.target) + value)
         return result
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from gyrowheel_analysis.diagnosis.selection import Progress, Selection, rank
 from gyrowheel_analysis.fitting.problem import Fit, Problem
 from gyrowheel_analysis.fitting.terms import Term
-from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law, Target
+from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law
 from gyrowheel_sim.effects.quantities import QUANTITIES, Omega, Omega_ref, z, z_ref
 from gyrowheel_sim.effects.sizes import for_bench
 
@@ -76,14 +76,14 @@ class Proposal:
         return tuple(t for t in self.fit.terms if t != self.term)
 
 
-def _amplitude(name: str, target: Target) -> Coefficient:
+def _amplitude(name: str, target: str) -> Coefficient:
     size = (1.0e-4, 2.0e-3) if target == "rotor_torque" else (5.0e-5, 1.0e-3)
     return Coefficient(
         name, "N*m", "size at the reference tilt and speed", size, (-1.0, 1.0), "fitted", signed=True
     )
 
 
-def _form(name: str, sentence: str, target: Target, shape: sp.Expr, *shapes: Coefficient) -> Term:
+def _form(name: str, sentence: str, target: str, shape: sp.Expr, *shapes: Coefficient) -> Term:
     law = (_a + sp.I * _b) * shape if target == "rotor_torque" else _a * shape
     amplitudes = [_amplitude("a", target)] + ([_amplitude("b", target)] if target == "rotor_torque" else [])
     name = name.replace(".", "_")

@@ -11,16 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_control.loops.controller import Gains, controller_parameters, loop_code
-from gyrowheel_control.loops.kernel import N_CONTROLLER
+from gyrowheel_control.loops.state import CommandColumn, ControllerState, SetpointColumn
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import Environment
-from gyrowheel_sim.plant.kernel import N_MEASUREMENT
-from gyrowheel_sim.plant.plant import Machine
+from gyrowheel_sim.instruments.readings import Reading
+from gyrowheel_sim.plant.machine import Machine
 from gyrowheel_sim.plant.scenario import Scenario
 
 _CHUNK = 20000  # samples computed between two reports of progress
-_SETPOINT_FIELDS = ("tilt_x", "tilt_y", "tilt_rate_x", "tilt_rate_y", "spin_rate", "spin_acceleration")
 
 
 @dataclass(frozen=True)
@@ -30,9 +29,9 @@ class Run:
     Attributes
     ----------
     measurement : ndarray (n, 11)
-        Readings, columns as in the Measurement message [SI]; sample k is at k times the sample period.
+        Readings, columns `gyrowheel_sim.instruments.readings.Reading` [SI]; sample k is at k times the sample period.
     command : ndarray (n, 3)
-        Commands; row k answers sample k [V].
+        Commands, columns `gyrowheel_control.loops.state.CommandColumn`; row k answers sample k [V].
     setpoints : structured ndarray
         Setpoints, dtype `gyrowheel_control.plans.plan.SETPOINT_DTYPE`.
     environment : list of Environment
@@ -85,13 +84,13 @@ def simulate(
     code = loop_code(tuple(scenario.declared.values()))
     setpoints = plan.setpoints()
     stamps = np.ascontiguousarray(setpoints["stamp_ns"])
-    values = np.column_stack([setpoints[name] for name in _SETPOINT_FIELDS])
+    values = np.column_stack([setpoints[column.name] for column in SetpointColumn])
     period_ns = round(bench.sample_period * 1e9)
     n = round(plan.duration / bench.sample_period)
     machine = Machine(bench, scenario, initial_spin_rate=plan.initial_spin_rate)
     constants = code.ControllerParameters(*controller_parameters(bench, gains or Gains()))
-    controller = np.zeros(N_CONTROLLER)
-    measurement, command = np.empty((n, N_MEASUREMENT)), np.empty((n, 3))
+    controller = np.zeros(len(ControllerState))
+    measurement, command = np.empty((n, len(Reading))), np.empty((n, len(CommandColumn)))
     # an environment acts from the first sample on that is not before it, and shows in the sample after
     due = [(round(e.time / bench.sample_period), e) for e in plan.environment()]
     changes = [(k + 1 if k else 0, e) for k, e in due]

@@ -11,12 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from gyrowheel_control.loops.kernel import N_CONTROLLER, ControllerParameters
+from gyrowheel_control.loops.kernel import ControllerParameters
+from gyrowheel_control.loops.state import CommandColumn, ControllerState, SetpointColumn
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import Effect
-from gyrowheel_sim.effects.code import compose
-from gyrowheel_sim.plant.plant import simulated_effects
+from gyrowheel_sim.instruments.readings import Reading
+from gyrowheel_sim.plant.compose import compose
+from gyrowheel_sim.plant.machine import simulated_effects
 
 
 @dataclass(frozen=True)
@@ -103,7 +105,11 @@ def loop_code(declared: tuple[Effect, ...] = ()) -> ModuleType:
     declared : tuple of Effect
         Effects beside the registered ones.
     """
-    return compose(simulated_effects(declared), (("gyrowheel_control", "loops/kernel.py"),))
+    return compose(
+        simulated_effects(declared),
+        (("gyrowheel_control", "loops/kernel.py"),),
+        (ControllerState, SetpointColumn, CommandColumn),
+    )
 
 
 class Controller:
@@ -121,7 +127,7 @@ class Controller:
         self._update: Any = loop_code().controller_update
         self._bench = bench
         self.tune(gains or Gains())
-        self._state = np.zeros(N_CONTROLLER)
+        self._state = np.zeros(len(ControllerState))
 
     def tune(self, gains: Gains) -> None:
         """Go on with other gains from the next sample on; filters and integrals stay as they are."""
@@ -140,14 +146,15 @@ class Controller:
         Parameters
         ----------
         measurement : sequence of 11 floats
-            The sample, in the order of the Measurement message.
+            The sample (`gyrowheel_sim.instruments.readings.Reading`).
         setpoint : sequence of 6 floats
-            tilt_x, tilt_y [rad], their rates [rad/s], spin rate [rad/s] and acceleration [rad/s^2].
+            The setpoint (`gyrowheel_control.loops.state.SetpointColumn`).
         age_s : float
             Time of the sample minus time of the setpoint [s]; the setpoint is continued by its rates.
         """
         x, y, x_rate, y_rate, spin, acceleration = setpoint
         return self._update(
-            self._parameters, self._state, measurement[0], measurement[1], measurement[3],
+            self._parameters, self._state,
+            measurement[Reading.tilt_x], measurement[Reading.tilt_y], measurement[Reading.spin_rate],
             x + x_rate * age_s, y + y_rate * age_s, x_rate, y_rate, spin + acceleration * age_s, acceleration,
         )  # fmt: skip

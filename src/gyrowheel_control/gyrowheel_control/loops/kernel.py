@@ -1,7 +1,7 @@
 """The tilt and spin loops as one compiled update a sample, and the whole closed loop as one compiled run.
 
 As `gyrowheel_sim.plant.kernel`, the text below the kernel line is compiled together with the plant by
-`gyrowheel_sim.effects.code.compose`.
+`gyrowheel_sim.plant.compose`.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 
 from numba import njit
 
+from gyrowheel_control.loops.state import CommandColumn, ControllerState, SetpointColumn
+from gyrowheel_sim.instruments.readings import Reading
 from gyrowheel_sim.plant.kernel import plant_advance, plant_measure
 
 # --- kernel ---
-
-N_CONTROLLER = 14  # states of the controller, see controller_update
 
 
 class ControllerParameters(NamedTuple):
@@ -50,7 +50,7 @@ def controller_update(
     c: Any, s: Any, tilt_x: float, tilt_y: float, spin_rate: float, rx: float, ry: float, rx_rate: float,
     ry_rate: float, spin_ref: float, spin_acc: float,
 ) -> Any:  # fmt: skip
-    """Return (coil voltage x, y, motor voltage) for one sample; `s` holds the state.
+    """Return (coil voltage x, y, motor voltage) for one sample; `s` holds the state (`ControllerState`).
 
     Tilt: the rotor precesses at the rate that the coils demand, T = -i H v, so the loop sets a wanted tilt rate v
     (proportional and integral in the low-passed error, plus the reference rate), adds the holding torque of the
@@ -58,32 +58,32 @@ def controller_update(
     speed low-passed twice, far below twice the spin frequency, so that no 2N voltage reaches the motor.
     """
     h = c.sample_period
-    if s[0] == 0.0:  # first sample: start the filters where the machine is
-        s[0] = 1.0
-        s[1] = tilt_x
-        s[2] = tilt_y
-        s[3] = tilt_x
-        s[4] = tilt_y
-        s[7] = spin_rate
-        s[8] = spin_rate
+    if s[ControllerState.started] == 0.0:  # first sample: start the filters where the machine is
+        s[ControllerState.started] = 1.0
+        s[ControllerState.tilt_x] = tilt_x
+        s[ControllerState.tilt_y] = tilt_y
+        s[ControllerState.last_tilt_x] = tilt_x
+        s[ControllerState.last_tilt_y] = tilt_y
+        s[ControllerState.spin_rate_once] = spin_rate
+        s[ControllerState.spin_rate] = spin_rate
     a = 1.0 - math.exp(-2.0 * math.pi * c.tilt_lowpass * h)
-    s[1] += a * (tilt_x - s[1])
-    s[2] += a * (tilt_y - s[2])
+    s[ControllerState.tilt_x] += a * (tilt_x - s[ControllerState.tilt_x])
+    s[ControllerState.tilt_y] += a * (tilt_y - s[ControllerState.tilt_y])
     # derivative: the high-pass belonging to a first-order low-pass
     b = 1.0 - math.exp(-2.0 * math.pi * c.derivative_lowpass * h)
-    dx = (tilt_x - s[3]) * b / h
-    dy = (tilt_y - s[4]) * b / h
-    s[3] += b * (tilt_x - s[3])
-    s[4] += b * (tilt_y - s[4])
-    ex = rx - s[1]
-    ey = ry - s[2]
-    vx = c.tilt_bandwidth * ex + c.tilt_integral * s[5] + rx_rate
-    vy = c.tilt_bandwidth * ey + c.tilt_integral * s[6] + ry_rate
+    dx = (tilt_x - s[ControllerState.last_tilt_x]) * b / h
+    dy = (tilt_y - s[ControllerState.last_tilt_y]) * b / h
+    s[ControllerState.last_tilt_x] += b * (tilt_x - s[ControllerState.last_tilt_x])
+    s[ControllerState.last_tilt_y] += b * (tilt_y - s[ControllerState.last_tilt_y])
+    ex = rx - s[ControllerState.tilt_x]
+    ey = ry - s[ControllerState.tilt_y]
+    vx = c.tilt_bandwidth * ex + c.tilt_integral * s[ControllerState.integral_x] + rx_rate
+    vy = c.tilt_bandwidth * ey + c.tilt_integral * s[ControllerState.integral_y] + ry_rate
     # the low-passed rate drives every model term, so that neither noise nor 2N passes through them
     f = 1.0 - math.exp(-2.0 * math.pi * c.spin_lowpass * h)
-    s[7] += f * (spin_rate - s[7])
-    s[8] += f * (s[7] - s[8])
-    Omega = s[8]
+    s[ControllerState.spin_rate_once] += f * (spin_rate - s[ControllerState.spin_rate_once])
+    s[ControllerState.spin_rate] += f * (s[ControllerState.spin_rate_once] - s[ControllerState.spin_rate])
+    Omega = s[ControllerState.spin_rate]
     H = c.spin_inertia * Omega
     Ke = c.stiffness - 0.5 * c.tuning_inertia * Omega * Omega
     gain = c.nutation_damping * Omega / c.spin_rate_reference
@@ -97,18 +97,18 @@ def controller_update(
     cy = Ty / c.coil_constant
     limit = c.coil_voltage_limit
     if abs(cx) < limit and abs(cy) < limit:  # integrate only while the coils follow
-        s[5] += h * ex
-        s[6] += h * ey
+        s[ControllerState.integral_x] += h * ex
+        s[ControllerState.integral_y] += h * ey
     cx = min(max(cx, -limit), limit)
     cy = min(max(cy, -limit), limit)
     error = spin_ref - Omega
     torque = (
-        c.spin_proportional * error + c.spin_integral * s[9] + c.axial_inertia * spin_acc
+        c.spin_proportional * error + c.spin_integral * s[ControllerState.spin_integral] + c.axial_inertia * spin_acc
         + c.friction_coulomb + c.friction_viscous * spin_ref
     )  # fmt: skip
     vm = c.motor_constant * spin_ref + c.motor_resistance * torque / c.motor_constant
     if abs(vm) < c.supply_voltage:
-        s[9] += h * error
+        s[ControllerState.spin_integral] += h * error
     vm = min(max(vm, -c.supply_voltage), c.supply_voltage)
     return cx, cy, vm
 
@@ -120,8 +120,8 @@ def closed_loop(
 ) -> None:  # fmt: skip
     """Run samples `start` .. start + len(measurement) - 1 of the closed loop under one environment.
 
-    `setpoints` (m, 6) hold from `stamps` (m,) [ns] on and are continued by their rates. Sample k is read, then the
-    command that answers it is computed; it acts one sample later (see `plant_advance`).
+    `setpoints` (m, 6), columns `SetpointColumn`, hold from `stamps` (m,) [ns] on and are continued by their rates.
+    Sample k is read, then the command that answers it is computed; it acts one sample later (see `plant_advance`).
     """
     h = p.sample_period
     period = round(h * 1e9)
@@ -132,29 +132,35 @@ def closed_loop(
         if k == 0:
             plant_measure(p, coef, active, env, state, 0.0, held[0], held[1], held[2], noise[i], out)
         else:
-            # the command of the sample before, computed below, waits in command[i - 1] or in s[10:13]
-            plant_advance(p, coef, active, env, state, held, (k - 1) * h, s[10], s[11], s[12], noise[i], out)
+            # the command of the sample before, computed below, waits in the state
+            plant_advance(
+                p, coef, active, env, state, held, (k - 1) * h,
+                s[ControllerState.coil_voltage_x], s[ControllerState.coil_voltage_y], s[ControllerState.motor_voltage],
+                noise[i], out,
+            )  # fmt: skip
         now = k * period
         while row + 1 < len(stamps) and stamps[row + 1] <= now:
             row += 1
         age = (now - stamps[row]) * 1e-9
         r = setpoints[row]
+        x_rate, y_rate = r[SetpointColumn.tilt_rate_x], r[SetpointColumn.tilt_rate_y]
+        acceleration = r[SetpointColumn.spin_acceleration]
         vx, vy, vm = controller_update(
             c,
             s,
-            out[0],
-            out[1],
-            out[3],
-            r[0] + r[2] * age,
-            r[1] + r[3] * age,
-            r[2],
-            r[3],
-            r[4] + r[5] * age,
-            r[5],
+            out[Reading.tilt_x],
+            out[Reading.tilt_y],
+            out[Reading.spin_rate],
+            r[SetpointColumn.tilt_x] + x_rate * age,
+            r[SetpointColumn.tilt_y] + y_rate * age,
+            x_rate,
+            y_rate,
+            r[SetpointColumn.spin_rate] + acceleration * age,
+            acceleration,
         )
-        s[10] = vx
-        s[11] = vy
-        s[12] = vm
-        command[i, 0] = vx
-        command[i, 1] = vy
-        command[i, 2] = vm
+        s[ControllerState.coil_voltage_x] = vx
+        s[ControllerState.coil_voltage_y] = vy
+        s[ControllerState.motor_voltage] = vm
+        command[i, CommandColumn.coil_voltage_x] = vx
+        command[i, CommandColumn.coil_voltage_y] = vy
+        command[i, CommandColumn.motor_voltage] = vm

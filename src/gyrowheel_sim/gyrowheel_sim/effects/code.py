@@ -3,35 +3,31 @@
 from __future__ import annotations
 
 import functools
-import hashlib
-import importlib.util
-import os
-import re
-import sys
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
-from pathlib import Path
-from types import MappingProxyType, ModuleType
+from types import MappingProxyType
 from typing import Any
 
-import numba
 import numpy as np
 import sympy as sp
 from sympy.printing.pycode import PythonCodePrinter
 
 from gyrowheel_core.files import write_text
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.effects.declaration import TARGETS, Effect
+from gyrowheel_sim.compiled import cache_folder, digest
+from gyrowheel_sim.effects.declaration import Effect
+from gyrowheel_sim.effects.instant import Action, Instant
 from gyrowheel_sim.effects.parts import split
 from gyrowheel_sim.effects.quantities import QUANTITIES, REFERENCES
 from gyrowheel_sim.effects.registry import EffectValues
+from gyrowheel_sim.effects.targets import HELD_OUTPUTS, TARGETS, Entry, LawTarget, Place, entering
+from gyrowheel_sim.instruments.readings import Reading
 
-#: The quantities that the kernel's array of the environment begins with, in order.
-ENVIRONMENT = ("up", "up_x", "up_y", "home_xx", "home_xy", "home_yx", "home_yy")
-
-_MARK = "# --- kernel ---"
-_END = "# --- end of kernel ---"
+#: The generated functions that evaluate laws, with the targets of each; the second one is called once a sample.
+FUNCTIONS: dict[str, tuple[LawTarget, ...]] = {
+    "evaluate_laws": tuple(target for target in TARGETS.values() if not target.once_a_sample),
+    "evaluate_samples": tuple(target for target in TARGETS.values() if target.once_a_sample),
+}
 
 
 class _Printer(PythonCodePrinter):
@@ -78,67 +74,79 @@ def coefficient_arrays(
     return coefficients, active
 
 
-#: What the generated functions return, by target; the second one is called once a sample.
-OUTPUTS: dict[str, dict[str, tuple[str, ...]]] = {
-    "evaluate_laws": {
-        "rotor_torque": ("Tx", "Ty"),
-        "axial_torque": ("axial",),
-        "shaft_torque": ("shaft",),
-        "flexure_torque": ("flex_x", "flex_y"),
-        "inertia_difference": ("difference",),
-        "case_rate": ("turn_x", "turn_y"),
-        "coil_gain": ("gain",),
-        "coil_anisotropy": ("mirror_x", "mirror_y"),
-        "motor_gain": ("motor",),
-        "winding_resistance": ("resistance",),
-    },
-    "evaluate_samples": {
-        "coil_lag": ("lag",),
-        "supply_drop": ("drop",),
-        "tilt_reading": ("read_x", "read_y"),
-    },
-}
+# --- the laws of effects
 
 
 def laws_source(effects: Sequence[Effect]) -> str:
-    """Return the source of the two functions of `gyrowheel_sim.effects.no_laws` for these effects."""
-    return "\n\n".join(_function_source(effects, name) for name in OUTPUTS)
+    """Return the source of the functions that evaluate the laws of these effects; see `effects.generated`."""
+    return "\n\n".join(_function_source(effects, name) for name in FUNCTIONS)
+
+
+@functools.cache
+def cached_laws_source(effects: tuple[Effect, ...]) -> str:
+    """Return `laws_source`, kept on disk by the text of the declarations (SymPy takes seconds, reading none)."""
+    folder = resources.files("gyrowheel_sim").joinpath("effects")
+    own = [
+        folder.joinpath(f"{name}.py").read_text(encoding="utf-8")
+        for name in ("code", "instant", "parts", "targets")
+    ]
+    declared = [
+        (e.name, [(law.target, sp.srepr(law.expression)) for law in e.laws], [c.name for c in e.coefficients])
+        for e in effects
+    ]
+    path = cache_folder() / f"gyrowheel_laws_{digest(*own, repr(declared), sp.__version__)}.txt"
+    if path.is_file():
+        return path.read_text(encoding="utf-8")
+    text = laws_source(effects)
+    write_text(path, text)
+    return text
 
 
 def _function_source(effects: Sequence[Effect], function: str) -> str:
     printer = _Printer({"fully_qualified_modules": True})
     layout = coefficient_layout(effects)
-    outputs = OUTPUTS[function]
-    every = [name for names in outputs.values() for name in names]
+    targets = {target.name: target for target in FUNCTIONS[function]}
+    outputs = [name for target in targets.values() for name in target.outputs]
+    result = _tuple_name(function)
     lines = [
+        _tuple_source(result, outputs),
+        "",
         "@register_jitable(forceinline=True)",
-        f"def {function}(coef, active, env, zx, zy, zx_rate, zy_rate, theta_z, Omega, theta_x, theta_y, theta_x_rate,",
-        "                  theta_y_rate, T_coil, T_air, T_winding, T_motor, rho, i_motor, t):",
+        f"def {function}(coef, active, q):",
         *(f"    {name} = coef[{len(layout) + i}]" for i, name in enumerate(REFERENCES)),
-        *(f"    {name} = env[{i}]" for i, name in enumerate(ENVIRONMENT)),
-        f"    {' = '.join(every)} = 0.0",
+        *(f"    {name} = q.{name}" for name in Instant._fields),
+        f"    {' = '.join(outputs)} = 0.0",
     ]
     for index, effect in enumerate(effects):
-        own = [(number, law) for number, law in enumerate(effect.laws) if law.target in outputs]
+        own = [(number, law) for number, law in enumerate(effect.laws) if law.target in targets]
         if not own:
             continue
         lines.append(f"    if active[{index}]:  # {effect.name}")
         places = {c.name: f"coef[{layout[effect.name, c.name]}]" for c in effect.coefficients}
         for number, law in own:
-            parts = split(law.expression)
-            # a flexure's law is written once for both, by its own angle and rate
-            for side in "xy" if law.target == "flexure_torque" else "":
+            parts, target = split(law.expression), targets[law.target]
+            if not target.each_flexure:
+                printer.names = places
+                lines += _assignments(target.outputs, parts, printer, f"_v{index}_{number}_")
+                continue
+            # written once for both, by the angle of each
+            for side, output in zip("xy", target.outputs, strict=True):
                 printer.names = places | {
                     "theta": f"theta_{side}",
                     "theta_rate": f"theta_{side}_rate",
                     "axis": "1.0" if side == "x" else "-1.0",
                 }
-                lines += _assignments((f"flex_{side}",), parts[:1], printer, f"_v{index}_{number}{side}")
-            if law.target != "flexure_torque":
-                printer.names = places
-                lines += _assignments(outputs[law.target], parts, printer, f"_v{index}_{number}_")
-    lines.append(f"    return {', '.join(every)}")
+                lines += _assignments((output,), parts[:1], printer, f"_v{index}_{number}{side}")
+    lines.append(f"    return {result}({', '.join(outputs)})")
     return "\n".join(lines) + "\n"
+
+
+def _tuple_name(function: str) -> str:
+    return "".join(word.capitalize() for word in function.split("_"))
+
+
+def _tuple_source(name: str, fields: Sequence[str]) -> str:
+    return "\n".join([f"class {name}(NamedTuple):", *(f"    {field}: float" for field in fields)]) + "\n"
 
 
 def _assignments(
@@ -155,112 +163,95 @@ def _assignments(
     ]
 
 
-def compose(effects: Sequence[Effect], extra: Sequence[tuple[str, str]] = ()) -> ModuleType:
-    """Return the compiled module of the plant with these effects; cached on disk by content.
+# --- where the laws enter the plant
+
+
+def entries_source(parameters: Sequence[str], held_start: int) -> str:
+    """Return the source of what brings the laws into the kernel of the plant; see `effects.generated`.
 
     Parameters
     ----------
-    effects : sequence of Effect
-        Effects whose laws are compiled in; each acts only where its flag is set.
-    extra : sequence of (package, file name)
-        Further kernel files that are appended (a controller, a closed loop); the text after their
-        ``# --- kernel ---`` line is taken.
-
-    Notes
-    -----
-    One source file holds the generated laws, the equations of motion and the plant, so that the compiler sees all
-    of it and a second process loads the machine code instead of compiling.
+    parameters : sequence of str
+        Names of the bench parameters that the kernel knows, in order.
+    held_start : int
+        Where in the state the outputs begin that are held from sample to sample.
     """
-    key = (tuple(effects), tuple(extra))
-    if key not in _COMPOSED:
-        _COMPOSED[key] = _compose(effects, extra)
-    return _COMPOSED[key]
-
-
-_COMPOSED: dict[Any, ModuleType] = {}
-
-
-def _compose(effects: Sequence[Effect], extra: Sequence[tuple[str, str]]) -> ModuleType:
-    parts = [_kernel_text("gyrowheel_sim", "mechanics/dynamics.py"), _cached_laws(tuple(effects))]
-    parts += [_kernel_text(package, name) for package, name in (("gyrowheel_sim", "plant/kernel.py"), *extra)]
-    return _compiled(parts, "the laws of the effects and the kernels of the bench")
-
-
-@functools.cache
-def compile_kernels(*files: tuple[str, str]) -> ModuleType:
-    """Return one compiled module of kernel files, (package, file name) each; cached on disk by content."""
-    return _compiled([_kernel_text(package, name) for package, name in files], "kernels of the bench")
-
-
-def _compiled(parts: Sequence[str], what: str) -> ModuleType:
-    header = (
-        f'"""Generated: {what} in one compiled module."""\n'
-        "import math\nfrom typing import Any, NamedTuple\n\nimport numpy as np\n"
-        "from numba import njit\nfrom numba.extending import register_jitable\n\n"
-    )
-    text = header + "\n\n".join(parts)
-    digest = hashlib.sha256(
-        "\0".join((text, numba.__version__, np.__version__, sys.version)).encode()
-    ).hexdigest()[:20]
-    name = f"gyrowheel_kernel_{digest}"
-    if name in sys.modules:
-        return sys.modules[name]
-    path = cache_folder() / f"{name}.py"
-    if not path.is_file() or path.read_text(encoding="utf-8") != text:
-        write_text(path, text)
-    spec = importlib.util.spec_from_file_location(name, path)
-    if spec is None or spec.loader is None:  # pragma: no cover - only a broken interpreter gets here
-        raise RuntimeError(f"cannot load the generated module {path}")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-@functools.cache
-def cache_folder() -> Path:
-    """Return the folder of compiled kernels: ``$GYROWHEEL_CACHE``, the user's cache folder, or a temporary one."""
-    base = os.environ.get("GYROWHEEL_CACHE") or os.path.join(
-        os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "gyrowheel"
-    )
-    folder = Path(base)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError:
-        folder = Path(tempfile.mkdtemp(prefix="gyrowheel-cache-"))
-    return folder
-
-
-@functools.cache
-def _cached_laws(effects: tuple[Effect, ...]) -> str:
-    """Return `laws_source`, kept on disk by the text of the declarations (SymPy takes seconds, reading none)."""
-    own = resources.files("gyrowheel_sim").joinpath("effects/code.py").read_text(encoding="utf-8")
-    declared = [
-        (e.name, [(law.target, sp.srepr(law.expression)) for law in e.laws], [c.name for c in e.coefficients])
-        for e in effects
+    held = {name: f"state[{held_start + index}]" for index, name in enumerate(HELD_OUTPUTS)}
+    at_instant = {n: f"laws.{n}" for target in TARGETS.values() for n in target.outputs if n not in held}
+    action: dict[Place, tuple[str, ...]] = {
+        "across": ("across_x", "across_y"), "along": ("along",), "shaft": ("shaft",),
+        "flexure": ("flexure_x", "flexure_y"), "case_rate": ("case_rate_x", "case_rate_y"),
+        "mirror": ("mirror_x", "mirror_y"),
+    }  # fmt: skip
+    done = {
+        field: _total(place, "", part, at_instant)
+        for place, fields in action.items()
+        for part, field in enumerate(fields)
+    }
+    errors = {
+        reading.name: _total("reading", reading.name, 0, held)
+        if reading not in (Reading.tilt_x, Reading.tilt_y)
+        else _total(
+            "reading", "tilt", int(reading is Reading.tilt_y), held, _total("reading", reading.name, 0, held)
+        )
+        for reading in Reading
+    }
+    parts = [
+        _tuple_source("Parameters", parameters),
+        _tuple_source("ReadingErrors", list(errors)),
+        _inlined("hold_samples", "state, laws", [f"{place} = laws.{name}" for name, place in held.items()]),
+        _inlined("acting", "laws", [_returned("Action", {field: done[field] for field in Action._fields})]),
+        _inlined("changed", "p, laws, state", [_changes(parameters, at_instant | held)]),
+        _inlined("changed_at_sample", "p, state", [_changes(parameters, held)]),
+        _inlined("lag_of_coils", "state", [f"return {_total('coil_lag', '', 0, held)}"]),
+        _inlined("reading_errors", "state", [_returned("ReadingErrors", errors)]),
     ]
-    digest = hashlib.sha256(repr((own, declared, sp.__version__)).encode()).hexdigest()[:20]
-    path = cache_folder() / f"gyrowheel_laws_{digest}.txt"
-    if path.is_file():
-        return path.read_text(encoding="utf-8")
-    text = laws_source(effects)
-    write_text(path, text)
-    return text
+    return "\n\n".join(parts)
 
 
-def _kernel_text(package: str, name: str) -> str:
-    text = resources.files(package).joinpath(name).read_text(encoding="utf-8")
-    body = text.split(_MARK, 1)[1].split(_END, 1)[0]
-    return f"# from {package}/{name}\n" + re.sub(r"^\n+", "", body)
+def _inlined(name: str, arguments: str, body: Sequence[str]) -> str:
+    lines = ["@register_jitable(forceinline=True)", f"def {name}({arguments}):"]
+    return "\n".join([*lines, *(f"    {line}" for line in body)]) + "\n"
+
+
+def _returned(kind: str, values: Mapping[str, str]) -> str:
+    return f"return {kind}({', '.join(values.values())})"
+
+
+def _changes(parameters: Sequence[str], outputs: Mapping[str, str]) -> str:
+    result = {}
+    for name in parameters:
+        value = _total("offset", name, 0, outputs, f"p.{name}")
+        factor = _total("relative", name, 0, outputs, "1.0")
+        value = f"({value})" if value != f"p.{name}" and factor != "1.0" else value
+        result[name] = value if factor == "1.0" else f"{value} * ({factor})"
+    return _returned("Parameters", result)
+
+
+def _total(place: Place, of: str, part: int, outputs: Mapping[str, str], start: str = "0.0") -> str:
+    """Return source for `start` with what the laws add to it at a place: its x (0) or y (1) part."""
+    terms = []
+    for target, entry in entering(place, of):
+        if target.outputs[0] in outputs:
+            terms.append(_term(entry, outputs[target.outputs[part]]))
+    if terms and start == "0.0" and terms[0].startswith(" + "):
+        return terms[0][3:] + "".join(terms[1:])
+    return start + "".join(terms)
+
+
+def _term(entry: Entry, output: str) -> str:
+    over = f" / p.{entry.over}" if entry.over else ""
+    return f" {'-' if entry.negative else '+'} {output}{over}"
+
+
+# --- arrays
 
 
 @functools.cache
 def array_law(effect: Effect, index: int) -> Callable[..., Any]:
     """Return law number `index` of an effect as a function of arrays.
 
-    The function takes keyword arguments: the quantities of `QUANTITIES` and the coefficients; all broadcast.
+    The function takes a mapping of the quantities of `QUANTITIES` and the coefficients by name; all broadcast.
     """
     law = effect.laws[index]
     symbols = [q.symbol for q in QUANTITIES.values()] + [c.symbol for c in effect.coefficients]
@@ -275,5 +266,5 @@ def array_law(effect: Effect, index: int) -> Callable[..., Any]:
     def evaluate(values: Mapping[str, Any]) -> Any:
         return function(*(values[name] for name in names))
 
-    evaluate.__doc__ = f"{law.target} [{TARGETS[law.target][0]}] of {effect.name}."
+    evaluate.__doc__ = f"{law.target} [{TARGETS[law.target].unit}] of {effect.name}."
     return evaluate

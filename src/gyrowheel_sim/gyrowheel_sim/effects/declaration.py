@@ -12,58 +12,11 @@ import sympy as sp
 from gyrowheel_sim.bench import unit_registry
 from gyrowheel_sim.effects.formula import RESERVED, to_text
 from gyrowheel_sim.effects.quantities import QUANTITIES
+from gyrowheel_sim.effects.targets import TARGETS
 
 Category = Literal[
     "air", "flexure", "gravity", "actuator", "sensor", "bearing", "motor", "inertia", "environment", "other"
 ]
-Target = Literal[
-    "rotor_torque",
-    "axial_torque",
-    "shaft_torque",
-    "flexure_torque",
-    "inertia_difference",
-    "case_rate",
-    "coil_gain",
-    "coil_anisotropy",
-    "coil_lag",
-    "motor_gain",
-    "winding_resistance",
-    "supply_drop",
-    "tilt_reading",
-]
-
-#: What a law can act on: unit, whether it is complex (two case axes), and what it means.
-TARGETS: dict[str, tuple[str, bool, str]] = {
-    "rotor_torque": ("N*m", True, "torque on the rotor across its spin axis, T_x + i T_y in case axes"),
-    "axial_torque": ("N*m", False, "torque on the rotor along its spin axis"),
-    "shaft_torque": ("N*m", False, "torque on the motor shaft"),
-    "flexure_torque": (
-        "N*m",
-        False,
-        "torque of each flexure on its joint, by the flexure's own angle and rate",
-    ),
-    "inertia_difference": (
-        "kg*m^2",
-        False,
-        "added to the rotor's moment of inertia about its x axis and taken from that about y; constant",
-    ),
-    "case_rate": ("rad/s", True, "rate at which the case itself turns about its x and y axes, x + i y; slow"),
-    "coil_gain": ("1", False, "relative change of the torque per volt of the coils"),
-    "coil_anisotropy": (
-        "1",
-        True,
-        "part a of the coils' torque that is mirrored, T = k (V + a conj(V)): the two axes differ",
-    ),
-    "coil_lag": ("s", False, "time constant with which the coils' torque follows their voltage; constant"),
-    "motor_gain": ("1", False, "relative change of the motor's constant, torque and back-EMF alike"),
-    "winding_resistance": ("1", False, "relative change of the resistance of the motor's winding"),
-    "supply_drop": (
-        "V",
-        False,
-        "fall of the supply: lowers the largest motor voltage, and the coils' torque in proportion",
-    ),
-    "tilt_reading": ("rad", True, "added to the tilt readings, x + i y"),
-}
 
 
 @dataclass(frozen=True)
@@ -121,9 +74,9 @@ class Coefficient:
 
 @dataclass(frozen=True)
 class Law:
-    """What an effect does: a SymPy expression and the target it acts on (see `TARGETS`)."""
+    """What an effect does: a SymPy expression and the target it acts on (see `gyrowheel_sim.effects.targets`)."""
 
-    target: Target
+    target: str
     expression: sp.Expr
 
 

@@ -13,9 +13,10 @@ from pint.errors import PintError
 
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import unit_registry
-from gyrowheel_sim.effects.declaration import TARGETS, Effect
+from gyrowheel_sim.effects.declaration import Effect
 from gyrowheel_sim.effects.formula import Formula, Node, read, to_text
 from gyrowheel_sim.effects.quantities import QUANTITIES
+from gyrowheel_sim.effects.targets import TARGETS
 
 _FACTOR = re.compile(r"([*/]?)(1|[^\W\d_]+)(?:\^(-?[0-9]))?")
 _SPELLED = str.maketrans({"·": "*", "⋅": "*", "²": "^2", "³": "^3", "Ω": "ohm", "µ": "u", "μ": "u"})
@@ -133,7 +134,7 @@ def check_effect(effect: Effect) -> None:
     units = {c.name: c.unit for c in effect.coefficients}
     for law in effect.laws:
         formula = read(to_text(law.expression), list(units), f"{effect.name}.{law.target}")
-        check_unit(formula, units, TARGETS[law.target][0])
+        check_unit(formula, units, TARGETS[law.target].unit)
 
 
 def check_unit(formula: Formula, units: Mapping[str, str | None], wanted: str) -> None:

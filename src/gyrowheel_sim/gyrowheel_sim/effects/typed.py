@@ -11,9 +11,10 @@ import re
 from collections.abc import Mapping, Sequence
 
 from gyrowheel_core.errors import InputError
-from gyrowheel_sim.effects.declaration import TARGETS, Effect
+from gyrowheel_sim.effects.declaration import Effect
 from gyrowheel_sim.effects.dimensions import MissingUnitError, Unit, check_unit
 from gyrowheel_sim.effects.formula import MAX_LENGTH, NAME, RESERVED, read
+from gyrowheel_sim.effects.targets import TARGETS
 from gyrowheel_sim.effects.user import LAW_FIELDS, effect_from_text, effect_to_mapping
 
 _PREFIX = re.compile(rf"\s*({NAME.pattern})\s*:(.*)", re.DOTALL)
@@ -163,7 +164,7 @@ def _unit(
         # whatever is wrong is said when the whole is read
         with contextlib.suppress(InputError):
             try:
-                check_unit(read(alone, [name, *units]), {**units, name: None}, TARGETS[target][0])
+                check_unit(read(alone, [name, *units]), {**units, name: None}, TARGETS[target].unit)
             except MissingUnitError as error:
                 return str(Unit.of(str(error.unit)))
     return None

@@ -24,11 +24,12 @@ import numpy as np
 import sympy as sp
 
 from gyrowheel_core.errors import InputError
-from gyrowheel_sim.effects.declaration import TARGETS, Category, Coefficient, Effect, Law
+from gyrowheel_sim.effects.declaration import Category, Coefficient, Effect, Law
 from gyrowheel_sim.effects.dimensions import MissingUnitError, Unit, check_unit
 from gyrowheel_sim.effects.formula import NAME, RESERVED, Formula, read, to_text
 from gyrowheel_sim.effects.parts import ComplexArgumentError, is_real
 from gyrowheel_sim.effects.quantities import theta, theta_rate
+from gyrowheel_sim.effects.targets import TARGETS
 
 #: Names that a law may have in a declaration, and the targets that they mean.
 LAW_FIELDS: dict[str, str] = {"torque": "rotor_torque", **{target: target for target in TARGETS}}
@@ -47,22 +48,6 @@ _COEFFICIENT_FIELDS = (
 _LONGEST_TEXT = 300
 _MOST_COEFFICIENTS = 12
 
-#: Size of what a noticeable effect does to each target, where a declaration gives no usual size.
-_NOTICEABLE = {
-    "rotor_torque": (1e-4, 2e-3),
-    "axial_torque": (5e-5, 1e-3),
-    "shaft_torque": (5e-5, 1e-3),
-    "flexure_torque": (1e-4, 2e-3),
-    "inertia_difference": (5e-7, 5e-6),
-    "case_rate": (2e-5, 6e-5),
-    "coil_gain": (0.005, 0.1),
-    "coil_anisotropy": (0.01, 0.05),
-    "coil_lag": (1e-4, 5e-4),
-    "motor_gain": (0.002, 0.02),
-    "winding_resistance": (0.01, 0.1),
-    "supply_drop": (0.1, 2.0),
-    "tilt_reading": (3e-4, 6e-3),
-}
 #: Where a law is tried: at rest on the axis, and tilted at speeds from 1000 to 4000 rpm.
 _SPEEDS = np.linspace(105.0, 420.0, 64)
 _AT_REST: dict[str, Any] = {
@@ -109,12 +94,12 @@ def effect_from_mapping(name: str, mapping: object, where: str = "effect") -> Ef
     formulas = _formulas(mapping, list(entries), where)
     units = _units(formulas, entries, f"{where}.coefficients")
     for formula, target in formulas:
-        check_unit(formula, units, TARGETS[target][0])
+        check_unit(formula, units, TARGETS[target].unit)
         _check_target(formula, target)
     used = {s.name for formula, _ in formulas for s in formula.expression.free_symbols}
     if unused := [key for key in entries if key not in used]:
         raise InputError(f"{where}.coefficients.{unused[0]}: no law has it")
-    laws = tuple(Law(target, formula.expression) for formula, target in formulas)  # type: ignore[arg-type]
+    laws = tuple(Law(target, formula.expression) for formula, target in formulas)
     amplitudes = _amplitudes(laws, entries, where)
     drafts = [
         (_amplitude if key in amplitudes else _shape)(key, units[key], entry, f"{where}.coefficients.{key}")
@@ -294,7 +279,7 @@ def _units(
     if len(missing) == 1:
         try:
             for formula, target in formulas:
-                check_unit(formula, {**units, missing[0]: None}, TARGETS[target][0])
+                check_unit(formula, {**units, missing[0]: None}, TARGETS[target].unit)
         except MissingUnitError as error:
             with contextlib.suppress(InputError):  # a broken power is nothing that one would write
                 hint = f"{Unit.of(str(error.unit))} would fit"
@@ -304,14 +289,14 @@ def _units(
 def _check_target(formula: Formula, target: str) -> None:
     """Refuse a law that its target cannot take."""
     node, expression = formula.node, formula.expression
-    if target != "flexure_torque" and expression.free_symbols & {theta, theta_rate}:
+    if not TARGETS[target].each_flexure and expression.free_symbols & {theta, theta_rate}:
         raise formula.error(node, "theta and theta_rate belong to a flexure: only flexure_torque has them")
     try:
         real = is_real(expression)
     except ComplexArgumentError as error:
         part = _one_line(to_text(error.argument))
         raise formula.error(node, f"'{part}' is complex where a real number is needed") from None
-    if not TARGETS[target][1] and not real:
+    if not TARGETS[target].complex and not real:
         raise formula.error(node, f"{target} is real, but the formula is complex: use abs, re or im")
 
 
@@ -457,7 +442,7 @@ def _sized(effect: Effect, where: str) -> list[Coefficient]:
         sizes = [
             (low / most, high / most)
             for law, value in zip(effect.laws, _values(effect, _TILTED, alone), strict=True)
-            for low, high in (_NOTICEABLE[law.target],)
+            for low, high in (TARGETS[law.target].noticeable,)
             if (most := float(np.abs(value).max())) > 0.0
         ]
         if not sizes:

@@ -1,6 +1,6 @@
 """Inverse dynamics point by point as compiled code: from readings of the tilt to the forces that the motion needs.
 
-As `dynamics.inverse`, for many points at once; compiled and cached by `effects.code.compile_kernels`.
+As `dynamics.inverse`, for many points at once; compiled and cached by `compiled.compile_kernels`.
 """
 
 from __future__ import annotations

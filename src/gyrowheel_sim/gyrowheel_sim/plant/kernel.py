@@ -1,17 +1,21 @@
-"""The plant as one step of compiled code: rotor, coils, motor, thermal states, sensors, noise and drift.
+"""The plant as one step of compiled code: rotor, coils, motor, thermal states; the instruments read it.
 
-This module is not run as it stands: `compose` puts the generated laws of the effects, the body of `dynamics` and
-the body of this module into one source file, which is compiled once and cached on disk.
+This module is not run as it stands: `gyrowheel_sim.plant.compose` puts the places of the arrays, the generated laws of
+the effects, the equations of motion, the instruments and the text below into one source file, which is compiled once
+and cached on disk. Effects act through the interface of `gyrowheel_sim.effects.generated` alone: no law target is
+named here.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from numba import njit
+from numba.extending import register_jitable
 
-from gyrowheel_sim.effects.no_laws import evaluate_laws, evaluate_samples
+from gyrowheel_sim.effects.instant import Instant
+from gyrowheel_sim.instruments.kernel import advance_drifts, read_instruments
 from gyrowheel_sim.mechanics.dynamics import (
     case_accelerations,
     case_to_joint,
@@ -20,24 +24,42 @@ from gyrowheel_sim.mechanics.dynamics import (
     joint_accelerations,
     moving_case_forces,
 )
+from gyrowheel_sim.plant.state import DRIFT_START, State, Surroundings
+
+if TYPE_CHECKING:
+    from gyrowheel_sim.effects.generated import (
+        acting,
+        changed,
+        changed_at_sample,
+        evaluate_laws,
+        evaluate_samples,
+        hold_samples,
+        lag_of_coils,
+        reading_errors,
+    )
 
 # --- kernel ---
 
-# n_x, n_y, n_x', n_y', theta_z, Omega | T_coil, p_air | drifts of coil x, coil y, motor voltage and motor current |
-# T_winding, T_motor, rate of the table, its acceleration, coil voltages as the torque follows them |
-# motor current, coil lag and supply drop at the last sample
-N_STATE = 21
-N_NOISE = 15  # 11 readings, 4 drifts
-N_MEASUREMENT = 11
-# what points up and the home axes, in case axes (see `effects.code.ENVIRONMENT`), then the pressure to which the jar is
-# set [Pa], the temperature of the coils' heater above the air [K] (0 = off), the rate to which the table is set [rad/s]
-N_ENVIRONMENT = 10
-PRESSURE = 7
-HEATER = 8
-TABLE = 9
 HEATER_TIME = 0.5  # s
 PUMP_TIME = 0.3  # s; the case holds 0.3 litre of air
 TABLE_TIME = 0.05  # s
+
+
+@register_jitable(forceinline=True)
+def instant_of(
+    p: Any, env: Any, s: Any, t: float, rho: float, zx: float, zy: float, zx_rate: float, zy_rate: float,
+    angle: float, Omega: float, theta_x: float, theta_y: float, wx: float, wy: float, current: float,
+) -> Instant:  # fmt: skip
+    """Return what the laws are evaluated with: the motion as given, the rest from state and surroundings."""
+    return Instant(
+        zx=zx, zy=zy, zx_rate=zx_rate, zy_rate=zy_rate, theta_z=angle, Omega=Omega,
+        theta_x=theta_x, theta_y=theta_y, theta_x_rate=wx, theta_y_rate=wy,
+        T_coil=s[State.coil_temperature], T_air=p.air_temperature, T_winding=s[State.winding_temperature],
+        T_motor=s[State.motor_temperature], rho=rho, i_motor=current, t=t,
+        up=env[Surroundings.up], up_x=env[Surroundings.up_x], up_y=env[Surroundings.up_y],
+        home_xx=env[Surroundings.home_xx], home_xy=env[Surroundings.home_xy],
+        home_yx=env[Surroundings.home_yx], home_yy=env[Surroundings.home_yy],
+    )  # fmt: skip
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -61,45 +83,59 @@ def plant_rates(
     sx, cx, sy, cy, wx, wy = case_to_joint(nx, ny, ux, uy, sz, cz, Omega)
     theta_x = math.asin(sx)
     theta_y = math.asin(sy)
-    (
-        Tx, Ty, axial, shaft, flex_x, flex_y, difference, turn_x, turn_y, gain, mirror_x, mirror_y, motor, resistance
-    ) = evaluate_laws(
-        coef, active, env, zx, zy, zx_rate, zy_rate, angle, Omega, theta_x, theta_y, wx, wy,
-        s[6], p.air_temperature, s[12], s[13], rho, s[18], t,
-    )  # fmt: skip
-    Tx += p.fixed_torque_x
-    Ty += p.fixed_torque_y
+    at = instant_of(
+        p,
+        env,
+        s,
+        t,
+        rho,
+        zx,
+        zy,
+        zx_rate,
+        zy_rate,
+        angle,
+        Omega,
+        theta_x,
+        theta_y,
+        wx,
+        wy,
+        s[State.motor_current],
+    )
+    laws = evaluate_laws(coef, active, at)
+    act = acting(laws)
+    m = changed(p, laws, s)
+    Tx = act.across_x + m.fixed_torque_x
+    Ty = act.across_y + m.fixed_torque_y
     # across the spin axis: T . n = 0 fixes the z component
     Tz = zx * Ty - zy * Tx
-    k = p.coil_constant * (1.0 + gain - s[20] / p.supply_voltage)
-    Kx = k * (vx + mirror_x * vx + mirror_y * vy)
-    Ky = k * (vy + mirror_y * vx - mirror_x * vy)
+    k = m.coil_constant
+    Kx = k * (vx + act.mirror_x * vx + act.mirror_y * vy)
+    Ky = k * (vy + act.mirror_y * vx - act.mirror_x * vy)
     Q1, Q2, Q3 = generalised_forces(
         sx, cx, sz, cz,
-        Tx + axial * nx, Ty + axial * ny, Tz + axial * nz,
+        Tx + act.along * nx, Ty + act.along * ny, Tz + act.along * nz,
     )  # fmt: skip
     C1, C2, _ = generalised_forces(sx, cx, sz, cz, Kx, Ky, 0.0)
-    constant = p.motor_constant * (1.0 + motor)
-    current = (vm - constant * Omega) / (p.motor_resistance * (1.0 + resistance))
+    current = (vm - m.motor_constant * Omega) / m.motor_resistance
     sign = 1.0 if Omega > 0.0 else (-1.0 if Omega < 0.0 else 0.0)
-    friction = p.bearing_coulomb * sign + p.bearing_viscous * Omega
-    Irx = p.rotor_inertia_x + difference
-    Iry = p.rotor_inertia_y - difference
+    friction = m.bearing_coulomb * sign + m.bearing_viscous * Omega
     m11, m13, m22, m23, m33, f1, f2, f3 = inertia_terms(
         sx, cx, sy, cy, wx, wy, Omega,
-        Irx, Iry, p.rotor_inertia_z,
-        p.gimbal_inertia_x, p.gimbal_inertia_y, p.gimbal_inertia_z, p.shaft_inertia,
+        m.rotor_inertia_x, m.rotor_inertia_y, m.rotor_inertia_z,
+        m.gimbal_inertia_x, m.gimbal_inertia_y, m.gimbal_inertia_z, m.shaft_inertia,
     )  # fmt: skip
-    b1 = Q1 + C1 + f1 + flex_x - p.flexure_stiffness_x * theta_x - p.flexure_damping_x * wx
-    b2 = Q2 + C2 + f2 + flex_y - p.flexure_stiffness_y * theta_y - p.flexure_damping_y * wy
-    b3 = Q3 + f3 + shaft + constant * current - friction
-    if s[14] != 0.0 or s[15] != 0.0 or turn_x != 0.0 or turn_y != 0.0:
+    b1 = Q1 + C1 + f1 + act.flexure_x - m.flexure_stiffness_x * theta_x - m.flexure_damping_x * wx
+    b2 = Q2 + C2 + f2 + act.flexure_y - m.flexure_stiffness_y * theta_y - m.flexure_damping_y * wy
+    b3 = Q3 + f3 + act.shaft + m.motor_constant * current - friction
+    table, faster = s[State.table_rate], s[State.table_acceleration]
+    if table != 0.0 or faster != 0.0 or act.case_rate_x != 0.0 or act.case_rate_y != 0.0:
         # the table turns the case about the vertical
         e1, e2, e3 = moving_case_forces(
-            sx, cx, sy, cy, sz, cz, wx, wy, Omega, Irx, Iry, p.rotor_inertia_z,
-            p.gimbal_inertia_x, p.gimbal_inertia_y, p.gimbal_inertia_z, p.shaft_inertia,
-            turn_x + s[14] * env[1], turn_y + s[14] * env[2], s[14] * env[0], s[15] * env[1], s[15] * env[2],
-            s[15] * env[0],
+            sx, cx, sy, cy, sz, cz, wx, wy, Omega,
+            m.rotor_inertia_x, m.rotor_inertia_y, m.rotor_inertia_z,
+            m.gimbal_inertia_x, m.gimbal_inertia_y, m.gimbal_inertia_z, m.shaft_inertia,
+            act.case_rate_x + table * at.up_x, act.case_rate_y + table * at.up_y, table * at.up,
+            faster * at.up_x, faster * at.up_y, faster * at.up,
         )  # fmt: skip
         b1 -= e1
         b2 -= e2
@@ -115,12 +151,12 @@ def plant_step(
 ) -> None:
     """Advance `state` in place by one sample period under held voltages (classical Runge-Kutta, fourth order)."""
     h = p.sample_period
-    T_coil = state[6]
+    T_coil = state[State.coil_temperature]
     T_air = p.air_temperature
-    rho = state[7] / (p.gas_constant * T_air)
+    rho = state[State.air_pressure] / (p.gas_constant * T_air)
     # The coils' torque follows their voltage with a lag. The parabola that has the same mean and slope as its
     # exponential over the sample is what the step integrates exactly, however short the lag.
-    lag = state[19]
+    lag = lag_of_coils(state)
     vx1 = vx2 = vx3 = vx
     vy1 = vy2 = vy3 = vy
     if lag > 0.0:
@@ -131,28 +167,30 @@ def plant_step(
         m2 = (2.0 * m1 - left) / q  # mean of s^2 exp(-q s)
         c1 = 3.0 * (2.0 * m1 - m0)
         c2 = 5.0 * (6.0 * m2 - 6.0 * m1 + m0)
-        gx = state[16] - vx
-        gy = state[17] - vy
+        gx = state[State.coil_x] - vx
+        gy = state[State.coil_y] - vy
         vx1 = vx + gx * (m0 - c1 + c2)
         vy1 = vy + gy * (m0 - c1 + c2)
         vx2 = vx + gx * (m0 - 0.5 * c2)
         vy2 = vy + gy * (m0 - 0.5 * c2)
         vx3 = vx + gx * (m0 + c1 + c2)
         vy3 = vy + gy * (m0 + c1 + c2)
-        state[16] = vx + gx * left
-        state[17] = vy + gy * left
+        state[State.coil_x] = vx + gx * left
+        state[State.coil_y] = vy + gy * left
     else:
-        state[16] = vx
-        state[17] = vy
+        state[State.coil_x] = vx
+        state[State.coil_y] = vy
     # the table follows its command; its mean rate over the sample counts
-    table = state[14]
+    table, wanted = state[State.table_rate], env[Surroundings.table_rate]
     left = math.exp(-h / TABLE_TIME)
-    after = env[TABLE] + (table - env[TABLE]) * left
-    if abs(after - env[TABLE]) < 1.0e-9:
-        after = env[TABLE]
-    state[15] = (after - table) / h
-    state[14] = 0.5 * (table + after)
-    x, y, ux, uy, a, w = state[0], state[1], state[2], state[3], state[4], state[5]
+    after = wanted + (table - wanted) * left
+    if abs(after - wanted) < 1.0e-9:
+        after = wanted
+    state[State.table_acceleration] = (after - table) / h
+    state[State.table_rate] = 0.5 * (table + after)
+    x, y = state[State.n_x], state[State.n_y]
+    ux, uy = state[State.n_x_rate], state[State.n_y_rate]
+    a, w = state[State.spin_angle], state[State.spin_rate]
     xs, ys, uxs, uys, as_, ws = x, y, ux, uy, a, w
     kx = ky = 0.0
     dx = dy = dux = duy = da = dw = 0.0
@@ -190,26 +228,29 @@ def plant_step(
     fourth = q * q / 720.0 * (1.0 - q / 56.0)
     real = n * cubic
     imag = n * fourth
-    state[0] = x + s * dx + h * h * (fourth * kx + cubic * ky)
-    state[1] = y + s * dy + h * h * (fourth * ky - cubic * kx)
-    state[2] = ux + s * dux + h * (real * kx - imag * ky)
-    state[3] = uy + s * duy + h * (real * ky + imag * kx)
+    state[State.n_x] = x + s * dx + h * h * (fourth * kx + cubic * ky)
+    state[State.n_y] = y + s * dy + h * h * (fourth * ky - cubic * kx)
+    state[State.n_x_rate] = ux + s * dux + h * (real * kx - imag * ky)
+    state[State.n_y_rate] = uy + s * duy + h * (real * ky + imag * kx)
     angle = a + s * da
-    state[4] = angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi))
-    state[5] = w + s * dw
-    state[14] = after
+    state[State.spin_angle] = angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi))
+    state[State.spin_rate] = w + s * dw
+    state[State.table_rate] = after
     # coils: electrical heating, loss to the air; the heater brings them to its temperature within about a second
     power = (vx * vx + vy * vy) / p.coil_resistance - (T_coil - T_air) / p.coil_thermal_resistance
-    if env[HEATER] > 0.0:
-        power += p.coil_heat_capacity * (T_air + env[HEATER] - T_coil) / HEATER_TIME
-    state[6] = T_coil + h * power / p.coil_heat_capacity
-    state[7] += h * (env[PRESSURE] - state[7]) / PUMP_TIME
+    if env[Surroundings.heater] > 0.0:
+        power += p.coil_heat_capacity * (T_air + env[Surroundings.heater] - T_coil) / HEATER_TIME
+    state[State.coil_temperature] = T_coil + h * power / p.coil_heat_capacity
+    state[State.air_pressure] += h * (env[Surroundings.pressure] - state[State.air_pressure]) / PUMP_TIME
     # motor: the current heats the winding, the winding the magnets, these the air
-    current = state[18]
-    inward = (state[12] - state[13]) / p.winding_thermal_resistance
-    outward = (state[13] - T_air) / p.motor_thermal_resistance
-    state[12] += h * (p.motor_resistance * current * current - inward) / p.winding_heat_capacity
-    state[13] += h * (inward - outward) / p.motor_heat_capacity
+    current = state[State.motor_current]
+    winding, magnets = state[State.winding_temperature], state[State.motor_temperature]
+    inward = (winding - magnets) / p.winding_thermal_resistance
+    outward = (magnets - T_air) / p.motor_thermal_resistance
+    state[State.winding_temperature] += (
+        h * (p.motor_resistance * current * current - inward) / p.winding_heat_capacity
+    )
+    state[State.motor_temperature] += h * (inward - outward) / p.motor_heat_capacity
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -226,44 +267,47 @@ def plant_measure(
     noise: Any,
     out: Any,
 ) -> None:
-    """Write one sample of every sensor into `out` (11 values), advancing the slow drifts in `state`."""
-    a = math.exp(-p.sample_period / p.drift_time)
-    b = math.sqrt(1.0 - a * a)
-    state[8] = a * state[8] + b * p.coil_voltage_drift * noise[11]
-    state[9] = a * state[9] + b * p.coil_voltage_drift * noise[12]
-    state[10] = a * state[10] + b * p.motor_voltage_drift * noise[13]
-    state[11] = a * state[11] + b * p.motor_current_drift * noise[14]
-    nx, ny, ux, uy, Omega, T_coil = state[0], state[1], state[2], state[3], state[5], state[6]
+    """Write one sample of every reading into `out`, advancing in `state` what changes once a sample."""
+    advance_drifts(p, state, DRIFT_START, noise)
+    nx, ny = state[State.n_x], state[State.n_y]
+    ux, uy = state[State.n_x_rate], state[State.n_y_rate]
+    angle, Omega, T_coil = state[State.spin_angle], state[State.spin_rate], state[State.coil_temperature]
     nz = math.sqrt(1.0 - nx * nx - ny * ny)
     nz_rate = -(nx * ux + ny * uy) / nz
     zx, zy = -ny / nz, nx / nz
     zx_rate, zy_rate = -(uy - ny * nz_rate / nz) / nz, (ux - nx * nz_rate / nz) / nz
     T_air = p.air_temperature
-    rho = state[7] / (p.gas_constant * T_air)
-    _, _, _, _, _, _, _, _, _, _, _, _, motor, resistance = evaluate_laws(
-        coef, active, env, zx, zy, zx_rate, zy_rate, state[4], Omega,
-        0.0, 0.0, 0.0, 0.0, T_coil, T_air, state[12], state[13], rho, state[18], t,
+    rho = state[State.air_pressure] / (p.gas_constant * T_air)
+    # the laws at an instant know the current of the sample before, those evaluated once a sample its own
+    at = instant_of(
+        p,
+        env,
+        state,
+        t,
+        rho,
+        zx,
+        zy,
+        zx_rate,
+        zy_rate,
+        angle,
+        Omega,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        state[State.motor_current],
+    )
+    m = changed(p, evaluate_laws(coef, active, at), state)
+    current = (vm - m.motor_constant * Omega) / m.motor_resistance
+    at = instant_of(
+        p, env, state, t, rho, zx, zy, zx_rate, zy_rate, angle, Omega, 0.0, 0.0, 0.0, 0.0, current
+    )
+    hold_samples(state, evaluate_samples(coef, active, at))
+    state[State.motor_current] = current
+    read_instruments(
+        p, reading_errors(state), state, DRIFT_START, noise, zx, zy, angle, Omega, vx, vy, vm, current, T_coil, T_air,
+        state[State.air_pressure], out,
     )  # fmt: skip
-    current = (vm - p.motor_constant * (1.0 + motor) * Omega) / (p.motor_resistance * (1.0 + resistance))
-    lag, drop, bias_x, bias_y = evaluate_samples(
-        coef, active, env, zx, zy, zx_rate, zy_rate, state[4], Omega,
-        0.0, 0.0, 0.0, 0.0, T_coil, T_air, state[12], state[13], rho, current, t,
-    )  # fmt: skip
-    state[18] = current
-    state[19] = lag
-    state[20] = drop
-    out[0] = p.tilt_scale * math.atan(zx) + p.tilt_bias_x + bias_x + p.tilt_noise * noise[0]
-    out[1] = p.tilt_scale * math.atan(zy) + p.tilt_bias_y + bias_y + p.tilt_noise * noise[1]
-    angle = state[4] + p.spin_angle_noise * noise[2]
-    out[2] = angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi))
-    out[3] = Omega + p.spin_rate_noise * noise[3]
-    out[4] = vx + state[8] + p.coil_voltage_noise * noise[4]
-    out[5] = vy + state[9] + p.coil_voltage_noise * noise[5]
-    out[6] = vm + state[10] + p.motor_voltage_noise * noise[6]
-    out[7] = current + state[11] + p.motor_current_noise * noise[7]
-    out[8] = T_coil + p.temperature_bias + p.temperature_noise * noise[8]
-    out[9] = T_air + p.temperature_noise * noise[9]
-    out[10] = state[7] + p.pressure_bias + p.pressure_noise * noise[10]
 
 
 @njit(cache=True, error_model="numpy")
@@ -284,7 +328,7 @@ def plant_advance(
     """
     ax, ay, am = held[0], held[1], held[2]
     # the supply may have fallen since the command was taken
-    top = max(p.supply_voltage - state[20], 0.0)
+    top = max(changed_at_sample(p, state).supply_voltage, 0.0)
     am = saturated(am, top)
     plant_step(p, coef, active, env, state, t, ax, ay, am)
     held[0] = saturated(vx, p.coil_voltage_limit)

@@ -34,8 +34,8 @@ from gyrowheel_core.units import RPM
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import from_json
 from gyrowheel_sim.plant.guard import Guard, GuardLimits, GuardState, Refusal
+from gyrowheel_sim.plant.machine import Plant
 from gyrowheel_sim.plant.pacing import Pacer
-from gyrowheel_sim.plant.plant import Plant
 from gyrowheel_sim.plant.scenario import Scenario
 
 CLOCK_PERIOD_NS = 10_000_000

@@ -6,7 +6,7 @@ import functools
 import math
 from collections.abc import Sequence
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,85 +14,18 @@ from numpy.typing import NDArray
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.blind.outside import OUTSIDE
-from gyrowheel_sim.effects.code import coefficient_arrays, compose
+from gyrowheel_sim.effects.code import coefficient_arrays
 from gyrowheel_sim.effects.declaration import Effect
 from gyrowheel_sim.effects.registry import EffectValues, registry
 from gyrowheel_sim.environment import Environment
-from gyrowheel_sim.plant.kernel import N_ENVIRONMENT, N_MEASUREMENT, N_NOISE, N_STATE
+from gyrowheel_sim.instruments.readings import DRIFT_SIZES, N_NOISE, Drift, Reading
+from gyrowheel_sim.plant.compose import compose
+from gyrowheel_sim.plant.parameters import PlantParameters
 from gyrowheel_sim.plant.scenario import Scenario
+from gyrowheel_sim.plant.state import DRIFT_START, HELD_START, N_STATE, State, Surroundings
 
-#: Readings of one sample, in the order of the Measurement message.
-MEASUREMENT_FIELDS = (
-    "tilt_x",
-    "tilt_y",
-    "spin_angle",
-    "spin_rate",
-    "coil_voltage_x",
-    "coil_voltage_y",
-    "motor_voltage",
-    "motor_current",
-    "coil_temperature",
-    "air_temperature",
-    "air_pressure",
-)
 _NOISE_BLOCK = 2000
-
-
-class PlantParameters(NamedTuple):
-    """The bench parameters that the compiled step uses [SI]."""
-
-    rotor_inertia_x: float
-    rotor_inertia_y: float
-    rotor_inertia_z: float
-    gimbal_inertia_x: float
-    gimbal_inertia_y: float
-    gimbal_inertia_z: float
-    shaft_inertia: float
-    flexure_stiffness_x: float
-    flexure_stiffness_y: float
-    flexure_damping_x: float
-    flexure_damping_y: float
-    bearing_coulomb: float
-    bearing_viscous: float
-    coil_constant: float
-    coil_voltage_limit: float
-    coil_resistance: float
-    coil_heat_capacity: float
-    coil_thermal_resistance: float
-    motor_constant: float
-    motor_resistance: float
-    winding_heat_capacity: float
-    winding_thermal_resistance: float
-    motor_heat_capacity: float
-    motor_thermal_resistance: float
-    supply_voltage: float
-    fixed_torque_x: float
-    fixed_torque_y: float
-    tilt_bias_x: float
-    tilt_bias_y: float
-    tilt_scale: float
-    sample_period: float
-    tilt_noise: float
-    spin_angle_noise: float
-    spin_rate_noise: float
-    coil_voltage_noise: float
-    motor_voltage_noise: float
-    motor_current_noise: float
-    temperature_noise: float
-    pressure_noise: float
-    coil_voltage_drift: float
-    motor_voltage_drift: float
-    motor_current_drift: float
-    drift_time: float
-    temperature_bias: float
-    pressure_bias: float
-    air_temperature: float
-    gas_constant: float
-
-    @classmethod
-    def of(cls, bench: Bench) -> PlantParameters:
-        """Take the values from a bench."""
-        return cls(*(bench.value(name) for name in cls._fields))
+_TRUTH = tuple(State)[: State.air_pressure + 1]
 
 
 @functools.cache
@@ -145,25 +78,19 @@ class Machine:
             library, _checked(scenario.effects, library), bench
         )
         self.state = np.zeros(N_STATE)
-        self.state[5] = initial_spin_rate
-        self.state[6] = true.value("air_temperature")
-        self.state[7] = true.value("air_pressure")
-        # the motor is cold at the start
-        self.state[12] = self.state[13] = true.value("air_temperature")
+        for place in State:
+            start = place.initial
+            self.state[place] = true.value(start) if isinstance(start, str) else start
+        self.state[State.spin_rate] = initial_spin_rate
         self.held = np.zeros(3)
         # the motor starts at the voltage that keeps the spin rate, so that a test does not begin with a jerk
         self.held[2] = true.value("motor_constant") * initial_spin_rate
-        self.environment = np.zeros(N_ENVIRONMENT)
+        self.environment = np.zeros(len(Surroundings))
         self.ambient_pressure = true.value("air_pressure")
         self.set_environment(Environment())
         self._rng = np.random.Generator(np.random.PCG64(scenario.noise_seed))
-        drift = self._rng.standard_normal(4)
-        self.state[8:12] = drift * [
-            self.parameters.coil_voltage_drift,
-            self.parameters.coil_voltage_drift,
-            self.parameters.motor_voltage_drift,
-            self.parameters.motor_current_drift,
-        ]
+        drifts = self._rng.standard_normal(len(Drift))
+        self.state[DRIFT_START:HELD_START] = drifts * [true.value(DRIFT_SIZES[drift]) for drift in Drift]
 
     def noise(self, samples: int) -> NDArray[np.float64]:
         """Return the next standard normal numbers, shape (samples, N_NOISE)."""
@@ -172,18 +99,20 @@ class Machine:
     def set_environment(self, environment: Environment) -> None:
         """Put the bench in another environment; pressure, heater and table follow with their time constants."""
         across, (first, second) = environment.up_across, environment.home
-        self.environment[:] = (
-            environment.up,
-            across.real,
-            across.imag,
-            first.real,
-            first.imag,
-            second.real,
-            second.imag,
-            environment.air_density_ratio * self.ambient_pressure,
-            environment.preheat,
-            environment.table_rate,
-        )
+        values = {
+            Surroundings.up: environment.up,
+            Surroundings.up_x: across.real,
+            Surroundings.up_y: across.imag,
+            Surroundings.home_xx: first.real,
+            Surroundings.home_xy: first.imag,
+            Surroundings.home_yx: second.real,
+            Surroundings.home_yy: second.imag,
+            Surroundings.pressure: environment.air_density_ratio * self.ambient_pressure,
+            Surroundings.heater: environment.preheat,
+            Surroundings.table_rate: environment.table_rate,
+        }
+        for place, value in values.items():
+            self.environment[place] = value
 
 
 class Plant:
@@ -204,7 +133,7 @@ class Plant:
         self._period_ns = round(bench.sample_period * 1e9)
         self._period = bench.sample_period
         self.sequence = 0
-        self._out = np.zeros(N_MEASUREMENT)
+        self._out = np.zeros(len(Reading))
         self._noise = self.machine.noise(_NOISE_BLOCK)
         self._row = 0
         self._events: list[Environment] = []
@@ -215,7 +144,7 @@ class Plant:
         return self.sequence * self._period_ns
 
     def measure(self) -> NDArray[np.float64]:
-        """Return the first sample (order of `MEASUREMENT_FIELDS`); call once, before the first step."""
+        """Return the first sample (order of `Reading`); call once, before the first step."""
         m = self.machine
         self._apply_events()
         self._code.plant_measure(
@@ -262,17 +191,7 @@ class Plant:
 
     def truth(self) -> dict[str, Any]:
         """Return the true state: spin axis, rates, temperatures, drift (for `/gyrowheel/truth` and tests)."""
-        names = [
-            "n_x",
-            "n_y",
-            "n_x_rate",
-            "n_y_rate",
-            "spin_angle",
-            "spin_rate",
-            "coil_temperature",
-            "air_pressure",
-        ]
-        return dict(zip(names, self.machine.state.tolist(), strict=False))
+        return {place.name: float(self.machine.state[place]) for place in _TRUTH}
 
     def _apply_events(self) -> None:
         while self._events and round(self._events[0].time / self._period) <= self.sequence:

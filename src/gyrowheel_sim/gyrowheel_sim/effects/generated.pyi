@@ -1,0 +1,29 @@
+"""Interface of the code that `gyrowheel_sim.effects.code` generates: how the kernel of the plant meets the laws."""
+
+from typing import Any
+
+from gyrowheel_sim.effects.instant import Action, Instant
+
+def evaluate_laws(coef: Any, active: Any, q: Instant) -> Any:
+    """Return the sum of the laws of each target, of all active effects, at an instant: fields named as the outputs."""
+
+def evaluate_samples(coef: Any, active: Any, q: Instant) -> Any:
+    """Return the same of the targets that are evaluated once a sample."""
+
+def hold_samples(state: Any, laws: Any) -> None:
+    """Keep what `evaluate_samples` gave until the next sample."""
+
+def acting(laws: Any) -> Action:
+    """Return what the laws do to the motion."""
+
+def changed(p: Any, laws: Any, state: Any) -> Any:
+    """Return the bench parameters as the laws change them at an instant."""
+
+def changed_at_sample(p: Any, state: Any) -> Any:
+    """Return the bench parameters as the laws of the last sample change them."""
+
+def lag_of_coils(state: Any) -> float:
+    """Return the time constant with which the torque of the coils follows their voltage [s]."""
+
+def reading_errors(state: Any) -> Any:
+    """Return what the laws add to the readings of the last sample: one field a reading."""

@@ -1,0 +1,239 @@
+"""What a law can act on: the one table of law targets.
+
+A target is declared once, by its entry in `TARGETS`. Where it enters the equations is one of a few places, each of
+which the compiled plant and the torque balance both have:
+
+==================  ==========================================================================================
+place               what is added there
+==================  ==========================================================================================
+``across``          torque on the rotor across its spin axis, T_x + i T_y in case axes [N m]
+``along``           torque on the rotor along its spin axis [N m]
+``shaft``           torque on the motor shaft [N m]
+``flexure``         torque of each flexure on its joint [N m]
+``case_rate``       rate of the case about its x and y axes [rad/s]
+``mirror``          part of the coils' torque that is mirrored
+``coil_lag``        time constant with which the coils' torque follows their voltage [s]
+``relative``        relative change of a bench parameter, named by `Entry.of`
+``offset``          change of a bench parameter, named by `Entry.of`
+``reading``         error of a reading, named by `Entry.of`; ``tilt`` means both tilt readings, x + i y
+==================  ==========================================================================================
+
+A new target that enters at such a place needs its entry here and nothing else: simulation, torque balance, formulas,
+units, help and documentation follow from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from gyrowheel_sim.instruments.readings import Reading
+
+Place = Literal[
+    "across", "along", "shaft", "flexure", "case_rate", "mirror", "coil_lag", "relative", "offset", "reading"
+]
+#: Places that take a complex number, x + i y.
+COMPLEX_PLACES = frozenset(("across", "case_rate", "mirror"))
+#: Places that are torques.
+TORQUE_PLACES = frozenset(("across", "along", "shaft", "flexure"))
+
+
+@dataclass(frozen=True)
+class Entry:
+    """Where a target enters the equations.
+
+    Attributes
+    ----------
+    place : str
+        One of the places above.
+    of : str
+        Bench parameter (``relative``, ``offset``) or reading (``reading``) that is changed.
+    negative : bool
+        Whether what the laws give is subtracted there.
+    over : str
+        Bench parameter by which it is divided before; empty for none.
+    """
+
+    place: Place
+    of: str = ""
+    negative: bool = False
+    over: str = ""
+
+
+@dataclass(frozen=True)
+class LawTarget:
+    """Something that a law can act on.
+
+    Attributes
+    ----------
+    name : str
+        Name, as in formulas.
+    unit : str
+        Unit of the law [SI].
+    words : str
+        The name in a few words.
+    sentence : str
+        What it means.
+    noticeable : tuple of float
+        Size of what a noticeable effect does to it: usual sizes of a user's coefficients follow from it.
+    enters : tuple of Entry
+        Where it enters the equations.
+    complex : bool
+        Whether a law gives x + i y in case axes.
+    once_a_sample : bool
+        Whether the simulation evaluates its laws once a sample and holds what they give, instead of at every instant.
+    """
+
+    name: str
+    unit: str
+    words: str
+    sentence: str
+    noticeable: tuple[float, float]
+    enters: tuple[Entry, ...]
+    complex: bool = False
+    once_a_sample: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse an entry that contradicts itself."""
+        for entry in self.enters:
+            if (entry.place in ("relative", "offset", "reading")) != bool(entry.of):
+                raise ValueError(f"target {self.name}: {entry.place} with of={entry.of!r}")
+            if entry.place == "reading" and entry.of != "tilt" and entry.of not in Reading.__members__:
+                raise ValueError(f"target {self.name}: there is no reading {entry.of}")
+            two = entry.place in COMPLEX_PLACES or (entry.place, entry.of) == ("reading", "tilt")
+            if two != self.complex:
+                raise ValueError(
+                    f"target {self.name}: {entry.place} takes {'complex' if two else 'real'} laws"
+                )
+            if (entry.place in ("coil_lag", "reading")) > self.once_a_sample or (
+                self.once_a_sample and entry.place not in ("coil_lag", "reading", "relative", "offset")
+            ):
+                raise ValueError(f"target {self.name}: {entry.place} is evaluated at the other time")
+
+    @property
+    def each_flexure(self) -> bool:
+        """Whether a law is written once for both flexures, by the flexure's own angle and rate."""
+        return any(entry.place == "flexure" for entry in self.enters)
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of what the compiled laws give for it."""
+        return (f"{self.name}_x", f"{self.name}_y") if self.complex or self.each_flexure else (self.name,)
+
+    def changes(self, *places: Place) -> bool:
+        """Whether it enters at one of some places."""
+        return any(entry.place in places for entry in self.enters)
+
+
+_ALL = (
+    LawTarget(
+        "rotor_torque", "N*m", "torque on the rotor",
+        "torque on the rotor across its spin axis, T_x + i T_y in case axes",
+        (1e-4, 2e-3), (Entry("across"),), complex=True,
+    ),
+    LawTarget(
+        "axial_torque", "N*m", "torque along the spin axis", "torque on the rotor along its spin axis",
+        (5e-5, 1e-3), (Entry("along"),),
+    ),
+    LawTarget(
+        "shaft_torque", "N*m", "torque on the shaft", "torque on the motor shaft",
+        (5e-5, 1e-3), (Entry("shaft"),),
+    ),
+    LawTarget(
+        "flexure_torque", "N*m", "torque of each flexure",
+        "torque of each flexure on its joint, by the flexure's own angle and rate",
+        (1e-4, 2e-3), (Entry("flexure"),),
+    ),
+    LawTarget(
+        "inertia_difference", "kg*m^2", "difference of the moments of inertia",
+        "added to the rotor's moment of inertia about its x axis and taken from that about y; constant",
+        (5e-7, 5e-6), (Entry("offset", "rotor_inertia_x"), Entry("offset", "rotor_inertia_y", negative=True)),
+    ),
+    LawTarget(
+        "case_rate", "rad/s", "rate of the case",
+        "rate at which the case itself turns about its x and y axes, x + i y; slow",
+        (2e-5, 6e-5), (Entry("case_rate"),), complex=True,
+    ),
+    LawTarget(
+        "coil_gain", "1", "relative change of the torque per volt",
+        "relative change of the torque per volt of the coils",
+        (0.005, 0.1), (Entry("relative", "coil_constant"),),
+    ),
+    LawTarget(
+        "coil_anisotropy", "1", "mirrored part of the torque of the coils",
+        "part a of the coils' torque that is mirrored, T = k (V + a conj(V)): the two axes differ",
+        (0.01, 0.05), (Entry("mirror"),), complex=True,
+    ),
+    LawTarget(
+        "coil_lag", "s", "lag of the coils",
+        "time constant with which the coils' torque follows their voltage; constant",
+        (1e-4, 5e-4), (Entry("coil_lag"),), once_a_sample=True,
+    ),
+    LawTarget(
+        "motor_gain", "1", "relative change of the motor constant",
+        "relative change of the motor's constant, torque and back-EMF alike",
+        (0.002, 0.02), (Entry("relative", "motor_constant"),),
+    ),
+    LawTarget(
+        "winding_resistance", "1", "relative change of the winding resistance",
+        "relative change of the resistance of the motor's winding",
+        (0.01, 0.1), (Entry("relative", "motor_resistance"),),
+    ),
+    LawTarget(
+        "supply_drop", "V", "fall of the supply",
+        "fall of the supply: lowers the largest motor voltage, and the coils' torque in proportion",
+        (0.1, 2.0),
+        (
+            Entry("offset", "supply_voltage", negative=True),
+            Entry("relative", "coil_constant", negative=True, over="supply_voltage"),
+        ),
+        once_a_sample=True,
+    ),
+    LawTarget(
+        "tilt_reading", "rad", "error of the tilt reading", "added to the tilt readings, x + i y",
+        (3e-4, 6e-3), (Entry("reading", "tilt"),), complex=True, once_a_sample=True,
+    ),
+)  # fmt: skip
+#: Every target by its name, in the order in which they are shown.
+TARGETS: Mapping[str, LawTarget] = {target.name: target for target in _ALL}
+#: What the laws that are evaluated once a sample leave in the state of the plant, in order.
+HELD_OUTPUTS = tuple(output for target in _ALL if target.once_a_sample for output in target.outputs)
+
+
+def entering(place: Place, of: str = "") -> Iterator[tuple[LawTarget, Entry]]:
+    """Return the targets that enter at a place, each with its entry there."""
+    for target in TARGETS.values():
+        for entry in target.enters:
+            if (entry.place, entry.of) == (place, of):
+                yield target, entry
+
+
+def added(
+    laws: Mapping[str, Any], values: Mapping[str, Any], place: Place, of: str = "", start: Any = 0.0
+) -> Any:
+    """Return `start` with what the laws add to it at a place.
+
+    Parameters
+    ----------
+    laws : mapping
+        Sum of the laws of every target by its name, numbers or arrays; of a target that is missing, zero.
+    values : mapping
+        Bench parameters by name [SI].
+    place, of : str
+        The place (see `Entry`).
+    start : number or array
+        What is there without laws.
+    """
+    for target, entry in entering(place, of):
+        if target.name in laws:
+            value = laws[target.name]
+            value = value / values[entry.over] if entry.over else value
+            start = start - value if entry.negative else start + value
+    return start
+
+
+def changed_parameters(targets: Mapping[str, LawTarget] = TARGETS) -> tuple[str, ...]:
+    """Return the bench parameters that laws can change."""
+    found = (e.of for target in targets.values() for e in target.enters if e.place in ("relative", "offset"))
+    return tuple(dict.fromkeys(found))
