@@ -333,8 +333,8 @@ def send(connection: socket.socket, content: Any) -> None:
 @pytest.mark.timeout(180)
 def test_foxglove_is_shown_a_replay(tmp_path: Path) -> None:
     pytest.importorskip("foxglove")
+    from gyrowheel_bringup.foxglove_process import foxglove
     from gyrowheel_bringup.graph import find_executable
-    from gyrowheel_bringup.live import foxglove
 
     plan = Plan.load(SHORT_PLAN)
     record_simulation(tmp_path / "run", Bench.load(), Scenario.nominal(), plan)

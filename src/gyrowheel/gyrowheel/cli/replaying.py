@@ -127,7 +127,7 @@ def replay(
             )
 
         from gyrowheel.text.replay import replay_page
-        from gyrowheel_bringup.playback import play
+        from gyrowheel_bringup.replay_session import play
 
         with _showing(tape.duration, tape.start) as show:
             outcome = play(

@@ -14,7 +14,7 @@ from gyrowheel.text.quantities import decimal
 from gyrowheel_core.units import DEG, RPM
 
 if TYPE_CHECKING:
-    from gyrowheel_bringup.playback import Outcome
+    from gyrowheel_bringup.replay_session import Outcome
 
 _MEASUREMENT = "/gyrowheel/measurement"
 

@@ -7,8 +7,7 @@ import functools
 import sqlite3
 import tempfile
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -17,9 +16,8 @@ from rosbags.interfaces import ConnectionExtRosbag2, MessageDefinitionFormat
 from rosbags.rosbag2 import Reader
 
 from gyrowheel_analysis.recording.mcap.reader import Damaged, TopicData, Wanted, read_mcap
-from gyrowheel_analysis.recording.writer import METADATA_FILE
+from gyrowheel_analysis.recording.metadata import METADATA_FILE, Metadata, read_metadata
 from gyrowheel_core.errors import InputError, one_line
-from gyrowheel_core.yaml_text import read_yaml
 
 _BATCH: Final = 1 << 14  # messages that are looked at together
 _SQLITE: Final = b"SQLite format 3\0"
@@ -57,7 +55,8 @@ def read_bag(path: Path, wanted: Wanted) -> dict[str, TopicData]:
         begun = any(path.glob("*.mcap")) or any(path.glob("*.db3"))
         what = "the recording was not completed" if begun else "this is no recording"
         raise InputError(f"{path}: no {METADATA_FILE}: {what}")
-    metadata = _parse_metadata(file)
+    metadata = read_metadata(file)
+    metadata.require_readable(file)
     if metadata.storage == "mcap":
         channels = [topic for name in metadata.files for topic in _read_file(path / name, metadata, wanted)]
     else:
@@ -70,44 +69,7 @@ def read_bag(path: Path, wanted: Wanted) -> dict[str, TopicData]:
     return _merge(path, channels)
 
 
-@dataclass(frozen=True)
-class _Metadata:
-    """What ``metadata.yaml`` says of the files."""
-
-    files: list[str]
-    count: int
-    storage: str
-    compression: str  # "none", "file", "message" or, by the storage itself, "storage"
-
-
-def _parse_metadata(file: Path) -> _Metadata:
-    try:
-        metadata = read_yaml(file.read_text(encoding="utf-8"), str(file))["rosbag2_bagfile_information"]
-        result = _Metadata(
-            [PurePath(name).name for name in metadata["relative_file_paths"]],
-            int(metadata["message_count"]),
-            str(metadata["storage_identifier"]),
-            str(metadata.get("compression_mode") or "none").lower(),
-        )
-        form = str(metadata.get("compression_format") or "")
-    except OSError as error:
-        raise InputError(f"{file}: cannot be read: {error.strerror or error}") from None
-    except InputError:
-        raise
-    except KeyError as error:
-        raise InputError(f"{file}: {error.args[0]}: missing") from None
-    except (TypeError, ValueError, AttributeError, OverflowError, RecursionError) as error:
-        raise InputError(f"{file}: not the metadata of a recording ({one_line(error)})") from None
-    if len(set(result.files)) != len(result.files):
-        raise InputError(f"{file}: relative_file_paths: a file is named twice")
-    if result.compression not in ("none", "file", "message", "storage"):
-        raise InputError(f"{file}: compression_mode: {result.compression!r}; allowed: none, file, message")
-    if result.compression in ("file", "message") and form != "zstd":
-        raise InputError(f"{file}: compression_format: {form!r}; only zstd is known")
-    return result
-
-
-def _read_file(file: Path, metadata: _Metadata, wanted: Wanted) -> list[TopicData]:
+def _read_file(file: Path, metadata: Metadata, wanted: Wanted) -> list[TopicData]:
     """Read one MCAP file of a bag."""
     if metadata.compression == "file":
         with _decompressed(file) as plain:

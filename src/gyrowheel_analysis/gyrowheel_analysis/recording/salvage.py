@@ -11,8 +11,8 @@ import functools
 import re
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path, PurePath
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, BinaryIO, Final
 
 import numpy as np
@@ -26,17 +26,19 @@ from gyrowheel_analysis.recording.mcap.format import (
     SCHEMA,
 )
 from gyrowheel_analysis.recording.mcap.reader import Damaged, Fields, Found, find_messages
+from gyrowheel_analysis.recording.mcap.survey import SPAN, Gap, Survey, load_piece, take_survey
 from gyrowheel_analysis.recording.mcap.writer import McapWriter
-from gyrowheel_analysis.recording.reader import Integrity, Recording
-from gyrowheel_analysis.recording.survey import SPAN, Gap, Survey, load_piece, take_survey
-from gyrowheel_analysis.recording.writer import (
+from gyrowheel_analysis.recording.metadata import (
     METADATA_FILE,
     BagFile,
+    Metadata,
     bag_metadata,
-    being_written,
     metadata_text,
+    read_metadata,
     write_metadata,
 )
+from gyrowheel_analysis.recording.reader import Integrity, Recording
+from gyrowheel_analysis.recording.writer import being_written
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import new_directory, require_new
 from gyrowheel_core.wire import SECOND
@@ -183,54 +185,29 @@ def salvage(source: str | Path, target: str | Path, *, progress: Fraction | None
             ) from None
 
 
-@dataclass(frozen=True)
-class _Stated:
-    """What ``metadata.yaml`` says, as far as it can be read."""
-
-    names: list[str] = field(default_factory=list)
-    count: int | None = None
-    end: int | None = None  # [ns]
-    compression: tuple[str, str] = ("", "")  # format and mode
-
-
-def _sources(source: Path) -> tuple[list[Path], _Stated]:
-    """Return the files in order, and what is said of them."""
+def _sources(source: Path) -> tuple[list[Path], Metadata | None]:
+    """Return the files in order, and what ``metadata.yaml`` says of them; None where that cannot be read."""
     if source.is_file():
         if _is_other(source):
             raise InputError(f"{source}: only MCAP files can be salvaged")
-        return [source], _Stated()
+        return [source], None
     if not source.is_dir():
         raise InputError(f"{source}: no such file or directory")
     found = {file.name: file for file in source.iterdir() if re.search(r"\.mcap(\.zstd)?$", file.name)}
     if not found:
         what = "only MCAP files can be salvaged" if any(map(_is_other, source.iterdir())) else "no MCAP file"
         raise InputError(f"{source}: {what}")
-    stated = _read_stated(source / METADATA_FILE)
+    stated = None
+    with contextlib.suppress(InputError):
+        stated = read_metadata(source / METADATA_FILE)
     natural = sorted(found, key=lambda name: [int(p) if p.isdigit() else p for p in re.split(r"(\d+)", name)])
-    order = [name for name in stated.names if name in found]
+    order = [name for name in dict.fromkeys(stated.files if stated else ()) if name in found]
     order += [name for name in natural if name not in order]
     return [found[name] for name in order], stated
 
 
 def _is_other(file: Path) -> bool:
     return ".db3" in file.suffixes
-
-
-def _read_stated(file: Path) -> _Stated:
-    try:
-        metadata = read_yaml(file.read_text(encoding="utf-8"), str(file))["rosbag2_bagfile_information"]
-        mode = str(metadata.get("compression_mode") or "").lower()
-        return _Stated(
-            names=[PurePath(str(name)).name for name in metadata["relative_file_paths"]],
-            count=int(metadata["message_count"]),
-            end=int(metadata["starting_time"]["nanoseconds_since_epoch"])
-            + int(metadata["duration"]["nanoseconds"]),
-            compression=(str(metadata.get("compression_format") or ""), mode)
-            if mode == "message"
-            else ("", ""),
-        )
-    except (OSError, ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError):
-        return _Stated()
 
 
 class _Job:
@@ -246,13 +223,12 @@ class _Job:
         self._topics: dict[str, tuple[dict[str, Any], int]] = {}
         self._unchecked = 0
 
-    def run(self, files: Sequence[Path], stated: _Stated, name: str) -> Salvaged:
+    def run(self, files: Sequence[Path], stated: Metadata | None, name: str) -> Salvaged:
         """Save the files into the target, and return what became of them."""
-        ended, counts, ends = True, [stated.count], [stated.end]
-        for name_stated in stated.names:
+        ended, ends = True, [stated.end if stated else None]
+        for name_stated in stated.files if stated else ():
             if name_stated not in {file.name for file in files}:
                 self._notes.append(f"the file {name_stated} is not there")
-                counts.append(None)
         expected: int | None = 0
         for number, file in enumerate(files):
             share = number / len(files), 1.0 / len(files)
@@ -285,15 +261,14 @@ class _Job:
             "gyrowheel.unchecked_messages": str(self._unchecked),
         }
         metadata = bag_metadata(self._files, list(self._topics.values()), custom)
-        metadata["compression_format"], metadata["compression_mode"] = (
-            stated.compression[0],
-            stated.compression[1].upper(),
-        )
+        if stated and stated.compression == "message":  # the messages are copied as they are
+            metadata["compression_format"] = stated.compression_format
+            metadata["compression_mode"] = stated.compression.upper()
         write_metadata(self._target, metadata)
         integrity = self._verify()
         start = min(file.start for file in self._files if file.count)
         end = max(file.end for file in self._files if file.count)
-        expected = stated.count if stated.count is not None else expected
+        expected = expected if stated is None else stated.count
         last = [e for e in ends if e is not None]
         last += [gap.end for _, gap in self._losses if gap.end is not None]
         missing = None if expected is None else max(expected - saved, 0)

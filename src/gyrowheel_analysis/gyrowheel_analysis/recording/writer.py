@@ -5,52 +5,32 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-import yaml
 
 from gyrowheel_analysis.recording.definitions import definition
 from gyrowheel_analysis.recording.mcap.writer import Block, McapWriter
+from gyrowheel_analysis.recording.metadata import (
+    BagFile,
+    bag_metadata,
+    metadata_text,
+    qos_profiles,
+    write_metadata,
+)
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.files import write_text
 from gyrowheel_core.topics import Topic
 
-#: Name of the file that makes a directory a recording; it is written last.
-METADATA_FILE: Final = "metadata.yaml"
-_VERSION: Final = 9  # of rosbag2's metadata in Jazzy
-_FOREVER: Final = {"sec": 9223372036, "nsec": 854775807}
 _LIVE_CHUNK: Final = 1 << 16  # bytes
 _LIVE_SPAN: Final = 0.1  # s; with the time between two flushes what is lost when the process is killed
 _RESERVE: Final = 1 << 18  # bytes; step in which the reserve grows
 _RESERVE_FILE: Final = ".reserve"
 _COLUMN_CHUNK: Final = 1 << 20
-
-
-@dataclass(frozen=True)
-class BagFile:
-    """A completed file of a recording.
-
-    Attributes
-    ----------
-    name : str
-        Its name.
-    start, end : int
-        Smallest and largest log time in it [ns].
-    count : int
-        Messages.
-    """
-
-    name: str
-    start: int
-    end: int
-    count: int
 
 
 class RecordingWriter:
@@ -277,7 +257,10 @@ class RecordingWriter:
 
     def _add(self, topic: Topic) -> int:
         known = definition(topic.type_name)
-        metadata = {"offered_qos_profiles": _yaml(_qos(topic)), "topic_type_hash": known.type_hash}
+        metadata = {
+            "offered_qos_profiles": metadata_text(qos_profiles(topic)),
+            "topic_type_hash": known.type_hash,
+        }
         channel = self._mcap.add_channel(topic.name, topic.type_name, known.text, metadata)
         self._channels[topic.name] = channel
         self._topics[topic.name] = topic
@@ -289,7 +272,7 @@ class RecordingWriter:
         with _disk_errors(self.path):
             mcap.flush()
             file = BagFile(self._name, mcap.start, mcap.end, sum(mcap.counts.values()))
-            mcap.finish(_yaml(self._metadata([*self._files, file])))
+            mcap.finish(metadata_text(self._metadata([*self._files, file])))
         self._written = {name: self._in_files(name) for name in self.counts}
         self._channels.clear()
         self._files.append(file)
@@ -304,7 +287,7 @@ class RecordingWriter:
                         "name": topic.name,
                         "type": topic.type_name,
                         "serialization_format": "cdr",
-                        "offered_qos_profiles": _qos(topic),
+                        "offered_qos_profiles": qos_profiles(topic),
                         "type_description_hash": definition(topic.type_name).type_hash,
                     },
                     self.counts[topic.name],
@@ -313,65 +296,6 @@ class RecordingWriter:
             ],
             self.custom_data,
         )
-
-
-def bag_metadata(
-    files: Sequence[BagFile], topics: Sequence[tuple[dict[str, Any], int]], custom_data: Mapping[str, str]
-) -> dict[str, Any]:
-    """Return the contents of ``metadata.yaml``.
-
-    Parameters
-    ----------
-    files : sequence of BagFile
-        The files.
-    topics : sequence of (dict, int)
-        rosbag2's ``topic_metadata`` and the number of messages of every topic.
-    custom_data : mapping of str to str
-        What else to state.
-    """
-    filled = [file for file in files if file.count]
-    start = min((file.start for file in filled), default=0)
-    end = max((file.end for file in filled), default=0)
-    return {
-        "version": _VERSION,
-        "storage_identifier": "mcap",
-        "duration": {"nanoseconds": end - start},
-        "starting_time": {"nanoseconds_since_epoch": start},
-        "message_count": sum(file.count for file in files),
-        "topics_with_message_count": [
-            {"topic_metadata": topic, "message_count": count} for topic, count in topics
-        ],
-        "compression_format": "",
-        "compression_mode": "",
-        "relative_file_paths": [file.name for file in files],
-        "files": [
-            {
-                "path": file.name,
-                "starting_time": {"nanoseconds_since_epoch": file.start},
-                "duration": {"nanoseconds": file.end - file.start},
-                "message_count": file.count,
-            }
-            for file in files
-        ],
-        "custom_data": dict(custom_data) or None,
-        "ros_distro": "jazzy",
-    }
-
-
-def metadata_text(metadata: dict[str, Any]) -> str:
-    """Return rosbag2's description of a recording as YAML; the same stands inside its files, but for the heading."""
-    return _yaml(metadata)
-
-
-def write_metadata(directory: Path, metadata: dict[str, Any]) -> None:
-    """Write ``metadata.yaml``, whole or not at all.
-
-    Raises
-    ------
-    InputError
-        If the disk does not take it.
-    """
-    write_text(directory / METADATA_FILE, _yaml({"rosbag2_bagfile_information": metadata}))
 
 
 def being_written(path: Path) -> bool:
@@ -480,27 +404,6 @@ def _messages(layout: wire.Layout, stamps: npt.NDArray[np.int64]) -> npt.NDArray
     messages = layout.array(len(stamps))
     layout.set_stamps(messages, stamps)
     return messages
-
-
-def _qos(topic: Topic) -> list[dict[str, Any]]:
-    """Return the quality of service of a topic as rosbag2 writes it."""
-    return [
-        {
-            "history": "keep_last",
-            "depth": topic.depth,
-            "reliability": "reliable",
-            "durability": "transient_local" if topic.latched else "volatile",
-            "deadline": dict(_FOREVER),
-            "lifespan": dict(_FOREVER),
-            "liveliness": "automatic",
-            "liveliness_lease_duration": dict(_FOREVER),
-            "avoid_ros_namespace_conventions": False,
-        }
-    ]
-
-
-def _yaml(value: Any) -> str:
-    return yaml.safe_dump(value, sort_keys=False)
 
 
 @contextlib.contextmanager
