@@ -1,3 +1,101 @@
-"""The front door: Python API and command line of the gyrowheel test bench."""
+"""Python face of the gyrowheel test bench.
+
+Compare a model with a recording, see where it fails, learn which physical effect is missing, add it, and watch the
+error fall::
+
+    import gyrowheel as gw
+
+    check = gw.simulate("check", effects={"windage": {}}, machine=6)
+    quick = gw.simulate("quick", effects={"windage": {}}, machine=6)
+    model = gw.Model("gyrowheel")
+    found = gw.diagnose(quick, model, validate=check)
+    better = model.add(found, fit=quick, validate=check)
+
+Recordings are given as `Recording`, as a path, or as a list of either. Results are immutable; they print a short text,
+show themselves in a notebook, and have ``to_dict()``, ``to_columns()``, ``to_frame()``, ``plot()`` and ``save()``.
+Numbers are in SI units. Bad input raises `InputError`, whose message is one line.
+
+Nothing is printed, nothing is written unless asked for, and no global state changes. Importing this module is cheap:
+each name is loaded when it is first used.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from gyrowheel.analysis import calibrate, compare, diagnose, rate
+    from gyrowheel.catalogue import benches, effects, own_effect, plans
+    from gyrowheel.model import Model
+    from gyrowheel.recording import Recording, salvage
+    from gyrowheel.results.addition import Addition
+    from gyrowheel.results.calibration import Calibration
+    from gyrowheel.results.comparison import Comparison
+    from gyrowheel.results.diagnosis import Diagnosis
+    from gyrowheel.results.rates import Rates
+    from gyrowheel.simulation import simulate
+    from gyrowheel.tables import read_table, write_table
+    from gyrowheel_core.errors import InputError
 
 __version__ = "0.1.0"
+
+#: Module of every public name.
+_HOMES = {
+    "Addition": "gyrowheel.results.addition",
+    "Calibration": "gyrowheel.results.calibration",
+    "Comparison": "gyrowheel.results.comparison",
+    "Diagnosis": "gyrowheel.results.diagnosis",
+    "InputError": "gyrowheel_core.errors",
+    "Model": "gyrowheel.model",
+    "Rates": "gyrowheel.results.rates",
+    "Recording": "gyrowheel.recording",
+    "benches": "gyrowheel.catalogue",
+    "calibrate": "gyrowheel.analysis",
+    "compare": "gyrowheel.analysis",
+    "diagnose": "gyrowheel.analysis",
+    "effects": "gyrowheel.catalogue",
+    "own_effect": "gyrowheel.catalogue",
+    "plans": "gyrowheel.catalogue",
+    "rate": "gyrowheel.analysis",
+    "read_table": "gyrowheel.tables",
+    "salvage": "gyrowheel.recording",
+    "simulate": "gyrowheel.simulation",
+    "write_table": "gyrowheel.tables",
+}
+
+__all__ = [
+    "Addition",
+    "Calibration",
+    "Comparison",
+    "Diagnosis",
+    "InputError",
+    "Model",
+    "Rates",
+    "Recording",
+    "__version__",
+    "benches",
+    "calibrate",
+    "compare",
+    "diagnose",
+    "effects",
+    "own_effect",
+    "plans",
+    "rate",
+    "read_table",
+    "salvage",
+    "simulate",
+    "write_table",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(_HOMES[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.blind.draw import KINDS, Kind, draw_machine, reuse_or_draw
-from gyrowheel_sim.effects import Effect, parse_option
+from gyrowheel_sim.effects import Effect, parse_option, registry, validated
+from gyrowheel_sim.effects.user import check_name
 from gyrowheel_sim.plant.scenario import Scenario
 
 if TYPE_CHECKING:
+    from gyrowheel.model import Model as FaceModel
     from gyrowheel_analysis.model import Model
 
 #: What ``--effect`` takes for all effects that a model of the air has.
@@ -49,7 +51,7 @@ def scenario(
     bench: Bench,
     plan: str,
     *,
-    effects: Sequence[str] = (),
+    effects: Mapping[str, Mapping[str, float]] | Sequence[str | Effect] = (),
     model: Model | None = None,
     blind: Path | None = None,
     kinds: Sequence[Kind] = tuple(KINDS),
@@ -64,9 +66,10 @@ def scenario(
         The bench as its file describes it.
     plan : str
         Name of the plan.
-    effects : sequence of str
-        Effects, each as ``NAME`` or ``NAME:COEF=VALUE,...``; ``aero:MODEL`` stands for all that a model of the air
-        has (`gyrowheel_sim.air.MODELS`).
+    effects : mapping or sequence
+        {effect: {coefficient: value}}, or effects as ``NAME``, as ``NAME:COEF=VALUE,...`` or as `Effect`; coefficients
+        that are not given take their usual size. ``aero:MODEL`` stands for all effects of an air model
+        (`gyrowheel_sim.air.MODELS`).
     model : Model, optional
         A model whose effects and learned parameters the machine has, beside `effects`.
     blind : Path, optional
@@ -96,8 +99,9 @@ def scenario(
         raise InputError(f"machine: {machine} is out of range; allowed: >= 0")
     declared = {} if model is None else dict(model.declared)
     chosen = {} if model is None else {name: dict(values) for name, values in model.effects.items()}
-    for text in effects:
-        for name, coefficients in _effects_of(text, declared, bench):
+    items: Iterable[Item] = effects.items() if isinstance(effects, Mapping) else _sequence(effects)
+    for item in items:
+        for name, coefficients in _effects_of(item, declared, bench):
             if model is not None and name in model.effects:
                 raise InputError(f"--effect: {name} is in {model.origin} already")
             if name in chosen:
@@ -109,10 +113,42 @@ def scenario(
     return Scenario(values=values, effects=chosen, noise_seed=noise, declared=declared)
 
 
-def _effects_of(
-    text: str, declared: Mapping[str, Effect], bench: Bench
-) -> list[tuple[str, dict[str, float]]]:
-    """Return the effects that one option stands for, with their coefficients."""
+def simulated_bench(bench: str | Path | None, model: FaceModel | None) -> tuple[str, Bench, Model | None]:
+    """Return name or path of the bench of a run, the bench as its file describes it, and the model of the machine.
+
+    Raises
+    ------
+    InputError
+        If there is no such bench, or it is not that of the model.
+    """
+    if model is None:
+        source = str(bench or "gyrowheel")
+        return source, Bench.load(source), None
+    truth = model.details
+    if bench is not None and Bench.load(bench).parameters != truth.stated_bench.parameters:
+        raise InputError(
+            f"--bench: {bench} is not the bench of {truth.origin}, {truth.bench_source}; leave it out"
+        )
+    return model.bench_source, truth.stated_bench, truth
+
+
+#: An effect as it may be given to `scenario`.
+Item: TypeAlias = "str | Effect | tuple[str, Mapping[str, float]]"
+
+
+def _sequence(effects: Sequence[str | Effect]) -> Sequence[str | Effect]:
+    return [effects] if isinstance(effects, str) else effects
+
+
+def _effects_of(item: Item, declared: dict[str, Effect], bench: Bench) -> list[tuple[str, dict[str, float]]]:
+    """Return the effects that an item stands for, with their coefficients; its declaration is added to `declared`."""
+    if isinstance(item, Effect):
+        check_name(item.name, "effects", registry())
+        declared[item.name] = item
+        return [(item.name, item.defaults())]
+    text, given = (item, None) if isinstance(item, str) else item
+    if given is not None and text.partition(":")[0].strip() != AIR:
+        return [(text, validated(text, given, where="effects", declared=declared, bench=bench))]
     first, _, rest = text.partition(":")
     if first.strip() != AIR:
         return [parse_option(text, declared, bench)]

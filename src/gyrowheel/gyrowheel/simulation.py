@@ -1,30 +1,122 @@
-"""A recording made at once, as the graph of nodes would have recorded it."""
+"""A recording simulated at once, equal to what the graph of nodes would record."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import psutil
 
+from gyrowheel.machine import scenario, simulated_bench
+from gyrowheel.recording import Recording
 from gyrowheel_analysis.drag import DragEstimator, Estimate
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.recording import write_run
-from gyrowheel_control.loops.closed_loop import Run, simulate
+from gyrowheel_control.loops.closed_loop import Run
+from gyrowheel_control.loops.closed_loop import simulate as run_loop
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import wire
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.files import new_directory
+from gyrowheel_core.files import new_directory, require_new
 from gyrowheel_core.readings import Readings
 from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.effects import Effect
 from gyrowheel_sim.environment import to_json
 from gyrowheel_sim.plant.scenario import Scenario
+
+if TYPE_CHECKING:
+    from gyrowheel.model import Model as FaceModel
 
 _PER_SAMPLE: Final = 700  # bytes of memory that a sample takes until it is written, as measured
 _BLOCK = 100  # samples that the drag estimator takes at a time, as its node does
 _SETPOINT = ("tilt_x", "tilt_y", "tilt_rate_x", "tilt_rate_y", "spin_rate", "spin_acceleration")
+
+
+def simulate(
+    plan: str | Path | Plan,
+    *,
+    effects: Mapping[str, Mapping[str, float]] | Sequence[str | Effect] = (),
+    model: FaceModel | None = None,
+    bench: str | Path | None = None,
+    machine: int | None = None,
+    seed: int = 0,
+    blind: str | Path | None = None,
+    folder: str | Path | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Recording:
+    """Run a test plan on a simulated machine, at once and without ROS.
+
+    Parameters
+    ----------
+    plan : str, Path or Plan
+        Shipped name (`gyrowheel.plans`), plan file, text of one, or plan.
+    effects : mapping or sequence, optional
+        Effects that the machine has: ``{"windage": {"w": 0.0013}}``, coefficients in SI units, those not given of their
+        usual size; or names, ``NAME:COEF=VALUE,...`` and effects of one's own (`gyrowheel.own_effect`).
+    model : Model, optional
+        A model whose effects and learned parameters the machine has, beside `effects`.
+    bench : str or Path, optional
+        Shipped name of the bench (`gyrowheel.benches`) or bench file; if not given, that of `model`, else
+        ``gyrowheel``.
+    machine : int, optional
+        Draw the true bench parameters within their uncertainties with this seed; as stated if not given.
+    seed : int
+        Seed of the noise, which differs between plans too; not negative.
+    blind : str or Path, optional
+        Key file of a hidden machine: used if it exists, else drawn at random and written.
+    folder : str or Path, optional
+        New directory to keep the recording in; a temporary one that is removed with the recording if not given.
+    progress : callable, optional
+        Called with the fraction done, 0 .. 1.
+
+    Raises
+    ------
+    InputError
+        If something is not known or out of range, the plan is beyond the limits of the bench, or the folder cannot be
+        written.
+    """
+    _, loaded, truth = simulated_bench(bench, model)
+    chosen = checked_plan(plan, loaded)
+    if folder is not None:
+        require_new(Path(folder))
+    hidden = scenario(
+        loaded,
+        chosen.name,
+        effects=effects,
+        model=truth,
+        blind=None if blind is None else Path(blind),
+        seed=seed,
+        machine=machine,
+    )
+    if folder is not None:
+        record_simulation(Path(folder), loaded, hidden, chosen, progress=progress)
+        return Recording.open(folder)
+    scratch = tempfile.TemporaryDirectory(prefix="gyrowheel-")
+    place = Path(scratch.name) / chosen.name
+    record_simulation(place, loaded, hidden, chosen, progress=progress)
+    return Recording.opened(place, scratch)
+
+
+def checked_plan(plan: str | Path | Plan, bench: Bench) -> Plan:
+    """Return a plan that a bench can run.
+
+    Raises
+    ------
+    InputError
+        If there is no such plan, or it is beyond the limits of the bench; the message names the bench's own plan.
+    """
+    loaded = plan if isinstance(plan, Plan) else Plan.load(plan)
+    try:
+        loaded.check(bench)
+    except InputError as error:
+        own = f"{bench.name}_{loaded.called}"
+        if own not in Plan.shipped():
+            raise
+        raise InputError(f"{error}; the bench has a plan of its own: {own}") from None
+    return loaded
 
 
 def record_simulation(
@@ -57,7 +149,7 @@ def record_simulation(
     """
     _require_memory(plan, bench)
     with new_directory(directory) as place:
-        run = simulate(bench, scenario, plan, progress=progress)
+        run = run_loop(bench, scenario, plan, progress=progress)
         write_run(
             place,
             run.measurement,

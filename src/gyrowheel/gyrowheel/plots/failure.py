@@ -65,19 +65,27 @@ def save_failures(path: str | Path, result: Comparison, *, title: str = "") -> N
     InputError
         If the file cannot be written.
     """
+    write_figure(failure_figure(result, title=title), Path(path))
+
+
+def failure_figure(result: Comparison, *, title: str = "") -> Figure:
+    """Return the figure of `save_failures`."""
     import matplotlib as mpl
+
+    from gyrowheel.plots.figure import finished
 
     with mpl.rc_context(_STYLE):
         names = ", ".join(Path(name).name for name in result.recordings)
-        write_figure(draw_failures(result.data, title=title or f"Where the model fails: {names}"), Path(path))
+        return finished(draw_failures(result.data, title=title or f"Where the model fails: {names}"))
 
 
 def draw_failures(data: WindowResiduals, *, title: str) -> Figure:
-    """Return the figure of `save_failures`."""
+    """Return a figure of residuals; see `failure_figure`."""
     from matplotlib.colors import LogNorm
-    from matplotlib.figure import Figure
 
-    figure = Figure(figsize=_SIZE, dpi=100, facecolor="white")
+    from gyrowheel.plots.figure import Picture
+
+    figure = Picture(figsize=_SIZE, dpi=100, facecolor="white")
     size = min(22.0, 22.0 * 88.0 / max(len(title), 1))
     figure.text(0.045, 0.955, title, fontsize=size, fontweight="bold", va="center")
     figure.text(

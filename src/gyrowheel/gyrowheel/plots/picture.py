@@ -84,18 +84,26 @@ def save_picture(
     InputError
         If the file cannot be written.
     """
+    write_figure(error_figure(residuals, error, title=title, subtitle=subtitle), Path(path))
+
+
+def error_figure(
+    residuals: Sequence[Residuals], error: ErrorTable, *, title: str, subtitle: str = ""
+) -> Figure:
+    """Return the figure of `save_picture`."""
     import matplotlib as mpl
 
+    from gyrowheel.plots.figure import finished
+
     with mpl.rc_context(_STYLE):
-        figure = draw(residuals, error, title=title, subtitle=subtitle)
-        write_figure(figure, Path(path))
+        return finished(draw(residuals, error, title=title, subtitle=subtitle))
 
 
 def draw(residuals: Sequence[Residuals], error: ErrorTable, *, title: str, subtitle: str = "") -> Figure:
-    """Return the figure of `save_picture`."""
-    from matplotlib.figure import Figure
+    """Return the figure of `error_figure`, in the style in force."""
+    from gyrowheel.plots.figure import Picture
 
-    figure = Figure(figsize=_SIZE, dpi=_DOTS, facecolor="white")
+    figure = Picture(figsize=_SIZE, dpi=_DOTS, facecolor="white")
     figure.text(0.045, 0.955, title, fontsize=_title_size(title), fontweight="bold", va="center")
     if subtitle:
         figure.text(0.045, 0.913, subtitle, fontsize=13, color="#555555", va="center")

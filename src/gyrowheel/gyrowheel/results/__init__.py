@@ -1,1 +1,1 @@
-"""Results as they leave the program: the JSON contract of each verb."""
+"""What the functions of the Python API return: immutable results, one module each."""

@@ -117,15 +117,15 @@ class RecordingInfo:
         return "\n".join(lines)
 
 
-def info(directory: str | Path) -> RecordingInfo:
-    """Return what a recording holds.
+def info(source: str | Path | Recording) -> RecordingInfo:
+    """Return what a recording holds; one that is given by its path is read.
 
     Raises
     ------
     InputError
         As `Recording.open` does.
     """
-    recording = Recording.open(directory)
+    recording = source if isinstance(source, Recording) else Recording.open(source)
     samples, faults = recording.measurement, recording.integrity()
     steps = len(samples) - 1 + faults.missing
     tilt = np.hypot(samples["tilt_x"], samples["tilt_y"])

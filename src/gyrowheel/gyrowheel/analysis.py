@@ -1,0 +1,125 @@
+"""Functions that confront recordings with a model."""
+
+from __future__ import annotations
+
+from gyrowheel.inputs import Recordings, Say, data, opened, opened_apart
+from gyrowheel.model import Model
+from gyrowheel.results.calibration import Calibration
+from gyrowheel.results.comparison import Comparison
+from gyrowheel.results.diagnosis import Diagnosis
+from gyrowheel.results.rates import Rates
+
+
+def compare(recordings: Recordings, model: Model, *, progress: Say | None = None) -> Comparison:
+    """Compare a model with recordings: how large the error is, and where it sits.
+
+    The bench's uncertain parameters are fitted within their stated uncertainties, so that what remains is what the
+    model cannot explain.
+
+    Parameters
+    ----------
+    recordings : Recording, path or list
+        Recordings of one machine.
+    model : Model
+        The model.
+    progress : callable, optional
+        Called with a line of text now and then.
+
+    Raises
+    ------
+    InputError
+        If a recording cannot be read, is given twice, or has too little steady motion.
+    """
+    from gyrowheel_analysis.compare import compare as run
+
+    return Comparison(run(data(opened(recordings)), model.details, progress=progress))
+
+
+def diagnose(
+    recordings: Recordings,
+    model: Model,
+    *,
+    validate: Recordings = (),
+    averages: bool = False,
+    progress: Say | None = None,
+) -> Diagnosis:
+    """Find out which physical effects a model lacks.
+
+    Parameters
+    ----------
+    recordings : Recording, path or list
+        Recordings of one machine.
+    model : Model
+        The model.
+    validate : Recording, path or list, optional
+        Further recordings of the machine, which are only predicted: the error on them shows whether the finding holds.
+    averages : bool
+        Use averages over whole revolutions alone, as where filters hide what happens within one.
+    progress : callable, optional
+        Called with a line of text now and then.
+
+    Raises
+    ------
+    InputError
+        If a recording cannot be read or is given twice.
+    """
+    from gyrowheel_analysis.diagnosis.diagnose import diagnose as run
+
+    fitted, unused = opened_apart(recordings, validate)
+    return Diagnosis(
+        run(data(fitted), model.details, validate=data(unused), averages=averages, progress=progress)
+    )
+
+
+def calibrate(recordings: Recordings, model: Model, *, progress: Say | None = None) -> Calibration:
+    """Calibrate the constants of coils and motor: what a volt and an ampere mean.
+
+    The reference of the coils is the angular momentum of the rotor: turning its tilt takes a torque that follows from
+    inertia and motion alone (plan ``cone``). That of the motor is voltage over speed (plan ``coast_down``).
+
+    Parameters
+    ----------
+    recordings : Recording, path or list
+        Recordings of one machine.
+    model : Model
+        The model; its effects are taken into account, its constants of coils and motor are not.
+    progress : callable, optional
+        Called with a line of text now and then.
+
+    Returns
+    -------
+    Calibration
+        The constants; ``.model`` is a new model that has them.
+
+    Raises
+    ------
+    InputError
+        If there is too little steady motion, or nothing could be determined.
+    """
+    from gyrowheel_analysis.calibrate import calibrate as run
+
+    return Calibration(run(data(opened(recordings)), model.details, progress=progress))
+
+
+def rate(recordings: Recordings, model: Model, *, progress: Say | None = None) -> Rates:
+    """Estimate how fast the case turns across the spin axis: the wheel as a two-axis rate sensor.
+
+    Where a rate table turned the rig (plan ``rate_table``), scale and bias of both axes are calibrated against it.
+
+    Parameters
+    ----------
+    recordings : Recording, path or list
+        Recordings of one machine.
+    model : Model
+        The model whose torques are subtracted.
+    progress : callable, optional
+        Called with a line of text now and then.
+
+    Raises
+    ------
+    InputError
+        If a recording cannot be read, or there is no steady motion in any.
+    """
+    from gyrowheel_analysis.rate_sensor import rates
+
+    return Rates(rates(data(opened(recordings)), model.details, progress=progress))

@@ -1,0 +1,65 @@
+"""What may be given where recordings and models are expected."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
+
+from gyrowheel.recording import Recording
+from gyrowheel_core.errors import InputError
+
+if TYPE_CHECKING:
+    from gyrowheel_analysis.recording import Recording as Data
+
+#: One recording, or several of one machine; a path is opened.
+Recordings: TypeAlias = "Recording | str | os.PathLike[str] | Sequence[Recording | str | os.PathLike[str]]"
+#: Called now and then with a line about what is being done.
+Say: TypeAlias = Callable[[str], None]
+#: Called now and then with the fraction that is done, 0 .. 1.
+Fraction: TypeAlias = Callable[[float], None]
+
+
+def opened(given: Recordings) -> list[Recording]:
+    """Return recordings, those given as paths opened.
+
+    Raises
+    ------
+    InputError
+        If one is missing, damaged or given twice.
+    """
+    items = _items(given)
+    _refuse_twice(items)
+    return [item if isinstance(item, Recording) else Recording.open(Path(item)) for item in items]
+
+
+def opened_apart(fitted: Recordings, unused: Recordings) -> tuple[list[Recording], list[Recording]]:
+    """Return recordings to fit and those to validate the fit on; InputError also if one is given as both."""
+    places = {_place(item) for item in _items(fitted)}
+    for item in _items(unused):
+        if _place(item) in places:
+            name = item.path if isinstance(item, Recording) else item
+            raise InputError(f"validate: {name}: a recording that is fitted cannot validate the fit")
+    return opened(fitted), opened(unused)
+
+
+def data(recordings: Sequence[Recording]) -> list[Data]:
+    """Return what the analysis works on."""
+    return [recording.data for recording in recordings]
+
+
+def _items(given: Recordings) -> list[Recording | str | os.PathLike[str]]:
+    return [given] if isinstance(given, Recording | str | os.PathLike) else list(given)
+
+
+def _place(item: Recording | str | os.PathLike[str]) -> Path:
+    return (item.path if isinstance(item, Recording) else Path(item)).resolve()
+
+
+def _refuse_twice(items: Sequence[Recording | str | os.PathLike[str]]) -> None:
+    places = [_place(item) for item in items]
+    for index, place in enumerate(places):
+        if place in places[:index]:
+            item = items[index]
+            raise InputError(f"{item.path if isinstance(item, Recording) else item}: is given twice")

@@ -1,0 +1,61 @@
+"""One picture of a recording: what was measured over time."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel.plots.figure import Picture
+from gyrowheel_core.units import DEG, RPM
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from gyrowheel_analysis.recording import Recording
+
+_SIZE = (11.0, 8.0)  # inches, of 100 dots
+_MOST_POINTS = 4000  # of a line; more do not show
+_LINES = ("#0072B2", "#D55E00")
+#: Panels: title of the axis, unit, fields of the measurement with their labels.
+_PANELS: tuple[tuple[str, float, dict[str, str]], ...] = (
+    ("tilt, °", DEG, {"tilt_x": "about x", "tilt_y": "about y"}),
+    ("spin rate, rpm", RPM, {"spin_rate": ""}),
+    ("coil voltage, V", 1.0, {"coil_voltage_x": "coil x", "coil_voltage_y": "coil y"}),
+    ("motor voltage, V", 1.0, {"motor_voltage": ""}),
+    ("motor current, A", 1.0, {"motor_current": ""}),
+)
+
+
+def recording_figure(recording: Recording) -> Figure:
+    """Return a figure of tilt, spin rate, voltages and motor current over time.
+
+    A sample in a hundred or so is drawn of a long recording, and with it the range of those between: nothing that
+    sticks out is lost.
+    """
+    figure = Picture(figsize=_SIZE, dpi=100, facecolor="white", layout="constrained")
+    panels = figure.subplots(len(_PANELS), 1, sharex=True)
+    for axes, (title, unit, fields) in zip(panels, _PANELS, strict=True):
+        for (name, label), colour in zip(fields.items(), _LINES, strict=False):
+            time, values = _envelope(recording.time, recording.measurement[name] / unit)
+            axes.plot(time, values, color=colour, linewidth=0.9, label=label)
+        axes.set_ylabel(title)
+        axes.grid(color="#E4E4E4", linewidth=0.6)
+        axes.spines[["top", "right"]].set_visible(False)
+        if len(fields) > 1:
+            axes.legend(loc="upper right", frameon=False, ncols=2)
+    panels[0].set_title(recording.name, loc="left", fontweight="bold")
+    panels[-1].set_xlabel("time, s")
+    return figure
+
+
+def _envelope(time: NDArray[np.float64], values: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return a line of at most so many points that has smallest and largest value of every stretch."""
+    step = 2 * len(values) // _MOST_POINTS
+    if step < 2:
+        return time, values
+    whole = len(values) // step * step
+    blocks = values[:whole].reshape(-1, step)
+    ends = np.stack([blocks.min(axis=1), blocks.max(axis=1)], axis=1)
+    return np.repeat(time[:whole:step], 2), ends.ravel()

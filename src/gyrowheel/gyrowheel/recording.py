@@ -1,0 +1,237 @@
+"""A recording of the bench, opened or simulated."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterable, Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel.results.base import data_frame
+from gyrowheel_analysis.recording import Recording as Data
+from gyrowheel_core.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.figure import Figure
+    from rich.console import RenderableType
+
+    from gyrowheel_analysis.recording import Integrity, RecordingInfo, Salvaged
+    from gyrowheel_sim.environment import Environment
+
+
+class Recording:
+    """A recording in memory; arrays are in the order of time, in SI units, and read-only.
+
+    Made by `Recording.open`, `gyrowheel.simulate`, `gyrowheel.salvage` or `gyrowheel.read_table`.
+    """
+
+    def __init__(self, data: Data, keep: object = None) -> None:
+        self._data = data
+        self._keep = keep  # lives as long as the recording: the folder of one that is simulated
+
+    @classmethod
+    def open(cls, path: str | Path) -> Recording:
+        """Read a recording.
+
+        Parameters
+        ----------
+        path : str or Path
+            A rosbag2 directory of any storage, or one of its files.
+
+        Raises
+        ------
+        InputError
+            If it does not exist, is incomplete or damaged, or has no measurements.
+        """
+        return cls(Data.open(path))
+
+    @classmethod
+    def opened(cls, path: Path, keep: object) -> Recording:
+        """Read a recording from a temporary folder, which lives as long as `keep` and the recording that keeps it."""
+        return cls(Data.open(path), keep)
+
+    @property
+    def data(self) -> Data:
+        """What the analysis works on."""
+        return self._data
+
+    @property
+    def path(self) -> Path:
+        """Where it was read from; a temporary folder for one that was simulated or imported without a folder."""
+        return self._data.path
+
+    @property
+    def name(self) -> str:
+        """Name of its directory or file."""
+        return self._data.name
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last sample [s]."""
+        return self._data.duration
+
+    @property
+    def time(self) -> NDArray[np.float64]:
+        """Times of the samples from the first one on [s], shape (n,)."""
+        return _read_only(self._data.time)
+
+    @property
+    def measurement(self) -> NDArray[Any]:
+        """Samples, a structured array of shape (n,); columns by name, such as ``measurement["tilt_x"]``.
+
+        ``stamp_ns`` [ns], ``sequence``, ``tilt_x``, ``tilt_y`` [rad], ``spin_angle`` [rad, 0 .. 2π), ``spin_rate``
+        [rad/s], ``coil_voltage_x``, ``coil_voltage_y``, ``motor_voltage`` [V], ``motor_current`` [A],
+        ``coil_temperature``, ``air_temperature`` [K], ``air_pressure`` [Pa].
+        """
+        return _read_only(self._data.measurement)
+
+    @property
+    def commands(self) -> NDArray[Any]:
+        """What the controller answered, a structured array; of length 0 where it was not recorded.
+
+        ``stamp_ns`` [ns], ``measurement_sequence``, ``coil_voltage_x``, ``coil_voltage_y``, ``motor_voltage`` [V].
+        """
+        return _read_only(self._data.command)
+
+    @property
+    def setpoints(self) -> NDArray[Any]:
+        """What the test plan asked for, a structured array; of length 0 where it was not recorded.
+
+        ``stamp_ns`` [ns], ``segment``, ``phase`` (0 ramp, 1 hold), ``tilt_x``, ``tilt_y`` [rad], ``tilt_rate_x``,
+        ``tilt_rate_y`` [rad/s], ``spin_rate`` [rad/s], ``spin_acceleration`` [rad/s²].
+        """
+        return _read_only(self._data.setpoint)
+
+    @property
+    def environment(self) -> tuple[Environment, ...]:
+        """What was planned for the rig, with times from the first sample on; empty where unknown."""
+        return tuple(self._data.environment)
+
+    @property
+    def integrity(self) -> Integrity:
+        """Which samples are missing, and what else was wrong with them."""
+        return self._data.integrity()
+
+    @cached_property
+    def info(self) -> RecordingInfo:
+        """What it holds, in short: ``.bench``, ``.rate``, ``.holds``, ``.topics``, ``.integrity`` and more."""
+        from gyrowheel_analysis.recording import info
+
+        return info(self._data)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return `info` as ``gyrowheel info --json`` writes it."""
+        from dataclasses import asdict
+
+        return {"schema": 1, **asdict(self.info)}
+
+    def to_columns(self) -> Mapping[str, NDArray[Any]]:
+        """Return time [s] and every column of `measurement` as arrays of shape (n,)."""
+        samples = self.measurement
+        return {"time": self.time} | {name: samples[name] for name in samples.dtype.names or ()}
+
+    def to_frame(self) -> pandas.DataFrame:
+        """Return `to_columns` as a data frame; InputError if pandas is not installed."""
+        return data_frame(self.to_columns())
+
+    def plot(self) -> Figure:
+        """Return tilt, spin rate, voltages and motor current over time as a matplotlib figure."""
+        from gyrowheel.plots.recording import recording_figure
+
+        return recording_figure(self._data)
+
+    def save(self, folder: str | Path) -> Recording:
+        """Write a copy of the recording.
+
+        Parameters
+        ----------
+        folder : str or Path
+            To create; it must not exist, or be empty, and appears whole or not at all.
+
+        Returns
+        -------
+        Recording
+            The same recording, at its new place.
+
+        Raises
+        ------
+        InputError
+            If the folder is not new or cannot be written, or the recording is one file of several.
+        """
+        from gyrowheel_core.files import disk_errors, new_directory
+
+        if not self.path.is_dir():
+            raise InputError(
+                f"{self.path}: is a single file; save copies whole recordings (salvage makes one)"
+            )
+        with new_directory(Path(folder)) as place, disk_errors(Path(folder)):
+            shutil.copytree(self.path, place)
+        return Recording.open(folder)
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self._data.measurement)
+
+    def __str__(self) -> str:
+        """Return what it holds, in a few lines."""
+        return self.info.render()
+
+    def __repr__(self) -> str:
+        """Return name, length and number of samples."""
+        return f"<Recording: {self.name}, {self.duration:.2f} s, {len(self)} samples>"
+
+    def _page(self) -> Iterable[RenderableType]:
+        from gyrowheel.text.layout import words_table
+
+        table = words_table("", "")
+        first, *lines = self.info.render().splitlines()
+        for line in lines:
+            what, _, rest = line.strip().partition("  ")
+            table.add_row(what, rest.strip())
+        return [first, table]
+
+    def _repr_html_(self) -> str:
+        from gyrowheel.text.notebook import html
+
+        return html(self._page())
+
+
+def salvage(
+    source: str | Path, target: str | Path, *, progress: Callable[[float], None] | None = None
+) -> Salvaged:
+    """Make a complete recording of what can be read of a broken one.
+
+    Parameters
+    ----------
+    source : str or Path
+        An MCAP file, or a directory with such files; it is not touched.
+    target : str or Path
+        Directory to create; it must not exist, or be empty. It appears when everything is in it.
+    progress : callable, optional
+        Called with the fraction done, 0 .. 1.
+
+    Returns
+    -------
+    Salvaged
+        What was saved and what is missing.
+
+    Raises
+    ------
+    InputError
+        If there is nothing that can be saved, the recording is still being written, or the disk does not take the
+        new one.
+    """
+    from gyrowheel_analysis.recording import salvage as save
+
+    return save(source, target, progress=progress)
+
+
+def _read_only(values: NDArray[Any]) -> NDArray[Any]:
+    view = values.view()
+    view.flags.writeable = False
+    return view

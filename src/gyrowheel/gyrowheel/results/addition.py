@@ -1,0 +1,95 @@
+"""What adding effects to a model has brought."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from gyrowheel.results.base import Result
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.console import RenderableType
+
+    from gyrowheel_analysis.add import Added as Details
+    from gyrowheel_analysis.diagnosis.diagnose import Estimate
+    from gyrowheel_analysis.residuals.error_table import ErrorTable
+
+
+@dataclass(frozen=True, repr=False)
+class Addition(Result):
+    """Outcome of `Model.add`: fitted coefficients, and the error before and after.
+
+    Attributes
+    ----------
+    details : gyrowheel_analysis.add.Added
+        Everything that the fit gave.
+    """
+
+    details: Details
+
+    @property
+    def coefficients(self) -> Mapping[str, Mapping[str, Estimate]]:
+        """Fitted coefficients: {effect: {coefficient: estimate}} with ``.value``, ``.standard_error``, ``.unit``."""
+        return {name: dict(values) for name, values in self.details.coefficients.items()}
+
+    @property
+    def error(self) -> ErrorTable:
+        """The error before and after, on the fitted and on the validation recordings."""
+        return self.details.error
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the user should know, such as an effect that is hardly there."""
+        return tuple(self.details.notes)
+
+    def __str__(self) -> str:
+        """Return the coefficients and how the error fell, in a few lines."""
+        from gyrowheel.text.errors import fall
+
+        e = self.error
+        if e.validation_before is not None and e.validation_after is not None:
+            floor = e.validation_noise_floor or e.noise_floor
+            sentence = fall(e.validation_before, e.validation_after, floor, "the validation recording")
+        else:
+            sentence = fall(e.before, e.after, e.noise_floor, "the fitted recording")
+        return "\n".join([f"Added {', '.join(self.details.coefficients)}. {sentence}", *self.notes])
+
+    def _page(self) -> Iterable[RenderableType]:
+        from gyrowheel.text.errors import error_table
+        from gyrowheel.text.layout import heading, sentences
+        from gyrowheel.text.models import changes
+
+        yield from changes(self.details.model)
+        yield heading("Error")
+        yield error_table(self.error)
+        yield from sentences(self.notes)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of ``gyrowheel model add --json``; SI units."""
+        content = self.details.model.to_mapping()
+        return {
+            "schema": 1,
+            "model": self.details.model.origin,
+            "effects": content["effects"],
+            "overrides": content["overrides"],
+            "error": self.error.to_json(),
+        }
+
+    def to_columns(self) -> Mapping[str, Sequence[Any]]:
+        """Return the fitted coefficients as columns, a row for each."""
+        rows = [
+            (name, key, e.value, e.standard_error, e.unit)
+            for name, values in self.details.coefficients.items()
+            for key, e in values.items()
+        ]
+        names = ("effect", "coefficient", "value", "standard_error", "unit")
+        return {name: [row[k] for row in rows] for k, name in enumerate(names)}
+
+    def plot(self) -> Figure:
+        """Return the picture of the error before and after as a matplotlib figure."""
+        from gyrowheel.plots.picture import error_figure
+
+        names = ", ".join(self.details.coefficients)
+        return error_figure(self.details.residuals, self.error, title=f"The error falls with {names}")

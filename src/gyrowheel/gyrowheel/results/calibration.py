@@ -1,0 +1,76 @@
+"""Calibrated constants of coils and motor."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+from gyrowheel.results.base import Result
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from gyrowheel.model import Model
+    from gyrowheel_analysis.calibrate import Calibration as Details
+    from gyrowheel_analysis.calibrate import Constant
+
+
+@dataclass(frozen=True, repr=False)
+class Calibration(Result):
+    """Outcome of `gyrowheel.calibrate`.
+
+    Attributes
+    ----------
+    details : gyrowheel_analysis.calibrate.Calibration
+        Everything that the analysis found.
+    """
+
+    details: Details
+
+    @property
+    def constants(self) -> Mapping[str, Constant]:
+        """What was determined [SI]: ``.stated``, ``.before`` and ``.after``, each with value and standard error."""
+        return MappingProxyType(self.details.constants)
+
+    @property
+    def undetermined(self) -> Mapping[str, str]:
+        """What was not determined, and what the recordings would need for it."""
+        return MappingProxyType(self.details.undetermined)
+
+    @property
+    def model(self) -> Model:
+        """A new model that has the constants."""
+        from gyrowheel.model import Model
+
+        return Model.of(self.details.model)
+
+    def __str__(self) -> str:
+        """Return the constants, a line each."""
+        from gyrowheel.text.quantities import with_error
+
+        lines = [
+            f"{name} = {with_error(c.after.value, c.after.standard_error, c.unit)}"
+            for name, c in self.constants.items()
+        ]
+        lines += [f"{name}: not determined; needs {needs}" for name, needs in self.undetermined.items()]
+        return "\n".join(lines)
+
+    def _page(self) -> Iterable[RenderableType]:
+        from gyrowheel.text.calibration import calibration_page
+
+        return calibration_page(self.details)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of ``gyrowheel calibrate --json``, except whether it was written; SI units."""
+        return self.details.to_json() | {"model": self.details.model.origin}
+
+    def to_columns(self) -> Mapping[str, Sequence[Any]]:
+        """Return the constants as columns, a row for each; SI units."""
+        rows = [
+            (name, c.after.value, c.after.standard_error, c.unit, c.stated.value, c.stated.standard_error)
+            for name, c in self.constants.items()
+        ]
+        names = ("constant", "value", "standard_error", "unit", "stated_value", "stated_uncertainty")
+        return {name: [row[k] for row in rows] for k, name in enumerate(names)}

@@ -1,0 +1,170 @@
+"""What a model lacks, with the evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from gyrowheel.results.base import Result
+from gyrowheel_core.errors import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.console import RenderableType
+
+    from gyrowheel_analysis.diagnosis.diagnose import (
+        DetectionLimit,
+        EffectFinding,
+        FreeForm,
+        NextTest,
+        Verdict,
+    )
+    from gyrowheel_analysis.diagnosis.diagnose import Diagnosis as Details
+    from gyrowheel_analysis.residuals.error_table import ErrorTable
+    from gyrowheel_analysis.residuals.regions import Region
+    from gyrowheel_sim.effects import Effect
+
+
+@dataclass(frozen=True, repr=False)
+class Diagnosis(Result):
+    """Outcome of `gyrowheel.diagnose`.
+
+    Attributes
+    ----------
+    details : gyrowheel_analysis.diagnosis.diagnose.Diagnosis
+        Everything that the analysis found.
+    """
+
+    details: Details
+
+    @property
+    def verdict(self) -> Verdict:
+        """``nothing_missing``, ``effect``, ``ambiguous``, ``unknown`` or ``insufficient_data``."""
+        return self.details.verdict
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in a sentence."""
+        from gyrowheel.text.sentences.diagnosis import verdict_sentence
+
+        return verdict_sentence(self.details)
+
+    @property
+    def effects(self) -> tuple[EffectFinding, ...]:
+        """What is missing, strongest first: ``.name``, ``.coefficients``, ``.delta_chi2``, ``.ties`` and more."""
+        return tuple(self.details.effects)
+
+    @property
+    def free_form(self) -> tuple[FreeForm, ...]:
+        """For the verdict ``unknown``: formulas that describe what no known effect explains."""
+        return tuple(self.details.free_form)
+
+    @property
+    def error(self) -> ErrorTable | None:
+        """The error without and with what was found; None for ``insufficient_data``."""
+        return self.details.error
+
+    @property
+    def where(self) -> tuple[Region, ...]:
+        """Where the model fails without it, worst first."""
+        return tuple(self.details.where)
+
+    @property
+    def next_test(self) -> NextTest | None:
+        """The test to run next: ``.plan``, ``.minutes``, ``.expected_separation``."""
+        return self.details.next_test
+
+    @property
+    def limits(self) -> tuple[DetectionLimit, ...]:
+        """What these recordings could not have shown: the smallest visible size of every known effect."""
+        return tuple(self.details.detection_limits)
+
+    @property
+    def recordings(self) -> tuple[str, ...]:
+        """Paths of the recordings."""
+        return tuple(self.details.recordings)
+
+    def to_add(self) -> list[str | Effect]:
+        """Return what `Model.add` adds: names of effects, and effects made of the proposed formulas.
+
+        Raises
+        ------
+        InputError
+            If nothing was found, or the recordings cannot decide between several effects.
+        """
+        from gyrowheel_sim.effects import effect_from_mapping
+
+        for finding in self.effects:
+            if finding.ties:
+                names = ", ".join((finding.name, *(tie.name for tie in finding.ties)))
+                test = (
+                    ""
+                    if self.next_test is None
+                    else f", or run plan {self.next_test.plan} and diagnose again"
+                )
+                raise InputError(
+                    f"diagnosis: the recordings cannot decide between {names}; name the effect to add{test}"
+                )
+        found: list[str | Effect] = [finding.name for finding in self.effects]
+        found += [effect_from_mapping(f.name, f.declaration, "diagnosis.free_form") for f in self.free_form]
+        if not found:
+            raise InputError(f"diagnosis: nothing to add, its verdict is {self.verdict}")
+        return found
+
+    def __str__(self) -> str:
+        """Return the verdict and what was found, in a few lines."""
+        from gyrowheel.text.diagnosis import coefficients_line
+
+        lines = [self.sentence]
+        lines += [f"  {finding.name}: {coefficients_line(finding)}" for finding in self.effects]
+        lines += [f"  {form.formula}" for form in self.free_form]
+        if self.next_test is not None:
+            lines.append(f"  next test: plan {self.next_test.plan}, {self.next_test.minutes:.1f} min")
+        return "\n".join(lines)
+
+    def _page(self) -> Iterable[RenderableType]:
+        from gyrowheel.text.diagnosis import findings
+        from gyrowheel.text.errors import error_table
+        from gyrowheel.text.layout import heading
+
+        yield from findings(self.details)
+        if self.error is not None:
+            yield heading("Error before and after" if self.effects or self.free_form else "Error")
+            yield error_table(self.error)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of ``gyrowheel diagnose --json``; SI units."""
+        from gyrowheel.results.contract import diagnosis_json
+
+        return diagnosis_json(self.details)
+
+    def to_columns(self) -> Mapping[str, Sequence[Any]]:
+        """Return what was found as columns, a row for each coefficient."""
+        items = [(f.name, f.delta_chi2, f.coefficients) for f in self.effects]
+        items += [(f.name, f.delta_chi2, f.coefficients) for f in self.free_form]
+        rows = [
+            (name, key, e.value, e.standard_error, e.unit, delta)
+            for name, delta, coefficients in items
+            for key, e in coefficients.items()
+        ]
+        names = ("effect", "coefficient", "value", "standard_error", "unit", "delta_chi2")
+        return {name: [row[k] for row in rows] for k, name in enumerate(names)}
+
+    def plot(self) -> Figure:
+        """Return the picture of the error without and with what was found as a matplotlib figure.
+
+        Raises
+        ------
+        InputError
+            If the recordings had too little steady motion to find anything.
+        """
+        from gyrowheel.plots.picture import error_figure
+        from gyrowheel.text.diagnosis import coefficients_line
+
+        if self.error is None:
+            raise InputError(f"diagnosis: nothing to draw: {self.sentence}")
+        subtitle = "   ".join(f"{f.name}: {coefficients_line(f)}" for f in self.effects)
+        return error_figure(
+            self.details.residuals, self.error, title=self.sentence.rstrip("."), subtitle=subtitle
+        )

@@ -1,0 +1,82 @@
+"""Recordings from tables of other programs, and tables from recordings."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+from gyrowheel.recording import Recording
+
+
+def read_table(file: str | Path, column_map: str | Path, folder: str | Path | None = None) -> Recording:
+    """Return the recording that a table holds: one row a sample.
+
+    Parameters
+    ----------
+    file : str or Path
+        A ``.csv`` or ``.parquet`` file, rows in the order of time.
+    column_map : str or Path
+        Map file: which column holds which reading, in which unit; docs/exchange.md describes it.
+    folder : str or Path, optional
+        New directory to keep the recording in; a temporary one that is removed with the recording if not given.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, a column is missing, a value is missing or cannot be meant, the times are not
+        uniform at the sample period of the bench, or the folder cannot be written.
+    """
+    from gyrowheel_analysis.exchange import ColumnMap, import_table
+    from gyrowheel_core.files import new_directory, require_new
+
+    if folder is not None:
+        require_new(Path(folder))
+    loaded = ColumnMap.load(column_map)
+    if folder is None:
+        scratch = tempfile.TemporaryDirectory(prefix="gyrowheel-")
+        place = Path(scratch.name) / Path(file).stem
+        import_table(file, loaded, place)
+        return Recording.opened(place, scratch)
+    with new_directory(Path(folder)) as place:
+        import_table(file, loaded, place)
+    return Recording.open(folder)
+
+
+def write_table(
+    recording: Recording | str | Path,
+    file: str | Path,
+    *,
+    column_map: str | Path | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> list[str]:
+    """Write a recording as a table: one row a sample, SI units.
+
+    Beside the readings stand the command that answers the sample and the setpoint in force.
+
+    Parameters
+    ----------
+    recording : Recording or path
+        The recording.
+    file : str or Path
+        The ``.csv`` or ``.parquet`` file; it is whole or as it was before.
+    column_map : str or Path, optional
+        Map file to write, with which `read_table` reads the table back.
+    progress : callable, optional
+        Called with the fraction done, 0 .. 1.
+
+    Returns
+    -------
+    list of str
+        Names of the columns.
+
+    Raises
+    ------
+    InputError
+        If the recording cannot be read, the ending of `file` is not known, or a file cannot be written.
+    """
+    from gyrowheel_analysis.exchange import check_suffix, export_recording
+
+    check_suffix(Path(file))
+    given = recording if isinstance(recording, Recording) else Recording.open(recording)
+    return export_recording(given.data, file, map_file=column_map, progress=progress)
