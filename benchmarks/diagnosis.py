@@ -31,7 +31,7 @@ STAGES = (
     ("gyrowheel_analysis.recording.reader", "Recording.open", "reading"),
     ("gyrowheel_analysis.fitting.preparation", "reduce_and_account", "reduction"),
     ("gyrowheel_analysis.diagnosis.diagnose", "prepare", "balance"),
-    ("gyrowheel_analysis.fitting.problem", "Problem.estimate_noise", "noise and drift"),
+    ("gyrowheel_analysis.fitting.problem", "Problem.with_drift_estimated", "noise and drift"),
     ("gyrowheel_analysis.diagnosis.diagnose", "select", "selection"),
     ("gyrowheel_analysis.diagnosis.diagnose", "search", "free forms"),
     ("gyrowheel_analysis.diagnosis.diagnose", "errors_of", "error table"),

@@ -126,7 +126,6 @@ class Limits:
         with tempfile.TemporaryDirectory() as folder, one_thread():
             recording = record(Path(folder) / "nothing", taken, asked)
             self._problem = prepare([recording], Model(Bench.load())).problem
-        self._zero = np.zeros(self._problem.count)
 
     def size(self, name: str, effects: Effects, drift: float) -> float:
         """Return the size of an effect over its detection limit, the others and the bench's parameters fitted along."""
@@ -139,27 +138,27 @@ class Limits:
         if rest.shape[1]:
             length = np.linalg.norm(rest, axis=0)
             own = own - (rest / length) @ np.linalg.lstsq(rest / length, own, rcond=1e-9)[0]
-        needed = threshold(Term(name, problem.library[name]), 1.0)
+        needed = threshold(Term(name, problem.unknowns.library[name]), 1.0)
         return math.sqrt(float(own @ own) / needed)
 
     def _error_limit(self, name: str, drift: float) -> float:
         problem, lines = self._problem, bench_file()
         groups = {lines[parameter].group for parameter in ERRORS[name]}
         stated = max(lines[p].uncertainty / lines[p].value for p in ERRORS[name])
-        keep = [group not in groups for group, _ in problem.nuisances]
+        keep = [group not in groups for group, _ in problem.unknowns.nuisances]
         left = self._left(self._response(name, {"relative_error": 1e-3})[:, None] * 1e3, drift, keep)
         error = 1.0 / float(np.linalg.norm(left))
         return max(ERROR_LIMIT * stated + 2.0 * error, math.sqrt(THRESHOLD) * math.hypot(stated, error))
 
     def _response(self, name: str, values: Mapping[str, float]) -> Array:
-        return self._problem.predict(self._zero, {name: dict(values)}) - self._problem.base
+        return self._problem.predict(self._problem.unknowns.stated({name: dict(values)})) - self._problem.base
 
     def _left(self, columns: Array, drift: float, keep: list[bool] | None = None) -> Array:
         """Return what of some responses the parameters of the bench cannot explain, over the noise."""
         problem = self._problem
-        problem.noise.use_scales(dict.fromkeys(problem.noise.scales, max(drift, 1.0)))
+        noise = problem.noise.with_scales(dict.fromkeys(problem.noise.scales, max(drift, 1.0)))
         free = problem.base_jacobian[:, np.array(keep or [True] * problem.count)]
-        white = problem.noise.whiten(np.column_stack([free, columns]))
+        white = noise.whiten(np.column_stack([free, columns]))
         count = free.shape[1]
         design = np.vstack([white, np.eye(count, white.shape[1])])
         basis, _ = np.linalg.qr(design[:, :count] / np.linalg.norm(design[:, :count], axis=0))

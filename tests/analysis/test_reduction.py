@@ -179,9 +179,8 @@ def test_parts_of_a_cone_have_whole_revolutions_at_the_final_speed(tmp_path: Pat
 def test_bench_parameters_come_out_right_from_noisy_cones(seed: int, tmp_path: Path) -> None:
     machine = noisier(hidden_machine(seed, {}), 4.0)
     problem = prepare([record(tmp_path, "run", machine, Plan.load(CONES))], Model.new()).problem
-    problem.estimate_noise()
     fit = problem.fit(())
-    for k, (name, (first, *_)) in enumerate(problem.nuisances):
+    for k, (name, (first, *_)) in enumerate(problem.unknowns.nuisances):
         truth = (machine.values.get(first.name, first.value) - first.value) / first.uncertainty
         assert abs(fit.nuisance[k] - truth) < 4.0 * np.sqrt(fit.covariance[k, k]), name
 

@@ -20,7 +20,7 @@ from gyrowheel.text.sentences.residuals import (
     region_name,
 )
 from gyrowheel_analysis.balance.balance import Balance
-from gyrowheel_analysis.fitting.noise import SOURCES
+from gyrowheel_analysis.channels import CHANNELS, DRIFTS
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.reduction import planned_windows
 from gyrowheel_analysis.reduction.groups import direction_groups, masks, octants, speed_groups
@@ -28,7 +28,7 @@ from gyrowheel_analysis.residuals.dependence import SIGNIFICANT, dependences, ju
 from gyrowheel_analysis.residuals.growth import growth
 from gyrowheel_analysis.residuals.maps import VARIABLES, all_maps, maps_json, residual_map, variables_of
 from gyrowheel_analysis.residuals.regions import regions
-from gyrowheel_analysis.residuals.windows import PARTS, WindowResiduals, window_residuals
+from gyrowheel_analysis.residuals.windows import WindowResiduals, window_residuals
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.quantities import number, size, size_and_noise
@@ -50,13 +50,12 @@ segments:
 
 @functools.cache
 def problem(plan: str = PLAN) -> Problem:
-    return Problem([Balance(planned_windows(Plan.load(plan), BENCH), BENCH)], BENCH)
+    return Problem.of([Balance(planned_windows(Plan.load(plan), BENCH), BENCH)], BENCH)
 
 
 def noise_rows(rng: np.random.Generator, drift: float = 1.0) -> Any:
     """Return rows of white noise and of slow drift as the bench states them, the drift `drift` times as large."""
     p, v = problem(), BENCH.value
-    p.noise.use_scales(dict.fromkeys(SOURCES.values(), 1.0))
     (balance,) = p.balances
     deviation = p.noise.deviation()
     rows = rng.normal(size=len(p.measured)) * deviation
@@ -80,15 +79,14 @@ def residual(part: str, values: Any, rows: Any = None) -> tuple[Any, WindowResid
     p = problem()
     (balance,) = p.balances
     rows = np.zeros(len(p.measured)) if rows is None else rows.copy()
-    for row, own in zip(PARTS[part].rows, (np.real, np.imag), strict=False):
+    for row, own in zip(CHANNELS[part].rows, (np.real, np.imag), strict=False):
         rows[balance.channel(row)] += own(values)
     return rows, window_residuals(p.balances, balance.windows, rows, p.noise.deviation())
 
 
 def judge(rows: Any, data: WindowResiduals, drift: float = 1.0) -> tuple[Any, Any]:
     p = problem()
-    p.noise.use_scales(dict.fromkeys(SOURCES.values(), drift))
-    white = p.noise.whiten
+    white = p.noise.with_scales(dict.fromkeys(DRIFTS, drift)).whiten
     return dependences(data, p.balances, rows, white), whiteness(data, p.balances, white(rows))
 
 
@@ -158,7 +156,7 @@ def test_a_map_has_the_mean_residual_and_where_it_is() -> None:
     cell = content["speed,tilt"][-1]
     assert set(cell) == {"speed", "tilt", "count", "residual", "chi2_per_n", "share_of_chi2"}
     assert cell["residual"]["across_tilt"] == pytest.approx(-3e-4)
-    assert set(cell["chi2_per_n"]) == set(PARTS)
+    assert set(cell["chi2_per_n"]) == set(CHANNELS)
 
 
 @pytest.mark.parametrize("text", ["speeed", "speed,speed", "speed,tilt,time", ""])
@@ -314,7 +312,7 @@ def test_the_variable_on_which_a_residual_depends_is_named(part: str, values: An
         right += [test.variable for test in stated] == [variable]
         assert not any(test.stated for test in found if test.part != part)
         text = " ".join(sentences(found, white))
-        assert f"{PARTS[part].title}: " in text
+        assert f"{CHANNELS[part].title}: " in text
         assert "depends on the" in text
     assert right >= 5
 
@@ -329,7 +327,7 @@ def test_the_speed_is_named_where_the_temperature_hardly_varies(part: str) -> No
     law = 3e-4 * (2.0 * (w.mean_spin / 366.0) ** 2 - 1.0) * np.exp(1.1j)
     # what else is wrong takes a part of it, unlike noise
     law += 4e-5 * np.exp(3j * np.angle(w.mean_tilt)) * (np.abs(w.mean_tilt) > 0.01)
-    for row, own in zip(PARTS[part].rows, (np.real, np.imag), strict=True):
+    for row, own in zip(CHANNELS[part].rows, (np.real, np.imag), strict=True):
         rows[balance.channel(row)] += own(law)
     data = window_residuals([balance], w, rows, p.noise.deviation())
     found = dependences(data, [balance], rows, lambda values: (values.T / p.noise.deviation()).T)
@@ -380,7 +378,7 @@ def test_few_windows_give_no_test() -> None:
     p = problem()
     (balance,) = p.balances
     few = Balance(balance.windows.select(slice(0, 4)), BENCH)
-    small = Problem([few], BENCH)
+    small = Problem.of([few], BENCH)
     data = window_residuals([few], few.windows, small.measured * 0.0, small.noise.deviation())
     assert dependences(data, [few], np.zeros(len(few)), small.noise.whiten) == []
     assert whiteness(data, [few], np.zeros(len(few))) == []

@@ -41,11 +41,12 @@ from gyrowheel.text.quantities import (
 )
 from gyrowheel.text.replay import estimates_table
 from gyrowheel.text.sentences.diagnosis import verdict_sentence
+from gyrowheel_analysis.channels import LISTED
 from gyrowheel_analysis.compare import ChannelMetrics
 from gyrowheel_analysis.diagnosis.diagnose import Estimate
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction import Coverage
-from gyrowheel_analysis.residuals.error_table import CHANNELS, ErrorRow
+from gyrowheel_analysis.residuals.error_table import ErrorRow
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_sim.air.check import check_table
 from gyrowheel_sim.air.table import TorqueTable
@@ -157,9 +158,9 @@ def test_a_model_shows_an_effect_of_its_own():
 #: Everything of a size that takes as much room as there can be.
 COMPARED: Any = SimpleNamespace(
     channels={
-        name: ChannelMetrics(0.0543e-3, 0.0123e-3, 99.9, 0.999, 1.0, 0.0, 0.0, 12345.6) for name in CHANNELS
+        name: ChannelMetrics(0.0543e-3, 0.0123e-3, 99.9, 0.999, 1.0, 0.0, 0.0, 12345.6) for name in LISTED
     },
-    raw_rms=dict.fromkeys(CHANNELS, 0.0543e-3),
+    raw_rms=dict.fromkeys(LISTED, 0.0543e-3),
 )
 ESTIMATE: dict[str, Any] = {
     "segment": 11,

@@ -14,7 +14,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gyrowheel_analysis.balance.balance import ALL_CHANNELS, ActiveEffect, Balance
+from gyrowheel_analysis.balance.balance import ActiveEffect, Balance
+from gyrowheel_analysis.channels import ALL_ROWS
 from gyrowheel_analysis.fitting.noise import Noise
 from gyrowheel_analysis.fitting.terms import ERRORS
 from gyrowheel_analysis.reduction import READING_NOISES, Samples, reduce
@@ -467,7 +468,7 @@ def simulated(plan: str, name: str | None, values: tuple[tuple[str, float], ...]
 def deviations(plan: str) -> np.ndarray:
     """Return the standard deviation of every row of a plan, as the analysis takes it."""
     balance = simulated(plan, None)
-    return Noise([balance], [balance.predicted(BENCH.values(), [])]).deviation()
+    return Noise.stated([balance], [balance.predicted(BENCH.values(), [])]).deviation()
 
 
 @functools.cache
@@ -492,7 +493,7 @@ def cosine(a: np.ndarray, b: np.ndarray) -> float:
 
 
 #: Channels of two components.
-PAIRS = [(name, f"{name[:-1]}y") for name in ALL_CHANNELS if name.endswith("_x")]
+PAIRS = [(name, f"{name[:-1]}y") for name in ALL_ROWS if name.endswith("_x")]
 COEFFICIENTS = [(effect, c) for effect in REGISTERED for c in effect.coefficients]
 
 

@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 
 from gyrowheel_analysis.diagnosis.diagnose import Estimate, nuisance_estimates
-from gyrowheel_analysis.fitting.preparation import FEWEST_WINDOWS, Progress, errors_of, one_thread, prepare
-from gyrowheel_analysis.fitting.problem import Fit, Problem
+from gyrowheel_analysis.fitting.fit import Fit
+from gyrowheel_analysis.fitting.preparation import Progress, one_thread, prepare
+from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.fitting.terms import ERRORS, Term
+from gyrowheel_analysis.fitting.unknowns import Unknowns
 from gyrowheel_analysis.model import Model, Override
 from gyrowheel_analysis.recording import Recording
-from gyrowheel_analysis.residuals.error_table import ErrorTable, Residuals
+from gyrowheel_analysis.residuals.error_table import ErrorTable, Residuals, errors_of
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.effects import Effect, effect_from_mapping, effect_to_mapping, get, registry
 from gyrowheel_sim.effects.user import check_name
@@ -120,22 +122,17 @@ def add_effect(
         )
     if not terms and not air:
         raise InputError("no effect given")
-    fitted = prepare(fit, start, progress=progress)
-    if fitted.windows < FEWEST_WINDOWS:
-        raise InputError(
-            f"{', '.join(fitted.names)}: {fitted.windows} steady windows; at least {FEWEST_WINDOWS} are needed"
-        )
-    validation = prepare(validate, start, progress=progress) if validate else None
-    problem = fitted.problem
+    prepared = prepare(fit, start, validate=validate, progress=progress)
     if progress:
         progress("fitting")
-    problem.estimate_noise()
+    first = prepared.problem.fit(terms)
     if declared:
-        problem.estimate_noise_with(problem.fit(terms))
-    elif problem.reweigh(first := problem.fit(terms)) and validation:
-        validation.problem.reweigh(first)
+        prepared = replace(prepared, problem=prepared.problem.with_drift_estimated(first))
+    else:
+        prepared = prepared.reweighed(first)
+    problem = prepared.problem
     before, after = _before(model, problem, air), problem.refined(problem.fit(terms))
-    errors = errors_of(before, after, fitted, validation)
+    errors = errors_of(before, after, prepared)
     coefficients: dict[str, dict[str, Estimate]] = {}
     notes = []
     for term in terms:
@@ -152,11 +149,11 @@ def add_effect(
             )
     notes += [
         f"{name} {key} of the model moved by {abs(far):.1f} of its standard errors: its size there may be wrong"
-        for (name, key), far in problem.moved(after.nuisance).items()
+        for (name, key), far in problem.unknowns.moved(after.nuisance).items()
         if abs(far) > _MOVED and name not in air
     ]
-    values = problem.effects(after.nuisance, {})
-    effects = {active.effect.name: dict(active.values) for active in values}
+    model_effects = problem.unknowns.effects(replace(after.point, coefficients={}))
+    effects = {active.effect.name: dict(active.values) for active in model_effects}
     effect_errors = {name: dict(model.effect_errors.get(name, {})) for name in effects}
     for name, estimates, remarks in _found_air(problem, after, air):
         coefficients[name] = estimates
@@ -181,7 +178,7 @@ def add_effect(
             "value": float(overrides[p.name].value),
             "standard_error": float(overrides[p.name].standard_error),
         }
-        for group, parameters in problem.nuisances
+        for group, parameters in problem.unknowns.nuisances
         if group in wrong
         for p in parameters
     }
@@ -228,9 +225,8 @@ def _before(model: Model, problem: Problem, air: Mapping[str, Mapping[str, tuple
     """Return the best that the model does without what is added, among the unknowns of a problem that has the air."""
     if not air:
         return problem.fit_within()
-    plain = Problem(problem.balances, problem.bench, model.effects, model.effect_errors, model.declared)
-    plain.noise.use_scales(problem.noise.scales)
-    fit = plain.fit_within()
+    unknowns = Unknowns(problem.bench, model.effects, model.effect_errors, model.declared)
+    fit = Problem.of(problem.balances, unknowns).with_scales(problem.noise.scales).fit_within()
     # no air: every size as many uncertainties from the stated one as takes it to zero
     amplitudes = {name: {c.name for c in get(name).amplitudes} for name in air}
     none = [
@@ -246,7 +242,8 @@ def _found_air(
     problem: Problem, after: Fit, air: Mapping[str, Mapping[str, tuple[float, float]]]
 ) -> Iterator[tuple[str, dict[str, Estimate], list[str]]]:
     """Yield the effects of the air as fitted, with what the user should know of them."""
-    values = {active.effect.name: active.values for active in problem.effects(after.nuisance, {})}
+    found = problem.unknowns.effects(replace(after.point, coefficients={}))
+    values = {active.effect.name: active.values for active in found}
     at = len(after.nuisance) - sum(error > 0.0 for own in air.values() for _, error in own.values())
     for name, own in air.items():
         effect = get(name)

@@ -23,8 +23,9 @@ from scipy.linalg import solve_triangular
 from scipy.optimize import minimize_scalar
 
 from gyrowheel_analysis.diagnosis.diagnose import nuisance_estimates
-from gyrowheel_analysis.fitting.preparation import FEWEST_WINDOWS, Progress, one_thread, prepare
-from gyrowheel_analysis.fitting.problem import Fit, Problem
+from gyrowheel_analysis.fitting.fit import Fit
+from gyrowheel_analysis.fitting.preparation import Progress, one_thread, prepare
+from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.model import Model, Override
 from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.reduction import Windows
@@ -168,20 +169,11 @@ def calibrate(
     # without its history: what was calibrated before is not believed either
     bare = replace(model, stated_bench=_opened(stated, {}), history=())
     prepared = prepare(recordings, bare, progress=progress)
-    if prepared.windows < FEWEST_WINDOWS:
-        raise InputError(
-            f"{', '.join(prepared.names)}: {prepared.windows} steady windows; at least {FEWEST_WINDOWS} are needed"
-        )
     say("fitting the motor")
     found = dict(zip(_MOTOR, _motor([b.windows for b in prepared.problem.balances], stated), strict=True))
     say("fitting the coils")
-    scales = None
     for _ in range(_MOST_PASSES):
         problem = prepared.problem
-        if scales is None:
-            problem.estimate_noise()
-            scales = problem.noise.scales
-        problem.noise.use_scales(scales)
         fit = problem.fit(())
         coil = nuisance_estimates(problem, fit)[_COIL]
         last, found[_COIL] = found.get(_COIL), Override(float(coil.value), float(coil.standard_error))
@@ -189,7 +181,11 @@ def calibrate(
         if useless or (last and abs(last.value - coil.value) <= _SETTLED * coil.standard_error):
             break
         # the rows are read with the bench's own constants: about the values found the fit is linear
-        prepared = prepare(recordings, replace(bare, stated_bench=_opened(stated, found)))
+        prepared = prepare(
+            recordings,
+            replace(bare, stated_bench=_opened(stated, found)),
+            drift_scales=problem.noise.scales,
+        )
     white = problem.noise.whiten(fit.residual)
     tilt = np.concatenate(
         [part for name in ("tilt_x", "tilt_y") for part in channel_parts(problem.balances, white, name)]
@@ -291,7 +287,7 @@ def _motor(recordings: Sequence[Windows], bench: Bench) -> tuple[Override, Overr
 
 def _limit(problem: Problem, fit: Fit) -> str:
     """Return the group of parameters whose stated uncertainty makes up most of the variance of the coils' constant."""
-    names = [group for group, _ in problem.nuisances]
+    names = [group for group, _ in problem.unknowns.nuisances]
     own = names.index(_COIL)
     variance = float(fit.covariance[own, own])
     # what knowing a parameter exactly would take away from the variance

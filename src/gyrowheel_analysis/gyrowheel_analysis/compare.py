@@ -9,15 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.fitting.preparation import (
-    FEWEST_WINDOWS,
-    Prepared,
-    Progress,
-    errors_of,
-    one_thread,
-    prepare,
-)
-from gyrowheel_analysis.fitting.problem import Fit, Problem
+from gyrowheel_analysis.channels import LISTED
+from gyrowheel_analysis.fitting.fit import Fit
+from gyrowheel_analysis.fitting.preparation import Prepared, Progress, one_thread, prepare
+from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.reduction import Coverage, concatenate
@@ -30,18 +25,17 @@ from gyrowheel_analysis.residuals.dependence import (
     whiteness,
 )
 from gyrowheel_analysis.residuals.error_table import (
-    CHANNELS,
     ErrorRow,
     Residuals,
     channel_rms,
     channel_values,
     channels_of,
     error_row,
+    errors_of,
 )
 from gyrowheel_analysis.residuals.maps import ResidualMap, all_maps
 from gyrowheel_analysis.residuals.regions import Region, regions
 from gyrowheel_analysis.residuals.windows import WindowResiduals, window_residuals
-from gyrowheel_core.errors import InputError
 
 Array = NDArray[np.float64]
 
@@ -53,7 +47,7 @@ class ChannelMetrics:
     Attributes
     ----------
     rms : float
-        Root mean square of the residual, of an amplitude its modulus [unit of the channel, see `errors.CHANNELS`].
+        Root mean square of the residual, of an amplitude its modulus [unit of the channel, see `channels.LISTED`].
     noise_floor_rms : float
         What a complete model would leave [the same unit].
     fit_percent : float
@@ -83,7 +77,7 @@ class Comparison:
     Attributes
     ----------
     channels : dict of str to ChannelMetrics
-        By channel of `errors.CHANNELS`, with the bench's parameters fitted along within their stated uncertainties.
+        By channel of `channels.LISTED`, with the bench's parameters fitted along within their stated uncertainties.
     raw_rms : dict of str to float
         Root mean square of the residual of the model exactly as the file stands [unit of the channel].
     error_before : ErrorRow
@@ -140,21 +134,13 @@ def compare(recordings: Sequence[Recording], model: Model, *, progress: Progress
         If a recording has too little steady motion to compare anything.
     """
     prepared = prepare(recordings, model, progress=progress)
-    if prepared.windows < FEWEST_WINDOWS:
-        raise InputError(
-            f"{', '.join(prepared.names)}: {prepared.windows} steady windows; at least {FEWEST_WINDOWS} are needed; "
-            f"{prepared.coverage.sentence()}"
-        )
     problem = prepared.problem
-    problem.estimate_noise()
     fit = problem.fit_within()
     data = residual_data(prepared, fit)
-    errors = errors_of(fit, fit, prepared, None)
+    errors = errors_of(fit, fit, prepared)
+    effects = problem.unknowns.effects(problem.unknowns.stated())
     raw = problem.measured - np.concatenate(
-        [
-            b.predicted(model.bench.values(), problem.effects(np.zeros(problem.count), {}))
-            for b in problem.balances
-        ]
+        [b.predicted(model.bench.values(), effects) for b in problem.balances]
     )
     white = problem.noise.whiten(fit.residual)
     tests = dependences(data, problem.balances, fit.residual, problem.noise.whiten)
@@ -185,7 +171,7 @@ def residual_data(prepared: Prepared, fit: Fit) -> WindowResiduals:
 
 def _metrics(problem: Problem, fit: Fit, whitened: Array, name: str) -> ChannelMetrics:
     def joined(rows: Array) -> NDArray[Any]:
-        own = [channel_values(problem.balances, rows, row) for row in CHANNELS[name].rows]
+        own = [channel_values(problem.balances, rows, row) for row in LISTED[name].rows]
         return own[0] if len(own) == 1 else np.asarray(own[0] + 1j * own[1])
 
     measured, residual = joined(problem.measured), joined(fit.residual)
@@ -205,7 +191,7 @@ def _metrics(problem: Problem, fit: Fit, whitened: Array, name: str) -> ChannelM
         theil_bias=bias,
         theil_variance=variance,
         theil_covariance=max(1.0 - bias - variance, 0.0),
-        chi2_per_n=_square(white) / len(CHANNELS[name].rows),
+        chi2_per_n=_square(white) / len(LISTED[name].rows),
     )
 
 

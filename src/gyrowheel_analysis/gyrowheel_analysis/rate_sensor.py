@@ -152,7 +152,7 @@ def rates(
             columns.append(np.stack([(moved - predicted)[x], (moved - predicted)[y]], axis=1) / _STEP)
         inverse = np.linalg.inv(np.stack(columns, axis=2))
         left = balance.measured - predicted
-        deviation = Noise([balance], [predicted]).deviation()
+        deviation = Noise.stated([balance], [predicted]).deviation()
         torque = np.stack([left[x], left[y]], axis=1)
         noise = np.stack([deviation[x], deviation[y]], axis=1)
         estimates.append(

@@ -22,6 +22,7 @@ from gyrowheel_analysis.diagnosis.selection import ERROR_LIMIT, THRESHOLD, thres
 from gyrowheel_analysis.fitting.preparation import one_thread
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.fitting.terms import ERRORS, Term, candidate_terms, parameter_errors
+from gyrowheel_analysis.fitting.unknowns import Unknowns
 from gyrowheel_analysis.recording import write_run
 from gyrowheel_analysis.reduction import Samples, reduce
 from gyrowheel_control.loops.closed_loop import simulate
@@ -118,9 +119,10 @@ class Yardstick:
             setpoint=run.setpoints,
             environment=run.environment,
         )
-        self._problem = Problem([Balance(reduce(samples, bench), bench)], bench)
-        self._problem.library.update({form.effect.name: form.effect for form in outside_forms()})
-        self._zero = np.zeros(self._problem.count)
+        outside = {form.effect.name: form.effect for form in outside_forms()}
+        self._problem = Problem.of(
+            [Balance(reduce(samples, bench), bench)], Unknowns(bench, declared=outside)
+        )
         self._responses: dict[str, Array] = {}
         self.errors = parameter_errors(self._problem.bench)
 
@@ -154,8 +156,10 @@ class Yardstick:
         """Return the relative error of a bench parameter from which on it is a finding."""
         problem = self._problem
         groups = ERRORS[name]
-        stated = max(p.relative_uncertainty for group, ps in problem.nuisances if group in groups for p in ps)
-        keep = [group not in groups for group, _ in problem.nuisances]
+        stated = max(
+            p.relative_uncertainty for group, ps in problem.unknowns.nuisances if group in groups for p in ps
+        )
+        keep = [group not in groups for group, _ in problem.unknowns.nuisances]
         keep += [True] * (problem.count - len(keep))
         left = self._left(self._response(name, {"relative_error": 1.0e-3})[:, None] * 1.0e3, drift, keep)
         size = float(np.linalg.norm(left))
@@ -163,14 +167,14 @@ class Yardstick:
         return max(ERROR_LIMIT * stated + 2.0 * error, math.sqrt(THRESHOLD) * math.hypot(stated, error))
 
     def _term(self, name: str) -> Term:
-        return Term(name, self._problem.library.get(name))
+        return Term(name, self._problem.unknowns.library.get(name))
 
     def _response(self, name: str, values: dict[str, float]) -> Array:
-        return self._problem.predict(self._zero, {name: values}) - self._problem.base
+        return self._problem.predict(self._problem.unknowns.stated({name: values})) - self._problem.base
 
     def _columns(self, term: Term) -> Array:
         if term.name not in self._responses:
-            jacobian = self._problem.term_jacobian(term, self._zero, {}, self._problem.base)
+            jacobian = self._problem.term_jacobian(term, self._problem.unknowns.stated(), self._problem.base)
             self._responses[term.name] = jacobian[:, : len(term.amplitudes)]
         return self._responses[term.name]
 
@@ -178,10 +182,10 @@ class Yardstick:
         """Return what of some responses the bench parameters cannot explain, in the noise of the readings."""
         problem = self._problem
         # the finder does not believe in drifts smaller than those stated
-        problem.noise.use_scales(dict.fromkeys(problem.noise.scales, max(drift, 1.0)))
+        noise = problem.noise.with_scales(dict.fromkeys(problem.noise.scales, max(drift, 1.0)))
         keep = np.array([True] * problem.count if parameters is None else parameters)
         free = problem.base_jacobian[:, keep]
-        white = problem.noise.whiten(np.column_stack([free, columns]))
+        white = noise.whiten(np.column_stack([free, columns]))
         count = free.shape[1]
         design = np.vstack([white, np.eye(count, white.shape[1])])
         basis, _ = np.linalg.qr(design[:, :count] / np.linalg.norm(design[:, :count], axis=0))

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel.plots.files import write_figure
+from gyrowheel_analysis.channels import CHANNELS
 from gyrowheel_analysis.reduction.groups import speed_groups
 from gyrowheel_analysis.residuals.maps import VARIABLES, Cell, ResidualMap, Span, residual_map
-from gyrowheel_analysis.residuals.windows import PARTS, WindowResiduals
+from gyrowheel_analysis.residuals.windows import WindowResiduals
 from gyrowheel_core.quantities import number, unit_for
 from gyrowheel_core.units import DEG, RPM
 
@@ -190,7 +191,7 @@ def _strip(axes: Axes, shown: ResidualMap, data: WindowResiduals, norm: Any, *, 
     axes.set_xticks(range(len(shown.cells)), [_label(variable, cell) for cell in shown.cells], fontsize=9)
     if any(len(_label(variable, cell)) > 4 for cell in shown.cells) or len(shown.cells) > 6:
         axes.tick_params(axis="x", rotation=45)
-    axes.set_yticks(range(len(names)), [PARTS[name].title for name in names] if first else [])
+    axes.set_yticks(range(len(names)), [CHANNELS[name].title for name in names] if first else [])
     axes.set_title(_TITLES[variable], fontsize=11.5, fontweight="bold")
     axes.tick_params(length=0)
     for side in axes.spines.values():

@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel.plots.files import write_figure
+from gyrowheel_analysis.channels import LISTED, TORQUES
 from gyrowheel_analysis.residuals.error_table import (
-    CHANNELS,
-    TORQUE_CHANNELS,
     ErrorRow,
     ErrorTable,
     Residuals,
@@ -109,7 +108,7 @@ def draw(residuals: Sequence[Residuals], error: ErrorTable, *, title: str, subti
         figure.text(0.045, 0.913, subtitle, fontsize=13, color="#555555", va="center")
     roles = [role for role in _ROLES if any(r.role == role for r in residuals)]
     widths = [math.sqrt(sum(r.time[-1] for r in residuals if r.role == role) + 5.0) for role in roles]
-    shown = [*TORQUE_CHANNELS, *_telling(error)]
+    shown = [*TORQUES, *_telling(error)]
     left = figure.add_gridspec(
         len(shown),
         len(roles),
@@ -131,13 +130,13 @@ def draw(residuals: Sequence[Residuals], error: ErrorTable, *, title: str, subti
         for column, role in enumerate(roles):
             axes = figure.add_subplot(left[row, column], sharey=first)
             own = [r for r in residuals if r.role == role]
-            scale, unit = _MILLI, "mN·m" if CHANNELS[channel].unit == "N·m" else "mV"
+            scale, unit = _MILLI, "mN·m" if LISTED[channel].unit == "N·m" else "mV"
             _residual_panel(axes, own, channel, scale, named=row == 0, changed=changed)
             if first is None:
                 first = axes
                 labelled.append(axes)
-                size = "residual" if len(CHANNELS[channel].rows) == 1 else "|residual|"
-                axes.set_ylabel(f"{size}, {CHANNELS[channel].title}\n{unit}")
+                size = "residual" if len(LISTED[channel].rows) == 1 else "|residual|"
+                axes.set_ylabel(f"{size}, {LISTED[channel].title}\n{unit}")
             else:
                 axes.tick_params(labelleft=False)
             if row == 0:
@@ -157,7 +156,7 @@ def _telling(error: ErrorTable) -> list[str]:
     floors = {
         name: before.rms / floor.rms
         for name, before in error.before.channels.items()
-        if name not in TORQUE_CHANNELS
+        if name not in TORQUES
         and (floor := error.noise_floor.channels.get(name)) is not None
         and floor.rms > 0.0
     }
@@ -193,7 +192,7 @@ def _residual_panel(
         axes.plot(time, after, "D", markersize=4.6, color=_AFTER, markeredgewidth=0.0, zorder=5)
         offset = float(time[-1]) + _GAP
     axes.margins(x=0.02, y=0.12)
-    if len(CHANNELS[channel].rows) > 1:
+    if len(LISTED[channel].rows) > 1:
         axes.set_ylim(bottom=0.0)
     axes.grid(axis="y", color=_FAINT, linewidth=0.8)
     axes.set_axisbelow(True)
@@ -255,7 +254,7 @@ def _size_panels(figure: Figure, error: ErrorTable, *, changed: bool) -> None:
 
 def _in_floors(row: ErrorRow, floor: ErrorRow) -> dict[str, float]:
     """Return the error of every channel over its noise floor."""
-    level = {name: _size(floor, name) for name in CHANNELS if _has(row, name) and _has(floor, name)}
+    level = {name: _size(floor, name) for name in LISTED if _has(row, name) and _has(floor, name)}
     return {name: _size(row, name) / own if own > 0.0 else 0.0 for name, own in level.items()}
 
 
@@ -292,8 +291,8 @@ def _bars(axes: Axes, rows: Sequence[tuple[ErrorRow, str]], floor: ErrorRow, low
     labels = []
     for name in names:
         level = _size(floor, name)
-        unit, scale = unit_for(level, CHANNELS[name].unit)
-        title = CHANNELS[name].title
+        unit, scale = unit_for(level, LISTED[name].unit)
+        title = LISTED[name].title
         title = title.replace(" ", "\n") if len(title) > _LONG else title
         labels.append(f"{title}\n{number(level / scale)}\n{unit}")
     axes.set_xticks(range(len(names)), labels, fontsize=9.5)

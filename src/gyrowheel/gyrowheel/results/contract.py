@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from gyrowheel.text.sentences.diagnosis import evidence, verdict_sentence
 from gyrowheel.text.sentences.residuals import dependence_sentences, region_description, region_name
-from gyrowheel_analysis.residuals.error_table import CHANNELS, TORQUE_CHANNELS
+from gyrowheel_analysis.channels import LISTED, TORQUES
 from gyrowheel_analysis.residuals.maps import maps_json
 
 if TYPE_CHECKING:
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 
 def comparison_json(found: Comparison) -> dict[str, Any]:
     """Return a comparison as a JSON object."""
-    raw = {name: found.raw_rms[name] for name in TORQUE_CHANNELS}
+    raw = {name: found.raw_rms[name] for name in TORQUES}
     return {
         "schema": 1,
         "error": {"unit": "N·m", "before": found.error_before.to_json(), "raw": {"rms": raw}},
         "channels": {
-            name: {"unit": CHANNELS[name].unit, **asdict(metrics), "raw_rms": found.raw_rms[name]}
+            name: {"unit": LISTED[name].unit, **asdict(metrics), "raw_rms": found.raw_rms[name]}
             for name, metrics in found.channels.items()
         },
         "where": [_region(region) for region in found.where],

@@ -17,9 +17,8 @@ from gyrowheel.text.quantities import decimal, fixed
 from gyrowheel.text.sentences.recordings import coverage_sentence
 from gyrowheel.text.sentences.residuals import dependence_sentences, region_description, region_name
 from gyrowheel.text.variables import TITLES
-from gyrowheel_analysis.residuals.error_table import CHANNELS
+from gyrowheel_analysis.channels import CHANNELS, LISTED
 from gyrowheel_analysis.residuals.maps import DEFAULT
-from gyrowheel_analysis.residuals.windows import PARTS
 from gyrowheel_core.quantities import unit_for
 from gyrowheel_core.units import DEG, RPM
 
@@ -93,7 +92,7 @@ def channel_table(result: Comparison) -> Table:
     for name, m in result.channels.items():
         unit = shown[name]
         table.add_row(
-            CHANNELS[name].title,
+            LISTED[name].title,
             Text(unit.label, style="dim"),
             fixed(m.rms / unit.size),
             fixed(m.noise_floor_rms / unit.size),
@@ -121,7 +120,7 @@ def map_table(shown: ResidualMap, result: Comparison) -> Iterator[RenderableType
     }
     worst = max(total, key=lambda name: total[name])
     for name in [n for n in total if total[n] > 2.0] or [worst]:
-        yield heading(f"χ²/N of {PARTS[name].title} over {TITLES[rows]} and {TITLES[columns]}")
+        yield heading(f"χ²/N of {CHANNELS[name].title} over {TITLES[rows]} and {TITLES[columns]}")
         yield _grid_of(shown, name)
 
 

@@ -11,7 +11,7 @@ from rich.text import Text
 
 from gyrowheel.text.layout import figures_table
 from gyrowheel.text.quantities import Edge, fixed, torque_edge
-from gyrowheel_analysis.residuals.error_table import CHANNELS, TORQUE_CHANNELS
+from gyrowheel_analysis.channels import LISTED, TORQUES
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.residuals.error_table import ErrorRow, ErrorTable
@@ -30,11 +30,11 @@ def unit_of(noise: Mapping[str, float]) -> dict[str, Edge]:
 
 
 def _unit(name: str) -> str:
-    return CHANNELS[name].unit if name in CHANNELS else "N·m"
+    return LISTED[name].unit if name in LISTED else "N·m"
 
 
 def _average(name: str) -> bool:
-    return name in (*TORQUE_CHANNELS, "tilt")
+    return name in (*TORQUES, "tilt")
 
 
 def error_table(table: ErrorTable) -> RenderableType:
@@ -49,7 +49,7 @@ def error_table(table: ErrorTable) -> RenderableType:
     titles = [f"{part[0] if not k else ''}\n{what}" for part in parts for k, what in enumerate(_COLUMNS)]
     result = figures_table("RMS of the\nresidual", "\nunit", *titles)
     result.columns[1].justify = "left"
-    channels = [name for name in CHANNELS if all(_has(row, name) for part in parts for row in part[1:])]
+    channels = [name for name in LISTED if all(_has(row, name) for part in parts for row in part[1:])]
     shown = unit_of({name: _rms(table.noise_floor, name) for name in channels})
     for name in channels:
         cells: list[str | Text] = []
@@ -61,7 +61,7 @@ def error_table(table: ErrorTable) -> RenderableType:
             style = "green" if left <= _FALLEN else "bold red"
             texts = [fixed(size / shown[name].size) for size in sizes]
             cells += [texts[0], Text(texts[1], style=style), Text(texts[2], style="dim")]
-        result.add_row(CHANNELS[name].title, Text(shown[name].label, style="dim"), *cells)
+        result.add_row(LISTED[name].title, Text(shown[name].label, style="dim"), *cells)
     result.add_section()
     chi2 = [
         cell
@@ -93,7 +93,7 @@ def fall(before: ErrorRow, after: ErrorRow, floor: ErrorRow | None, where: str) 
     text = f"On {where} χ²/N goes from {fixed(before.chi2_per_n)} to {fixed(after.chi2_per_n)}"
     if before == after:
         return f"On {where} χ²/N is {fixed(after.chi2_per_n)}; with nothing but noise it is 1."
-    names = [name for name in CHANNELS if _has(before, name) and _has(after, name)]
+    names = [name for name in LISTED if _has(before, name) and _has(after, name)]
     # errors of several units are compared in noise floors
     level = {name: _rms(floor, name) if floor is not None and _has(floor, name) else 1.0 for name in names}
     gain = {
@@ -104,7 +104,7 @@ def fall(before: ErrorRow, after: ErrorRow, floor: ErrorRow | None, where: str) 
     shown = unit_of({name: _rms(floor or after, name) for name in names})[most]
     was, now = (fixed(_rms(row, most) / shown.size) for row in (before, after))
     verb = "falls" if falls else "rises"
-    text += f"; {CHANNELS[most].title}, where the error {verb} most, from {was} to {now} {shown.label}"
+    text += f"; {LISTED[most].title}, where the error {verb} most, from {was} to {now} {shown.label}"
     if floor is not None:
         text += f" (noise {fixed(_rms(floor, most) / shown.size)})"
     return f"{text}."

@@ -8,12 +8,14 @@ and of the rectified harmonics over a revolution thus comes by itself, for every
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_analysis.channels import ALL_ROWS, AVERAGE_ROWS
 from gyrowheel_analysis.reduction import FORWARD, HARMONICS, MOTOR_THERMAL, Windows, without_noise
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.compiled import compile_kernels
@@ -26,11 +28,6 @@ from gyrowheel_sim.mechanics.inverse import N_POINT
 
 Array = NDArray[np.float64]
 
-#: Rows of the averages, of the coils' voltages once and twice a revolution, and of the motor's ripple.
-CHANNELS = ("tilt_x", "tilt_y", "spin", "motor_voltage")
-TURNING_CHANNELS = ("tilt_1n_x", "tilt_1n_y", "tilt_2n_x", "tilt_2n_y")
-RIPPLE_CHANNELS = ("spin_ripple_x", "spin_ripple_y", "voltage_ripple_x", "voltage_ripple_y")
-ALL_CHANNELS = CHANNELS + TURNING_CHANNELS + RIPPLE_CHANNELS
 _INERTIAS = (
     "rotor_inertia_x",
     "rotor_inertia_y",
@@ -106,7 +103,7 @@ class Instants:
 class Balance:
     """Predicted and measured rows of a set of windows.
 
-    Rows are ordered by channel (`ALL_CHANNELS`), each with one row a window: the averages tilt_x, tilt_y and spin [N m]
+    Rows are ordered as `channels.ALL_ROWS`, each for every window: the averages tilt_x, tilt_y and spin [N m]
     and motor_voltage [V]; the torque of the coils once and twice a revolution [N m]; at the order of the motor's
     ripple, the torque that accelerates the shaft [N m] and the voltage across the winding's resistance [V].
 
@@ -126,7 +123,7 @@ class Balance:
     def __init__(self, windows: Windows, bench: Bench, *, clean: bool = True, harmonics: bool = True) -> None:
         self._unclean = windows if clean else None
         #: Names of the channels, in the order of the rows.
-        self.channels = ALL_CHANNELS if harmonics else CHANNELS
+        self.channels = ALL_ROWS if harmonics else AVERAGE_ROWS
         windows = without_noise(windows) if clean else windows
         self.windows = windows
         self.bench = bench
@@ -209,13 +206,13 @@ class Balance:
             ][: len(self.channels)]
         )
         if clean:
-            self.clear_noise(bench.values(), [])
+            self.measured = self._without_noise(bench.values(), [])
 
-    def clear_noise(self, values: Mapping[str, float], effects: list[ActiveEffect]) -> None:
-        """Take from the measured rows what those harmonics and accelerations need that the prediction is without.
+    def cleared(self, values: Mapping[str, float], effects: list[ActiveEffect]) -> Balance:
+        """Return the balance with measured rows without what noise in the motion needs, on a machine as given.
 
-        What is taken on the bench as stated is wrong where a motion is real but no clearer than noise, and the machine
-        is another one.
+        The prediction is without those harmonics and accelerations, see `clean`. On the bench as stated, what is taken
+        is wrong where a harmonic is real though no clearer than noise and the machine differs from its bench.
 
         Parameters
         ----------
@@ -224,10 +221,15 @@ class Balance:
         effects : list of ActiveEffect
             Effects with their coefficients.
         """
+        result = copy(self)
+        result.measured = self._without_noise(values, effects)
+        return result
+
+    def _without_noise(self, values: Mapping[str, float], effects: list[ActiveEffect]) -> Array:
         if self._unclean is None or not len(self.windows):
-            return
-        raw = Balance(self._unclean, self.bench, clean=False, harmonics=self.channels != CHANNELS)
-        self.measured = raw.measured - raw.predicted(values, effects) + self.predicted(values, effects)
+            return self.measured
+        raw = Balance(self._unclean, self.bench, clean=False, harmonics=self.channels != AVERAGE_ROWS)
+        return raw.measured - raw.predicted(values, effects) + self.predicted(values, effects)
 
     def __len__(self) -> int:
         """Return the number of rows."""

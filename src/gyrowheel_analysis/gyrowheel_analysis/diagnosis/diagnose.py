@@ -5,7 +5,7 @@ from __future__ import annotations
 import platform
 import time as clock
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any, Literal
 
@@ -14,13 +14,14 @@ import numpy as np
 from gyrowheel_analysis.diagnosis.selection import Finding, select
 from gyrowheel_analysis.diagnosis.test_design import SETTLED, Planner, Separation, detection_limits
 from gyrowheel_analysis.diagnosis.unknown import Proposal, search
-from gyrowheel_analysis.fitting.preparation import FEWEST_WINDOWS, Prepared, errors_of, one_thread, prepare
-from gyrowheel_analysis.fitting.problem import Fit, Problem
+from gyrowheel_analysis.fitting.fit import Fit
+from gyrowheel_analysis.fitting.preparation import Prepared, TooFewWindowsError, one_thread, prepare
+from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.fitting.terms import ERRORS, Term, candidate_terms
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.reduction import Coverage, concatenate
-from gyrowheel_analysis.residuals.error_table import ErrorTable, Residuals
+from gyrowheel_analysis.residuals.error_table import ErrorTable, Residuals, errors_of
 from gyrowheel_analysis.residuals.growth import Growth, growth
 from gyrowheel_analysis.residuals.regions import Region, regions
 from gyrowheel_analysis.residuals.windows import window_residuals
@@ -275,26 +276,23 @@ def diagnose(
     """
     began = clock.monotonic()
     say = progress or (lambda text: None)
-    fitted = prepare(recordings, model, harmonics=not averages, progress=progress)
-    validation = prepare(validate, model, harmonics=not averages, progress=progress) if validate else None
     paths = [str(r.path) for r in recordings]
-    if fitted.windows < FEWEST_WINDOWS:
+    try:
+        first = prepare(recordings, model, validate=validate, harmonics=not averages, progress=progress)
+    except TooFewWindowsError as few:
         return Diagnosis(
-            "insufficient_data", fitted.windows, [], [], None, [], None, {}, [], [], paths, model.origin, {},
-            clock.monotonic() - began, _versions(), fitted.coverage,
+            "insufficient_data", few.windows, [], [], None, [], None, {}, [], [], paths, model.origin, {},
+            clock.monotonic() - began, _versions(), few.coverage,
         )  # fmt: skip
-    problem = fitted.problem
-    say("estimating noise and drift")
-    problem.estimate_noise()
     say("looking for missing effects")
-    selection = select(problem, progress=progress)
-    if problem.reweigh(selection.best):
-        if validation:
-            validation.problem.reweigh(selection.best)
-        selection = select(problem, progress=progress)
-    proposal = search(problem, selection, progress=progress)
+    selection = select(first.problem, progress=progress)
+    fitted = first.reweighed(selection.best)
+    if fitted is not first:
+        selection = select(fitted.problem, progress=progress)
+    proposal = search(fitted.problem, selection, progress=progress)
     if proposal is not None:
-        problem.estimate_noise_with(proposal.fit)
+        fitted = replace(fitted, problem=fitted.problem.with_drift_estimated(proposal.fit))
+    problem = fitted.problem
     best = proposal.fit if proposal else selection.best
     before = problem.fit_within() if proposal or selection.findings else best
     data = window_residuals(
@@ -320,12 +318,12 @@ def diagnose(
             c.usual,
         )
         for limit in detection_limits(problem, best, candidate_terms(problem.bench), selection.inflation)
-        if limit.term.name not in problem.known and limit.term.effect is not None
+        if limit.term.name not in problem.unknowns.known and limit.term.effect is not None
         for c in limit.term.effect.coefficients
         if c.name == limit.coefficient
     ]
     verdict = _verdict(findings, proposal, limits)
-    errors = errors_of(before, best, fitted, validation)
+    errors = errors_of(before, best, fitted)
     return Diagnosis(
         verdict=verdict,
         windows=fitted.windows,
@@ -368,7 +366,7 @@ def _report(fitted: Prepared, finding: Finding, best: Fit, planner: Planner) -> 
     windows = concatenate([b.windows for b in problem.balances])
     # what the effect alone explains: everything else stays as fitted with it
     others = {name: values for name, values in best.coefficients.items() if name != term.name}
-    alone = problem.measured - problem.predict(best.nuisance, others)
+    alone = problem.measured - problem.predict(replace(best.point, coefficients=others))
     data = window_residuals(problem.balances, windows, alone, problem.noise.deviation())
     ties = []
     for tie in finding.ties:
@@ -382,7 +380,7 @@ def _report(fitted: Prepared, finding: Finding, best: Fit, planner: Planner) -> 
                 useful.plan if useful else None,
                 useful.expected if useful else None,
                 useful.minutes if useful else None,
-                in_model=tie.term.name in problem.known,
+                in_model=tie.term.name in problem.unknowns.known,
             )
         )
     return EffectFinding(
@@ -406,11 +404,11 @@ def _report(fitted: Prepared, finding: Finding, best: Fit, planner: Planner) -> 
 
 
 def _in_model(term: Term, problem: Problem) -> dict[str, Estimate] | None:
-    if term.effect is None or term.name not in problem.known:
+    if term.effect is None or term.name not in problem.unknowns.known:
         return None
-    errors = problem.known_errors.get(term.name, {})
+    errors = problem.unknowns.known_errors.get(term.name, {})
     return {
-        c.name: Estimate(problem.known[term.name][c.name], errors.get(c.name, 0.0), c.unit)
+        c.name: Estimate(problem.unknowns.known[term.name][c.name], errors.get(c.name, 0.0), c.unit)
         for c in term.effect.coefficients
     }
 
@@ -470,8 +468,8 @@ def _next_test(
 def nuisance_estimates(problem: Problem, fit: Fit) -> dict[str, NuisanceEstimate]:
     """Return the bench's uncertain parameters as fitted, by name; a group's members each."""
     result = {}
-    values = problem.values(fit.nuisance, fit.coefficients)
-    for index, (_, parameters) in enumerate(problem.nuisances):
+    values = problem.unknowns.values(fit)
+    for index, (_, parameters) in enumerate(problem.unknowns.nuisances):
         error = float(np.sqrt(fit.covariance[index, index]))
         for p in parameters:
             result[p.name] = NuisanceEstimate(

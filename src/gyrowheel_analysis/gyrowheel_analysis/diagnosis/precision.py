@@ -8,17 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.balance.balance import CHANNELS, Balance
 from gyrowheel_analysis.diagnosis.diagnose import Diagnosis, EffectFinding
-from gyrowheel_analysis.diagnosis.test_design import SEPARATING_PLANS, VARIED_PLANS
+from gyrowheel_analysis.diagnosis.test_design import SEPARATING_PLANS, VARIED_PLANS, planned
+from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.preparation import Progress, one_thread, prepare
-from gyrowheel_analysis.fitting.problem import Fit, Problem
-from gyrowheel_analysis.fitting.terms import ERRORS, Term
+from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.recording import Recording
-from gyrowheel_analysis.reduction import planned_windows
-from gyrowheel_control.plans.plan import Plan
-from gyrowheel_core.errors import InputError
 from gyrowheel_sim.effects import registry
 
 #: An effect whose size is known to this part of itself needs no further test.
@@ -93,15 +89,10 @@ def sharpening(
     if not loose:
         return None
     weakest = max(loose, key=relative_error)
-    prepared = prepare(recordings, model, harmonics=not averages, progress=progress)
-    problem = prepared.problem
+    problem = prepare(recordings, model, harmonics=not averages, progress=progress).problem
     if progress:
         progress("judging which test would sharpen what was found")
-    problem.estimate_noise()
-    terms = [
-        Term(f.name) if f.name in ERRORS else Term(f.name, problem.library[f.name]) for f in diagnosis.effects
-    ]
-    fit = problem.fit(terms)
+    fit = problem.fit([problem.unknowns.term(f.name) for f in diagnosis.effects])
     now = _relative(fit, weakest.name, fit.covariance)
     tests = []
     for plan in (*SEPARATING_PLANS, *VARIED_PLANS):
@@ -131,31 +122,16 @@ def _relative(fit: Fit, term: str, covariance: NDArray[np.float64]) -> float:
 
 def _with_plan(problem: Problem, fit: Fit, name: str) -> tuple[NDArray[np.float64], float] | None:
     """Return the covariance that a plan, added to the recordings at hand, would leave, and its minutes."""
-    try:
-        plan = Plan.load(name)
-        plan.check(problem.bench)
-    except InputError:
-        return None  # this bench cannot run it
-    windows = planned_windows(plan, problem.bench)
-    if not len(windows):
+    found = planned(problem, name)
+    if found is None or not len(found[0].measured):
         return None
-    harmonics = all(len(b.channels) > len(CHANNELS) for b in problem.balances)
-    planned = Problem(
-        [Balance(windows, problem.bench, harmonics=harmonics)],
-        problem.bench,
-        problem.known,
-        problem.known_errors,
-        problem.library,
-    )
-    planned.noise.use_scales(problem.noise.scales)
-    at = planned.predict(fit.nuisance, fit.coefficients)
-    columns = [planned.base_jacobian]
-    columns += [planned.term_jacobian(t, fit.nuisance, fit.coefficients, at) for t in fit.terms]
-    inverse, _ = problem.prior(fit.terms)
-    parts = [problem.noise.whiten(fit.jacobian), planned.noise.whiten(np.hstack(columns)), np.diag(inverse)]
+    other, minutes = found
+    jacobian = other.jacobian(fit, other.predict(fit))
+    inverse, _ = problem.unknowns.prior(fit.terms)
+    parts = [problem.noise.whiten(fit.jacobian), other.noise.whiten(jacobian), np.diag(inverse)]
     design = np.vstack(parts)
     size = np.linalg.norm(design, axis=0)
     size[size == 0.0] = 1.0
     scaled = design / size
     covariance = np.linalg.pinv(scaled.T @ scaled, rcond=1e-13) / np.outer(size, size)
-    return covariance, plan.duration / 60.0
+    return covariance, minutes

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.fitting.problem import Fit, Problem
+from gyrowheel_analysis.fitting.fit import Fit
+from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.fitting.terms import ERRORS, Term
 from gyrowheel_analysis.reduction.groups import direction_groups, masks, speed_groups
 
@@ -104,7 +105,7 @@ def select(problem: Problem, *, progress: Progress | None = None) -> Selection:
     and the search continues without it. (Earlier this test would judge a term by what is still missing beside it.)
     """
     say = progress or (lambda text: None)
-    pool = problem.candidates()
+    pool = problem.unknowns.candidates()
     null = problem.fit(())
     dof = max(expected_chi2(problem), 1.0)
     current = null
@@ -175,7 +176,10 @@ def _plausible(problem: Problem, fit: Fit, limit: float = ERROR_LIMIT) -> bool:
 def relative_deviation(problem: Problem, fit: Fit, term: Term) -> float:
     """Return how many stated uncertainties a parameter lies from its stated value, less twice its standard error."""
     stated = max(
-        p.relative_uncertainty for group, ps in problem.nuisances if group in ERRORS[term.name] for p in ps
+        p.relative_uncertainty
+        for group, ps in problem.unknowns.nuisances
+        if group in ERRORS[term.name]
+        for p in ps
     )
     value = abs(fit.coefficients[term.name]["relative_error"])
     return (value - 2.0 * fit.standard_error(term.name, "relative_error")) / stated
@@ -186,7 +190,7 @@ def rank(problem: Problem, current: Fit, pool: Sequence[Term]) -> list[tuple[flo
 
     A candidate whose rows the fit reproduces already is left out.
     """
-    inverse, _ = problem.prior(current.terms)
+    inverse, _ = problem.unknowns.prior(current.terms)
     design = np.vstack([problem.noise.whiten(current.jacobian), np.diag(inverse)])
     size = np.linalg.norm(design, axis=0)
     size[size == 0.0] = 1.0
@@ -197,7 +201,7 @@ def rank(problem: Problem, current: Fit, pool: Sequence[Term]) -> list[tuple[flo
     at = problem.measured - current.residual
     result = []
     for term in pool:
-        own = problem.term_jacobian(term, current.nuisance, current.coefficients, at, term.amplitudes)
+        own = problem.term_jacobian(term, current, at, term.amplitudes)
         columns = np.vstack([problem.noise.whiten(own), np.zeros((padding, own.shape[1]))])
         total = np.linalg.norm(columns, axis=0)
         columns = columns - basis @ (basis.T @ columns)
@@ -297,8 +301,8 @@ def _survives_cross_validation(problem: Problem, without: Fit, with_: Fit, term:
     if without.chi2_rows - with_.chi2_rows < 0.5 * (without.chi2 - with_.chi2):
         return True
     white = problem.noise.whiten
-    inverse_without, _ = problem.prior(without.terms)
-    inverse_with, _ = problem.prior(with_.terms)
+    inverse_without, _ = problem.unknowns.prior(without.terms)
+    inverse_with, _ = problem.unknowns.prior(with_.terms)
     amplitudes = [
         problem.count + i
         for i, (name, key) in enumerate(with_.columns)
@@ -327,7 +331,7 @@ def _survives_cross_validation(problem: Problem, without: Fit, with_: Fit, term:
                 error = left_out @ left_out - slope @ _inverse(kept + part.T @ part) @ slope
                 found.append((float(error), covariance))
             own = found[1][1][np.ix_(amplitudes, amplitudes)]
-            null = problem.null(term)
+            null = problem.unknowns.null(term)
             values = np.array([with_.coefficients[term.name][name] - null[name] for name in term.amplitudes])
             if not np.all(np.isfinite(own)) or values @ np.linalg.pinv(own) @ values < 4.0 * len(values):
                 continue

@@ -9,9 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.balance.balance import CHANNELS, Balance
+from gyrowheel_analysis.balance.balance import Balance
+from gyrowheel_analysis.channels import AVERAGE_ROWS
 from gyrowheel_analysis.diagnosis.selection import threshold
-from gyrowheel_analysis.fitting.problem import Fit, Problem
+from gyrowheel_analysis.fitting.fit import Fit
+from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.fitting.terms import Term
 from gyrowheel_analysis.reduction import planned_windows
 from gyrowheel_control.plans.plan import Plan
@@ -83,6 +85,23 @@ def _best(found: Sequence[Separation]) -> Separation | None:
     return max(found, key=lambda s: s.expected, default=None)
 
 
+def planned(problem: Problem, name: str) -> tuple[Problem, float] | None:
+    """Return the problem that a plan would give with the drifts as they are, and the plan's length in minutes.
+
+    It is None where this bench cannot run the plan.
+    """
+    bench = problem.bench
+    try:
+        plan = Plan.load(name)
+        plan.check(bench)
+    except InputError:
+        return None
+    harmonics = all(len(b.channels) > len(AVERAGE_ROWS) for b in problem.balances)
+    balance = Balance(planned_windows(plan, bench), bench, harmonics=harmonics)
+    other = Problem.of([balance], problem.unknowns).with_scales(problem.noise.scales)
+    return other, plan.duration / 60.0
+
+
 class Planner:
     """Predicts what plans would show, given the recordings at hand.
 
@@ -97,25 +116,7 @@ class Planner:
     def __init__(self, problem: Problem, fit: Fit) -> None:
         self._problem = problem
         self._fit = fit
-        self._problems: dict[str, Problem] = {}
-        self._minutes: dict[str, float] = {}
-
-    def _planned(self, name: str) -> Problem | None:
-        if name not in self._problems:
-            bench = self._problem.bench
-            try:
-                plan = Plan.load(name)
-                plan.check(bench)
-            except InputError:
-                return None  # this bench cannot run it
-            self._minutes[name] = plan.duration / 60.0
-            old = self._problem
-            harmonics = all(len(b.channels) > len(CHANNELS) for b in old.balances)
-            planned = Balance(planned_windows(plan, bench), bench, harmonics=harmonics)
-            problem = Problem([planned], bench, old.known, old.known_errors, old.library)
-            problem.noise.use_scales(self._problem.noise.scales)
-            self._problems[name] = problem
-        return self._problems[name]
+        self._planned: dict[str, tuple[Problem, float] | None] = {}
 
     def separation(self, truth: Fit, rival: Fit, plan: str) -> Separation | None:
         """Return by how much a plan, added to the recordings at hand, would make `rival` worse than `truth`.
@@ -130,22 +131,21 @@ class Planner:
         own = f"{self._problem.bench.name}_{plan}"
         # a bench of other speeds has plans of its own
         plan = own if own.partition(MARK)[0] in Plan.shipped() else plan
-        other = self._planned(plan)
-        if other is None:
+        if plan not in self._planned:
+            self._planned[plan] = planned(self._problem, plan)
+        if (found := self._planned[plan]) is None:
             return None
-        inverse, _ = self._problem.prior(rival.terms)
+        other, minutes = found
+        unknowns = self._problem.unknowns
+        inverse, _ = unknowns.prior(rival.terms)
         count = self._problem.count
         signals, designs = [], []
         for problem in (self._problem, other):
-            at = problem.predict(rival.nuisance, rival.coefficients)
-            signal = problem.predict(truth.nuisance, truth.coefficients) - at
-            columns = [problem.base_jacobian]
-            columns += [problem.term_jacobian(t, rival.nuisance, rival.coefficients, at) for t in rival.terms]
-            signals.append(problem.noise.whiten(signal))
-            designs.append(problem.noise.whiten(np.hstack(columns)))
-        centre = [self._problem.null(t)[n] for t in rival.terms for n in t.coefficients]
-        found = [rival.coefficients[t][n] for t, n in rival.columns]
-        pull = inverse * np.concatenate([rival.nuisance, np.array(found) - np.array(centre)])
+            at = problem.predict(rival)
+            signals.append(problem.noise.whiten(problem.predict(truth) - at))
+            designs.append(problem.noise.whiten(problem.jacobian(rival, at)))
+        values = np.concatenate([rival.nuisance, [rival.coefficients[t][n] for t, n in rival.columns]])
+        pull = inverse * (values - unknowns.centre(rival.terms))
         design = np.vstack([*designs, np.diag(inverse)])
         signal = np.concatenate([*signals, -pull])
         size = np.linalg.norm(design, axis=0)
@@ -153,15 +153,15 @@ class Planner:
         solution, *_ = np.linalg.lstsq(design / size, signal, rcond=1e-10)
         left = signal - (design / size) @ solution
         expected = float(left @ left) - float(truth.nuisance[:count] @ truth.nuisance[:count])
-        return Separation(plan, max(expected, 0.0), self._minutes[plan])
+        return Separation(plan, max(expected, 0.0), minutes)
 
     def revealing(self, name: str) -> Separation | None:
         """Return the plan that would show a registered effect of the middle usual size most clearly a minute."""
-        term = Term(name, self._problem.library[name])
+        term = self._problem.unknowns.term(name)
         assert term.effect is not None  # the registry holds effects only
         coefficients = {**self._fit.coefficients, name: term.effect.defaults()}
         terms = (*self._fit.terms, term)
-        _, columns = self._problem.prior(terms)
+        _, columns = self._problem.unknowns.prior(terms)
         assumed = replace(self._fit, terms=terms, coefficients=coefficients, columns=columns)
         found = [
             s for plan in SEPARATING_PLANS if (s := self.separation(assumed, self._fit, plan)) is not None
@@ -207,7 +207,7 @@ class Limit:
 
 def detection_limits(problem: Problem, fit: Fit, terms: Sequence[Term], inflation: float) -> list[Limit]:
     """Return the detection limit of every term that is not in the fit, all else fitted along."""
-    inverse, _ = problem.prior(fit.terms)
+    inverse, _ = problem.unknowns.prior(fit.terms)
     design = np.vstack([problem.noise.whiten(fit.jacobian), np.diag(inverse)])
     size = np.linalg.norm(design, axis=0)
     size[size == 0.0] = 1.0
@@ -217,7 +217,7 @@ def detection_limits(problem: Problem, fit: Fit, terms: Sequence[Term], inflatio
     for term in terms:
         if term.effect is None or term in fit.terms:
             continue
-        own = problem.term_jacobian(term, fit.nuisance, fit.coefficients, at, term.amplitudes)
+        own = problem.term_jacobian(term, fit, at, term.amplitudes)
         columns = np.vstack([problem.noise.whiten(own), np.zeros((len(inverse), own.shape[1]))])
         columns = columns - basis @ (basis.T @ columns)
         needed = math.sqrt(threshold(term, inflation))

@@ -19,7 +19,8 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.diagnosis.selection import Progress, Selection, rank
-from gyrowheel_analysis.fitting.problem import Fit, Problem
+from gyrowheel_analysis.fitting.fit import Fit
+from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.fitting.terms import Term
 from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law
 from gyrowheel_sim.effects.quantities import QUANTITIES, Omega, Omega_ref, z, z_ref
@@ -209,7 +210,7 @@ def search(problem: Problem, selection: Selection, *, progress: Progress | None 
     family = [
         Term(t.name, for_bench(t.effect, problem.bench))
         for t in forms()
-        if t.effect is not None and t.name not in problem.known
+        if t.effect is not None and t.name not in problem.unknowns.known
     ]
     base = problem.evidence(selection.best)
     starts = [selection.best]

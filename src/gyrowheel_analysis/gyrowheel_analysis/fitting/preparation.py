@@ -5,24 +5,18 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from gyrowheel_analysis.balance.balance import Balance
-from gyrowheel_analysis.fitting.problem import Fit, Problem
+from gyrowheel_analysis.fitting.fit import Fit
+from gyrowheel_analysis.fitting.problem import Problem
+from gyrowheel_analysis.fitting.unknowns import Unknowns
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.reduction import NEEDED, Coverage, Samples, Windows, reduce_and_account
-from gyrowheel_analysis.residuals.error_table import (
-    ErrorRow,
-    ErrorTable,
-    Residuals,
-    error_row,
-    floor_row,
-    residuals,
-)
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
 
@@ -43,26 +37,63 @@ _TELLING = (
 _APART = 2.0
 
 
+def too_few_windows(windows: int, coverage: Coverage) -> str:
+    """Return in a sentence that there are too few windows, and why there are not more."""
+    return f"{windows} steady windows; at least {FEWEST_WINDOWS} are needed; {coverage.sentence()}"
+
+
+class TooFewWindowsError(InputError):
+    """Recordings have too little steady motion to say anything.
+
+    Attributes
+    ----------
+    windows : int
+        Number of windows.
+    coverage : Coverage
+        How much of the recordings lies in windows, and why not more.
+    """
+
+    def __init__(self, names: Sequence[str], windows: int, coverage: Coverage) -> None:
+        self.windows, self.coverage = windows, coverage
+        super().__init__(f"{', '.join(names)}: {too_few_windows(windows, coverage)}")
+
+
 @dataclass(frozen=True)
 class Prepared:
-    """Recordings made ready.
+    """Recordings made ready to be fitted.
 
     Attributes
     ----------
     problem : Problem
-        What can be fitted.
+        What can be fitted, with the sizes of the drifts as the recordings show them.
     names : list of str
         The recordings in it, in order.
     windows : int
         How many windows they have.
     coverage : Coverage
         How much of them lies in these windows.
+    validation : Prepared or None
+        Recordings on which nothing is fitted, nor their drifts estimated; None if there is no window in any.
     """
 
     problem: Problem
     names: list[str]
     windows: int
     coverage: Coverage
+    validation: Prepared | None = None
+
+    def reweighed(self, fit: Fit) -> Prepared:
+        """Return the same with the noise of the machine that a fit describes (`Problem.reweighed`).
+
+        It is this very object where that noise hardly differs.
+        """
+        problem = self.problem.reweighed(fit)
+        if problem is self.problem:
+            return self
+        other = self.validation
+        if other is not None:
+            other = replace(other, problem=other.problem.reweighed(fit))
+        return replace(self, problem=problem, validation=other)
 
 
 @contextlib.contextmanager
@@ -98,19 +129,64 @@ def prepare(
     recordings: Sequence[Recording],
     model: Model,
     *,
+    validate: Sequence[Recording] = (),
     harmonics: bool = True,
+    drift_scales: Mapping[str, float] | None = None,
     progress: Progress | None = None,
 ) -> Prepared:
-    """Reduce recordings and put them together with a model; `harmonics` as in `Balance`.
+    """Reduce recordings, put them together with a model, and estimate their drifts.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Recordings of one machine.
+    model : Model
+        The model.
+    validate : sequence of Recording
+        Further recordings of the machine on which nothing is to be fitted.
+    harmonics : bool
+        Whether to use what happens within a revolution, or averages alone.
+    drift_scales : dict of str to float, optional
+        Sizes of the drifts where they are known already.
+    progress : callable, optional
+        Called with a line of text now and then.
 
     Raises
     ------
+    TooFewWindowsError
+        If the recordings have too little steady motion.
     InputError
         If there is no recording, one is of another bench (`require_one_bench`), or its readings cannot be those of this
         one.
     """
     if not recordings:
         raise InputError("no recording given")
+    balances, coverage = _reduced(recordings, model, harmonics, progress)
+    names, count = [r.name for r in recordings], sum(len(b.windows) for b in balances)
+    if count < FEWEST_WINDOWS:
+        raise TooFewWindowsError(names, count, coverage)
+    unknowns = Unknowns(model.reference_bench, model.effects, model.effect_errors, model.declared)
+    validation = None
+    if validate:
+        others, other_coverage = _reduced(validate, model, harmonics, progress)
+        if windows := sum(len(b.windows) for b in others):
+            validation = Prepared(
+                Problem.of(others, unknowns), [r.name for r in validate], windows, other_coverage
+            )
+    problem = Problem.of(balances, unknowns)
+    if drift_scales is None:
+        if progress:
+            progress("estimating noise and drift")
+        problem = problem.with_drift_estimated()
+    else:
+        problem = problem.with_scales(drift_scales)
+    return Prepared(problem, names, count, coverage, validation)
+
+
+def _reduced(
+    recordings: Sequence[Recording], model: Model, harmonics: bool, progress: Progress | None
+) -> tuple[list[Balance], Coverage]:
+    """Return the balance of every recording and how much of them all lies in windows."""
     require_one_bench(recordings, model)
     bench = model.reference_bench
     balances, coverages = [], []
@@ -121,9 +197,7 @@ def prepare(
         _check(windows, bench, str(recording.path))
         coverages.append(coverage)
         balances.append(Balance(windows, bench, harmonics=harmonics))
-    problem = Problem(balances, bench, model.effects, model.effect_errors, model.declared)
-    count = sum(len(b.windows) for b in balances)
-    return Prepared(problem, [r.name for r in recordings], count, Coverage.of(coverages))
+    return balances, Coverage.of(coverages)
 
 
 def require_one_bench(recordings: Sequence[Recording], model: Model) -> None:
@@ -175,42 +249,3 @@ def _check(windows: Windows, bench: Bench, where: str) -> None:
             f"{where}: spin_rate: {speed:.4g} rad/s is out of range; "
             f"allowed: up to {2 * bench.value('spin_rate_maximum'):.4g} rad/s"
         )
-
-
-@dataclass(frozen=True)
-class Errors:
-    """The error table of two fits, and the residuals behind it."""
-
-    table: ErrorTable
-    residuals: list[Residuals]
-
-
-def errors_of(before: Fit, after: Fit, fitted: Prepared, validation: Prepared | None) -> Errors:
-    """Return how the error falls from one fit to another, on the fitted and on unused recordings.
-
-    On the unused recordings nothing is fitted: parameters and coefficients are those of the fits.
-    """
-    problem = fitted.problem
-    white, deviation = problem.noise.whiten, problem.noise.deviation()
-    rows = residuals(problem.balances, fitted.names, "fit", before.residual, after.residual, deviation)
-    parts: list[ErrorRow | None] = [None, None, None]
-    if validation is not None and validation.windows:
-        other = validation.problem
-        other.noise.use_scales(problem.noise.scales)
-        for term in after.terms:
-            if term.effect is not None:
-                other.library[term.name] = term.effect
-        left = [other.measured - other.predict(fit.nuisance, fit.coefficients) for fit in (before, after)]
-        floor = other.noise.deviation()
-        parts = [error_row(other.balances, r, other.noise.whiten(r)) for r in left]
-        parts.append(floor_row(other.balances, floor))
-        rows += residuals(other.balances, validation.names, "validation", left[0], left[1], floor)
-    table = ErrorTable(
-        before=error_row(problem.balances, before.residual, white(before.residual)),
-        after=error_row(problem.balances, after.residual, white(after.residual)),
-        noise_floor=floor_row(problem.balances, deviation),
-        validation_before=parts[0],
-        validation_after=parts[1],
-        validation_noise_floor=parts[2],
-    )
-    return Errors(table, rows)

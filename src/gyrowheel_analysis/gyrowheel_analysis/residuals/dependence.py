@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from gyrowheel_analysis.balance.balance import Balance
+from gyrowheel_analysis.channels import CHANNELS
 from gyrowheel_analysis.reduction import Windows
 from gyrowheel_analysis.reduction.groups import UPRIGHT
 from gyrowheel_analysis.residuals.error_table import channel_parts
-from gyrowheel_analysis.residuals.windows import PARTS, WindowResiduals
+from gyrowheel_analysis.residuals.windows import WindowResiduals
 from gyrowheel_core.units import DEG, RPM
 
 Array = NDArray[np.float64]
@@ -63,7 +64,7 @@ class Dependence:
     Attributes
     ----------
     part : str
-        Which residual, see `residuals.PARTS`.
+        Which residual, see `channels.CHANNELS`.
     variable : str
         Of `VARIABLES`.
     share_of_chi2 : float
@@ -316,7 +317,7 @@ def _patterns(
     A torque of the coils may stand still, or be in proportion to the tilt, in phase or across; the motor's rows have an
     amplitude of their own. Each of these may change with the variable. None stands for no variable.
     """
-    w, kind = data.windows, PARTS[name]
+    w, kind = data.windows, CHANNELS[name]
     rows: dict[str, list[NDArray[np.int64]]] = {row: [] for row in kind.rows}
     count = 0
     for balance in balances:

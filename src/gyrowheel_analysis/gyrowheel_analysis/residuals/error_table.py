@@ -10,44 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance.balance import Balance
+from gyrowheel_analysis.channels import FURTHER, LISTED, TORQUES
+from gyrowheel_analysis.fitting.fit import Fit
+from gyrowheel_analysis.fitting.preparation import Prepared
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Channel:
-    """What is measured and predicted: the rows of the balance that belong to it.
-
-    Attributes
-    ----------
-    rows : tuple of str
-        Channels of `Balance`; two are real and imaginary part of an amplitude.
-    title : str
-        Its name for people.
-    unit : str
-        ``N·m`` or ``V``.
-    """
-
-    rows: tuple[str, ...]
-    title: str
-    unit: str = "N·m"
-
-
-#: Averages of coils and motor, torque of the coils once and twice a revolution, ripple and voltages of the motor.
-CHANNELS: dict[str, Channel] = {
-    "tilt_x": Channel(("tilt_x",), "tilt x"),
-    "tilt_y": Channel(("tilt_y",), "tilt y"),
-    "spin": Channel(("spin",), "spin"),
-    "tilt_1n": Channel(("tilt_1n_x", "tilt_1n_y"), "tilt 1N"),
-    "tilt_2n": Channel(("tilt_2n_x", "tilt_2n_y"), "tilt 2N"),
-    "spin_ripple": Channel(("spin_ripple_x", "spin_ripple_y"), "ripple"),
-    "motor_voltage": Channel(("motor_voltage",), "voltage", "V"),
-    "voltage_ripple": Channel(("voltage_ripple_x", "voltage_ripple_y"), "V ripple", "V"),
-}
-#: Those of the averaged torques.
-TORQUE_CHANNELS = ("tilt_x", "tilt_y", "spin")
-#: All others.
-FURTHER_CHANNELS = tuple(name for name in CHANNELS if name not in TORQUE_CHANNELS)
 
 
 @dataclass(frozen=True)
@@ -77,7 +44,7 @@ class ErrorRow:
     chi2_per_n : float
         Mean square of all residuals in units of their noise; about 1 for a complete model.
     channels : dict of str to ChannelError
-        All channels that the recordings have, those of `rms` and of `FURTHER_CHANNELS`.
+        All channels that the recordings have, those of `rms` and of `channels.FURTHER`.
     """
 
     rms: dict[str, float]
@@ -90,7 +57,7 @@ class ErrorRow:
             "rms": dict(self.rms),
             "chi2_per_n": self.chi2_per_n,
             "channels": {
-                name: {"rms": e.rms, "unit": CHANNELS[name].unit, "chi2_per_n": e.chi2_per_n}
+                name: {"rms": e.rms, "unit": LISTED[name].unit, "chi2_per_n": e.chi2_per_n}
                 for name, e in self.channels.items()
             },
         }
@@ -150,7 +117,7 @@ class Residuals:
     channels : dict of str to tuple of ndarray
         Before, after, and standard deviation of the noise, of every torque channel [N m].
     further : dict of str to tuple of ndarray
-        The same of those of `FURTHER_CHANNELS` that there are; amplitudes are complex, their noise is that of one part.
+        The same of those of `channels.FURTHER` that there are; amplitudes are complex, their noise is that of one part.
     """
 
     name: str
@@ -169,7 +136,7 @@ def error_row(balances: Sequence[Balance], rows: Array, white: Array) -> ErrorRo
             channel_rms(balances, rows, name),
             float(
                 np.mean(
-                    np.concatenate([channel_values(balances, white, row) for row in CHANNELS[name].rows]) ** 2
+                    np.concatenate([channel_values(balances, white, row) for row in LISTED[name].rows]) ** 2
                 )
             )
             if len(white)
@@ -189,21 +156,21 @@ def floor_row(balances: Sequence[Balance], deviation: Array) -> ErrorRow:
 
 
 def _torques(channels: dict[str, ChannelError]) -> dict[str, float]:
-    return {name: channels[name].rms for name in TORQUE_CHANNELS}
+    return {name: channels[name].rms for name in TORQUES}
 
 
 def channels_of(balances: Sequence[Balance]) -> list[str]:
     """Return the channels that all recordings have: some are reduced to averages alone."""
     return [
         name
-        for name, channel in CHANNELS.items()
+        for name, channel in LISTED.items()
         if all(row in balance.channels for row in channel.rows for balance in balances)
     ]
 
 
 def channel_rms(balances: Sequence[Balance], rows: Array, name: str) -> float:
     """Return the root mean square of one channel over time: every window counts by its duration."""
-    squares = sum(channel_values(balances, rows, row) ** 2 for row in CHANNELS[name].rows)
+    squares = sum(channel_values(balances, rows, row) ** 2 for row in LISTED[name].rows)
     duration = np.concatenate([balance.windows.duration for balance in balances])
     return float(np.sqrt(np.average(squares, weights=duration))) if duration.size else 0.0
 
@@ -248,8 +215,8 @@ def residuals(
             time=balance.windows.middle,
             spin_rate=balance.windows.mean_spin,
             tilt=balance.windows.mean_tilt,
-            channels=own(index, TORQUE_CHANNELS),
-            further=own(index, FURTHER_CHANNELS),
+            channels=own(index, TORQUES),
+            further=own(index, FURTHER),
         )
         for index, (balance, recording) in enumerate(zip(balances, names, strict=True))
     ]
@@ -257,11 +224,46 @@ def residuals(
 
 def _joined(balances: Sequence[Balance], rows: Array, name: str) -> list[Any]:
     """Return a channel, an array a recording; real and imaginary part put together."""
-    parts: list[list[Any]] = [list(channel_parts(balances, rows, row)) for row in CHANNELS[name].rows]
+    parts: list[list[Any]] = [list(channel_parts(balances, rows, row)) for row in LISTED[name].rows]
     return parts[0] if len(parts) == 1 else [a + 1j * b for a, b in zip(*parts, strict=True)]
 
 
 def _noise(balances: Sequence[Balance], deviation: Array, name: str) -> list[Any]:
     """Return the standard deviation of one part of a channel, an array a recording."""
-    own = [channel_parts(balances, deviation, row) for row in CHANNELS[name].rows]
+    own = [channel_parts(balances, deviation, row) for row in LISTED[name].rows]
     return [np.sqrt(np.mean(np.square(parts), axis=0)) for parts in zip(*own, strict=True)]
+
+
+@dataclass(frozen=True)
+class Errors:
+    """The error table of two fits, and the residuals behind it."""
+
+    table: ErrorTable
+    residuals: list[Residuals]
+
+
+def errors_of(before: Fit, after: Fit, prepared: Prepared) -> Errors:
+    """Return how the error falls from one fit to another, on the fitted and on the validation recordings.
+
+    On validation recordings nothing is fitted: parameters and coefficients are those of the fits.
+    """
+    problem = prepared.problem
+    white, deviation = problem.noise.whiten, problem.noise.deviation()
+    rows = residuals(problem.balances, prepared.names, "fit", before.residual, after.residual, deviation)
+    parts: list[ErrorRow | None] = [None, None, None]
+    if (validation := prepared.validation) is not None:
+        other = validation.problem.with_scales(problem.noise.scales)
+        left = [other.measured - other.predict(fit) for fit in (before, after)]
+        floor = other.noise.deviation()
+        parts = [error_row(other.balances, r, other.noise.whiten(r)) for r in left]
+        parts.append(floor_row(other.balances, floor))
+        rows += residuals(other.balances, validation.names, "validation", left[0], left[1], floor)
+    table = ErrorTable(
+        before=error_row(problem.balances, before.residual, white(before.residual)),
+        after=error_row(problem.balances, after.residual, white(after.residual)),
+        noise_floor=floor_row(problem.balances, deviation),
+        validation_before=parts[0],
+        validation_after=parts[1],
+        validation_noise_floor=parts[2],
+    )
+    return Errors(table, rows)

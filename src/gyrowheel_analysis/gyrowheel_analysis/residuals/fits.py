@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import curve_fit
 
-from gyrowheel_analysis.balance.balance import CHANNELS as AVERAGES
 from gyrowheel_analysis.reduction import Windows
 from gyrowheel_analysis.reduction.groups import speed_groups
 from gyrowheel_analysis.residuals.patterns import pattern
@@ -119,7 +118,7 @@ def by_speed(name: str, part: Part, w: Windows, speeds: Speeds) -> BySpeed | Non
         norm = float(np.sum(g * np.abs(q) ** 2))
         if norm > 0.0:
             a = np.sum(g * r * np.conj(q)) / norm
-            alone = norm / len(index) if part.kind.rows[0] in AVERAGES else norm
+            alone = norm / len(index) if part.kind.group == "average" else norm
             rows.append((float(np.mean(w.mean_spin[index])), a.real if real else a, norm, alone))
     if not rows:
         return None
@@ -211,7 +210,7 @@ def _variables(w: Windows, part: Part) -> dict[str, Array]:
         "up": w.up,
         "time": w.middle,
     }
-    if part.kind.rows[0].startswith("tilt"):
+    if part.kind.quantity == "coil_torque":
         del values["motor"], values["magnets"]
     return {name: v for name, v in values.items() if float(np.ptp(v)) >= _VARIABLES[name]}
 

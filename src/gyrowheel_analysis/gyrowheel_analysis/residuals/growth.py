@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gyrowheel_analysis.balance.balance import CHANNELS as AVERAGES
 from gyrowheel_analysis.reduction.groups import speed_groups
 from gyrowheel_analysis.residuals.fits import (
     BySpeed,
@@ -63,7 +62,7 @@ class Growth:
     Attributes
     ----------
     part : str
-        Which residual, see `windows.PARTS`.
+        Which residual, see `channels.CHANNELS`.
     pattern : str
         How it goes with the motion, see `patterns.pattern`.
     amplitude : complex or None
@@ -103,7 +102,7 @@ def _failing(data: WindowResiduals) -> list[str]:
 
 
 def _least(part: Part) -> float:
-    if part.kind.rows[0] in AVERAGES:
+    if part.kind.group == "average":
         return (_DRIFTING - 1.0) * part.rows
     return _BEYOND * math.sqrt(2.0 * part.rows)
 

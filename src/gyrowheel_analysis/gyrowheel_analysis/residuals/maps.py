@@ -57,7 +57,7 @@ class Cell:
     count : int
         Windows in it.
     mean : dict of str to float or complex
-        Mean residual by part (`residuals.PARTS`), weighted with the noise [unit of the part]: of the averages of the
+        Mean residual by part (`channels.CHANNELS`), weighted with the noise [unit of the part]: of the averages of the
         tilt x + i y in case axes.
     turned : complex or None
         Mean of the tilt's residual in axes that turn with the tilt: along it + i across it [N m]; None where nothing

@@ -53,7 +53,7 @@ class Region:
     Attributes
     ----------
     part : str
-        Which residual, see `windows.PARTS`.
+        Which residual, see `channels.CHANNELS`.
     spin_rate : float
         About which spin rate [rad/s].
     conditions : tuple of str

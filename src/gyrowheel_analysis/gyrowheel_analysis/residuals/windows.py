@@ -10,70 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance.balance import Balance
+from gyrowheel_analysis.channels import CHANNELS, Channel
 from gyrowheel_analysis.reduction import Windows
 from gyrowheel_analysis.residuals.error_table import channel_values
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Kind:
-    """A kind of residual: the rows of the balance that make it, its names and its unit.
-
-    Attributes
-    ----------
-    rows : tuple of str
-        Channels of `Balance`; two are real and imaginary part.
-    title : str
-        Short name: where the model fails.
-    subject : str
-        The same in a sentence: what is beyond the model.
-    measured : str
-        What was measured, in a sentence.
-    unit : str
-        ``N·m`` or ``V``.
-    patterns : tuple of str
-        Ways to depend on the motion that are tried, see `patterns.pattern`.
-    """
-
-    rows: tuple[str, ...]
-    title: str
-    subject: str
-    measured: str
-    unit: str
-    patterns: tuple[str, ...]
-
-
-#: The averages; then what the coils give once and twice a revolution, and the motor's ripple.
-PARTS: dict[str, Kind] = {
-    "tilt": Kind(
-        ("tilt_x", "tilt_y"), "tilt", "coil torque", "the mean torque of the coils", "N·m",
-        ("tilt", "still", "cube", "rate", "load", "table", "room", "mirror"),
-    ),
-    "spin": Kind(
-        ("spin",), "spin", "motor torque", "the mean torque of the motor", "N·m", ("still", "square", "acceleration")
-    ),
-    "tilt_1n": Kind(
-        ("tilt_1n_x", "tilt_1n_y"), "tilt 1N", "coil torque once a revolution",
-        "the torque of the coils once a revolution", "N·m", ("still", "tilt", "mirror"),
-    ),
-    "tilt_2n": Kind(
-        ("tilt_2n_x", "tilt_2n_y"), "tilt 2N", "coil torque twice a revolution",
-        "the torque of the coils twice a revolution", "N·m", ("mirror", "still", "tilt"),
-    ),
-    "spin_ripple": Kind(
-        ("spin_ripple_x", "spin_ripple_y"), "spin ripple", "ripple of the motor torque",
-        "the ripple of the motor's torque", "N·m", ("still", "square"),
-    ),
-    "motor_voltage": Kind(
-        ("motor_voltage",), "voltage", "motor voltage", "the mean voltage of the motor", "V",
-        ("still", "square", "acceleration"),
-    ),
-    "voltage_ripple": Kind(
-        ("voltage_ripple_x", "voltage_ripple_y"), "voltage ripple", "ripple of the motor voltage",
-        "the ripple of the motor's voltage", "V", ("still",),
-    ),
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -82,7 +23,7 @@ class Part:
 
     Attributes
     ----------
-    kind : Kind
+    kind : Channel
         What it is.
     values : ndarray (n,)
         Residual, complex for a kind of two rows: the averages in case axes x + i y, amplitudes in axes that turn.
@@ -92,7 +33,7 @@ class Part:
         What the model asks for [unit of the kind]; None where that is not known.
     """
 
-    kind: Kind
+    kind: Channel
     values: NDArray[Any]
     sigma: Array
     load: NDArray[Any] | None = None
@@ -136,7 +77,7 @@ class WindowResiduals:
     recording : ndarray (n,)
         To which recording each belongs, from 0.
     parts : dict of str to Part
-        By the names of `PARTS`; without what the recordings were not reduced to.
+        By the names of `CHANNELS`; without what the recordings were not reduced to.
     """
 
     windows: Windows
@@ -164,7 +105,7 @@ def window_residuals(
         Residual rows and the standard deviation of their noise.
     """
     parts = {}
-    for name, kind in PARTS.items():
+    for name, kind in CHANNELS.items():
         if not all(row in balance.channels for row in kind.rows for balance in balances):
             continue
         own: list[Any] = [channel_values(balances, rows, row) for row in kind.rows]

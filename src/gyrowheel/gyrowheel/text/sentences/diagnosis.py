@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from gyrowheel.text.sentences.recordings import coverage_sentence
 from gyrowheel.text.sentences.residuals import growth_sentence
 from gyrowheel_core.quantities import listed
 
@@ -77,13 +76,10 @@ def _named_effects(findings: Sequence[EffectFinding]) -> list[str]:
 
 def _too_little(found: Diagnosis) -> str:
     """Return why recordings are not enough."""
-    from gyrowheel_analysis.fitting.preparation import FEWEST_WINDOWS
+    from gyrowheel_analysis.fitting.preparation import FEWEST_WINDOWS, too_few_windows
 
     if found.windows < FEWEST_WINDOWS:
-        return (
-            f"{found.windows} steady windows where at least {FEWEST_WINDOWS} are needed; "
-            f"{coverage_sentence(found.coverage)}"
-        )
+        return too_few_windows(found.windows, found.coverage)
     return "nothing was found, but no effect of a usual size would have shown"
 
 

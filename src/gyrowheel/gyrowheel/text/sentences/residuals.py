@@ -7,16 +7,16 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from gyrowheel.text.variables import TITLES
-from gyrowheel_analysis.residuals.windows import PARTS
+from gyrowheel_analysis.channels import CHANNELS
 from gyrowheel_core.quantities import listed, number, size, size_and_noise, unit_for
 from gyrowheel_core.units import RPM
 
 if TYPE_CHECKING:
+    from gyrowheel_analysis.channels import Channel
     from gyrowheel_analysis.residuals.dependence import Dependence, PartDependence
     from gyrowheel_analysis.residuals.fits import Change
     from gyrowheel_analysis.residuals.growth import Growth, SpeedLaw
     from gyrowheel_analysis.residuals.regions import Region
-    from gyrowheel_analysis.residuals.windows import Kind
 
 _CONDITIONS = {
     "cone": "cone",
@@ -55,7 +55,7 @@ def region_name(region: Region) -> str:
     """Return which part of the data a region is: ``tilt, 3500 rpm, cone``."""
     return ", ".join(
         [
-            PARTS[region.part].title,
+            CHANNELS[region.part].title,
             f"{region.spin_rate / RPM:.0f} rpm",
             *(_CONDITIONS[c] for c in region.conditions),
         ]
@@ -64,7 +64,7 @@ def region_name(region: Region) -> str:
 
 def region_description(region: Region) -> str:
     """Return what the residual looks like in a region."""
-    kind, look = PARTS[region.part], region.look
+    kind, look = CHANNELS[region.part], region.look
     if look.form == "offset":
         side = " above the model" if look.value.real > 0 else " below the model"
         return f"{kind.subject} {size_and_noise(look.size, look.noise, kind.unit, side)}"
@@ -87,7 +87,7 @@ def dependence_sentences(found: Iterable[PartDependence]) -> list[str]:
 
 def growth_sentence(law: Growth) -> str:
     """Return which law a part of the residual follows."""
-    kind = PARTS[law.part]
+    kind = CHANNELS[law.part]
     if law.amplitude is None:
         assert law.change is not None  # one of the two is always there
         ends = _ends(law.change, kind)
@@ -99,7 +99,7 @@ def growth_sentence(law: Growth) -> str:
 
 
 def _dependence(found: PartDependence) -> str:
-    title = PARTS[found.part].title
+    title = CHANNELS[found.part].title
     mostly = _mostly(found.part) if found.mostly_plain else ""
     if found.stated:
         text = f"depends on the {listed([_named(d) for d in found.stated], 'and')}"
@@ -131,14 +131,14 @@ def _probability(p: float) -> str:
     return "< 0.001" if p < 1e-3 else f"= {p:.1g}"
 
 
-def _subject(kind: Kind, pattern: str, direction: complex) -> str:
+def _subject(kind: Channel, pattern: str, direction: complex) -> str:
     """Return how a residual goes with the motion."""
     words = _PATTERNS["tilt" if pattern == "mirror" and kind.rows[0] == "tilt_2n_x" else pattern]
     phase = _phase(direction) if kind.rows[0] == "tilt_x" and pattern in _WITH_PHASE else ""
     return f"the residual {kind.subject} is {words}{phase}"
 
 
-def _amplitude(law: Growth, kind: Kind) -> str:
+def _amplitude(law: Growth, kind: Channel) -> str:
     """Return how a residual goes with the motion, and its size."""
     mean = law.amplitude or 0.0
     if len(kind.rows) == 1:
@@ -155,7 +155,7 @@ def _amplitude(law: Growth, kind: Kind) -> str:
     return f"{text}: {sign}{amount} {unit}{'' if law.uniform else ' on average'}"
 
 
-def _with_speed(law: SpeedLaw | None, kind: Kind, pattern: str) -> str:
+def _with_speed(law: SpeedLaw | None, kind: Channel, pattern: str) -> str:
     """Return how an amplitude goes with the spin rate."""
     if law is None:
         return ""
@@ -168,7 +168,7 @@ def _with_speed(law: SpeedLaw | None, kind: Kind, pattern: str) -> str:
     return f", from {a} to {b} {unit} between {law.low / RPM:.0f} and {law.high / RPM:.0f} rpm"
 
 
-def _ends(change: Change, kind: Kind) -> str:
+def _ends(change: Change, kind: Channel) -> str:
     """Return the sizes at both ends of a change, and what changes between them."""
     (a, b), unit = _amounts([change.at_low, change.at_high], kind, change.pattern)
     low, high = (_value(change.variable, v) for v in (change.low, change.high))
@@ -176,7 +176,7 @@ def _ends(change: Change, kind: Kind) -> str:
 
 
 def _amounts(
-    values: Sequence[float], kind: Kind, pattern: str, *, sign: bool = False
+    values: Sequence[float], kind: Channel, pattern: str, *, sign: bool = False
 ) -> tuple[list[str], str]:
     """Return amplitudes of a pattern as numbers, and the unit of them all."""
     name, scale = ("%", 1e-2) if pattern == "load" else unit_for(max(abs(v) for v in values), kind.unit)
@@ -201,7 +201,7 @@ def _phase(slope: complex) -> str:
     return f" and {abs(angle):.0f}° {side} it"
 
 
-def _axes(value: complex, kind: Kind) -> str:
+def _axes(value: complex, kind: Channel) -> str:
     """Return the components of a constant, where its axes mean something to people."""
     if kind.rows[0] != "tilt_x":
         return " in the rotor" if kind.rows[0].startswith("tilt") else ""

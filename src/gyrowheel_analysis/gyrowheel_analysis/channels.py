@@ -1,0 +1,139 @@
+"""The channels: every quantity that the balance predicts and the recording measures, declared once.
+
+A channel has one row a window, or two where it is complex: the x and y parts of the mean torque, the real and imaginary
+parts of an amplitude. The order of the rows, their drift, the lines of the error table and the words for a residual all
+follow from the declarations in `CHANNELS`. What predicts a row, what measures it and how noisy it is, is the physics of
+its `quantity` in `balance.rows` and `fitting.variance`; a channel of a quantity that is there is declared here alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+#: When a channel is looked at: averaged over whole revolutions, once or twice a revolution, at the motor's ripple.
+Group = Literal["average", "revolution", "ripple"]
+#: What a channel is: torque of the coils, torque or voltage of the motor, torque that accelerates the shaft, voltage
+#: across the resistance of the winding.
+Quantity = Literal["coil_torque", "motor_torque", "motor_voltage", "shaft_torque", "winding_voltage"]
+#: The groups in the order of the rows.
+GROUPS: tuple[Group, ...] = ("average", "revolution", "ripple")
+
+
+@dataclass(frozen=True)
+class Channel:
+    """What is measured and predicted.
+
+    Attributes
+    ----------
+    name : str
+        Its name, as in the results' JSON.
+    rows : tuple of str
+        Names of its rows; two are the real and the imaginary part.
+    title : str
+        Short name for people.
+    unit : str
+        ``N·m`` or ``V``.
+    group : Group
+        When it is looked at.
+    quantity : Quantity
+        What it is.
+    order : int
+        Multiple of the spin speed, for channels of the group ``revolution``.
+    drift : str
+        Reading whose slow drift it carries, ``coil_voltage``, ``motor_current`` or ``motor_voltage``; empty for an
+        amplitude, which carries none. Channels of one reading share one scale of the drift.
+    by_axis : bool
+        Whether the error table lists its rows apart.
+    subject : str
+        The channel in a sentence, as what is beyond the model.
+    measured : str
+        The channel in a sentence, as what was measured.
+    patterns : tuple of str
+        Ways to depend on the motion that are tried on its residual, see `residuals.patterns.pattern`.
+    """
+
+    name: str
+    rows: tuple[str, ...]
+    title: str
+    unit: str
+    group: Group
+    quantity: Quantity
+    subject: str
+    measured: str
+    patterns: tuple[str, ...]
+    order: int = 0
+    drift: str = ""
+    by_axis: bool = False
+
+
+_DECLARED = (
+    Channel(
+        "tilt", ("tilt_x", "tilt_y"), "tilt", "N·m", "average", "coil_torque",
+        "coil torque", "the mean torque of the coils",
+        ("tilt", "still", "cube", "rate", "load", "table", "room", "mirror"), drift="coil_voltage", by_axis=True,
+    ),
+    Channel(
+        "spin", ("spin",), "spin", "N·m", "average", "motor_torque",
+        "motor torque", "the mean torque of the motor",
+        ("still", "square", "acceleration"), drift="motor_current",
+    ),
+    Channel(
+        "tilt_1n", ("tilt_1n_x", "tilt_1n_y"), "tilt 1N", "N·m", "revolution", "coil_torque",
+        "coil torque once a revolution", "the torque of the coils once a revolution",
+        ("still", "tilt", "mirror"), order=1,
+    ),
+    Channel(
+        "tilt_2n", ("tilt_2n_x", "tilt_2n_y"), "tilt 2N", "N·m", "revolution", "coil_torque",
+        "coil torque twice a revolution", "the torque of the coils twice a revolution",
+        ("mirror", "still", "tilt"), order=2,
+    ),
+    Channel(
+        "spin_ripple", ("spin_ripple_x", "spin_ripple_y"), "spin ripple", "N·m", "ripple", "shaft_torque",
+        "ripple of the motor torque", "the ripple of the motor's torque", ("still", "square"),
+    ),
+    Channel(
+        "motor_voltage", ("motor_voltage",), "voltage", "V", "average", "motor_voltage",
+        "motor voltage", "the mean voltage of the motor",
+        ("still", "square", "acceleration"), drift="motor_voltage",
+    ),
+    Channel(
+        "voltage_ripple", ("voltage_ripple_x", "voltage_ripple_y"), "voltage ripple", "V", "ripple", "winding_voltage",
+        "ripple of the motor voltage", "the ripple of the motor's voltage", ("still",),
+    ),
+)  # fmt: skip
+
+#: All channels by name, in the order in which they are shown.
+CHANNELS: dict[str, Channel] = {channel.name: channel for channel in _DECLARED}
+#: The channels as the error table lists them: those given `by_axis` row by row.
+LISTED: dict[str, Channel] = {
+    own.name: own
+    for channel in _DECLARED
+    for own in (
+        [replace(channel, name=row, rows=(row,), title=f"{channel.title} {row[-1]}") for row in channel.rows]
+        if channel.by_axis
+        else [channel]
+    )
+}
+#: Those of the averaged torques, and all others.
+TORQUES = tuple(name for name, c in LISTED.items() if c.group == "average" and c.unit == "N·m")
+FURTHER = tuple(name for name in LISTED if name not in TORQUES)
+#: Readings whose drifts are scaled, each by one scale.
+DRIFTS = tuple(dict.fromkeys(channel.drift for channel in _DECLARED if channel.drift))
+
+
+def in_groups(*groups: Group) -> tuple[Channel, ...]:
+    """Return the channels of some groups, in the order of their rows."""
+    return tuple(
+        channel for group in GROUPS if group in groups for channel in _DECLARED if channel.group == group
+    )
+
+
+def rows_of(*groups: Group) -> tuple[str, ...]:
+    """Return the names of the rows of some groups, in their order."""
+    return tuple(row for channel in in_groups(*groups) for row in channel.rows)
+
+
+#: Rows of the averages, and all rows, in their order.
+AVERAGE_ROWS = rows_of("average")
+ALL_ROWS = rows_of(*GROUPS)

@@ -1,0 +1,147 @@
+"""Predicted rows of all recordings and their derivatives, as functions of the unknowns."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel_analysis.balance.balance import Balance, Instants
+from gyrowheel_analysis.fitting.fit import Point
+from gyrowheel_analysis.fitting.terms import Term
+from gyrowheel_analysis.fitting.unknowns import Unknowns
+
+Array = NDArray[np.float64]
+
+_KEPT_STATES = 6
+_NUISANCE_STEP = 0.1  # stated uncertainties
+_COEFFICIENT_STEP = 1.0e-3  # of the generous size of a coefficient
+
+_State = tuple[dict[str, float], list[Instants], Array]
+
+
+class Prediction:
+    """Rows of the balances as functions of the unknowns; the last few states are kept for their derivatives.
+
+    Parameters
+    ----------
+    balances : sequence of Balance
+        One a recording.
+    unknowns : Unknowns
+        What is unknown.
+    """
+
+    def __init__(self, balances: Sequence[Balance], unknowns: Unknowns) -> None:
+        self.balances = tuple(balances)
+        self.unknowns = unknowns
+        self._states: OrderedDict[object, _State] = OrderedDict()
+
+    def rows(self, point: Point) -> Array:
+        """Return the predicted rows of all recordings."""
+        return self._state(point)[2]
+
+    def with_measured(self, balances: Sequence[Balance]) -> Prediction:
+        """Return the prediction for balances that differ in their measured rows alone."""
+        result = Prediction(balances, self.unknowns)
+        result._states = self._states.copy()
+        return result
+
+    def split(self, rows: Array) -> list[Array]:
+        """Return rows recording by recording."""
+        edges = np.cumsum([len(b) for b in self.balances])[:-1]
+        return np.split(rows, edges)
+
+    def nuisance_jacobian(self, point: Point, at: Array) -> Array:
+        """Return the derivatives (N, q) of the rows, which are `at` there, by the nuisance unknowns."""
+        columns = []
+        for k in range(self.unknowns.count):
+            moved = point.nuisance.copy()
+            moved[k] += _NUISANCE_STEP
+            columns.append((self._moved(point, moved) - at) / _NUISANCE_STEP)
+        return np.column_stack(columns)
+
+    def term_jacobian(self, term: Term, point: Point, at: Array, names: Sequence[str] | None = None) -> Array:
+        """Return the derivatives of the rows by coefficients of a term (amplitudes zero where not given).
+
+        Parameters
+        ----------
+        term : Term
+            The term; it need not be in the point.
+        point : Point
+            Where the derivatives are taken.
+        at : ndarray (N,)
+            The predicted rows there.
+        names : sequence of str, optional
+            The coefficients; all of the term's unless given.
+        """
+        columns = []
+        for name in term.coefficients if names is None else names:
+            own = dict(self.unknowns.present(term, point) or self.unknowns.null(term))
+            step = _COEFFICIENT_STEP * self.unknowns.scale(term, name)
+            own[name] += step
+            columns.append((self._changed(point, term, own) - at) / step)
+        return np.column_stack(columns)
+
+    def _state(self, point: Point) -> _State:
+        """Return bench parameters, states of the balances and predicted rows."""
+        # within a problem the name of an effect of the library stands for it
+        foreign = tuple(t.effect for t in point.terms if t.name not in self.unknowns.library)
+        key = repr((point.nuisance.tolist(), point.coefficients)), foreign
+        if key in self._states:
+            self._states.move_to_end(key)
+        else:
+            values, effects = self.unknowns.values(point), self.unknowns.effects(point)
+            instants = [b.instants(values, effects) for b in self.balances]
+            rows = np.concatenate([b.rows(at, values) for b, at in zip(self.balances, instants, strict=True)])
+            self._states[key] = values, instants, rows
+            if len(self._states) > _KEPT_STATES:
+                self._states.popitem(last=False)
+        return self._states[key]
+
+    def _changed(self, point: Point, term: Term, own: dict[str, float]) -> Array:
+        """Return the predicted rows with slightly other coefficients of one term."""
+        terms = point.terms if term in point.terms else (*point.terms, term)
+        changed = Point(terms, point.nuisance, {**point.coefficients, term.name: own})
+        if term.effect is None:
+            return self._stepped(point, changed)
+        effect, before = term.effect, self.unknowns.present(term, point)
+        values, instants, _ = self._state(point)
+        found = self._from(instants, lambda b, at: b.changed(at, values, effect, before, own))
+        return self._stepped(point, changed) if found is None else found
+
+    def _moved(self, point: Point, nuisance: Array) -> Array:
+        """Return the predicted rows for `nuisance`, a small step away; quick where the motion stays as it is."""
+        moved = Point(point.terms, nuisance, point.coefficients)
+        parameters = len(self.unknowns.nuisances)
+        if not np.array_equal(nuisance[parameters:], point.nuisance[parameters:]):
+            # a coefficient of a known effect
+            return self._stepped(point, moved)
+        values, instants, _ = self._state(point)
+        effects, after = self.unknowns.effects(point), self.unknowns.values(moved)
+        found = self._from(instants, lambda b, at: b.moved(at, values, after, effects))
+        return self._stepped(point, moved) if found is None else found
+
+    def _stepped(self, point: Point, there: Point) -> Array:
+        """Return the predicted rows `there`, a small step away from a point."""
+        _, instants, _ = self._state(point)
+        values, effects = self.unknowns.values(there), self.unknowns.effects(there)
+        return np.concatenate(
+            [
+                b.rows(b.instants(values, effects, at), values)
+                for b, at in zip(self.balances, instants, strict=True)
+            ]
+        )
+
+    def _from(
+        self, instants: Sequence[Instants], rows: Callable[[Balance, Instants], Array | None]
+    ) -> Array | None:
+        """Return the rows that every balance makes of its state; None if one of them cannot."""
+        parts = []
+        for balance, at in zip(self.balances, instants, strict=True):
+            own = rows(balance, at)
+            if own is None:
+                return None
+            parts.append(own)
+        return np.concatenate(parts)

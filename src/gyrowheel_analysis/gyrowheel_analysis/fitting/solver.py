@@ -1,0 +1,214 @@
+"""Nonlinear least squares: Gauss-Newton steps, shortened where they fail."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel_analysis.fitting.fit import Fit, Point
+from gyrowheel_analysis.fitting.noise import Noise
+from gyrowheel_analysis.fitting.prediction import Prediction
+from gyrowheel_analysis.fitting.terms import Term
+from gyrowheel_sim.effects import EffectValues
+
+Array = NDArray[np.float64]
+
+_FAR = 5.0  # stated uncertainties after which the derivatives by the bench parameters are taken anew
+_BOLD_STEPS = 3
+_WORTH = 5.0  # gain in chi-squared that a step must promise to be followed uphill
+#: Shares of a step that are tried, the whole one first.
+_SHORTENINGS = (1.0, 0.5, 0.2, 0.05, 0.01)
+_GAIN = 1.0e-3  # in chi-squared: a step that gains less is the last one
+
+
+@dataclass(frozen=True)
+class Evaluated:
+    """What a vector of unknowns predicts, and how well.
+
+    Attributes
+    ----------
+    point : Point
+        The unknowns by name.
+    predicted : ndarray (N,)
+        Predicted rows.
+    white : ndarray (N,)
+        Whitened residual.
+    pull : ndarray (unknowns,)
+        Deviations from the priors.
+    chi2_rows, chi2 : float
+        Sum of squares of the whitened residual; with that of the pulls; infinite where not finite.
+    """
+
+    point: Point
+    predicted: Array
+    white: Array
+    pull: Array
+    chi2_rows: float
+    chi2: float
+
+
+class Objective:
+    """Chi-squared of recordings and priors as a function of the vector of all unknowns.
+
+    Parameters
+    ----------
+    prediction : Prediction
+        Predicts the rows.
+    measured : ndarray (N,)
+        The measured rows.
+    noise : Noise
+        Their noise.
+    terms : sequence of Term
+        What is fitted beside the nuisance unknowns.
+    """
+
+    def __init__(self, prediction: Prediction, measured: Array, noise: Noise, terms: Sequence[Term]) -> None:
+        self.prediction, self.measured, self.noise = prediction, measured, noise
+        self.terms = tuple(terms)
+        self.count = prediction.unknowns.count
+        self.inverse, self.columns = prediction.unknowns.prior(self.terms)
+        self.centre = prediction.unknowns.centre(self.terms)
+
+    def start(self, point: Point | None) -> Array:
+        """Return the vector of a point, its terms' coefficients as far as it has them; the prior centre for None."""
+        x = self.centre.copy()
+        if point is not None:
+            x[: self.count] = point.nuisance
+            for index, (term, name) in enumerate(self.columns):
+                x[self.count + index] = point.coefficients.get(term, {}).get(name, x[self.count + index])
+        return x
+
+    def at(self, x: Array) -> Evaluated:
+        """Return what the unknowns `x` predict, and how well."""
+        coefficients: EffectValues = {term.name: {} for term in self.terms}
+        for (term, name), value in zip(self.columns, x[self.count :], strict=True):
+            coefficients[term][name] = float(value)
+        point = Point(self.terms, x[: self.count].copy(), coefficients)
+        predicted = self.prediction.rows(point)
+        white, pull = self.noise.whiten(self.measured - predicted), self.inverse * (x - self.centre)
+        rows = float(white @ white)
+        chi2 = rows + float(pull @ pull)
+        return Evaluated(point, predicted, white, pull, rows, chi2 if np.isfinite(chi2) else np.inf)
+
+    def nuisance_jacobian(self, at: Evaluated) -> Array:
+        """Return the derivatives of the rows by the nuisance unknowns."""
+        return self.prediction.nuisance_jacobian(at.point, at.predicted)
+
+    def jacobian(self, at: Evaluated, nuisance_jacobian: Array) -> Array:
+        """Return the derivatives of the rows by all unknowns, given those by the nuisance unknowns."""
+        parts = [nuisance_jacobian]
+        parts += [self.prediction.term_jacobian(t, at.point, at.predicted) for t in self.terms]
+        return np.hstack(parts)
+
+    def design(self, jacobian: Array) -> Array:
+        """Return whitened derivatives of rows and priors."""
+        return np.vstack([self.noise.whiten(jacobian), np.diag(self.inverse)])
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Return lower and upper bounds of all unknowns; the nuisance unknowns have none."""
+        pairs = [self.prediction.unknowns.bounds(t, name) for t in self.terms for name in t.coefficients]
+        low, high = np.full(len(self.centre), -np.inf), np.full(len(self.centre), np.inf)
+        low[self.count :], high[self.count :] = [p[0] for p in pairs], [p[1] for p in pairs]
+        return low, high
+
+    def within_bounds(self, x: Array) -> Array:
+        """Return the nearest vector within the bounds."""
+        low, high = self.bounds()
+        return np.clip(x, low, high)
+
+
+@dataclass(frozen=True)
+class _Step:
+    """A linear problem solved: derivatives, whitened design, size of its columns, step, and promised gain."""
+
+    jacobian: Array
+    design: Array
+    size: Array
+    step: Array
+    promised: float
+
+
+def solve(objective: Objective, x: Array, nuisance_jacobian: Array, *, iterations: int = 12) -> Fit:
+    """Minimise an objective.
+
+    The derivatives by the nuisance unknowns change little; they are taken anew where one has moved far.
+
+    Parameters
+    ----------
+    objective : Objective
+        What is minimised.
+    x : ndarray
+        Where to begin.
+    nuisance_jacobian : ndarray (N, q)
+        Derivatives by the nuisance unknowns there, or nearby.
+    iterations : int
+        Steps at most.
+    """
+    count = objective.count
+    taken_at = x[:count].copy()
+    at = objective.at(x)
+    bold = True
+    for _ in range(iterations):
+        if np.abs(x[:count] - taken_at).max() > _FAR:
+            nuisance_jacobian = objective.nuisance_jacobian(at)
+            taken_at = x[:count].copy()
+        linear = _linear(objective, at, nuisance_jacobian)
+        for shortening in _SHORTENINGS:
+            trial = objective.within_bounds(x + shortening * linear.step)
+            there = objective.at(trial)
+            if there.chi2 <= at.chi2:
+                break
+            if bold and linear.promised > _WORTH and np.abs(linear.step[:count]).max() > 1.0:
+                bold = False
+                trial, there = _boldly(objective, trial, there)
+                if there.chi2 <= at.chi2:
+                    break
+        else:
+            break  # no step along this direction helps: x is the best there is
+        gain, x, at = at.chi2 - there.chi2, trial, there
+        if gain < _GAIN * max(1.0, 1e-3 * at.chi2):
+            break
+    scaled = linear.design / linear.size
+    covariance = np.linalg.pinv(scaled.T @ scaled, rcond=1e-13) / np.outer(linear.size, linear.size)
+    return Fit(
+        objective.terms,
+        at.point.nuisance,
+        at.point.coefficients,
+        at.chi2,
+        at.chi2_rows,
+        covariance,
+        objective.columns,
+        objective.measured - at.predicted,
+        at.pull,
+        linear.jacobian,
+    )
+
+
+def _linear(objective: Objective, at: Evaluated, nuisance_jacobian: Array) -> _Step:
+    """Return the step to the minimum if all were linear, and the gain in chi-squared that it then promises."""
+    jacobian = objective.jacobian(at, nuisance_jacobian)
+    design = objective.design(jacobian)
+    # columns of very different size: scale before solving
+    size = np.linalg.norm(design, axis=0)
+    size[size == 0.0] = 1.0
+    now = np.concatenate([at.white, -at.pull])
+    step, *_ = np.linalg.lstsq(design / size, now, rcond=1e-12)
+    then = now - (design / size) @ step
+    return _Step(jacobian, design, size, step / size, float(now @ now - then @ then))
+
+
+def _boldly(objective: Objective, x: Array, at: Evaluated) -> tuple[Array, Evaluated]:
+    """Go on from where a whole step has led, uphill though it was, by whole steps with new derivatives.
+
+    A scale that is far off moves everything else along: a whole step lands beside the valley and the next ones lead
+    into it, while steps short enough to go downhill would hardly move.
+    """
+    for _ in range(_BOLD_STEPS):
+        if not np.isfinite(at.chi2):
+            break
+        x = objective.within_bounds(x + _linear(objective, at, objective.nuisance_jacobian(at)).step)
+        at = objective.at(x)
+    return x, at

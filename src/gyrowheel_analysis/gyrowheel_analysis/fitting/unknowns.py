@@ -1,0 +1,204 @@
+"""The unknowns of a fit and their priors: bench parameters, coefficients of the model's effects, and terms."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel_analysis.balance.balance import ActiveEffect
+from gyrowheel_analysis.fitting.fit import Point
+from gyrowheel_analysis.fitting.terms import ERRORS, Term, candidate_terms
+from gyrowheel_analysis.reduction import MOTOR_THERMAL
+from gyrowheel_sim.bench import Bench, Parameter
+from gyrowheel_sim.effects import Effect, EffectValues, registry
+from gyrowheel_sim.effects.sizes import for_bench
+
+Array = NDArray[np.float64]
+
+#: Bench parameters that are fitted along, by the name of their group in the bench file.
+NUISANCE_GROUPS = (
+    "flexure_stiffness_x",
+    "flexure_stiffness_y",
+    "gimbal_inertia",
+    "rotor_inertia_transverse",
+    "rotor_inertia_z",
+    "shaft_inertia",
+    "flexure_damping_x",
+    "flexure_damping_y",
+    "bearing_coulomb",
+    "bearing_viscous",
+    "coil_constant",
+    "motor_constant",
+    "motor_resistance",
+    *MOTOR_THERMAL,
+    "fixed_torque_x",
+    "fixed_torque_y",
+    "tilt_bias_x",
+    "tilt_bias_y",
+    "tilt_scale",
+)
+_HELD = 1.0e4  # inverse prior deviation of an unknown that is held
+_RELATIVE_ERROR_BOUNDS = (-0.9, 10.0)
+
+
+class Unknowns:
+    """What a fit may change, and what is known of it beforehand. Nothing here depends on a recording.
+
+    Parameters
+    ----------
+    bench : Bench
+        The bench as its file describes it: the stated values and uncertainties.
+    known : EffectValues
+        Effects that the model has already. A term of the same name stands in the place of one.
+    known_errors : dict
+        Standard errors of their coefficients; a coefficient that has none is held.
+    declared : dict of str to Effect
+        Declarations of effects that are not registered.
+
+    Attributes
+    ----------
+    library : mapping of str to Effect
+        The registered effects, in the sizes that they have on the bench, and those declared. Effects that are neither
+        come with the terms of a `Point`.
+    nuisances : list of (str, list of Parameter)
+        The groups of uncertain bench parameters.
+    count : int
+        Number of nuisance unknowns: those groups, then the uncertain coefficients of the known effects.
+    """
+
+    def __init__(
+        self,
+        bench: Bench,
+        known: EffectValues | None = None,
+        known_errors: EffectValues | None = None,
+        declared: Mapping[str, Effect] | None = None,
+    ) -> None:
+        self.bench = bench
+        self.declared = dict(declared or {})
+        self.library: Mapping[str, Effect] = MappingProxyType(
+            {name: for_bench(effect, bench) for name, effect in registry().items()} | self.declared
+        )
+        self.known = {name: dict(values) for name, values in (known or {}).items()}
+        self.known_errors = {name: dict(errors) for name, errors in (known_errors or {}).items()}
+        #: Uncertain coefficients of known effects: effect, coefficient, standard error.
+        self.loose = [
+            (name, key, error)
+            for name, errors in self.known_errors.items()
+            for key, error in errors.items()
+            if name in self.known and error > 0.0
+        ]
+        groups = bench.groups()
+        self.nuisances: list[tuple[str, list[Parameter]]] = [
+            (g, groups[g]) for g in NUISANCE_GROUPS if g in groups
+        ]
+        self.count = len(self.nuisances) + len(self.loose)
+
+    def on_bench(self, bench: Bench) -> Unknowns:
+        """Return the same unknowns with what another bench states."""
+        return Unknowns(bench, self.known, self.known_errors, self.declared)
+
+    def stated(self, coefficients: EffectValues | None = None) -> Point:
+        """Return everything as stated, with coefficients of registered effects or parameter errors if given."""
+        return Point((), np.zeros(self.count), coefficients or {})
+
+    def term(self, name: str) -> Term:
+        """Return the term of a name: an effect of the library or the error of a bench parameter."""
+        return Term(name) if name in ERRORS else Term(name, self.library[name])
+
+    def values(self, point: Point) -> dict[str, float]:
+        """Return the bench parameters at a point."""
+        values = self.bench.values()
+        for (_, parameters), u in zip(self.nuisances, point.nuisance[: len(self.nuisances)], strict=True):
+            for p in parameters:
+                values[p.name] = p.value + u * p.uncertainty
+        for name, groups in ERRORS.items():
+            if name in point.coefficients:
+                for group, parameters in self.nuisances:
+                    if group in groups:
+                        for p in parameters:
+                            values[p.name] += p.value * point.coefficients[name]["relative_error"]
+        return values
+
+    def effects(self, point: Point) -> list[ActiveEffect]:
+        """Return all effects at a point with their coefficients: those known and those of the terms."""
+        every = {t.name: t.effect for t in point.terms if t.effect is not None} | dict(self.library)
+        present = {**self._known_at(point.nuisance), **point.coefficients}
+        return [ActiveEffect(every[name], v) for name, v in present.items() if name in every]
+
+    def _known_at(self, nuisance: Array) -> EffectValues:
+        """Return the coefficients of the known effects for deviations `nuisance`."""
+        known = {name: dict(v) for name, v in self.known.items()}
+        for (name, key, error), u in zip(self.loose, nuisance[len(self.nuisances) :], strict=True):
+            known[name][key] += u * error
+        return known
+
+    def moved(self, nuisance: Array) -> dict[tuple[str, str], float]:
+        """Return by how many of its standard errors each coefficient of the known effects has moved."""
+        names = [(name, key) for name, key, _ in self.loose]
+        return dict(zip(names, nuisance[len(self.nuisances) :].tolist(), strict=True))
+
+    def present(self, term: Term, point: Point) -> dict[str, float] | None:
+        """Return the coefficients that a term has at a point; None if it is not there."""
+        if term.name in point.coefficients:
+            return point.coefficients[term.name]
+        return self._known_at(point.nuisance).get(term.name)
+
+    def candidates(self) -> list[Term]:
+        """Return what the rows may ask for: every registered effect, every parameter error that is a finding.
+
+        An effect that the model has is among them: its coefficients may be wrong. As a term it stands in the place of
+        what the model has of it.
+        """
+        own = [Term(name, self.library[name]) for name in self.known if name not in registry()]
+        return candidate_terms(self.bench) + own
+
+    def null(self, term: Term) -> dict[str, float]:
+        """Return the coefficients for which a term changes nothing: those of the model if it has the effect."""
+        if term.name in self.known:
+            return dict(self.known[term.name])
+        return term.effect.nulls() if term.effect else {"relative_error": 0.0}
+
+    @staticmethod
+    def scale(term: Term, name: str) -> float:
+        """Return a generous size of a coefficient: several times the usual amplitude, the uncertainty of a shape."""
+        if term.effect is None:
+            return 1.0
+        c = next(c for c in term.effect.coefficients if c.name == name)
+        return c.shape_uncertainty if c.shape is not None else 5.0 * c.usual[1]
+
+    @staticmethod
+    def bounds(term: Term, name: str) -> tuple[float, float]:
+        """Return the range of a coefficient."""
+        if term.effect is None:
+            return _RELATIVE_ERROR_BOUNDS
+        return next(c.bounds for c in term.effect.coefficients if c.name == name)
+
+    def prior(self, terms: Sequence[Term]) -> tuple[Array, list[tuple[str, str]]]:
+        """Return the inverse prior deviations of all unknowns and the list of the coefficients among them.
+
+        A parameter error frees its parameter: the relative error has no prior, and the parameter's own deviation is
+        held at zero, where the two are the same thing. Shapes keep the uncertainty that their declaration states.
+        """
+        columns = [(t.name, name) for t in terms for name in t.coefficients]
+        inverse = [1.0] * self.count
+        for term in terms:
+            groups = ERRORS[term.name] if term.effect is None else ()
+            if len(groups) == 1:
+                inverse[[name for name, _ in self.nuisances].index(groups[0])] = _HELD
+            for name in term.coefficients:
+                shape = term.effect is not None and name not in term.amplitudes
+                inverse.append(1.0 / self.scale(term, name) if shape else 0.0)
+        return np.array(inverse), columns
+
+    def centre(self, terms: Sequence[Term]) -> Array:
+        """Return the prior centre of all unknowns."""
+        return np.concatenate(
+            [np.zeros(self.count), [self.null(t)[n] for t in terms for n in t.coefficients]]
+        )
+
+    def widths(self, terms: Sequence[Term]) -> Array:
+        """Return a generous deviation of every unknown before the recordings are seen."""
+        return np.array([1.0] * self.count + [self.scale(t, n) for t in terms for n in t.coefficients])
