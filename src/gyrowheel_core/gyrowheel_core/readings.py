@@ -14,13 +14,14 @@ Array = NDArray[np.float64]
 
 #: Names of the columns.
 READINGS: Final = wire.MEASUREMENT.fields
+_PLACES: Final = {name: place for place, name in enumerate(READINGS)}
 
 
 class _Column:
     """The column that has the name of the attribute."""
 
     def __set_name__(self, owner: type[Readings], name: str) -> None:
-        self._place = READINGS.index(name)
+        self._place = _PLACES[name]
 
     @overload
     def __get__(self, readings: None, owner: type[Readings]) -> Self: ...
@@ -61,14 +62,6 @@ class Readings:
     ------
     ValueError
         If the array does not have a column for each reading.
-
-    Examples
-    --------
-    >>> readings = Readings(np.zeros((3, 11)))
-    >>> readings.tilt_x is not readings["tilt_x"], np.shares_memory(readings.tilt_x, readings["tilt_x"])
-    (True, True)
-    >>> len(readings[1:])
-    2
     """
 
     __slots__ = ("array",)
@@ -93,7 +86,7 @@ class Readings:
     @staticmethod
     def columns(names: Iterable[str]) -> list[int]:
         """Return the numbers of columns, for code that needs several of them as one array."""
-        return [READINGS.index(name) for name in names]
+        return [_PLACES[name] for name in names]
 
     def copy(self) -> Readings:
         """Return a copy whose columns may be written to."""
@@ -112,7 +105,7 @@ class Readings:
     def __getitem__(self, which: str | slice | NDArray[Any]) -> Array | Readings:
         """Return a column by its name, or some of the samples (slice, mask or indices)."""
         if isinstance(which, str):
-            return self.array[:, READINGS.index(which)]
+            return self.array[:, _PLACES[which]]
         return Readings(self.array[which])
 
     def __repr__(self) -> str:

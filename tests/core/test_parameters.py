@@ -8,8 +8,7 @@ from typing import Any
 import pytest
 
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.node import Param, parameter_help
-from gyrowheel_sim.plant.node import PlantNode
+from gyrowheel_core.node import AUTOSTART, BenchNode, Param, parameter_help
 
 NUMBER = Param("n", 1.0, "A number", low=0.5, high=2.0)
 COUNT = Param("c", 3, "A count", low=1)
@@ -54,9 +53,34 @@ def test_other_values_are_refused_with_what_is_allowed(param: Param, given: Any,
     assert str(caught.value) == f"parameter {param.name}: {given!r} is not allowed; allowed: {allowed}"
 
 
+class TickNode(BenchNode):
+    """Says tick.
+
+    No more than that.
+    """
+
+    NODE_NAME = "tick"
+    PARAMETERS = (NUMBER, COUNT, WORD, SWITCH)
+
+
 def test_help_lists_every_parameter_with_its_description():
-    text = parameter_help(PlantNode)
-    for param in PlantNode.PARAMETERS:
-        assert param.name in text
-        assert param.description in text
-    assert "autostart" in text
+    text = parameter_help(TickNode)
+    assert text.startswith("Says tick.\n\nnode tick; ")
+    for param in (AUTOSTART, *TickNode.PARAMETERS):
+        assert (
+            f"\n  {param.name} (default {param.default!r}; {param.allowed})\n      {param.description}"
+            in text
+        )
+
+
+def test_the_descriptor_gives_ros_the_range():
+    number, count, word = (param.descriptor() for param in (NUMBER, COUNT, WORD))
+    (floats,), (integers,) = number.floating_point_range, count.integer_range
+    assert (floats.from_value, floats.to_value) == (0.5, 2.0)
+    assert (integers.from_value, integers.to_value) == (1, 2**63 - 1)
+    assert word.additional_constraints == "one of: tick, tock; fixed once the node is configured"
+    assert not word.floating_point_range
+    assert not word.integer_range
+    live = Param("r", 1.0, "A rate", high=3.0, live=True).descriptor()
+    assert live.floating_point_range[0].from_value < -1e300
+    assert live.additional_constraints == "may change at any time"

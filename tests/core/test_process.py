@@ -1,0 +1,95 @@
+"""A node as a process: environment, signals, exit codes; without any other node."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from gyrowheel_core.node import BenchNode, ExitCode, StopSignals, prepare_environment, run_node
+from gyrowheel_core.node.priority import raise_priority
+
+RANGE, PROFILES = "ROS_AUTOMATIC_DISCOVERY_RANGE", "FASTRTPS_DEFAULT_PROFILES_FILE"
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+class NothingNode(BenchNode):
+    """Does nothing."""
+
+    NODE_NAME = "nothing"
+
+
+@pytest.fixture
+def _handlers_kept() -> Iterator[None]:
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+def test_discovery_stays_on_this_computer(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in (RANGE, PROFILES):
+        monkeypatch.setenv(name, "")  # so that both are put back afterwards
+        monkeypatch.delenv(name)
+    prepare_environment()
+    assert os.environ[RANGE] == "LOCALHOST"
+    assert "<profiles" in Path(os.environ[PROFILES]).read_text(encoding="utf-8")
+
+
+def test_what_the_user_has_set_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(RANGE, "SUBNET")
+    monkeypatch.setenv(PROFILES, "")
+    monkeypatch.delenv(PROFILES)
+    prepare_environment()
+    assert os.environ[RANGE] == "SUBNET"
+    assert PROFILES not in os.environ
+
+
+@pytest.mark.usefixtures("_handlers_kept")
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_signal_stops_a_node_that_comes_later(number: signal.Signals) -> None:
+    class Stopped:
+        stops = 0
+
+        def stop(self) -> None:
+            self.stops += 1
+
+    signals, node = StopSignals(), Stopped()
+    assert not signals.received
+    os.kill(os.getpid(), number)
+    assert signals.received
+    signals.attach(node)
+    assert node.stops == 1
+    os.kill(os.getpid(), number)
+    assert node.stops == 2
+
+
+def test_help_ends_well(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_node(NothingNode, ["--help"]) == ExitCode.OK
+    assert capsys.readouterr().out.startswith("Does nothing.\n")
+
+
+@pytest.mark.usefixtures("_handlers_kept")
+@pytest.mark.parametrize("arguments", [["more"], ["--ros-args", "-p", "no assignment"]])
+def test_bad_arguments_end_with_one_line(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_node(NothingNode, arguments) == ExitCode.BAD_INPUT
+    said = capsys.readouterr().err
+    assert said.startswith("nothing: ")
+    assert said.count("\n") == 1
+
+
+def test_priority_zero_changes_nothing() -> None:
+    before = os.sched_getscheduler(0)
+    assert raise_priority(0)
+    assert os.sched_getscheduler(0) == before
+
+
+def test_a_priority_that_the_system_refuses_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError
+
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    assert not raise_priority(10)
