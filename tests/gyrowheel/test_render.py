@@ -30,7 +30,6 @@ from gyrowheel.text.models import model_page
 from gyrowheel.text.plans import plan_list, plan_page
 from gyrowheel.text.quantities import (
     decimal,
-    edge,
     fixed,
     minus,
     quantity,
@@ -48,6 +47,7 @@ from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction import Coverage
 from gyrowheel_analysis.residuals.error_table import ErrorRow
 from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core.units import unit_for
 from gyrowheel_sim.air.check import check_table
 from gyrowheel_sim.air.table import TorqueTable
 from gyrowheel_sim.bench import Bench
@@ -113,7 +113,7 @@ def test_numbers_as_people_read_them(shown: str, expected: str):
 def test_every_unit_in_use_has_a_sign():
     units = {c.unit for effect in registry().values() for c in effect.coefficients}
     units |= {p.unit for p in Bench.load().parameters.values()}
-    assert not [unit for unit in units if set("*^") & set(edge(unit).label)]
+    assert not [unit for unit in units if set("*^") & set(unit_for(1.0, unit).label)]
 
 
 def test_torques_of_a_small_bench_are_shown_in_a_smaller_unit():

@@ -22,7 +22,7 @@ from gyrowheel_analysis.reduction import READING_NOISES, Samples, reduce
 from gyrowheel_control.loops.controller import loop_code
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.readings import Readings
-from gyrowheel_sim.bench import unit_registry
+from gyrowheel_core.units import unit_registry
 from gyrowheel_sim.blind.outside import THREE_LOBED
 from gyrowheel_sim.effects import Coefficient, Effect, registry
 from gyrowheel_sim.effects.code import FUNCTIONS, array_law, coefficient_arrays

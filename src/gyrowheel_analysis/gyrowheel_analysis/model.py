@@ -12,7 +12,7 @@ import yaml
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import write_text
 from gyrowheel_core.yaml_text import read_yaml
-from gyrowheel_sim.bench import Bench, check_value
+from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import (
     Effect,
     EffectValues,
@@ -23,6 +23,7 @@ from gyrowheel_sim.effects import (
     validated,
 )
 from gyrowheel_sim.effects.user import check_name
+from gyrowheel_sim.parameter import check_value
 
 SCHEMA = 1
 

@@ -19,8 +19,8 @@ def one_line(error: BaseException) -> str:
     return " ".join(str(error).split()) or type(error).__name__
 
 
-def nearest(name: str, known: Iterable[str]) -> str:
-    """Return what a message says after a name that is not known: the one that was meant, or all that there are."""
+def nearest(name: str, known: Iterable[str], what: str = "allowed") -> str:
+    """Return what a message says after an unknown name: the known one that it resembles, else all of them."""
     names = list(known)
     near = difflib.get_close_matches(name[:60], names, n=1)
-    return f"did you mean {near[0]}?" if near else f"allowed: {', '.join(names) or 'none'}"
+    return f"did you mean {near[0]}?" if near else f"{what}: {', '.join(names) or 'none'}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, Final, NoReturn, TypeVar
 
@@ -124,6 +125,25 @@ def check(schema: type[S], content: Any, where: str, *, kind: str = "", separato
     except ValidationError as error:
         place, said = _first(schema, error)
     raise InputError(f"{where}{separator}{place}: {said}" if place else f"{where}: {said}")
+
+
+def finite(value: Any, where: str) -> float:
+    """Return a value as a finite number, as `Number` takes it.
+
+    Raises
+    ------
+    InputError
+        If it is none; the message begins with `where`.
+    """
+    try:
+        if isinstance(value, bool) or not isinstance(value, int | float | str):
+            raise TypeError
+        number = float(value)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{where}: {shown(value)} is not a number") from None
+    if not math.isfinite(number):
+        raise InputError(f"{where}: {shown(value)} is not finite")
+    return number
 
 
 def shown(value: Any) -> str:

@@ -2,128 +2,19 @@
 
 from __future__ import annotations
 
-import difflib
-import functools
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from importlib import resources
 from pathlib import Path
-from typing import Any
 
-import pint
-import yaml
-
-from gyrowheel_core.errors import InputError, one_line
+from gyrowheel_core.errors import InputError, nearest
+from gyrowheel_core.schema import check
 from gyrowheel_core.yaml_text import read_yaml
+from gyrowheel_sim.parameter import SCHEMA, BenchFile, Parameter, check_value, read_parameters
 
-SCHEMA = 1
 #: Files of the benches that come with the project, by name.
 _SHIPPED = {"gyrowheel": "bench.yaml", "dtg": "dtg.yaml"}
-#: Parameters that must be greater than zero for the equations to make sense.
-_POSITIVE = frozenset(
-    [
-        "rotor_inertia_x",
-        "rotor_inertia_y",
-        "rotor_inertia_z",
-        "shaft_inertia",
-        "flexure_stiffness_x",
-        "flexure_stiffness_y",
-        "coil_constant",
-        "coil_voltage_limit",
-        "coil_resistance",
-        "coil_heat_capacity",
-        "coil_thermal_resistance",
-        "motor_constant",
-        "motor_resistance",
-        "winding_heat_capacity",
-        "winding_thermal_resistance",
-        "motor_heat_capacity",
-        "motor_thermal_resistance",
-        "motor_ripple_order",
-        "supply_voltage",
-        "tilt_scale",
-        "sample_period",
-        "drift_time",
-        "air_temperature",
-        "air_density_reference",
-        "gas_constant",
-        "spin_rate_reference",
-        "tilt_reference",
-        "tilt_limit",
-        "spin_rate_minimum",
-        "spin_rate_maximum",
-    ]
-)
-_NOT_NEGATIVE = frozenset(
-    [
-        "gimbal_inertia_x",
-        "gimbal_inertia_y",
-        "gimbal_inertia_z",
-        "flexure_damping_x",
-        "flexure_damping_y",
-        "bearing_coulomb",
-        "bearing_viscous",
-        "tilt_noise",
-        "spin_angle_noise",
-        "spin_rate_noise",
-        "coil_voltage_noise",
-        "motor_voltage_noise",
-        "motor_current_noise",
-        "temperature_noise",
-        "pressure_noise",
-        "coil_voltage_drift",
-        "motor_voltage_drift",
-        "motor_current_drift",
-        "air_pressure",
-    ]
-)
-
-
-@functools.cache
-def unit_registry() -> pint.UnitRegistry[Any]:
-    """Return the one unit registry of the project."""
-    return pint.UnitRegistry()
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """One physical parameter of a bench.
-
-    Attributes
-    ----------
-    name : str
-        Name, unique in the bench.
-    value : float
-        Value in `unit`.
-    unit : str
-        SI unit; a bench file may have any other of the same kind.
-    uncertainty : float
-        Standard uncertainty (1 sigma), absolute, in `unit`.
-    source : str
-        Where the value comes from; ``assumed`` where nothing published gives it.
-    description : str
-        What it is.
-    group : str
-        Parameters of one group vary by one common factor; the own name where there is no group. The analysis knows
-        groups by name, so that those of the default bench hold for all.
-    """
-
-    name: str
-    value: float
-    unit: str
-    uncertainty: float
-    source: str
-    description: str
-    group: str
-
-    @property
-    def relative_uncertainty(self) -> float:
-        """Standard uncertainty over the value (infinite for a value of zero with an uncertainty)."""
-        if self.uncertainty == 0.0:
-            return 0.0
-        return abs(self.uncertainty / self.value) if self.value else math.inf
 
 
 @dataclass(frozen=True)
@@ -169,9 +60,8 @@ class Bench:
             return cls.from_text(file.read_text(encoding="utf-8"), origin=name)
         path = Path(source)
         if not path.is_file():
-            near = difflib.get_close_matches(str(source), _SHIPPED, n=1)
-            hint = f"; did you mean {near[0]}?" if near else f"; shipped: {', '.join(_SHIPPED)}"
-            raise InputError(f"bench '{source}': no such shipped bench or file{hint}")
+            hint = nearest(str(source), _SHIPPED, "shipped")
+            raise InputError(f"bench '{source}': no such shipped bench or file; {hint}")
         return cls.from_text(path.read_text(encoding="utf-8", errors="replace"), origin=str(path))
 
     @staticmethod
@@ -182,27 +72,12 @@ class Bench:
     @classmethod
     def from_text(cls, text: str, *, origin: str) -> Bench:
         """Read a bench from the text of a bench file (see `load`)."""
-        raw = read_yaml(text, origin)
-        if not isinstance(raw, dict) or not isinstance(raw.get("parameters"), dict):
-            raise InputError(f"{origin}: not a bench file (a mapping with 'parameters' is expected)")
-        if raw.get("schema") != SCHEMA:
-            raise InputError(f"{origin}: schema: {raw.get('schema')!r} is not known; allowed: {SCHEMA}")
-        known = _defaults()
-        parameters: dict[str, Parameter] = {}
-        for name, entry in raw["parameters"].items():
-            if known and name not in known:
-                near = difflib.get_close_matches(str(name), known, n=1)
-                hint = f"; did you mean '{near[0]}'?" if near else ""
-                raise InputError(f"{origin}: parameters.{name}: no such parameter{hint}")
-            parameters[name] = _parameter(str(name), entry, origin)
-        missing = sorted(set(known) - set(parameters))
-        if missing:
-            raise InputError(f"{origin}: parameters: missing {', '.join(missing)}")
+        content = check(BenchFile, read_yaml(text, origin), origin, kind="bench file")
         bench = cls(
-            name=str(raw.get("name", "bench")),
-            title=str(raw.get("title", "")),
-            parameters=parameters,
-            references={str(k): str(v) for k, v in (raw.get("references") or {}).items()},
+            name=content.name,
+            title=content.title,
+            parameters=read_parameters(content.parameters, f"{origin}: parameters"),
+            references=content.references,
             origin=origin,
         )
         if bench.value("spin_rate_minimum") >= bench.value("spin_rate_maximum"):
@@ -228,9 +103,9 @@ class Bench:
         parameters = dict(self.parameters)
         for name, value in values.items():
             if name not in parameters:
-                near = difflib.get_close_matches(name, parameters, n=1)
-                hint = f"; did you mean '{near[0]}'?" if near else ""
-                raise InputError(f"{where}.{name}: the bench has no such parameter{hint}")
+                raise InputError(
+                    f"{where}.{name}: the bench has no such parameter; {nearest(name, parameters)}"
+                )
             parameters[name] = replace(parameters[name], value=check_value(name, value, where))
         return replace(self, parameters=parameters)
 
@@ -285,98 +160,3 @@ class Bench:
             },
             separators=(",", ":"),
         )
-
-
-def check_value(name: str, value: Any, where: str) -> float:
-    """Return `value` as a float allowed for parameter `name`; else raise InputError naming `where`."""
-    number = _number(value, f"{where}.{name}")
-    if name in _POSITIVE and number <= 0.0:
-        raise InputError(f"{where}.{name}: {number:g} is out of range; allowed: > 0")
-    if name in _NOT_NEGATIVE and number < 0.0:
-        raise InputError(f"{where}.{name}: {number:g} is out of range; allowed: >= 0")
-    return number
-
-
-def _number(value: Any, where: str) -> float:
-    """Return a finite number; else raise InputError naming `where`."""
-    if isinstance(value, bool) or not isinstance(value, int | float | str):
-        raise InputError(f"{where}: {value!r} is not a number")
-    try:
-        number = float(value)
-    except (ValueError, OverflowError):
-        raise InputError(f"{where}: {value!r} is not a number") from None
-    if not math.isfinite(number):
-        raise InputError(f"{where}: {value!r} is not finite")
-    return number
-
-
-def _conversion(unit: str, needed: str, where: str) -> tuple[float, float]:
-    """Return offset and factor from `unit` to the unit `needed`; InputError naming `where` if there is no way."""
-    if unit == needed:
-        return 0.0, 1.0
-    units = unit_registry()
-    try:
-        own, other = units.parse_units(unit), units.parse_units(needed)
-    except Exception as error:  # pint raises several unrelated classes for a bad unit
-        raise InputError(f"{where}: {unit!r} is no unit ({one_line(error)}); allowed: {needed}") from None
-    # a frequency counts revolutions to people, but radians to the library of units
-    names = {
-        name
-        for part in dict(units.Quantity(1.0, own).unit_items())
-        for _, name, _ in units.parse_unit_name(part)
-    }
-    if own.dimensionality != other.dimensionality or "hertz" in names:
-        raise InputError(f"{where}: {unit!r} cannot be converted; allowed: {needed} and its like")
-    zero = float(units.Quantity(0.0, own).to(other).magnitude)
-    return zero, float(units.Quantity(1.0, own).to(other).magnitude) - zero
-
-
-@functools.cache
-def _defaults() -> dict[str, tuple[str, str]]:
-    """Return the SI unit and the group of every parameter, as the default bench has them."""
-    text = resources.files("gyrowheel_sim").joinpath("config/bench.yaml").read_text(encoding="utf-8")
-    parameters = yaml.safe_load(text)["parameters"]
-    return {name: (str(entry["unit"]), str(entry.get("group", name))) for name, entry in parameters.items()}
-
-
-def _parameter(name: str, entry: Any, origin: str) -> Parameter:
-    where = f"{origin}: parameters"
-    if not isinstance(entry, dict):
-        raise InputError(
-            f"{where}.{name}: {entry!r} is not a mapping with value, unit, uncertainty and source"
-        )
-    unknown = set(entry) - {"value", "unit", "uncertainty", "source", "description", "group"}
-    if unknown:
-        raise InputError(f"{where}.{name}.{sorted(map(str, unknown))[0]}: no such field")
-    for needed in ("value", "unit", "uncertainty", "source"):
-        if needed not in entry:
-            raise InputError(f"{where}.{name}.{needed}: missing")
-    unit, own = _defaults()[name]
-    offset, factor = _conversion(str(entry["unit"]), unit, f"{where}.{name}.unit")
-    given = _number(entry["value"], f"{where}.{name}")
-    value = check_value(name, factor * given + offset, where)
-    raw = entry["uncertainty"]
-    relative = isinstance(raw, str) and raw.strip().endswith("%")
-    try:
-        uncertainty = float(str(raw).strip().removesuffix("%")) * (abs(given) / 100.0 if relative else 1.0)
-    except ValueError:
-        raise InputError(
-            f"{where}.{name}.uncertainty: {raw!r} is neither a number nor a percentage"
-        ) from None
-    uncertainty *= factor
-    if not math.isfinite(uncertainty) or uncertainty < 0.0:
-        raise InputError(f"{where}.{name}.uncertainty: {raw!r} is out of range; allowed: >= 0")
-    group = str(entry.get("group", own))
-    if group != own:
-        # the analysis knows by these names which parameters err together
-        allowed = "no group" if own == name else f"{own}"
-        raise InputError(f"{where}.{name}.group: {group!r} is not its group; allowed: {allowed}")
-    return Parameter(
-        name=name,
-        value=value,
-        unit=unit,
-        uncertainty=uncertainty,
-        source=str(entry["source"]),
-        description=str(entry.get("description", "")),
-        group=group,
-    )

@@ -14,8 +14,8 @@ from gyrowheel_analysis.channels import CHANNELS
 from gyrowheel_analysis.reduction.groups import speed_groups
 from gyrowheel_analysis.residuals.maps import VARIABLES, Cell, ResidualMap, Span, residual_map
 from gyrowheel_analysis.residuals.windows import WindowResiduals
-from gyrowheel_core.quantities import number, unit_for
-from gyrowheel_core.units import DEG, RPM
+from gyrowheel_core.quantities import number
+from gyrowheel_core.units import DEG, RPM, unit_for
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -18,8 +18,8 @@ from gyrowheel_analysis.residuals.error_table import (
     ErrorTable,
     Residuals,
 )
-from gyrowheel_core.quantities import number, unit_for
-from gyrowheel_core.units import RPM
+from gyrowheel_core.quantities import number
+from gyrowheel_core.units import RPM, unit_for
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,7 +11,8 @@ from rich.table import Table
 from rich.text import Text
 
 from gyrowheel.text.layout import command, figures_table, heading, sentences
-from gyrowheel.text.quantities import decimal, edge, pair, short
+from gyrowheel.text.quantities import decimal, pair, short
+from gyrowheel_core.units import unit_for
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.calibrate import Calibration
@@ -47,7 +48,7 @@ def calibration_page(result: Calibration, *, following: str | None = None) -> It
 def _table(result: Calibration) -> Table:
     table = figures_table("", "", "before", "after", "change")
     for c in result.constants.values():
-        unit = edge(c.unit)
+        unit = unit_for(1.0, c.unit)
         before, after = (
             pair(value.value / unit.size, value.standard_error / unit.size) for value in (c.before, c.after)
         )

@@ -19,8 +19,7 @@ from gyrowheel.text.sentences.residuals import dependence_sentences, region_desc
 from gyrowheel.text.variables import TITLES
 from gyrowheel_analysis.channels import CHANNELS, LISTED
 from gyrowheel_analysis.residuals.maps import DEFAULT
-from gyrowheel_core.quantities import unit_for
-from gyrowheel_core.units import DEG, RPM
+from gyrowheel_core.units import DEG, RPM, unit_for
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.compare import Comparison

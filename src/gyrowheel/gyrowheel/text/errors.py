@@ -10,21 +10,28 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from gyrowheel.text.layout import figures_table
-from gyrowheel.text.quantities import Edge, fixed, torque_edge
+from gyrowheel.text.quantities import fixed
 from gyrowheel_analysis.channels import LISTED, TORQUES
+from gyrowheel_core.units import Unit, column_unit
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.residuals.error_table import ErrorRow, ErrorTable
 
-_MILLIVOLT = Edge("mV", 1e-3)
+_MILLIVOLT = Unit("mV", 1e-3)
 _FALLEN = 1.3  # noise floors that count as having come down to it
 
 
-def unit_of(noise: Mapping[str, float]) -> dict[str, Edge]:
+def unit_of(noise: Mapping[str, float]) -> dict[str, Unit]:
     """Return the unit in which each channel is shown, given its noise [SI]; the averaged torques share one."""
-    averages = torque_edge(value for name, value in noise.items() if _unit(name) == "N·m" and _average(name))
+    averages = column_unit(
+        (value for name, value in noise.items() if _unit(name) == "N·m" and _average(name)), "N·m"
+    )
     return {
-        name: _MILLIVOLT if _unit(name) == "V" else averages if _average(name) else torque_edge([value])
+        name: _MILLIVOLT
+        if _unit(name) == "V"
+        else averages
+        if _average(name)
+        else column_unit([value], "N·m")
         for name, value in noise.items()
     }
 

@@ -11,9 +11,9 @@ from typing import Any, Final
 
 from gyrowheel_analysis.exchange.fields import GROUPS, Field
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.units import DEG
+from gyrowheel_core.units import DEG, conversion
 from gyrowheel_core.yaml_text import read_yaml
-from gyrowheel_sim.bench import Bench, unit_registry
+from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import Environment
 
 SCHEMA: Final = 1
@@ -198,13 +198,10 @@ def _unit(raw: Any, where: str, si: str) -> str:
     text = _text(raw, where)
     if si == "s" and text == TIMESTAMP:
         return text
-    registry = unit_registry()
-    if "rad" in si and "hz" in text.lower():  # turns a second to some, radians a second to others
-        raise InputError(f"{where}: '{text}' can be meant in two ways; allowed: such as rad/s, rpm, turn/s")
     try:
-        registry.Quantity(1.0, text).to(si)
-    except Exception:  # pint raises several unrelated classes for a bad unit
-        raise InputError(f"{where}: '{text}' is not a unit of this quantity; allowed: such as {si}") from None
+        conversion(text, si)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
     return text
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from gyrowheel_analysis.exchange.column_map import TIMESTAMP, ColumnMap, Source
 from gyrowheel_analysis.exchange.fields import Field
 from gyrowheel_core.errors import InputError, one_line
-from gyrowheel_sim.bench import unit_registry
+from gyrowheel_core.units import unit_registry
 
 Array = NDArray[np.float64]
 

@@ -12,9 +12,10 @@ from gyrowheel_analysis.balance.balance import ActiveEffect
 from gyrowheel_analysis.fitting.fit import Point
 from gyrowheel_analysis.fitting.terms import ERRORS, Term, candidate_terms
 from gyrowheel_analysis.reduction import MOTOR_THERMAL
-from gyrowheel_sim.bench import Bench, Parameter
+from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import Effect, EffectValues, registry
 from gyrowheel_sim.effects.sizes import for_bench
+from gyrowheel_sim.parameter import Parameter
 
 Array = NDArray[np.float64]
 

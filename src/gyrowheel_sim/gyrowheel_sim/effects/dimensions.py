@@ -12,7 +12,7 @@ from fractions import Fraction
 from pint.errors import PintError
 
 from gyrowheel_core.errors import InputError
-from gyrowheel_sim.bench import unit_registry
+from gyrowheel_core.units import unit_registry
 from gyrowheel_sim.effects.declaration import Effect
 from gyrowheel_sim.effects.formula import Formula, Node, read, to_text
 from gyrowheel_sim.effects.quantities import QUANTITIES

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from gyrowheel.text.variables import TITLES
 from gyrowheel_analysis.channels import CHANNELS
-from gyrowheel_core.quantities import listed, number, size, size_and_noise, unit_for
-from gyrowheel_core.units import RPM
+from gyrowheel_core.quantities import listed, number, size, size_and_noise
+from gyrowheel_core.units import RPM, unit_for
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.channels import Channel

@@ -1,0 +1,234 @@
+"""One physical parameter of a bench: value, unit, uncertainty, source; and how a bench file states it."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+from typing import Annotated, Any, Literal, NamedTuple
+
+from pydantic import Field, PlainValidator
+
+from gyrowheel_core.errors import InputError, nearest
+from gyrowheel_core.schema import Name, Names, Number, Section, finite, refuse
+from gyrowheel_core.units import conversion
+from gyrowheel_core.yaml_text import read_yaml
+
+SCHEMA = 1
+#: Parameters that must be greater than zero for the equations to make sense.
+_POSITIVE = frozenset(
+    [
+        "rotor_inertia_x",
+        "rotor_inertia_y",
+        "rotor_inertia_z",
+        "shaft_inertia",
+        "flexure_stiffness_x",
+        "flexure_stiffness_y",
+        "coil_constant",
+        "coil_voltage_limit",
+        "coil_resistance",
+        "coil_heat_capacity",
+        "coil_thermal_resistance",
+        "motor_constant",
+        "motor_resistance",
+        "winding_heat_capacity",
+        "winding_thermal_resistance",
+        "motor_heat_capacity",
+        "motor_thermal_resistance",
+        "motor_ripple_order",
+        "supply_voltage",
+        "tilt_scale",
+        "sample_period",
+        "drift_time",
+        "air_temperature",
+        "air_density_reference",
+        "gas_constant",
+        "spin_rate_reference",
+        "tilt_reference",
+        "tilt_limit",
+        "spin_rate_minimum",
+        "spin_rate_maximum",
+    ]
+)
+_NOT_NEGATIVE = frozenset(
+    [
+        "gimbal_inertia_x",
+        "gimbal_inertia_y",
+        "gimbal_inertia_z",
+        "flexure_damping_x",
+        "flexure_damping_y",
+        "bearing_coulomb",
+        "bearing_viscous",
+        "tilt_noise",
+        "spin_angle_noise",
+        "spin_rate_noise",
+        "coil_voltage_noise",
+        "motor_voltage_noise",
+        "motor_current_noise",
+        "temperature_noise",
+        "pressure_noise",
+        "coil_voltage_drift",
+        "motor_voltage_drift",
+        "motor_current_drift",
+        "air_pressure",
+    ]
+)
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One physical parameter of a bench.
+
+    Attributes
+    ----------
+    name : str
+        Name, unique in the bench.
+    value : float
+        Value in `unit`.
+    unit : str
+        SI unit; a bench file may have any other of the same kind.
+    uncertainty : float
+        Standard uncertainty (1 sigma), absolute, in `unit`.
+    source : str
+        Where the value comes from; ``assumed`` where nothing published gives it.
+    description : str
+        What it is.
+    group : str
+        Parameters of one group vary by one common factor; the own name where there is no group. The analysis knows
+        groups by name, so that those of the default bench hold for all.
+    """
+
+    name: str
+    value: float
+    unit: str
+    uncertainty: float
+    source: str
+    description: str
+    group: str
+
+    @property
+    def relative_uncertainty(self) -> float:
+        """Standard uncertainty over the value (infinite for a value of zero with an uncertainty)."""
+        if self.uncertainty == 0.0:
+            return 0.0
+        return abs(self.uncertainty / self.value) if self.value else math.inf
+
+
+class Uncertainty(NamedTuple):
+    """A standard uncertainty as a file states it: in the unit of the value, or in per cent of it."""
+
+    size: float
+    relative: bool
+
+
+def _uncertainty(raw: Any) -> Uncertainty:
+    text = str(raw).strip()
+    relative = text.endswith("%")
+    try:
+        size = math.nan if isinstance(raw, bool) else float(text.removesuffix("%"))
+    except ValueError:
+        size = math.nan
+    if math.isnan(size):
+        refuse(f"{raw!r} is neither a number nor a percentage")
+    if not 0.0 <= size < math.inf:
+        refuse(f"{raw!r} is out of range; allowed: >= 0")
+    return Uncertainty(size, relative)
+
+
+class ParameterEntry(Section):
+    """A parameter as a bench file states it, in any unit of its kind."""
+
+    value: Number
+    unit: Name
+    uncertainty: Annotated[Uncertainty, PlainValidator(_uncertainty)]
+    source: Name
+    description: Name = ""
+    group: Name | None = None
+
+
+class BenchFile(Section):
+    """A bench file."""
+
+    schema_: Literal[1] = Field(alias="schema")
+    name: Name = "bench"
+    title: Name = ""
+    references: Names[Name] = Field(default_factory=dict)
+    parameters: dict[Name, ParameterEntry]
+
+
+def default_text() -> str:
+    """Return the text of the default bench file, which names every parameter, its SI unit and its group."""
+    return resources.files("gyrowheel_sim").joinpath("config/bench.yaml").read_text(encoding="utf-8")
+
+
+@functools.cache
+def _known() -> dict[str, tuple[str, str]]:
+    """Return the SI unit and the group of every parameter, as the default bench has them."""
+    entries = read_yaml(default_text(), "bench.yaml")["parameters"]
+    return {name: (str(entry["unit"]), str(entry.get("group", name))) for name, entry in entries.items()}
+
+
+def read_parameters(entries: Mapping[str, ParameterEntry], where: str) -> dict[str, Parameter]:
+    """Return the parameters of a bench in SI units.
+
+    Parameters
+    ----------
+    entries : dict of str to ParameterEntry
+        What the file states.
+    where : str
+        File and field, for messages.
+
+    Raises
+    ------
+    InputError
+        If a parameter is missing or unknown, its unit is of another kind, its value is out of range or its group is
+        not the one that the analysis knows.
+    """
+    for name in entries:
+        if name not in _known():
+            raise InputError(f"{where}.{name}: no such parameter; {nearest(name, _known())}")
+    if missing := sorted(set(_known()) - set(entries)):
+        raise InputError(f"{where}: missing {', '.join(missing)}")
+    return {name: _parameter(name, entry, where) for name, entry in entries.items()}
+
+
+def _parameter(name: str, entry: ParameterEntry, where: str) -> Parameter:
+    unit, own = _known()[name]
+    try:
+        offset, factor = conversion(entry.unit, unit)
+    except InputError as error:
+        raise InputError(f"{where}.{name}.unit: {error}") from None
+    value = check_value(name, factor * entry.value + offset, where)
+    stated = entry.uncertainty
+    group = own if entry.group is None else entry.group
+    if group != own:
+        # the analysis knows by these names which parameters err together
+        allowed = "no group" if own == name else own
+        raise InputError(f"{where}.{name}.group: {group!r} is not its group; allowed: {allowed}")
+    return Parameter(
+        name=name,
+        value=value,
+        unit=unit,
+        uncertainty=stated.size * (abs(entry.value) / 100.0 if stated.relative else 1.0) * factor,
+        source=entry.source,
+        description=entry.description,
+        group=group,
+    )
+
+
+def check_value(name: str, value: Any, where: str) -> float:
+    """Return a value [SI] as a number that is allowed for the parameter `name`.
+
+    Raises
+    ------
+    InputError
+        If it is not; the message names `where`.
+    """
+    number = finite(value, f"{where}.{name}")
+    if name in _POSITIVE and number <= 0.0:
+        raise InputError(f"{where}.{name}: {number:g} is out of range; allowed: > 0")
+    if name in _NOT_NEGATIVE and number < 0.0:
+        raise InputError(f"{where}.{name}: {number:g} is out of range; allowed: >= 0")
+    return number
