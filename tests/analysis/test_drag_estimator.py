@@ -11,10 +11,12 @@ import pytest
 import gyrowheel_analysis.drag
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.drag import DragEstimator, Estimate
+from gyrowheel_analysis.drag_stream import BLOCK, DragStream
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction import Samples, reduce
 from gyrowheel_control.loops.closed_loop import Run, simulate
 from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core import wire
 from gyrowheel_core.readings import Readings
 from gyrowheel_sim.plant.scenario import Scenario
 
@@ -92,3 +94,73 @@ def test_the_work_for_a_hold_grows_with_its_length_only(run: Run, monkeypatch: p
     )
     assert np.diff(times)[0] == pytest.approx(0.5, abs=0.1)
     assert np.diff(times).max() < 5.1
+
+
+def serialized(run: Run, seconds: float) -> tuple[list[bytes], list[bytes]]:
+    """Return the samples and the setpoints of the first seconds of a run."""
+    samples = [
+        wire.MEASUREMENT.pack(500_000 * k, k, *row)
+        for k, row in enumerate(run.measurement[: round(seconds * 2000)])
+    ]
+    setpoints = [
+        wire.SETPOINT.pack(int(row["stamp_ns"]), row["segment"], row["phase"], *(row[n] for n in SETPOINT))
+        for row in run.setpoints
+        if row["stamp_ns"] < seconds * 1e9
+    ]
+    return samples, setpoints
+
+
+def told(found: list[Estimate]) -> list[tuple[Any, ...]]:
+    return [
+        (e.stamp_ns, e.segment, e.settled, e.spin_rate, *e.dc_voltage, *e.simulated_torque) for e in found
+    ]
+
+
+def test_estimates_do_not_depend_on_how_the_topics_interleave(run: Run) -> None:
+    samples, setpoints = serialized(run, 3.0)
+    late, early = DragStream(Model.new()), DragStream(Model.new())
+    one = []
+    for k, raw in enumerate(samples):  # the setpoints come half a second after their samples
+        one += late.take_measurement(raw)
+        if k % 10 == 0 and k >= 1000:
+            one += late.take_setpoint(setpoints[(k - 1000) // 10])
+            one += late.estimates()
+    for raw in setpoints[(len(samples) - 1000) // 10 :]:
+        one += late.take_setpoint(raw)
+    one += late.estimates() + late.finish()
+    other = [e for raw in setpoints for e in early.take_setpoint(raw)]
+    for raw in samples:
+        other += early.take_measurement(raw) + early.estimates()
+    other += early.finish()
+    assert len(one) > 3
+    assert told(one) == told(other)
+
+
+def test_a_run_that_begins_again_ends_the_one_before(run: Run) -> None:
+    samples, setpoints = serialized(run, 2.0)
+    again, alone = DragStream(Model.new()), DragStream(Model.new())
+    for stream in (again, alone):
+        for raw in setpoints:
+            stream.take_setpoint(raw)
+        for raw in samples:
+            stream.take_measurement(raw)
+    ended = alone.finish()
+    assert any(e.settled for e in ended)
+    assert told(again.take_measurement(samples[0])) == told(ended)
+    assert (again.samples, again.first) == (0, -1)
+
+
+def test_missing_and_malformed_messages_are_counted(run: Run) -> None:
+    samples, setpoints = serialized(run, 0.5)
+    stream = DragStream(Model.new())
+    for raw in (b"", samples[0][:-1], setpoints[0]):
+        assert stream.take_measurement(raw) == []
+    assert stream.take_setpoint(samples[0]) == []
+    for raw in setpoints:
+        stream.take_setpoint(raw)
+    for raw in (*samples[7:50], *samples[53:]):
+        stream.take_measurement(raw)
+    stream.estimates()
+    assert (stream.first, stream.missing, stream.malformed) == (7, 3, 4)
+    assert 0 < stream.samples <= len(samples)
+    assert stream.samples % BLOCK == 0

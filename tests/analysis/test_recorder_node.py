@@ -23,8 +23,9 @@ from rclpy.executors import SingleThreadedExecutor
 from rosbags.highlevel import AnyReader
 
 from benchmarks.recording import Recorder, kill_once
-from gyrowheel_analysis.nodes.recorder import SERVICES, SampleCount, Session
+from gyrowheel_analysis.nodes.recorder import SERVICES
 from gyrowheel_analysis.recording import Recording, salvage
+from gyrowheel_analysis.recording.live import LiveRecording, SampleCount
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import prepare_environment
@@ -56,7 +57,7 @@ def test_count_of_samples(sequences, samples, missing):
 
 
 def test_another_run_is_noticed(tmp_path):
-    session = Session(str(tmp_path / "run"))
+    session = LiveRecording(str(tmp_path / "run"))
     assert all(session.take(topics.MEASUREMENT, measurement(k)) for k in range(5))
     assert not session.take(topics.MEASUREMENT, measurement(0))
     session.close()
@@ -65,7 +66,7 @@ def test_another_run_is_noticed(tmp_path):
 
 def test_every_message_stands_at_a_time_of_the_bench(tmp_path):
     """Stamped ones at their own, others at the latest measurement; what came first waits for one."""
-    session = Session(str(tmp_path / "run"))
+    session = LiveRecording(str(tmp_path / "run"))
     session.take(topics.BENCH, wire.pack_text("the bench"))
     session.take(topics.SETPOINT, wire.SETPOINT.pack(9_000_000, 0, 0, *[0.0] * 6))
     session.take(topics.MEASUREMENT, measurement(10))
@@ -93,7 +94,7 @@ def test_every_message_stands_at_a_time_of_the_bench(tmp_path):
 
 def test_measurements_of_another_frame_are_recorded(tmp_path):
     """They cannot be counted on the way; reading them can."""
-    session = Session(str(tmp_path / "run"))
+    session = LiveRecording(str(tmp_path / "run"))
     for k in range(3):
         session.take(topics.MEASUREMENT, measurement(k).replace(b"case\0", b"cage\0"))
     session.close()
@@ -103,7 +104,7 @@ def test_measurements_of_another_frame_are_recorded(tmp_path):
 
 
 def test_recording_without_any_measurement(tmp_path):
-    session = Session(str(tmp_path / "run"))
+    session = LiveRecording(str(tmp_path / "run"))
     session.take(topics.BENCH, wire.pack_text("the bench"))
     session.close()
     with pytest.raises(InputError, match="there are: /gyrowheel/bench"):
@@ -126,7 +127,7 @@ def count(path):
 
 
 def test_split_by_time_of_the_bench(tmp_path):
-    session = Session(str(tmp_path / "run"), max_duration=0.2)
+    session = LiveRecording(str(tmp_path / "run"), max_duration=0.2)
     take(session, 0, 1000)
     session.close()
     assert len(list((tmp_path / "run").glob("run_*.mcap"))) == 3
@@ -135,7 +136,7 @@ def test_split_by_time_of_the_bench(tmp_path):
 
 
 def test_split_by_size(tmp_path):
-    session = Session(str(tmp_path / "run"), max_size=100_000)
+    session = LiveRecording(str(tmp_path / "run"), max_size=100_000)
     take(session, 0, 1000)
     session.close()
     files = list((tmp_path / "run").glob("run_*.mcap"))
@@ -147,7 +148,7 @@ def test_split_by_size(tmp_path):
 
 
 def test_loss_is_stated_in_the_metadata(tmp_path):
-    session = Session(str(tmp_path / "run"))
+    session = LiveRecording(str(tmp_path / "run"))
     take(session, 0, 10)
     take(session, 14, 20)
     session.close()
@@ -162,7 +163,7 @@ def test_no_more_than_a_quarter_of_a_second_of_the_bench_is_kept_back(tmp_path):
     """However slowly the messages come, and without any flush."""
     for period_ns in (50_000, 500_000, 20_000_000):
         folder = tmp_path / str(period_ns)
-        session = Session(str(folder))
+        session = LiveRecording(str(folder))
         for k in range(2000):
             session.take(topics.MEASUREMENT, wire.MEASUREMENT.pack(k * period_ns, k, *[0.0] * 11))
         session.writer.abort()
@@ -195,7 +196,7 @@ def fill(session):
 
 
 def test_full_disk_leaves_a_complete_recording(small_disk):
-    session = Session(str(small_disk / "run"))
+    session = LiveRecording(str(small_disk / "run"))
     samples, error = fill(session)
     assert error == f"{small_disk / 'run'}: cannot be written: No space left on device"
     assert "run is complete up to there" in session.give_up()
@@ -209,9 +210,9 @@ def test_file_that_may_not_grow_is_left_for_salvage(tmp_path):
     """A limit of the file itself: not even its end can be written."""
     code = (
         "import resource, signal, sys\n"
-        "from tests.analysis.test_recorder_node import Session, fill\n"
+        "from tests.analysis.test_recorder_node import LiveRecording, fill\n"
         "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
-        f"session = Session({str(tmp_path / 'run')!r})\n"
+        f"session = LiveRecording({str(tmp_path / 'run')!r})\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (600_000, resource.RLIM_INFINITY))\n"
         "samples, error = fill(session)\n"
         "size = next(session.writer.path.glob('*.mcap')).stat().st_size\n"
@@ -236,7 +237,7 @@ def test_file_that_may_not_grow_is_left_for_salvage(tmp_path):
 
 @pytest.mark.parametrize("fate", ["deleted", "moved", "replaced"])
 def test_folder_that_goes_away(tmp_path, fate):
-    session = Session(str(tmp_path / "run"))
+    session = LiveRecording(str(tmp_path / "run"))
     take(session, 0, 500)
     session.writer.flush()
     if fate == "deleted":
@@ -256,15 +257,15 @@ def test_folder_that_goes_away(tmp_path, fate):
 
 
 def test_second_recorder_on_the_same_folder(tmp_path):
-    session = Session(str(tmp_path / "run"))
+    session = LiveRecording(str(tmp_path / "run"))
     take(session, 0, 500)
     with pytest.raises(InputError, match="run: another recorder is writing into it; a recording needs a new"):
-        Session(str(tmp_path / "run"))
+        LiveRecording(str(tmp_path / "run"))
     take(session, 500, 600)
     session.close()
     assert count(tmp_path / "run") == (600, 600)
     with pytest.raises(InputError, match="run: exists; a recording needs a new directory"):
-        Session(str(tmp_path / "run"))
+        LiveRecording(str(tmp_path / "run"))
 
 
 @pytest.mark.graph

@@ -4,21 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from gyrowheel_msgs.msg import DragEstimate
 from rclpy.time import Time
 
-from gyrowheel_analysis.drag import DragEstimator, Estimate
+from gyrowheel_analysis.drag import Estimate
+from gyrowheel_analysis.drag_stream import BLOCK, DragStream
 from gyrowheel_analysis.model import Model
 from gyrowheel_core import topics, wire
 from gyrowheel_core.node import BenchNode, Diagnosis, Inbox, Param, run_node
-from gyrowheel_core.readings import READINGS, Readings
 
-#: Samples that are handed over together: estimates come seldom, and a block costs little more than a sample.
-BLOCK = 100
-#: Samples that wait at most for the setpoint that comes after them: where there are that many, none is coming.
-PATIENCE = 2000
 #: Time between two instants at which what has come is taken [s, wall clock].
 TAKE_PERIOD = 0.02
 _ARRAYS = (
@@ -46,11 +41,11 @@ class DragEstimatorNode(BenchNode):
         """Read the model, create the topics."""
         file = self.parameter("model")
         self._model = Model.load(file) if file else Model.new(self.parameter("bench"))
-        # Compiled code is loaded at its first call, which takes seconds: now rather than in the test.
-        DragEstimator(self._model).add_block(np.zeros(1, np.int64), Readings(np.ones((1, len(READINGS)))))
+        # now rather than in the test
+        DragStream.warm_up(self._model)
         self._active = False
         self._estimates = 0
-        self._begin()
+        self._stream = DragStream(self._model)
         self._publisher = self.publisher(topics.DRAG_ESTIMATE)
         self._inputs: tuple[Inbox, Inbox] | None = None
 
@@ -65,7 +60,7 @@ class DragEstimatorNode(BenchNode):
         self.destroy_timer(self._taking)
         self.drain()
         self._active = False
-        self._end()
+        self._publish(self._stream.finish())
         self.deliver(self._publisher)
 
     def cleanup(self) -> None:
@@ -83,30 +78,32 @@ class DragEstimatorNode(BenchNode):
         full = True
         while full:
             for raw in setpoints.take():
-                self._on_setpoint(raw)
+                if self._active:
+                    self._publish(self._stream.take_setpoint(raw))
             count = 0
             for raw in samples.take(BLOCK):
-                self._on_measurement(raw)
+                if self._active:
+                    self._publish(self._stream.take_measurement(raw))
                 count += 1
             full = count == BLOCK
-            self._hand_over_known()
+            self._publish(self._stream.estimates())
 
     def diagnose(self) -> Diagnosis:
         """Return counts."""
         values = {
-            "samples": self._samples,
-            "first_sample": self._first,
-            "missing_samples": self._missing,
+            "samples": self._stream.samples,
+            "first_sample": self._stream.first,
+            "missing_samples": self._stream.missing,
             "estimates": self._estimates,
-            "malformed_messages": self._malformed,
+            "malformed_messages": self._stream.malformed,
         }
         if self._inputs is None:
             return Diagnosis(f"waiting for subscribers: {self._subscribers_missing()} missing", values)
-        if self._missing or self._malformed:
+        if self._stream.missing or self._stream.malformed:
             return Diagnosis("running; samples are missing or malformed", values, DiagnosticStatus.WARN)
-        if self._first > 0:
-            return Diagnosis(f"running; joined late, at sample {self._first}", values)
-        return Diagnosis("running" if self._samples else "waiting for samples", values)
+        if self._stream.first > 0:
+            return Diagnosis(f"running; joined late, at sample {self._stream.first}", values)
+        return Diagnosis("running" if self._stream.samples else "waiting for samples", values)
 
     def _take(self) -> None:
         """Take what has come, as soon as enough subscribers listen."""
@@ -118,73 +115,6 @@ class DragEstimatorNode(BenchNode):
     def _subscribers_missing(self) -> int:
         needed: int = self.parameter("wait_for_subscribers")
         return needed - self._publisher.get_subscription_count()
-
-    def _begin(self) -> None:
-        """Begin with the first sample of a run."""
-        self._estimator = DragEstimator(self._model)
-        self._waiting: list[bytes] = []  # samples that were not handed over
-        self._samples = self._missing = self._malformed = 0
-        self._first = self._sequence = -1  # numbers of the first and the last sample
-        self._sample_ns = self._setpoint_ns = -1  # stamps of the last ones
-
-    def _end(self) -> None:
-        """Publish what is left of a run, and be ready for the next one."""
-        while self._waiting:
-            self._hand_over()
-        self._publish(self._estimator.finish())
-        self._begin()
-
-    def _on_measurement(self, raw: bytes) -> None:
-        if not self._active:
-            return
-        try:
-            stamp = wire.stamp(raw)
-        except ValueError:
-            stamp = -1
-        if stamp < 0 or len(raw) != wire.MEASUREMENT.size:
-            self._malformed += 1
-            return
-        if stamp <= self._sample_ns:  # the plant was started again
-            self._end()
-        self._sample_ns = stamp
-        self._waiting.append(raw)
-
-    def _on_setpoint(self, raw: bytes) -> None:
-        if not self._active:
-            return
-        try:
-            stamp, segment, phase, *values = wire.SETPOINT.unpack(raw)
-        except ValueError:
-            self._malformed += 1
-            return
-        if stamp <= self._setpoint_ns:
-            self._end()
-        self._setpoint_ns = stamp
-        self._estimator.setpoint(stamp, segment, phase, values)
-
-    def _hand_over_known(self) -> None:
-        """Give full blocks to the estimator, once all their setpoints are known.
-
-        So it says the same however the messages of the two topics come between each other.
-        """
-        while len(self._waiting) >= BLOCK and (
-            len(self._waiting) >= PATIENCE or wire.stamp(self._waiting[BLOCK - 1]) < self._setpoint_ns
-        ):
-            self._hand_over()
-
-    def _hand_over(self) -> None:
-        """Give a block of samples, or all there are if they are fewer, to the estimator."""
-        block, self._waiting = self._waiting[:BLOCK], self._waiting[BLOCK:]
-        rows = np.frombuffer(b"".join(block), wire.MEASUREMENT.dtype)
-        self._samples += len(rows)
-        first, last = int(rows["sequence"][0]), int(rows["sequence"][-1])
-        if self._first < 0:
-            self._first, self._sequence = first, first - 1
-        # those that come later than their successors are rare, and were counted as missing
-        self._missing += max(last - self._sequence - len(rows), 0)
-        self._sequence = last
-        readings = Readings(np.stack([rows[name] for name in READINGS], axis=1))
-        self._publish(self._estimator.add_block(wire.MEASUREMENT.stamps(rows), readings))
 
     def _publish(self, estimates: Iterable[Estimate]) -> None:
         for estimate in estimates:

@@ -1,0 +1,116 @@
+"""Drag estimates from serialized samples and setpoints, as the topics deliver them. Needs no ROS."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from gyrowheel_analysis.drag import DragEstimator, Estimate
+from gyrowheel_analysis.model import Model
+from gyrowheel_core import wire
+from gyrowheel_core.readings import READINGS, Readings
+
+#: Samples that are handed over together: estimates are rare, and a block costs little more than a sample.
+BLOCK: Final = 100
+#: Most samples that wait for the setpoint after them: where there are as many, none is coming.
+PATIENCE: Final = 2000
+
+
+class DragStream:
+    """Turns serialized samples and setpoints into drag estimates.
+
+    The estimates do not depend on how the messages of the two topics interleave. A stamp that goes back begins
+    another run.
+
+    Parameters
+    ----------
+    model : Model
+        The model whose torques are simulated.
+
+    Attributes
+    ----------
+    samples, missing, malformed : int
+        Samples handed over, samples that are missing by their sequence numbers, and messages that are not of the
+        layout of the bench; of the current run.
+    first : int
+        Sequence number of the first sample of the run; -1 before it.
+    """
+
+    _sample_ns: int
+    _setpoint_ns: int
+
+    def __init__(self, model: Model) -> None:
+        self._model = model
+        self._begin()
+
+    @staticmethod
+    def warm_up(model: Model) -> None:
+        """Load compiled code, which takes seconds at its first call."""
+        DragEstimator(model).add_block(np.zeros(1, np.int64), Readings(np.ones((1, len(READINGS)))))
+
+    def take_measurement(self, raw: bytes) -> list[Estimate]:
+        """Take a serialized Measurement; return the last estimates of a run that it ends."""
+        try:
+            stamp = wire.stamp(raw)
+        except ValueError:
+            stamp = -1
+        if stamp < 0 or len(raw) != wire.MEASUREMENT.size:
+            self.malformed += 1
+            return []
+        estimates = self.finish() if stamp <= self._sample_ns else []  # the plant was started again
+        self._sample_ns = stamp
+        self._waiting.append(raw)
+        return estimates
+
+    def take_setpoint(self, raw: bytes) -> list[Estimate]:
+        """Take a serialized Setpoint; return the last estimates of a run that it ends."""
+        try:
+            stamp, segment, phase, *values = wire.SETPOINT.unpack(raw)
+        except ValueError:
+            self.malformed += 1
+            return []
+        estimates = self.finish() if stamp <= self._setpoint_ns else []
+        self._setpoint_ns = stamp
+        self._estimator.setpoint(stamp, segment, phase, values)
+        return estimates
+
+    def estimates(self) -> list[Estimate]:
+        """Return the estimates of the full blocks of samples whose setpoints are all known."""
+        found: list[Estimate] = []
+        while len(self._waiting) >= BLOCK and (
+            len(self._waiting) >= PATIENCE or wire.stamp(self._waiting[BLOCK - 1]) < self._setpoint_ns
+        ):
+            found += self._hand_over()
+        return found
+
+    def finish(self) -> list[Estimate]:
+        """Return what is left of a run, and be ready for the next one."""
+        found: list[Estimate] = []
+        while self._waiting:
+            found += self._hand_over()
+        found += self._estimator.finish()
+        self._begin()
+        return found
+
+    def _begin(self) -> None:
+        self._estimator = DragEstimator(self._model)
+        self._waiting: list[bytes] = []  # samples that were not handed over
+        self.samples = self.missing = self.malformed = 0
+        self.first = self._sequence = -1  # sequence numbers of the first and the last sample
+        self._sample_ns = -1  # stamp of the last sample
+        self._setpoint_ns = -1  # stamp of the last setpoint
+
+    def _hand_over(self) -> list[Estimate]:
+        """Give a block of samples, or all there are if they are fewer, to the estimator."""
+        block, self._waiting = self._waiting[:BLOCK], self._waiting[BLOCK:]
+        rows = np.frombuffer(b"".join(block), wire.MEASUREMENT.dtype)
+        self.samples += len(rows)
+        first, last = int(rows["sequence"][0]), int(rows["sequence"][-1])
+        if self.first < 0:
+            self.first, self._sequence = first, first - 1
+        # those that come later than their successors are rare, and were counted as missing
+        self.missing += max(last - self._sequence - len(rows), 0)
+        self._sequence = last
+        readings = Readings(np.stack([rows[name] for name in READINGS], axis=1))
+        return self._estimator.add_block(wire.MEASUREMENT.stamps(rows), readings)
