@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import io
+from collections.abc import Iterable
+
 import numpy as np
+from rich.console import Console, RenderableType
 from rosbags.rosbag2 import CompressionFormat, StoragePlugin, Writer
 
+from gyrowheel.text.layout import show
 from gyrowheel_analysis.recording import RecordingWriter
 from gyrowheel_analysis.recording.columns import column_dtype
 from gyrowheel_analysis.recording.definitions import typestore
@@ -111,3 +116,10 @@ def assert_counting(recording, count=50):
     assert recording.readings.array.tolist() == [[float(k + i) for i in range(11)] for k in range(count)]
     assert recording.measurement["sequence"].tolist() == list(range(count))
     assert recording.measurement["stamp_ns"].tolist() == [k * PERIOD_NS for k in range(count)]
+
+
+def shown(page: Iterable[RenderableType]) -> str:
+    """Return a page as the terminal shows it, a single space between words."""
+    stream = io.StringIO()
+    show(Console(file=stream, width=200, markup=False), page)
+    return " ".join(stream.getvalue().split())

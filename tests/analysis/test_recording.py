@@ -18,6 +18,7 @@ from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
 
+from gyrowheel.text.recordings import info_page
 from gyrowheel_analysis.recording import Recording, RecordingWriter, info, write_run
 from gyrowheel_analysis.recording.columns import column_dtype
 from gyrowheel_analysis.recording.definitions import definition
@@ -27,7 +28,7 @@ from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.environment import Environment, to_json
 
-from .recordings import ENVIRONMENT, PERIOD_NS, assert_holds, measurements, record
+from .recordings import ENVIRONMENT, PERIOD_NS, assert_holds, measurements, record, shown
 
 # ---- what is written is what is read
 
@@ -220,7 +221,7 @@ def test_numbers_that_are_none_are_counted_and_kept(tmp_path):
     recording = Recording.open(record(tmp_path / "bag", [*messages, messages[2]]))
     assert (recording.integrity().not_finite, recording.integrity().duplicates) == (1, 1)
     assert np.isnan(recording.readings.tilt_x[2])
-    assert json.loads(info(tmp_path / "bag").to_json())["integrity"]["not_finite"] == 1
+    assert info(tmp_path / "bag").integrity.not_finite == 1
 
 
 @pytest.mark.parametrize(
@@ -303,18 +304,18 @@ def test_info(tmp_path, run):
     assert got.segments == 2
     assert got.spin_rate == (50 * np.pi, 100 * np.pi)
     assert got.rigs == ("upright", "inverted")
-    assert json.loads(got.to_json())["holds"][1]["spin_rate"] == 50 * np.pi
-    text = got.render()
+    assert got.holds[1].spin_rate == 50 * np.pi
+    text = shown(info_page(got))
     for part in (
-        "0.20 s, 400 samples at 2000.0 Hz",
-        "samples: all there",
-        "spin rate 1500 .. 3000 rpm, tilt 0 .. 5 deg",
-        "2 holds in 2 segments",
-        "at 1500, 3000 rpm",
-        "tilted by 5 deg",
+        "duration 0.20 s, 400 samples at 2000.0 Hz",
+        "samples complete",
+        "spin rate 1500 .. 3000 rpm tilt 0 .. 5 deg",
+        "holds 2 in 2 segments",
+        "speeds 1500, 3000 rpm",
+        "tilts 5 deg",
         "bench not stated",
         "rig upright, inverted",
-        "/gyrowheel/measurement    400",
+        "/gyrowheel/measurement 400",
     ):
         assert part in text
 
@@ -325,7 +326,7 @@ def test_info_of_few_samples_with_gaps(tmp_path):
     got = info(record(tmp_path / "bag", messages))
     assert got.rate == pytest.approx(2000.0)
     assert (got.integrity.missing, got.integrity.gaps) == (2, ((4, 2),))
-    assert "samples: 2 missing" in got.render()
+    assert "samples 2 missing (by sequence number: 2 from 4)" in shown(info_page(got))
     assert got.holds == ()
     one = info(record(tmp_path / "one", messages[:1]))
     assert (one.rate, one.duration) == (0.0, 0.0)

@@ -18,11 +18,14 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 
 from gyrowheel.cli.app import app
 from gyrowheel.cli.shell import run
+from gyrowheel.text.recordings import salvage_page
 from gyrowheel_analysis.recording import Recording, RecordingWriter, info, salvage
 from gyrowheel_analysis.recording.definitions import definition, typestore
 from gyrowheel_analysis.recording.mcap.format import CHUNK, RECORD_HEAD
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
+
+from .recordings import shown
 
 PERIOD_NS = 500_000
 SAMPLES = 1000
@@ -99,7 +102,7 @@ def test_whole_recording(tmp_path, whole):
     )
     assert len(recording.measurement) == len(recording.command) == SAMPLES
     assert recording.bench_text == "the bench"
-    assert "nothing was missing" in result.render()
+    assert "nothing was missing" in shown(salvage_page(result))
     assert info(tmp_path / "saved").unchecked == 0
 
 
@@ -114,8 +117,8 @@ def test_file_that_breaks_off(tmp_path, data, part):
     assert recording.integrity().complete
     # at most the chunk that was cut is lost
     assert len(recording.measurement) >= SAMPLES * (len(complete) / len(chunks(data))) - 40
-    assert "has no end" in result.render()
-    assert "samples: none missing up to where it breaks off" in result.render()
+    assert "has no end" in shown(salvage_page(result))
+    assert "samples: complete up to where the file breaks off" in shown(salvage_page(result))
 
 
 def test_time_lost_at_the_end_is_said_where_it_is_known(tmp_path, data):
@@ -127,7 +130,7 @@ def test_time_lost_at_the_end_is_said_where_it_is_known(tmp_path, data):
     assert loss.end is not None
     assert result.lost_at_end == pytest.approx(loss.end - recording.duration, abs=1e-9)
     assert 0.0 < result.lost_at_end < 0.05
-    assert "ms are missing" in result.render()
+    assert "ms are missing" in shown(salvage_page(result))
 
 
 def test_chunk_with_a_wrong_checksum(tmp_path, data):
@@ -144,8 +147,10 @@ def test_chunk_with_a_wrong_checksum(tmp_path, data):
         loss.start, abs=1.5 * PERIOD_NS * 1e-9
     )
     assert not result.broken_off
-    assert f"{lost} messages from" in result.render()
-    assert re.search(r"samples: \d+ missing \(sequence: \d+ from \d+\)", result.render())
+    assert f"{lost} messages from" in shown(salvage_page(result))
+    assert re.search(
+        r"samples: \d+ missing \(by sequence number: \d+ from \d+\)", shown(salvage_page(result))
+    )
 
 
 @pytest.mark.parametrize(
@@ -304,7 +309,7 @@ def test_messages_without_checksums_are_saved_and_counted(tmp_path):
     result, recording = saved(tmp_path, path)
     assert 50 < len(recording.measurement) < 100
     assert result.unchecked == len(recording.measurement)
-    assert "have no checksum" in result.render()
+    assert "have no checksum" in shown(salvage_page(result))
 
 
 def test_no_room_for_what_is_saved(tmp_path, whole):

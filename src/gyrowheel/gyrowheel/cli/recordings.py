@@ -9,7 +9,7 @@ import typer
 
 from gyrowheel.cli.options import Json, example
 from gyrowheel.cli.outputs import NewRecording
-from gyrowheel.cli.shell import advancing, out, put_json
+from gyrowheel.cli.shell import advancing, put_json, put_text
 
 
 def register(app: typer.Typer) -> None:
@@ -25,13 +25,14 @@ def info(
     """Show what a recording holds, and whether anything is missing in it."""
     from dataclasses import asdict
 
+    from gyrowheel.text.recordings import info_page
     from gyrowheel_analysis.recording import info as read
 
     found = read(directory)
     if json is not None:
         put_json(json, {"schema": 1, **asdict(found)})
     if json != "-":
-        out().print(found.render(), soft_wrap=True)
+        put_text(info_page(found))
 
 
 def salvage(
@@ -53,6 +54,7 @@ def salvage(
     """Make a complete recording of what can be read of a broken one (MCAP), and say what is missing."""
     from dataclasses import asdict
 
+    from gyrowheel.text.recordings import salvage_page
     from gyrowheel_analysis.recording import salvage as save
 
     with advancing("salvaging") as advance:
@@ -60,4 +62,4 @@ def salvage(
     if json is not None:
         put_json(json, {"schema": 1, **asdict(found)})
     if json != "-":
-        out().print(found.render(), soft_wrap=True)
+        put_text(salvage_page(found))

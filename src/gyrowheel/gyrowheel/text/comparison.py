@@ -14,7 +14,6 @@ from rich.text import Text
 from gyrowheel.text.errors import unit_of
 from gyrowheel.text.layout import figures_table, heading, sentences, words_table
 from gyrowheel.text.quantities import decimal, fixed
-from gyrowheel.text.sentences.recordings import coverage_sentence
 from gyrowheel.text.sentences.residuals import dependence_sentences, region_description, region_name
 from gyrowheel.text.variables import TITLES
 from gyrowheel_analysis.channels import CHANNELS, LISTED
@@ -69,7 +68,7 @@ def comparison(result: Comparison, maps: Iterable[ResidualMap] | None = None) ->
 
 def coverage(found: Coverage) -> Iterator[RenderableType]:
     """Yield how much of the recordings takes part; in yellow if it is not nearly all of their steady motion."""
-    yield Text(f"{coverage_sentence(found)}.", style="dim" if found.complete else "yellow")
+    yield Text(f"{found.sentence()}.", style="dim" if found.complete else "yellow")
 
 
 def channel_table(result: Comparison) -> Table:

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import itertools
-import json
-import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from gyrowheel_analysis.recording.reader import Integrity, Recording
-from gyrowheel_core.units import DEG, RPM
 
 _HOLD = 1  # Setpoint.HOLD
 
@@ -88,34 +85,6 @@ class RecordingInfo:
     rigs: tuple[str, ...]
     unchecked: int = 0
 
-    def to_json(self) -> str:
-        """Return everything as JSON text, SI units."""
-        return json.dumps(asdict(self), indent=2, allow_nan=False)
-
-    def render(self) -> str:
-        """Return everything as lines of text for people, degrees and rpm."""
-        faults = self.integrity
-        lines = [
-            f"{self.path}  ({self.size / 1e6:.1f} MB)",
-            f"  bench {self.bench or 'not stated'}",
-            f"  {self.duration:.2f} s, {faults.samples} samples at {self.rate:.1f} Hz",
-        ]
-        lines.append(f"  {faults.render()}")
-        if self.unchecked:
-            lines.append(f"  {self.unchecked} messages have no checksum: damage within them would not show")
-        lines.append(f"  spin rate {_range(self.spin_rate, RPM)} rpm, tilt {_range(self.tilt, DEG)} deg")
-        if self.holds:
-            speeds = sorted({round(hold.spin_rate / RPM) for hold in self.holds})
-            tilts = sorted({round(math.hypot(hold.tilt_x, hold.tilt_y) / DEG, 2) for hold in self.holds})
-            lines.append(f"  {len(self.holds)} holds in {self.segments} segments")
-            lines.append(f"    at {', '.join(map(str, speeds))} rpm")
-            lines.append(f"    tilted by {', '.join(f'{tilt:g}' for tilt in tilts)} deg")
-        if self.rigs:
-            lines.append(f"  rig {', '.join(self.rigs)}")
-        width = max(map(len, self.topics))
-        lines += [f"  {name:<{width}}  {count}" for name, count in self.topics.items()]
-        return "\n".join(lines)
-
 
 def info(source: str | Path | Recording) -> RecordingInfo:
     """Return what a recording holds; one that is given by its path is read.
@@ -177,8 +146,3 @@ def _holds(recording: Recording) -> tuple[Hold, ...]:
 def _extremes(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> tuple[float, float]:
     finite = values[np.isfinite(values)]
     return (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 0.0)
-
-
-def _range(extremes: tuple[float, float], unit: float) -> str:
-    low, high = (f"{value / unit:.2f}".rstrip("0").rstrip(".") for value in extremes)
-    return low if low == high else f"{low} .. {high}"

@@ -21,7 +21,6 @@ from gyrowheel_sim import environment as environments
 from gyrowheel_sim.environment import Environment
 
 _COLUMNS = (topics.MEASUREMENT, topics.COMMAND, topics.SETPOINT, topics.DRAG_ESTIMATE)
-_GAPS_SHOWN = 4
 _TEXTS = (topics.ENVIRONMENT, topics.BENCH)
 
 
@@ -56,21 +55,6 @@ class Integrity:
     def complete(self) -> bool:
         """Whether no sample is missing and every reading is finite."""
         return self.missing == 0 and self.not_finite == 0
-
-    def render(self, whole: str = "all there") -> str:
-        """Return it as one line of text for people; `whole` is said where there is nothing to tell."""
-        counts = {
-            "missing": self.missing,
-            "duplicate": self.duplicates,
-            "out of order": self.out_of_order,
-            "not finite": self.not_finite,
-        }
-        text = ", ".join(f"{n} {what}" for what, n in counts.items() if n) or whole
-        if self.gaps:
-            shown = ", ".join(f"{n} from {first}" for first, n in self.gaps[:_GAPS_SHOWN])
-            more = ", ..." if len(self.gaps) > _GAPS_SHOWN else ""
-            text += f" (sequence: {shown}{more})"
-        return f"samples: {text}"
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import Any, BinaryIO
 
 import numpy as np
 import numpy.typing as npt
@@ -119,35 +119,6 @@ class Salvaged:
     losses: tuple[Loss, ...]
     integrity: Integrity | None
     notes: tuple[str, ...]
-
-    def render(self) -> str:
-        """Return everything as lines of text for people."""
-        count = sum(self.messages.values())
-        lines = [
-            f"{self.target}  (from {self.source})",
-            f"  {self.duration:.2f} s, {count} messages saved"
-            + ("; nothing was missing" if self.complete else ""),
-        ]
-        lines += [f"  {note}" for note in self.notes]
-        lines += [f"  {_told(loss)}" for loss in self.losses[:_SHOWN]]
-        if len(self.losses) > _SHOWN:
-            lines.append(f"  and {len(self.losses) - _SHOWN} more places like these")
-        if self.missing:
-            lines.append(f"  {self.missing} messages that were recorded are missing")
-        if self.lost_at_end:
-            lines.append(f"  the last {_seconds(self.lost_at_end)} are missing")
-        if self.unchecked:
-            lines.append(f"  {self.unchecked} messages have no checksum: damage within them would not show")
-        if self.integrity is not None:
-            short = self.broken_off or self.lost_at_end
-            whole = "none missing up to where it breaks off" if short else "all there"
-            lines.append(f"  {self.integrity.render(whole)}")
-        width = max(map(len, self.messages), default=0)
-        lines += [f"  {name:<{width}}  {count}" for name, count in self.messages.items()]
-        return "\n".join(lines)
-
-
-_SHOWN: Final = 8
 
 
 def salvage(source: str | Path, target: str | Path, *, progress: Fraction | None = None) -> Salvaged:
@@ -446,16 +417,3 @@ def _opened(file: Path) -> Iterator[tuple[BinaryIO, bool]]:
                 yield plain, whole
     except IsADirectoryError:
         raise InputError(f"{file}: is a directory") from None
-
-
-def _told(loss: Loss) -> str:
-    text = f"{loss.file}, byte {loss.byte}: {loss.reason}"
-    if loss.messages is not None:
-        text += f"; {loss.messages} messages"
-    if loss.start is not None and loss.end is not None:
-        text += f" from {loss.start:.4f} to {loss.end:.4f} s"
-    return text
-
-
-def _seconds(time: float) -> str:
-    return f"{time * 1e3:.3g} ms" if time < 1.0 else f"{time:.4g} s"
