@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterable
 
 import numpy as np
-from rich.console import Console, RenderableType
+from rich.console import RenderableType
 from rosbags.rosbag2 import CompressionFormat, StoragePlugin, Writer
 
-from gyrowheel.text.layout import show
+from gyrowheel.text.layout import plain_text
 from gyrowheel_analysis.recording import RecordingWriter
 from gyrowheel_analysis.recording.columns import column_dtype
 from gyrowheel_analysis.recording.definitions import typestore
@@ -120,6 +119,4 @@ def assert_counting(recording, count=50):
 
 def shown(page: Iterable[RenderableType]) -> str:
     """Return a page as the terminal shows it, a single space between words."""
-    stream = io.StringIO()
-    show(Console(file=stream, width=200, markup=False), page)
-    return " ".join(stream.getvalue().split())
+    return " ".join(plain_text(page, width=200).split())

@@ -211,7 +211,7 @@ def test_notebook_page_is_whole_html_with_the_verdict(
         (gw.compare(drag, gw.Model()), "The model fails"),
         (better, "windage"),
         (better.added, "Error"),
-        (drag, "holds in"),
+        (drag, "spin rate"),
     ):
         page = Page(result._repr_html_())
         assert "table" in page.tags

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 import re
 from collections.abc import Callable, Iterable
@@ -14,7 +13,7 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rich.console import Console, RenderableType
+from rich.console import RenderableType
 
 from gyrowheel.cli.finding import following
 from gyrowheel.text.air import check_page, table_page
@@ -25,7 +24,7 @@ from gyrowheel.text.diagnosis import diagnosis as rendered
 from gyrowheel.text.effects import effect_list, effect_page
 from gyrowheel.text.errors import fall
 from gyrowheel.text.formulas import pretty
-from gyrowheel.text.layout import figures_table, show, words_table
+from gyrowheel.text.layout import figures_table, plain_text, words_table
 from gyrowheel.text.models import model_page
 from gyrowheel.text.plans import plan_list, plan_page
 from gyrowheel.text.quantities import (
@@ -69,9 +68,7 @@ VERDICTS = {
 
 
 def text_of(parts, width: int = 80) -> str:
-    stream = io.StringIO()
-    show(Console(file=stream, width=width, markup=False), parts)
-    return stream.getvalue()
+    return f"{plain_text(parts, width)}\n"
 
 
 @pytest.mark.parametrize(

@@ -179,21 +179,19 @@ class Recording:
 
     def __str__(self) -> str:
         """Return what it holds, in a few lines."""
-        return self.info.render()
+        from gyrowheel.text.layout import plain_text
+        from gyrowheel.text.recordings import info_page
+
+        return plain_text(info_page(self.info))
 
     def __repr__(self) -> str:
         """Return name, length and number of samples."""
         return f"<Recording: {self.name}, {self.duration:.2f} s, {len(self)} samples>"
 
     def _page(self) -> Iterable[RenderableType]:
-        from gyrowheel.text.layout import words_table
+        from gyrowheel.text.recordings import info_page
 
-        table = words_table("", "")
-        first, *lines = self.info.render().splitlines()
-        for line in lines:
-            what, _, rest = line.strip().partition("  ")
-            table.add_row(what, rest.strip())
-        return [first, table]
+        return info_page(self.info)
 
     def _repr_html_(self) -> str:
         from gyrowheel.text.notebook import html

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import io
 from collections.abc import Iterable
 from dataclasses import replace
 
@@ -122,3 +123,10 @@ def show(console: Console, parts: Iterable[RenderableType]) -> None:
     """Print parts one after the other."""
     for part in parts:
         console.print(part, soft_wrap=isinstance(part, Unbroken))
+
+
+def plain_text(parts: Iterable[RenderableType], width: int = 80) -> str:
+    """Return parts as lines of text without colours."""
+    stream = io.StringIO()
+    show(Console(file=stream, width=width, markup=False), parts)
+    return "\n".join(line.rstrip() for line in stream.getvalue().rstrip().splitlines())
