@@ -21,7 +21,7 @@ from PIL import Image
 from sympy.core.sorting import default_sort_key
 from sympy.printing.latex import LatexPrinter
 
-from gyrowheel.plots.momentum import body_png, caps_png, envelope
+from gyrowheel.plots.momentum import body_png, caps_png
 from gyrowheel.plots.signature import Signature, signature, to_svg
 from gyrowheel.text.formulas import in_words, pretty
 from gyrowheel.text.quantities import quantity, span
@@ -34,6 +34,7 @@ from gyrowheel_sim.effects.formula import FUNCTIONS, HANDY
 from gyrowheel_sim.effects.quantities import QUANTITIES, REFERENCES, z
 from gyrowheel_sim.effects.targets import TARGETS
 from gyrowheel_sim.effects.typed import typed_effect
+from gyrowheel_sim.mechanics.momentum import envelope
 from tools import house
 
 #: Texts and pictures by path.

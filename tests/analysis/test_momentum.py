@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from gyrowheel.plots.momentum import body_png, caps_png, envelope, speeds_of
+from gyrowheel.plots.momentum import body_png, caps_png
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.mechanics.momentum import envelope, speeds_of
 
 EACH_BENCH = pytest.mark.parametrize(
     "bench", [Bench.load(name) for name in Bench.shipped()], ids=lambda bench: bench.name

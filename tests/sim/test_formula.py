@@ -670,7 +670,7 @@ EFFECT = [
         ("EFFECT = 5", "not iterable"),
         ("EFFECT = ['windage']", "is no Effect"),
         (
-            "from gyrowheel_sim.effects import registry\nfrom gyrowheel_sim.effects.library import WINDAGE as EFFECT",
+            "from gyrowheel_sim.effects import registry\nfrom gyrowheel_sim.effects.library.air import WINDAGE as EFFECT",
             "taken",
         ),
         ("OTHER = 1", "EFFECT"),

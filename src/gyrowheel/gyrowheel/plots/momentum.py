@@ -1,4 +1,4 @@
-"""The momentum that a wheel can take, Figs 3 and 4 of Huo et al. 2016 with eqs (1) and (2): as data and as pictures.
+"""Pictures of the momentum that a wheel can take, Figs 3 and 4 of Huo et al. 2016.
 
 The exact momentum of the rotor stands beside the approximation of the paper, so that one sees what is neglected.
 """
@@ -6,9 +6,6 @@ The exact momentum of the rotor stands beside the approximation of the paper, so
 from __future__ import annotations
 
 import io
-import itertools
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +14,7 @@ from numpy.typing import NDArray
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.mechanics import kinematics as k
+from gyrowheel_sim.mechanics.momentum import largest_errors, revolution, rotor_inertias, speeds_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,12 +22,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_TILTS = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0)  # fifths of the limit
-_AZIMUTHS = 12
 #: The caps are flat: their heights are drawn this much too large.
 STRETCH = 12.0
 _BOX = 0.8  # height of a box over its width
-_PHASES = 72  # of a revolution
 _INK, _FAINT, _GREY = "#222222", "#E4E4E4", "#8A8A8A"
 # of the palette of Okabe and Ito, which people tell apart whatever their colour vision
 _EXACT, _LAST, _MIDDLE = "#0072B2", "#D55E00", "#009E73"
@@ -49,137 +44,6 @@ _STYLE: Any = {  # typed by matplotlib key by key
     "axes.titlelocation": "left",
     "legend.frameon": False,
 }
-
-
-@dataclass(frozen=True)
-class Envelope:
-    """The momentum of the rotor over speeds, tilts and azimuths, exact and as approximated.
-
-    Attributes
-    ----------
-    speed, tilt, azimuth : ndarray (s,), (t,), (a,)
-        Spin rates [rad/s], tilts and their azimuths in the case [rad].
-    approximate : ndarray (s, t, a, 3)
-        Last form of eq (1) with eq (2), in case axes [kg m^2/s].
-    exact_mean : ndarray (s, t, a, 3)
-        Exact momentum in case axes, averaged over a revolution of the shaft [kg m^2/s].
-    smallest, largest : ndarray (s, t, a)
-        Size of the exact momentum within a revolution [kg m^2/s].
-    error_last, error_middle : ndarray (t,)
-        Largest error within a revolution of the last form of eq (1) and of its middle expression, over the exact
-        momentum, in the motor frame where they are written.
-    """
-
-    speed: Array
-    tilt: Array
-    azimuth: Array
-    approximate: Array
-    exact_mean: Array
-    smallest: Array
-    largest: Array
-    error_last: Array
-    error_middle: Array
-
-    def to_json(self) -> dict[str, Any]:
-        """Return what the pictures show as a JSON object, to five digits: the first azimuth stands for all."""
-
-        def numbers(values: Any) -> Any:
-            if np.ndim(values):
-                return [numbers(value) for value in values]
-            return 0.0 if abs(values) < 1e-12 else float(f"{values:.5g}")
-
-        return {
-            "speed_rad_s": numbers(self.speed),
-            "tilt_rad": numbers(self.tilt),
-            "along_axis": numbers(self.approximate[:, :, 0, 2]),
-            "across_axis": numbers(np.hypot(self.approximate[:, :, 0, 0], self.approximate[:, :, 0, 1])),
-            "smallest": numbers(self.smallest[:, :, 0]),
-            "largest": numbers(self.largest[:, :, 0]),
-            "error_last": numbers(self.error_last),
-            "error_middle": numbers(self.error_middle),
-        }
-
-    def to_csv(self) -> str:
-        """Return all of it as a table, one state a line, SI units."""
-        head = "spin_rate,tilt,azimuth,h_x,h_y,h_z,exact_mean_x,exact_mean_y,exact_mean_z,exact_smallest,exact_largest"
-        lines = [head]
-        shape = self.smallest.shape
-        for s, t, a in itertools.product(*map(range, shape)):
-            if self.tilt[t] == 0.0 and a:
-                continue  # all azimuths are one
-            values = (
-                self.speed[s], self.tilt[t], self.azimuth[a], *self.approximate[s, t, a], *self.exact_mean[s, t, a],
-                self.smallest[s, t, a], self.largest[s, t, a],
-            )  # fmt: skip
-            lines.append(",".join(f"{0.0 if abs(v) < 1e-12 else v:.6g}" for v in values))
-        return "\n".join(lines) + "\n"
-
-
-def speeds_of(bench: Bench) -> Array:
-    """Return the speeds of Fig. 3 on a bench [rad/s]: the reference speed, the highest, and one as far below."""
-    reference, high = bench.value("spin_rate_reference"), bench.value("spin_rate_maximum")
-    return np.array([2.0 * reference - high, reference, high])
-
-
-def envelope(bench: Bench, speeds: Sequence[float] | Array | None = None) -> Envelope:
-    """Return the momentum envelope of a bench.
-
-    Parameters
-    ----------
-    bench : Bench
-        Gives inertias, speeds and the largest tilt.
-    speeds : sequence of float, optional
-        Spin rates [rad/s]; those of Fig. 3 if not given, see `speeds_of`.
-    """
-    speed = np.asarray(speeds_of(bench) if speeds is None else speeds, dtype=float)
-    tilt = np.array(_TILTS) / _TILTS[-1] * bench.value("tilt_limit")
-    azimuth = np.linspace(0.0, 2.0 * np.pi, _AZIMUTHS, endpoint=False)
-    inertia = _inertia(bench)
-    s, p, a = np.meshgrid(speed, tilt, azimuth, indexing="ij")
-    exact = k.held_momentum(s[..., None], p[..., None], a[..., None], _turn(), inertia)
-    size = np.linalg.norm(exact, axis=-1)
-    last, middle = _errors(tilt, float(speed[0]), inertia)
-    return Envelope(
-        speed=speed,
-        tilt=tilt,
-        azimuth=azimuth,
-        approximate=k.momentum_envelope(s, p, a, inertia[2]),
-        exact_mean=exact.mean(axis=-2),
-        smallest=size.min(axis=-1),
-        largest=size.max(axis=-1),
-        error_last=last,
-        error_middle=middle,
-    )
-
-
-def _inertia(bench: Bench) -> tuple[float, float, float]:
-    x, y, z = (bench.value(f"rotor_inertia_{axis}") for axis in "xyz")
-    return x, y, z
-
-
-def _turn() -> Array:
-    return np.linspace(0.0, 2.0 * np.pi, _PHASES, endpoint=False)
-
-
-def _errors(tilt: Array, speed: float, inertia: tuple[float, float, float]) -> tuple[Array, Array]:
-    """Return the largest relative errors of the last form and of the middle expression of eq (1) at each tilt."""
-    phi, beta = np.broadcast_arrays(tilt[:, None], _turn())
-    theta_x, theta_y = k.joint_of_azimuth(phi, beta)
-    rates = (*k.joint_rates_of_hold(phi, beta, speed), np.full(phi.shape, speed))
-    angles = (theta_x, theta_y, beta)
-    exact = k.rotor_momentum(angles, rates, inertia)
-    size = np.linalg.norm(exact, axis=-1)
-
-    def error(form: Array) -> Array:
-        return np.asarray((np.linalg.norm(form - exact, axis=-1) / size).max(axis=-1))
-
-    return (
-        error(k.spin_momentum(theta_x, theta_y, rates[2], inertia[2])),
-        error(k.rotor_momentum_by_joint_rates(angles, rates, inertia)),
-    )
-
-
-# --- pictures ---
 
 
 def caps_png(bench: Bench, description: str = "") -> bytes:
@@ -288,7 +152,7 @@ def _draw_body(bench: Bench) -> Figure:
     # what the exact momentum does within a revolution: to and fro along the spin axis
     for angle in (-limit, -0.5 * limit, 0.5 * limit, limit):
         size = np.linalg.norm(
-            k.held_momentum(speeds[1], abs(angle), 0.0, _turn(), _inertia(bench)) / scale, axis=-1
+            k.held_momentum(speeds[1], abs(angle), 0.0, revolution(), rotor_inertias(bench)) / scale, axis=-1
         )
         ends = np.array([size.min(), size.max()])
         section.plot(
@@ -331,7 +195,7 @@ def _revolution(axes: Axes, bench: Bench, scale: float, unit: str) -> None:
     turn = np.linspace(0.0, 2.0 * np.pi, 145)
     shades = ("#9ECAE1", "#4292C6", "#08519C")
     for part, shade in zip((0.2, 0.6, 1.0), shades, strict=True):
-        size = np.linalg.norm(k.held_momentum(speed, part * limit, 0.0, turn, _inertia(bench)), axis=-1)
+        size = np.linalg.norm(k.held_momentum(speed, part * limit, 0.0, turn, rotor_inertias(bench)), axis=-1)
         axes.plot(
             turn / DEG, size / scale, color=shade, linewidth=1.8, label=f"exact, {part * limit / DEG:.2g}°"
         )
@@ -351,7 +215,7 @@ def _revolution(axes: Axes, bench: Bench, scale: float, unit: str) -> None:
 def _error_panel(axes: Axes, bench: Bench) -> None:
     """Draw the errors of both forms of eq (1) over the tilt."""
     tilt = np.linspace(0.02, 1.0, 50) * bench.value("tilt_limit")
-    last, middle = _errors(tilt, float(speeds_of(bench)[1]), _inertia(bench))
+    last, middle = largest_errors(tilt, float(speeds_of(bench)[1]), rotor_inertias(bench))
     forms = (("middle expression, I·θ'", middle, _MIDDLE), ("last form", last, _LAST))
     for name, values, colour in forms:
         axes.plot(tilt / DEG, 100.0 * values, color=colour, linewidth=1.8)
@@ -382,7 +246,7 @@ def _paths(axes: Axes, bench: Bench, scale: float, unit: str) -> None:
     motor = (
         k.spin_momentum(theta_x, theta_y, np.full(turn.shape, speed), bench.value("rotor_inertia_z")) / scale
     )
-    case = k.held_momentum(speed, limit, 0.0, turn, _inertia(bench)) / scale
+    case = k.held_momentum(speed, limit, 0.0, turn, rotor_inertias(bench)) / scale
     axes.plot(motor[:, 0], motor[:, 1], color=_LAST, linewidth=1.8, label="eq (1), motor axes")
     axes.plot(
         case[:, 0], case[:, 1], color=_EXACT, linewidth=5.0, solid_capstyle="round", label="exact, case axes"
