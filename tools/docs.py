@@ -18,7 +18,6 @@ from typing import TypeAlias
 
 import sympy as sp
 from PIL import Image
-from sympy.core.sorting import default_sort_key
 from sympy.printing.latex import LatexPrinter
 
 from gyrowheel.plots.momentum import body_png, caps_png
@@ -30,7 +29,8 @@ from gyrowheel_core.errors import InputError
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import Coefficient, Effect, registry
-from gyrowheel_sim.effects.formula import FUNCTIONS, HANDY
+from gyrowheel_sim.effects.grammar import FUNCTIONS, HANDY
+from gyrowheel_sim.effects.printing import factor_place, ordered_terms, signless_first
 from gyrowheel_sim.effects.quantities import QUANTITIES, REFERENCES, z
 from gyrowheel_sim.effects.targets import TARGETS
 from gyrowheel_sim.effects.typed import typed_effect
@@ -93,7 +93,7 @@ class _Latex(LatexPrinter):
 
     def _print_Mul(self, expr: sp.Mul) -> str:
         number, rest = expr.as_coeff_Mul()
-        factors = sorted(sp.Mul.make_args(rest), key=_place)
+        factors = sorted(sp.Mul.make_args(rest), key=factor_place)
         over = [f for f in factors if not _divides(f)]
         under = [sp.Pow(f.base, -f.exp) for f in factors if _divides(f)]
         over += [] if abs(number.p) == 1 and over else [sp.Integer(abs(number.p))]
@@ -115,9 +115,7 @@ class _Latex(LatexPrinter):
         return " ".join([*texts[:1], *spaced])
 
     def _print_Add(self, expr: sp.Add, order: str | None = None) -> str:
-        terms = sorted(expr.args, key=lambda a: (a.has(sp.I), a.is_number, default_sort_key(a)))
-        texts = [self._print(term) for term in terms]
-        texts.sort(key=lambda text: text.startswith("-"))
+        texts = signless_first(self._print(term) for term in ordered_terms(expr))
         return texts[0] + "".join(
             f" - {t[1:].lstrip()}" if t.startswith("-") else f" + {t}" for t in texts[1:]
         )
@@ -138,17 +136,6 @@ class _Latex(LatexPrinter):
 
 def _divides(factor: sp.Expr) -> bool:
     return isinstance(factor, sp.Pow) and bool(factor.exp.is_number) and bool(factor.exp.is_negative)
-
-
-def _place(factor: sp.Expr) -> tuple[int, object]:
-    symbols = factor.free_symbols
-    if factor is sp.I:
-        rank = 0
-    elif symbols and not any(s.name in QUANTITIES for s in symbols):
-        rank = 1
-    else:
-        rank = 3 if z in symbols else 2
-    return rank, default_sort_key(factor)
 
 
 def _symbol(name: str) -> str:

@@ -31,8 +31,10 @@ from gyrowheel_sim.effects import (
 )
 from gyrowheel_sim.effects.code import array_law, laws_source
 from gyrowheel_sim.effects.dimensions import Unit, check_effect, check_unit
-from gyrowheel_sim.effects.formula import MAX_DEPTH, MAX_LENGTH, parse, read, to_text
+from gyrowheel_sim.effects.formula import parse, read
+from gyrowheel_sim.effects.grammar import MAX_DEPTH, MAX_LENGTH
 from gyrowheel_sim.effects.parts import COMPONENTS, ComplexArgumentError, split
+from gyrowheel_sim.effects.printing import to_text
 from gyrowheel_sim.effects.quantities import QUANTITIES, Omega, Omega_ref, rho, rho_ref, z, z_rate, z_ref
 from gyrowheel_sim.plant.machine import plant_code, simulated_effects
 from gyrowheel_sim.plant.scenario import Scenario
@@ -670,7 +672,7 @@ EFFECT = [
         ("EFFECT = 5", "not iterable"),
         ("EFFECT = ['windage']", "is no Effect"),
         (
-            "from gyrowheel_sim.effects import registry\nfrom gyrowheel_sim.effects.library.air import WINDAGE as EFFECT",
+            "from gyrowheel_sim.effects.library.air import WINDAGE as EFFECT",
             "taken",
         ),
         ("OTHER = 1", "EFFECT"),

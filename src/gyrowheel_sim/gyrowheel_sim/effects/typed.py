@@ -1,6 +1,7 @@
-"""Effects typed in one line, as a command line or a text field takes them, and written so that they can be typed.
+"""Effects in one line, as a command line or a text field takes them, and written so that they can be typed.
 
-A law alone is enough where its coefficients have names of one letter: ``-k*r^2*z`` declares ``k``, whose unit follows.
+``stator_pull: torque = -k*r^2*z; k [N*m/rad]`` is the whole; a law alone is enough where its coefficients have names of
+one letter: ``-k*r^2*z`` declares ``k``, whose unit follows.
 """
 
 from __future__ import annotations
@@ -9,25 +10,55 @@ import contextlib
 import itertools
 import re
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.effects.declaration import Effect
 from gyrowheel_sim.effects.dimensions import MissingUnitError, Unit, check_unit
-from gyrowheel_sim.effects.formula import MAX_LENGTH, NAME, RESERVED, read
+from gyrowheel_sim.effects.formula import Formula, read
+from gyrowheel_sim.effects.grammar import MAX_LENGTH, NAME, shortened, unknown_names
 from gyrowheel_sim.effects.targets import TARGETS
-from gyrowheel_sim.effects.user import LAW_FIELDS, effect_from_text, effect_to_mapping
+from gyrowheel_sim.effects.user import LAW_FIELDS, effect_from_mapping, effect_to_mapping
 
+_FORM = "expected NAME: TARGET = FORMULA; COEFFICIENT [UNIT]; ..."
 _PREFIX = re.compile(rf"\s*({NAME.pattern})\s*:(.*)", re.DOTALL)
 #: A name of one letter, numbered or with an index at most: ``k``, ``k2``, ``F_x``.
 _LETTER = re.compile(r"[A-Za-z](?:[0-9]|_[A-Za-z0-9])?")
 #: With more undeclared coefficients than this, their units must be given.
 _MOST_INFERRED = 6
-_DECLARED = re.compile(r"([A-Za-z]\w*)(?:\s*=[-+.±\s0-9eE]*)?\s*(?:\[([^\]]*)\])?")
-#: Exponents with n as they are shown.
-_RAISED = re.compile(r"ⁿ([⁻⁺][⁰¹²³⁴⁵⁶⁷⁸⁹]+)?")
-_WORD = re.compile(
-    r"(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|([A-Za-z_][A-Za-z0-9_]*)(?![A-Za-z0-9_₀'])"
+_FLOAT = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
+_COEFFICIENT = re.compile(
+    rf"(?P<name>\w+)\s*(?:=\s*(?P<value>{_FLOAT})\s*(?:(?:\+-|±)\s*(?P<uncertainty>{_FLOAT})\s*)?)?"
+    r"(?:\[(?P<unit>[^\]]*)\])?"
 )
+Laws = dict[str, str]
+Entries = dict[str, dict[str, Any]]
+
+
+def effect_from_text(text: str, where: str = "formula") -> Effect:
+    """Return the effect that one line declares.
+
+    Parameters
+    ----------
+    text : str
+        ``NAME: TARGET = FORMULA; COEFFICIENT [UNIT]; ...`` with as many laws and coefficients as needed. A coefficient
+        may have its usual size, or a shape its value and uncertainty: ``k = 0.02 [N*m/rad]``,
+        ``p = 0.6 +- 0.05 [1]``.
+    where : str
+        What messages begin with.
+
+    Raises
+    ------
+    InputError
+        As `gyrowheel_sim.effects.user.effect_from_mapping`, or if the line is not of that form.
+    """
+    name, colon, rest = str(text).partition(":")
+    if not colon:
+        raise InputError(f"{where}: {shortened(str(text))} has no name; {_FORM}")
+    laws, coefficients = _parts(rest, where)
+    return effect_from_mapping(
+        name.strip(), {**laws, "coefficients": coefficients}, f"{where}: {name.strip()}"
+    )
 
 
 def typed_effect(
@@ -71,23 +102,20 @@ def typed_effect(
     name = name or otherwise
     if name is None:
         raise InputError(f"{where}: the effect needs a name, e.g. stator_pull: {' '.join(text.split())[:60]}")
-    known = _known_target(target or "rotor_torque", where)
-    items = [_item(part, known, first=not index) for index, part in enumerate(_parts(text))]
-    laws = [(left, right) for left, _, right in (item.partition(" = ") for item in items) if left in TARGETS]
-    rest = [item for item in items if item.partition(" = ")[0] not in TARGETS]
-    declared = {m[1]: m[2] for item in rest if (m := _DECLARED.fullmatch(item))}
-    letters = [letter for letter in _letters([law for _, law in laws]) if letter not in declared]
-    for left, law in laws:  # what is no formula is said before anything is concluded from it
-        read(law, [*declared, *letters], f"{where}: {name}.{left}")
-    units = {key: unit for key, unit in declared.items() if unit is not None}
-    # shapes before amplitudes: of those a number stands in for one of the shapes may be wrong, as within exp
-    units = _units(laws, [key for key in (*declared, *letters) if key not in units], units)
-    rest = [
-        f"{item} [{units[m[1]]}]" if (m := _DECLARED.fullmatch(item)) and m[1] in units else item
-        for item in (*rest, *letters)
+    target = target or "rotor_torque"
+    if target not in LAW_FIELDS:
+        raise InputError(f"{where}: target '{target[:60]}' is not known; allowed: {', '.join(TARGETS)}")
+    laws, coefficients = _parts(text, where, LAW_FIELDS[target])
+    letters = [n for law in laws.values() for n in unknown_names(law) if _LETTER.fullmatch(n)]
+    coefficients |= {letter: {} for letter in letters if letter not in coefficients}
+    # what is no formula is said before anything is concluded from it
+    formulas = [
+        (read(law, coefficients, f"{where}: {name}.{left}"), TARGETS[left].unit) for left, law in laws.items()
     ]
-    lines = [*(f"{left} = {law}" for left, law in laws), *rest]
-    return effect_from_text(f"{name}: {'; '.join(lines)}", where)
+    units = {key: entry["unit"] for key, entry in coefficients.items() if "unit" in entry}
+    for key, unit in _units(formulas, [key for key in coefficients if key not in units], units).items():
+        coefficients[key]["unit"] = unit
+    return effect_from_mapping(name, {**laws, "coefficients": coefficients}, f"{where}: {name}")
 
 
 def effect_to_line(effect: Effect) -> str:
@@ -105,32 +133,36 @@ def effect_to_line(effect: Effect) -> str:
     return "; ".join([*laws, *(f"{c.name}{shapes.get(c.name, '')} [{c.unit}]" for c in effect.coefficients)])
 
 
-def _parts(text: str) -> list[str]:
-    return [part for part in (" ".join(part.split()) for part in text.split(";")) if part]
+def _parts(text: str, where: str, target: str | None = None) -> tuple[Laws, Entries]:
+    """Return the laws of a line by their targets, and its coefficients as a declaration has them.
 
-
-def _known_target(target: str, where: str) -> str:
-    if target not in LAW_FIELDS:
-        raise InputError(f"{where}: target '{target[:60]}' is not known; allowed: {', '.join(TARGETS)}")
-    return LAW_FIELDS[target]
-
-
-def _item(text: str, target: str, *, first: bool) -> str:
-    """Return a part of the line as `effect_from_text` has it; the first may be a law without a target."""
-    left, equals, right = (part.strip() for part in text.partition("="))
-    if not equals:
-        return f"{target} = {text}" if first else text
-    return f"{LAW_FIELDS.get(left, left)} = {right}"
-
-
-def _letters(laws: Sequence[str]) -> list[str]:
-    """Return the names of one letter in formulas that mean nothing yet, in order."""
-    names = [match[1] or "" for law in laws for match in _WORD.finditer(_RAISED.sub("^n", law))]
-    return list(dict.fromkeys(n for n in names if _LETTER.fullmatch(n) and n not in RESERVED))
+    With a `target`, the first part may be a law without ``TARGET =``, and ``torque`` is named as the target it means.
+    """
+    laws: Laws = {}
+    coefficients: Entries = {}
+    parts = [part for part in (" ".join(part.split()) for part in text.split(";")) if part]
+    for index, part in enumerate(parts):
+        left, equals, right = (piece.strip() for piece in part.partition("="))
+        if target is not None:
+            left, right = (target, part) if not equals and not index else (LAW_FIELDS.get(left, left), right)
+        if left in LAW_FIELDS and (equals or not index):
+            if left in laws:
+                raise InputError(f"{where}: {left} is given twice; write a sum")
+            laws[left] = right
+            continue
+        match = _COEFFICIENT.fullmatch(part)
+        if match is None:
+            raise InputError(f"{where}: '{shortened(part)}' is neither a law nor a coefficient; {_FORM}")
+        if match["name"] in coefficients:
+            raise InputError(f"{where}: the coefficient {match['name']} is given twice")
+        entry: dict[str, Any] = {"unit": match["unit"]} if match["unit"] is not None else {}
+        entry |= {key: float(match[key]) for key in ("value", "uncertainty") if match[key] is not None}
+        coefficients[match["name"]] = entry
+    return laws, coefficients
 
 
 def _units(
-    laws: Sequence[tuple[str, str]], wanted: Sequence[str], units: Mapping[str, str]
+    laws: Sequence[tuple[Formula, str]], wanted: Sequence[str], units: Mapping[str, str]
 ) -> dict[str, str]:
     """Return the units of coefficients that follow from those of the targets and of the other coefficients.
 
@@ -141,11 +173,11 @@ def _units(
     if len(wanted) > _MOST_INFERRED:
         return found
     for name in wanted:
-        unit = _unit(laws, name, dict.fromkeys((n for n in wanted if n != name), "0"), units)
+        unit = _unit(laws, name, dict.fromkeys((n for n in wanted if n != name), 0), units)
         found |= {name: unit} if unit else {}
     for name in wanted:
         others = [n for n in wanted if n not in (name, *found)]
-        choices = sorted(itertools.product("01", repeat=len(others)), key=lambda choice: choice.count("1"))
+        choices = sorted(itertools.product((0, 1), repeat=len(others)), key=sum)
         for choice in choices if name not in found else ():
             unit = _unit(laws, name, dict(zip(others, choice, strict=True)), {**units, **found})
             if unit:
@@ -155,16 +187,14 @@ def _units(
 
 
 def _unit(
-    laws: Sequence[tuple[str, str]], name: str, others: Mapping[str, str], units: Mapping[str, str]
+    laws: Sequence[tuple[Formula, str]], name: str, others: Mapping[str, int], units: Mapping[str, str]
 ) -> str | None:
     """Return the unit of one coefficient, numbers standing in for `others`; None if it does not follow."""
-    for target, law in laws:
-        law = _RAISED.sub("^n", law)  # its unit is the same for any such exponent
-        alone = _WORD.sub(lambda m: others.get(m[1] or "", m[0]), law)
+    for formula, wanted in laws:
         # whatever is wrong is said when the whole is read
         with contextlib.suppress(InputError):
             try:
-                check_unit(read(alone, [name, *units]), {**units, name: None}, TARGETS[target].unit)
+                check_unit(formula.with_numbers(others), {**units, name: None}, wanted)
             except MissingUnitError as error:
                 return str(Unit.of(str(error.unit)))
     return None

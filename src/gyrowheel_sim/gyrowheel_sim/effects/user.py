@@ -6,7 +6,7 @@ A declaration in a model file::
     coefficients:
       k: {unit: N*m/rad, usual: [0.01, 0.05], bounds: [-0.5, 0.5]}
 
-and the same as one line: ``stator_pull: torque = -k*r^2*z; k [N*m/rad]``.
+`gyrowheel_sim.effects.typed` reads the same from one line.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ import contextlib
 import difflib
 import itertools
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, get_args
@@ -26,8 +25,10 @@ import sympy as sp
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.effects.declaration import Category, Coefficient, Effect, Law
 from gyrowheel_sim.effects.dimensions import MissingUnitError, Unit, check_unit
-from gyrowheel_sim.effects.formula import NAME, RESERVED, Formula, read, to_text
+from gyrowheel_sim.effects.formula import Formula, read
+from gyrowheel_sim.effects.grammar import NAME, RESERVED
 from gyrowheel_sim.effects.parts import ComplexArgumentError, is_real
+from gyrowheel_sim.effects.printing import to_text
 from gyrowheel_sim.effects.quantities import theta, theta_rate
 from gyrowheel_sim.effects.targets import TARGETS
 
@@ -152,56 +153,6 @@ def effect_to_mapping(effect: Effect) -> dict[str, Any]:
     result |= {target: to_text(expression) for target, expression in laws.items()}
     result |= {"coefficients": coefficients, "validity": effect.validity, "source": effect.source}
     return result | ({"look_alikes": dict(effect.look_alikes)} if effect.look_alikes else {})
-
-
-def effect_from_text(text: str, where: str = "formula") -> Effect:
-    """Return the effect that one line declares.
-
-    Parameters
-    ----------
-    text : str
-        ``NAME: TARGET = FORMULA; COEFFICIENT [UNIT]; ...`` with as many laws and coefficients as needed. A coefficient
-        may have its usual size, or a shape its value and uncertainty: ``k = 0.02 [N*m/rad]``,
-        ``p = 0.6 +- 0.05 [1]``.
-    where : str
-        What messages begin with.
-
-    Raises
-    ------
-    InputError
-        As `effect_from_mapping`, or if the line is not of that form.
-    """
-    form = "expected NAME: TARGET = FORMULA; COEFFICIENT [UNIT]; ..."
-    name, colon, rest = str(text).partition(":")
-    if not colon:
-        raise InputError(f"{where}: {_one_line(text)} has no name; {form}")
-    mapping: dict[str, Any] = {}
-    coefficients: dict[str, dict[str, Any]] = {}
-    for item in filter(None, (part.strip() for part in rest.split(";"))):
-        left, equals, right = (part.strip() for part in item.partition("="))
-        if left in LAW_FIELDS and equals:
-            if left in mapping:
-                raise InputError(f"{where}: {left} is given twice; write a sum")
-            mapping[left] = right
-            continue
-        match = _COEFFICIENT.fullmatch(item)
-        if match is None:
-            raise InputError(f"{where}: '{_one_line(item)}' is neither a law nor a coefficient; {form}")
-        if match["name"] in coefficients:
-            raise InputError(f"{where}: the coefficient {match['name']} is given twice")
-        entry: dict[str, Any] = {"unit": match["unit"]} if match["unit"] is not None else {}
-        entry |= {key: float(match[key]) for key in ("value", "uncertainty") if match[key] is not None}
-        coefficients[match["name"]] = entry
-    return effect_from_mapping(
-        name.strip(), mapping | {"coefficients": coefficients}, f"{where}: {name.strip()}"
-    )
-
-
-_FLOAT = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
-_COEFFICIENT = re.compile(
-    rf"(?P<name>\w+)\s*(?:=\s*(?P<value>{_FLOAT})\s*(?:(?:\+-|±)\s*(?P<uncertainty>{_FLOAT})\s*)?)?"
-    r"(?:\[(?P<unit>[^\]]*)\])?"
-)
 
 
 def check_name(name: str, where: str, taken: Mapping[str, object] | None = None) -> None:

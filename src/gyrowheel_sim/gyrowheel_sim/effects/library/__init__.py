@@ -48,7 +48,7 @@ _FIRST = (
 
 
 def _declared() -> tuple[Effect, ...]:
-    found = {}
+    found: dict[str, Effect] = {}
     for module in sorted(info.name for info in pkgutil.iter_modules(__path__)):
         for value in vars(importlib.import_module(f"{__name__}.{module}")).values():
             if isinstance(value, Effect) and found.setdefault(value.name, value) is not value:
