@@ -48,7 +48,7 @@ def test_moving_a_bench_parameter_the_quick_way_gives_the_same_rows(
     effects = [] if name is None else [ActiveEffect(registry()[name], registry()[name].defaults())]
     values = drawn(rng)
     at = balance.instants(values, effects)
-    rows, groups, quick = balance.rows(at, values), BENCH.groups(), 0
+    rows, groups, quick = balance.rows_at(at, values), BENCH.groups(), 0
     for group in NUISANCE_GROUPS:
         after = dict(values)
         for p in groups.get(group, ()):
@@ -73,7 +73,7 @@ def test_what_changes_the_motion_is_not_done_the_quick_way(balance: Balance) -> 
 def test_a_small_step_of_what_changes_the_motion_is_right_to_first_order(balance: Balance) -> None:
     values = drawn(np.random.default_rng(4))
     at, groups, slow = balance.instants(values, []), BENCH.groups(), 0
-    rows = balance.rows(at, values)
+    rows = balance.rows_at(at, values)
     for group in NUISANCE_GROUPS:
         after = dict(values)
         for p in groups.get(group, ()):
@@ -82,7 +82,7 @@ def test_a_small_step_of_what_changes_the_motion_is_right_to_first_order(balance
             continue
         slow += 1
         whole = balance.predicted(after, [])
-        found = balance.rows(balance.instants(after, [], at), after)
+        found = balance.rows_at(balance.instants(after, [], at), after)
         assert np.abs(found - whole).max() <= 5.0e-3 * np.abs(whole - rows).max(), group
     assert slow >= 5
 
@@ -123,7 +123,7 @@ def test_a_motion_no_clearer_than_noise_needs_what_the_machine_at_hand_needs(tmp
     def mistaken() -> float:
         """By how much the measured rows miss what the truth predicts, but for noise that both see [N m]."""
         change = balance.measured - balance.predicted(truth, []) - raw.measured + raw.predicted(truth, [])
-        return float(np.abs(change[balance.channel("tilt_2n_x")]).max())
+        return float(np.abs(change[balance.row("tilt_2n_x")]).max())
 
     assert mistaken() > 2.0e-5
     balance = balance.cleared(truth, [])

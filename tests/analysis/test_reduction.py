@@ -200,7 +200,7 @@ def test_no_parameter_multiplies_the_noise_of_an_acceleration(tmp_path: Path) ->
     rows, residuals = [], []
     for own in (windows, replace(windows, spin=spin)):
         balance = Balance(own, BENCH)
-        spin_rows = balance.channel("spin")
+        spin_rows = balance.row("spin")
         predicted = balance.predicted(stated, [])
         rows.append((balance.predicted(other, []) - predicted)[spin_rows][quiet])
         residuals.append((balance.measured - predicted)[spin_rows][quiet])

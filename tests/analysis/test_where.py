@@ -67,7 +67,7 @@ def noise_rows(rng: np.random.Generator, drift: float = 1.0) -> Any:
         "motor_voltage": v("motor_voltage_drift"),
     }
     for name, level in levels.items():
-        own = balance.channel(name)
+        own = balance.row(name)
         white = np.diag(deviation[own] ** 2 - level**2)
         slow = level**2 * np.exp(-lag / v("drift_time"))
         rows[own] = rng.multivariate_normal(np.zeros(len(lag)), white + drift**2 * slow)
@@ -80,7 +80,7 @@ def residual(part: str, values: Any, rows: Any = None) -> tuple[Any, WindowResid
     (balance,) = p.balances
     rows = np.zeros(len(p.measured)) if rows is None else rows.copy()
     for row, own in zip(CHANNELS[part].rows, (np.real, np.imag), strict=False):
-        rows[balance.channel(row)] += own(values)
+        rows[balance.row(row)] += own(values)
     return rows, window_residuals(p.balances, balance.windows, rows, p.noise.deviation())
 
 
@@ -328,7 +328,7 @@ def test_the_speed_is_named_where_the_temperature_hardly_varies(part: str) -> No
     # what else is wrong takes a part of it, unlike noise
     law += 4e-5 * np.exp(3j * np.angle(w.mean_tilt)) * (np.abs(w.mean_tilt) > 0.01)
     for row, own in zip(CHANNELS[part].rows, (np.real, np.imag), strict=True):
-        rows[balance.channel(row)] += own(law)
+        rows[balance.row(row)] += own(law)
     data = window_residuals([balance], w, rows, p.noise.deviation())
     found = dependences(data, [balance], rows, lambda values: (values.T / p.noise.deviation()).T)
     stated = [test for test in found if test.part == part and test.stated]
@@ -345,7 +345,7 @@ def test_of_variables_that_do_as_well_the_plainest_is_named_and_the_other_too() 
         warm = 293.0 + 0.1 * (spin - spin.min()) + 0.3 * rng.normal(size=len(spin))
         own = Balance(replace(balance.windows, coil_temperature=warm), BENCH)
         rows = rng.normal(size=len(p.measured)) * p.noise.deviation()
-        rows[own.channel("tilt_x")] += 1e-4 * (warm - warm.mean()) / np.std(warm)
+        rows[own.row("tilt_x")] += 1e-4 * (warm - warm.mean()) / np.std(warm)
         data = window_residuals([own], own.windows, rows, p.noise.deviation())
         found = dependences(data, [own], rows, lambda values: (values.T / p.noise.deviation()).T)
         tests = {test.variable: test for test in found if test.part == "tilt"}
@@ -364,7 +364,7 @@ def test_order_among_small_residuals_is_noticed() -> None:
     p = problem()
     count = len(p.balances[0].windows)
     rows = np.random.default_rng(5).normal(size=len(p.measured)) * p.noise.deviation() * 0.5
-    own = p.balances[0].channel("voltage_ripple_x")
+    own = p.balances[0].row("voltage_ripple_x")
     rows[own] = 1.2 * p.noise.deviation()[own] * np.sin(np.arange(count) * 2.0 * math.pi / 9.0)
     data = window_residuals(p.balances, p.balances[0].windows, rows, p.noise.deviation())
     found, white = judge(rows, data)
@@ -390,7 +390,7 @@ def test_averages_alone_have_maps_and_sentences_too() -> None:
     windows = problem().balances[0].windows
     balance = Balance(windows, BENCH, harmonics=False)
     rows = np.zeros(len(balance))
-    rows[balance.channel("spin")] = 4e-4
+    rows[balance.row("spin")] = 4e-4
     data = window_residuals([balance], windows, rows, np.full(len(rows), 2e-5))
     assert set(data.parts) == {"tilt", "spin", "motor_voltage"}
     assert grows(data) == ["the motor torque is 0.40 mN·m above the model, the same at every speed"]

@@ -76,7 +76,7 @@ def test_balance_meets_full_simulation(figures):
     balance = Balance(reduce(samples, BENCH), BENCH)
     residual = balance.measured - balance.predicted(BENCH.values(), [])
     for channel in ("tilt_x", "tilt_y", "spin"):
-        assert np.abs(residual[balance.channel(channel)]).max() < 4e-6
+        assert np.abs(residual[balance.row(channel)]).max() < 4e-6
 
 
 def test_2n_torque_of_a_perfect_hold():

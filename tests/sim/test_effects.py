@@ -530,7 +530,7 @@ def test_regressor_is_what_the_simulation_shows(effect: Effect, coefficient: Coe
     # an effect of the usual size is also predicted in size: to a fifth of the noise of a window, a hundredth of itself
     difference = predicted(stop) - predicted(start)
     for x, y in (*PAIRS, ("spin", "spin"), ("motor_voltage", "motor_voltage")):
-        rows = [before.channel(x), before.channel(y)]
+        rows = [before.row(x), before.row(y)]
         size = max(np.abs(difference[own]).max() for own in rows)
         error = max(np.abs(shown - difference)[own][good[own]].max() for own in rows)
         assert error <= 0.01 * size + 0.2, x
@@ -541,7 +541,7 @@ def test_model_without_effects_meets_the_simulation():
     balance = simulated("quick", None)
     left, moving = residual(balance), balance.windows.moving
     for name in ("tilt_x", "tilt_y"):
-        rows = np.abs(left[balance.channel(name)])
+        rows = np.abs(left[balance.row(name)])
         assert rows[~moving].max() < 3.5e-6
         assert rows[moving].max() < 3e-5
-    assert np.abs(left[balance.channel("spin")]).max() < 3e-5
+    assert np.abs(left[balance.row("spin")]).max() < 3e-5

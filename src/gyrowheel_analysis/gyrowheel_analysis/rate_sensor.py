@@ -144,7 +144,7 @@ def rates(
         )
         balance = Balance(still, bench)
         predicted = balance.predicted(values, effects)
-        x, y = balance.channel("tilt_x"), balance.channel("tilt_y")
+        x, y = balance.row("tilt_x"), balance.row("tilt_y")
         columns = []
         for name in ("E_x", "E_y"):
             given = {"E_x": 0.0, "E_y": 0.0, name: _STEP}

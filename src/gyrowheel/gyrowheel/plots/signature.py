@@ -182,13 +182,13 @@ def _signature(effect: Effect, bench: Bench, state: str, at: float) -> Signature
     values = bench.values()
     balance = Balance(windows, bench)
     # the current that the motor needs anyway
-    current = balance.predicted(values, [])[balance.channel("spin")] / bench.value("motor_constant")
+    current = balance.predicted(values, [])[balance.row("spin")] / bench.value("motor_constant")
     balance = Balance(replace(windows, motor_current=current), bench)
     rows = balance.predicted(values, [ActiveEffect(effect, effect.defaults())])
     rows = rows - balance.predicted(values, [])
 
     def row(name: str) -> Array:
-        return np.asarray(rows[balance.channel(name)])
+        return np.asarray(rows[balance.row(name)])
 
     def size(name: str) -> Array:
         return np.hypot(row(f"{name}_x"), row(f"{name}_y"))

@@ -56,7 +56,7 @@ def telling_channels(recordings: Sequence[Recording], model: Model, name: str, r
     found = [
         Telling(part, kind.measured, _chi2(problem, worse, part) - _chi2(problem, best, part))
         for part, kind in CHANNELS.items()
-        if all(row in b.channels for row in kind.rows for b in problem.balances)
+        if all(row in b.rows for row in kind.rows for b in problem.balances)
     ]
     return sorted(found, key=lambda t: -t.delta_chi2)
 

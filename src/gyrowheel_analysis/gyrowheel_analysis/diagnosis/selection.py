@@ -272,7 +272,7 @@ def groups(problem: Problem) -> dict[str, list[NDArray[np.bool_]]]:
     """Return the rows of every speed, tilt direction and recording, as masks over all rows."""
     speed, tilt, recording = [], [], []
     for number, balance in enumerate(problem.balances):
-        w, count = balance.windows, len(balance.channels)
+        w, count = balance.windows, len(balance.rows)
         speed.append(np.tile(w.mean_spin, count))
         tilt.append(np.tile(w.mean_tilt, count))
         recording.append(np.full(len(balance), number))

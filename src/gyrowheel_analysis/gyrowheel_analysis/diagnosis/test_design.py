@@ -96,7 +96,7 @@ def planned(problem: Problem, name: str) -> tuple[Problem, float] | None:
         plan.check(bench)
     except InputError:
         return None
-    harmonics = all(len(b.channels) > len(AVERAGE_ROWS) for b in problem.balances)
+    harmonics = all(len(b.rows) > len(AVERAGE_ROWS) for b in problem.balances)
     balance = Balance(planned_windows(plan, bench), bench, harmonics=harmonics)
     other = Problem.of([balance], problem.unknowns).with_scales(problem.noise.scales)
     return other, plan.duration / 60.0

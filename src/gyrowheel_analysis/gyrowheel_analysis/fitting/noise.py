@@ -188,7 +188,7 @@ def _amplitudes(
     for balance, rows, bench in zip(balances, predicted, benches, strict=True):
         variances = [np.zeros(0)]
         for channel in in_groups("revolution", "ripple"):
-            if channel.rows[0] in balance.channels:
+            if channel.rows[0] in balance.rows:
                 variances += [amplitude_variance(balance, bench, rows, channel)] * len(channel.rows)
         result.append(np.sqrt(np.concatenate(variances)))
     return tuple(result)

@@ -94,7 +94,9 @@ class Prediction:
         else:
             values, effects = self.unknowns.values(point), self.unknowns.effects(point)
             instants = [b.instants(values, effects) for b in self.balances]
-            rows = np.concatenate([b.rows(at, values) for b, at in zip(self.balances, instants, strict=True)])
+            rows = np.concatenate(
+                [b.rows_at(at, values) for b, at in zip(self.balances, instants, strict=True)]
+            )
             self._states[key] = values, instants, rows
             if len(self._states) > _KEPT_STATES:
                 self._states.popitem(last=False)
@@ -129,7 +131,7 @@ class Prediction:
         values, effects = self.unknowns.values(there), self.unknowns.effects(there)
         return np.concatenate(
             [
-                b.rows(b.instants(values, effects, at), values)
+                b.rows_at(b.instants(values, effects, at), values)
                 for b, at in zip(self.balances, instants, strict=True)
             ]
         )

@@ -31,7 +31,7 @@ def average_covariance(balance: Balance, predicted: Array, channel: Channel, row
     KeyError
         If the channel's quantity has no average.
     """
-    return _AVERAGES[channel.quantity](balance, np.abs(predicted[balance.channel(row)]))
+    return _AVERAGES[channel.quantity](balance, np.abs(predicted[balance.row(row)]))
 
 
 def amplitude_variance(balance: Balance, bench: Bench, predicted: Array, channel: Channel) -> Array:
@@ -48,7 +48,7 @@ def amplitude_variance(balance: Balance, bench: Bench, predicted: Array, channel
     channel : Channel
         A channel of the group ``revolution`` or ``ripple``.
     """
-    size = np.hypot(*(predicted[balance.channel(row)] for row in channel.rows))
+    size = np.hypot(*(predicted[balance.row(row)] for row in channel.rows))
     return np.asarray(_AMPLITUDES[channel.quantity](balance, bench, size, channel.order))
 
 

@@ -322,7 +322,7 @@ def _patterns(
     count = 0
     for balance in balances:
         for row in kind.rows:
-            own = balance.channel(row)
+            own = balance.row(row)
             rows[row].append(np.arange(count + own.start, count + own.stop))
         count += len(balance)
     places = [np.concatenate(rows[row]) for row in kind.rows]

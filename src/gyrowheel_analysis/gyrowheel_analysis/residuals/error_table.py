@@ -164,7 +164,7 @@ def channels_of(balances: Sequence[Balance]) -> list[str]:
     return [
         name
         for name, channel in LISTED.items()
-        if all(row in balance.channels for row in channel.rows for balance in balances)
+        if all(row in balance.rows for row in channel.rows for balance in balances)
     ]
 
 
@@ -185,7 +185,7 @@ def channel_parts(balances: Sequence[Balance], rows: Array, row: str) -> list[Ar
     parts, at = [], 0
     for balance in balances:
         own = rows[at : at + len(balance)]
-        parts.append(own[balance.channel(row)])
+        parts.append(own[balance.row(row)])
         at += len(balance)
     return parts
 

@@ -106,7 +106,7 @@ def window_residuals(
     """
     parts = {}
     for name, kind in CHANNELS.items():
-        if not all(row in balance.channels for row in kind.rows for balance in balances):
+        if not all(row in balance.rows for row in kind.rows for balance in balances):
             continue
         own: list[Any] = [channel_values(balances, rows, row) for row in kind.rows]
         noise = [channel_values(balances, deviation, row) for row in kind.rows]
@@ -114,7 +114,7 @@ def window_residuals(
         load = None
         if name == "tilt" and np.any(windows.coil_voltage):
             # not what was measured, which has the residual in it
-            x, y = (np.concatenate([b.measured[b.channel(row)] for b in balances]) for row in kind.rows)
+            x, y = (np.concatenate([b.measured[b.row(row)] for b in balances]) for row in kind.rows)
             load = x + 1j * y - values
         parts[name] = Part(kind, values, np.sqrt(np.mean(np.square(noise), axis=0)), load)
     recording = np.repeat(np.arange(len(balances)), [len(balance.windows) for balance in balances])

@@ -1,0 +1,141 @@
+"""The measured motion: what the readings say at several instants and spin angles of every window."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from gyrowheel_analysis.balance.quadrature import NODES, WEIGHTS, at_nodes, summed
+from gyrowheel_analysis.reduction import FORWARD, HARMONICS, MOTOR_THERMAL, Windows
+from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.effects.quantities import REFERENCES
+
+_PHASES = 12  # spin angles at least; the products of the harmonics kept reach the fifth
+
+
+class Motion:
+    """Readings at the nodes and spin angles of every window; arrays broadcast to `shape` (n, nodes, phases).
+
+    Parameters
+    ----------
+    windows : Windows
+        The windows.
+    bench : Bench
+        The model's bench.
+
+    Attributes
+    ----------
+    angle, turn : ndarray
+        Spin angle [rad], and exp(i angle).
+    sines, cosines : ndarray (n nodes phases,)
+        Of the spin angle, flat.
+    orders : complex ndarray (harmonics,)
+        The `HARMONICS` h times i: the derivative of a harmonic by the spin angle.
+    wave : complex ndarray (harmonics, phases)
+        exp(i h theta_z).
+    spin, spin_rate : ndarray (n, nodes, 1)
+        Mean spin rate over a revolution [rad/s] and its derivative.
+    tilt : complex ndarray
+        Readings of the tilt [rad].
+    current : complex ndarray (n, harmonics, nodes)
+        Amplitudes of the motor current [A].
+    current_ripple : ndarray
+        Motor current less its mean [A].
+    weights : ndarray
+        Weights of a mean over a window at a constant spin rate.
+    order_weights : dict of int to ndarray (nodes, phases)
+        Weights of the amplitude of an order of `FORWARD`.
+    ripple_weights : ndarray (nodes, phases)
+        Weights of the amplitude at the order of the motor's ripple.
+    quantities : dict
+        What the laws know beside the motion, see `effects.quantities`.
+    table_rate : ndarray (n, 1, 1)
+        Rate of the table about the vertical [rad/s].
+    """
+
+    def __init__(self, windows: Windows, bench: Bench) -> None:
+        w = self._windows = windows
+        self._bench = bench
+        half = 0.5 * w.duration[:, None]
+        ripple_order = bench.value("motor_ripple_order")
+        # enough of them that the ripple is not mistaken for its mirror image
+        phases = max(_PHASES, round(2.0 * ripple_order) + 4)
+        theta = np.arange(phases) * (2.0 * np.pi / phases)
+        h = np.array(HARMONICS)
+        self.wave = np.exp(1j * np.outer(h, theta))
+        self.orders = 1j * h
+        self._back = np.ascontiguousarray(self.wave.conj().T) / phases
+        self.shape = (len(w), len(NODES), phases)
+        self.angle = np.broadcast_to(theta, self.shape)
+        self.turn = np.exp(1j * self.angle)
+        self.sines, self.cosines = np.sin(self.angle).reshape(-1), np.cos(self.angle).reshape(-1)
+
+        def waves(c: Any, derivative: int = 0) -> Any:
+            """Sum of the harmonics with amplitudes `c` (n, harmonics, nodes), or its derivative by the angle."""
+            return summed(c * ((1j * h) ** derivative)[None, :, None], self.wave)
+
+        a0, a1, a2 = (at_nodes(w.tilt_harmonics, half, d) for d in range(3))
+        self.spin = at_nodes(w.spin, half)[:, :, None]
+        self.spin_rate = at_nodes(w.spin, half, 1)[:, :, None]
+        self.tilt = at_nodes(w.tilt, half)[:, :, None] + waves(a0)
+        # derivatives of the tilt: what does not go with the spin rate, what goes with it, what with its square
+        self._slow_rate, self._turning_rate = at_nodes(w.tilt, half, 1)[:, :, None] + waves(a1), waves(a0, 1)
+        self._slow_acceleration = at_nodes(w.tilt, half, 2)[:, :, None] + waves(a2)
+        self._coriolis, self._centripetal = 2.0 * waves(a1, 1), waves(a0, 2)
+        self.current = at_nodes(w.current_harmonics, half)
+        turning = summed(self.current, self.wave).real
+        ripple = w.current_ripple[:, None] * np.exp(1j * ripple_order * theta)
+        self.current_ripple = turning + 2.0 * ripple.real[:, None, :]
+        share = np.repeat(WEIGHTS[:, None] / (2.0 * phases), phases, axis=1)
+        self.weights = np.broadcast_to(share, self.shape)
+        self.order_weights = {order: np.exp(-1j * order * theta) * share for order in FORWARD}
+        self.ripple_weights = np.exp(-1j * ripple_order * theta) * share
+        tau = half * NODES
+        time = w.middle[:, None] + tau
+        self.quantities: dict[str, Any] = {
+            "theta_z": self.angle,
+            "i_motor": w.motor_current[:, None, None] + turning,
+            "T_coil": (w.coil_temperature[:, None] + w.coil_temperature_rate[:, None] * tau)[:, :, None],
+            "T_air": w.air_temperature[:, None, None],
+            "rho": (w.air_pressure / (bench.value("gas_constant") * w.air_temperature))[:, None, None],
+            "up": w.up[:, None, None],
+            "up_across": w.up_across[:, None, None],
+            "home_x": w.home_x[:, None, None],
+            "home_y": w.home_y[:, None, None],
+            "t": time[:, :, None],
+            **{name: bench.value(parameter) for name, parameter in REFERENCES.items()},
+        }
+        self.table_rate = w.table_rate[:, None, None]
+        self._warming = w.motor_temperature_rates[:, :, None] * tau[:, None, :]
+
+    def spin_with(self, ripple: Any) -> tuple[Any, Any]:
+        """Return spin rate and acceleration for amplitudes (n, harmonics, nodes) of the rate's ripple [rad/s]."""
+        rate = self.spin + summed(ripple, self.wave).real
+        acceleration = self.spin_rate + summed(ripple * self.orders[:, None], self.wave).real * self.spin
+        return rate, acceleration
+
+    def tilt_derivatives(self, rate: Any, acceleration: Any) -> tuple[Any, Any]:
+        """Return the first and the second derivative of the tilt readings [rad/s], [rad/s²]."""
+        first = self._slow_rate + self._turning_rate * rate
+        second = (
+            self._slow_acceleration
+            + self._coriolis * rate
+            + self._centripetal * rate**2
+            + self._turning_rate * acceleration
+        )
+        return first, second
+
+    def quantities_at(self, rate: Any, values: Mapping[str, float]) -> dict[str, Any]:
+        """Return what the laws know but for the tilt, at a spin rate and on a bench of other values."""
+        q = {**self.quantities, "Omega": rate}
+        other = np.array([values[name] - self._bench.value(name) for name in MOTOR_THERMAL])
+        warm = self._windows.motor_temperatures + self._windows.temperature_sensitivity @ other
+        q["T_winding"] = warm[:, 0, None, None] + self._warming[:, 0, :, None]
+        q["T_motor"] = warm[:, 1, None, None] + self._warming[:, 1, :, None]
+        return q
+
+    def harmonics_of(self, values: Any) -> Any:
+        """Return the amplitudes (n, harmonics, nodes) of the `HARMONICS` in values (n, nodes, phases)."""
+        return np.swapaxes(values @ self._back, 1, 2)

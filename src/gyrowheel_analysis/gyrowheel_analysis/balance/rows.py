@@ -1,0 +1,193 @@
+"""Measured and predicted rows of every channel: the physics of each `channels.Quantity`, once each way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel_analysis.balance.motion import Motion
+from gyrowheel_analysis.balance.quadrature import ACROSS, amplitude, mean
+from gyrowheel_analysis.balance.torques import Instants
+from gyrowheel_analysis.channels import Channel, Quantity
+from gyrowheel_analysis.reduction import FORWARD, Windows
+from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.effects.targets import added
+
+Array = NDArray[np.float64]
+
+
+def measured_rows(windows: Windows, bench: Bench, channels: Sequence[Channel]) -> Array:
+    """Return the measured rows of channels, converted with the constants of a bench."""
+    return np.concatenate([row for c in channels for row in _MEASURED[c.quantity](windows, bench, c)])
+
+
+def predicted_rows(
+    at: Instants,
+    values: Mapping[str, float],
+    windows: Windows,
+    motion: Motion,
+    bench: Bench,
+    channels: Sequence[Channel],
+) -> Array:
+    """Return the predicted rows of channels.
+
+    Parameters
+    ----------
+    at : Instants
+        What the motion needs.
+    values : mapping
+        Bench parameters by name [SI].
+    windows, motion : Windows, Motion
+        The measured motion.
+    bench : Bench
+        The model's bench, whose constants convert readings to torques.
+    channels : sequence of Channel
+        The channels, in the order of their rows.
+    """
+    state = _Predicted(at, values, windows, motion, bench)
+    return np.concatenate([row for c in channels for row in _PREDICTED[c.quantity](state, c)])
+
+
+def _coil_measured(w: Windows, bench: Bench, channel: Channel) -> list[Array]:
+    coil = bench.value("coil_constant")
+    if channel.group == "average":
+        return [coil * w.coil_voltage.real, coil * w.coil_voltage.imag]
+    return _components((coil * w.coil_harmonics)[:, FORWARD.index(channel.order)])
+
+
+def _motor_torque_measured(w: Windows, bench: Bench, channel: Channel) -> list[Array]:
+    return [bench.value("motor_constant") * w.motor_current]
+
+
+def _motor_voltage_measured(w: Windows, bench: Bench, channel: Channel) -> list[Array]:
+    return [w.motor_voltage]
+
+
+def _shaft_measured(w: Windows, bench: Bench, channel: Channel) -> list[Array]:
+    return _components(
+        1j * bench.axial_inertia * bench.value("motor_ripple_order") * w.mean_spin * w.spin_ripple
+    )
+
+
+def _winding_measured(w: Windows, bench: Bench, channel: Channel) -> list[Array]:
+    return _components(bench.value("motor_resistance") * w.current_ripple)
+
+
+class _Predicted:
+    """A state of the balance with what several of its rows are made of."""
+
+    def __init__(
+        self, at: Instants, values: Mapping[str, float], windows: Windows, motion: Motion, bench: Bench
+    ) -> None:
+        self.at, self.values, self.windows, self.motion, self.bench = at, values, windows, motion, bench
+
+    @cached_property
+    def coil(self) -> Any:
+        """Voltages of the coils, times the constant of the model's bench [N m]."""
+        laws, values = self.at.laws, self.values
+        gain = added(laws, values, "relative", "coil_constant", start=1.0)
+        coil = self.at.coil / gain * (self.bench.value("coil_constant") / values["coil_constant"])
+        mirror = added(laws, values, "mirror")
+        if np.any(mirror):
+            coil = (coil - mirror * np.conj(coil)) / (1.0 - np.abs(mirror) ** 2)
+        return coil
+
+    @cached_property
+    def lag(self) -> Any:
+        """Mean time constant of the coils in every window [s]."""
+        lag = np.asarray(added(self.at.laws, self.values, "coil_lag"))
+        return np.broadcast_to(lag, self.at.weights.shape).mean(axis=(1, 2)) if lag.ndim else lag
+
+    @cached_property
+    def constant(self) -> Any:
+        """Constant of the motor [N m/A]."""
+        change = added(self.at.laws, self.values, "relative", "motor_constant", start=1.0)
+        return self.values["motor_constant"] * change
+
+    @cached_property
+    def resistance(self) -> Any:
+        """Resistance of the motor's winding [ohm]."""
+        change = added(self.at.laws, self.values, "relative", "motor_resistance", start=1.0)
+        return self.values["motor_resistance"] * change
+
+    @cached_property
+    def mean_current(self) -> Any:
+        """Mean current of the motor [A]."""
+        constant, weights = self.constant, self.at.weights
+        torque = mean(self.at.motor, weights)
+        if not np.ndim(constant):
+            return torque / constant
+        # a constant that ripples rectifies the ripple of the current
+        middle = mean(constant, weights)
+        torque = torque - mean((constant - middle[:, None, None]) * self.motion.current_ripple, weights)
+        return torque / middle
+
+    @cached_property
+    def constant_ripple(self) -> Any:
+        """Amplitude of the change of the motor's constant at the order of its ripple [N m/A]."""
+        return amplitude(self.constant - self.values["motor_constant"], self.motion.ripple_weights)
+
+    def coil_torque(self, channel: Channel) -> list[Array]:
+        """Return the torque that the voltages of the coils stand for, averaged or at an order of the spin rate."""
+        if channel.group == "average":
+            average = mean(self.coil, self.at.weights)
+            # what the torque gains from the beginning to the end is missing in the mean of what follows with a lag
+            average = average + self.lag * (self.coil.mean(axis=2) @ ACROSS) / self.windows.duration
+            return _components(average)
+        lagging = 1.0 + 1j * channel.order * self.windows.mean_spin * self.lag
+        return _components(amplitude(self.coil, self.motion.order_weights[channel.order]) * lagging)
+
+    def motor_torque(self, channel: Channel) -> list[Array]:
+        """Return the torque that the current of the motor stands for."""
+        return [self.bench.value("motor_constant") * self.mean_current]
+
+    def motor_voltage(self, channel: Channel) -> list[Array]:
+        """Return the voltage of the motor."""
+        weights = self.at.weights
+        current = self.at.motor / self.constant
+        current = current + (self.mean_current - mean(current, weights))[:, None, None]
+        return [mean(self.resistance * current + self.constant * self.at.rate, weights)]
+
+    def shaft_torque(self, channel: Channel) -> list[Array]:
+        """Return the torque that accelerates the shaft: the ripple of the speed follows from that of the torque."""
+        values = self.values
+        shaft = (
+            values["motor_constant"] * self.windows.current_ripple + self.constant_ripple * self.mean_current
+        )
+        shaft = shaft - amplitude(self.at.motor, self.motion.ripple_weights)
+        inertia = values["rotor_inertia_z"] + values["gimbal_inertia_z"] + values["shaft_inertia"]
+        return _components(shaft * (self.bench.axial_inertia / inertia))
+
+    def winding_voltage(self, channel: Channel) -> list[Array]:
+        """Return the voltage across the winding: the ripple of the current follows from that of the back-EMF."""
+        w, values = self.windows, self.values
+        volts = (
+            w.voltage_ripple - values["motor_constant"] * w.spin_ripple - self.constant_ripple * w.mean_spin
+        )
+        volts = volts - amplitude(self.resistance, self.motion.ripple_weights) * self.mean_current
+        return _components(volts * (self.bench.value("motor_resistance") / values["motor_resistance"]))
+
+
+_MEASURED: dict[Quantity, Callable[[Windows, Bench, Channel], list[Array]]] = {
+    "coil_torque": _coil_measured,
+    "motor_torque": _motor_torque_measured,
+    "motor_voltage": _motor_voltage_measured,
+    "shaft_torque": _shaft_measured,
+    "winding_voltage": _winding_measured,
+}
+_PREDICTED: dict[Quantity, Callable[[_Predicted, Channel], list[Array]]] = {
+    "coil_torque": _Predicted.coil_torque,
+    "motor_torque": _Predicted.motor_torque,
+    "motor_voltage": _Predicted.motor_voltage,
+    "shaft_torque": _Predicted.shaft_torque,
+    "winding_voltage": _Predicted.winding_voltage,
+}
+
+
+def _components(row: Any) -> list[Array]:
+    """Return real and imaginary part."""
+    return [np.real(row), np.imag(row)]

@@ -1,0 +1,266 @@
+"""The torques that coils and motor must give, instant by instant, by exact inverse dynamics of the measured motion."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from gyrowheel_analysis.balance.laws import AFTER, AHEAD, AT_REST, INERTIAS, ActiveEffect, Laws, evaluated
+from gyrowheel_analysis.balance.motion import Motion
+from gyrowheel_analysis.balance.sensor import tilt_reading_error
+from gyrowheel_sim.compiled import compile_kernels
+from gyrowheel_sim.effects.targets import TARGETS, added
+from gyrowheel_sim.mechanics.dynamics import Joint, generalised_forces
+from gyrowheel_sim.mechanics.inverse import N_POINT
+
+_KERNELS = (("gyrowheel_sim", "mechanics/dynamics.py"), ("gyrowheel_sim", "mechanics/inverse.py"))
+#: Bench parameters that act as a torque, in proportion to their values.
+TORQUE_PARAMETERS = frozenset(
+    (
+        "flexure_stiffness_x",
+        "flexure_stiffness_y",
+        "flexure_damping_x",
+        "flexure_damping_y",
+        "bearing_coulomb",
+        "bearing_viscous",
+        "fixed_torque_x",
+        "fixed_torque_y",
+    )
+)
+
+
+class SpinAxis(NamedTuple):
+    """The spin axis in case axes: across z as n_x + i n_y, and along z."""
+
+    across: Any
+    along: Any
+
+
+@dataclass(frozen=True)
+class Instants:
+    """What the measured motion needs at every instant of every window, for a state of the model.
+
+    Arrays are (n, nodes, phases).
+
+    Attributes
+    ----------
+    ripple : complex ndarray (n, harmonics, nodes)
+        Amplitudes of the ripple of the spin rate [rad/s].
+    coil, motor : ndarray
+        Torques of the coils, complex, and of the motor [N m].
+    rate : ndarray
+        Spin rate [rad/s].
+    weights : ndarray
+        Weights of a mean over time.
+    laws : mapping
+        Laws of the effects by target.
+    quantities : dict
+        What the laws know.
+    joint : Joint
+        Angles of the flexures.
+    axis : SpinAxis
+        The spin axis.
+    """
+
+    ripple: Any
+    coil: Any
+    motor: Any
+    rate: Any
+    weights: Any
+    laws: Laws
+    quantities: dict[str, Any]
+    joint: Joint
+    axis: SpinAxis
+
+    def with_laws(self, laws: Laws) -> Instants:
+        """Return the state with other laws."""
+        return replace(self, laws=laws)
+
+
+def required_torques(
+    motion: Motion, values: Mapping[str, float], effects: Sequence[ActiveEffect], ripple: Any
+) -> Instants:
+    """Return what the motion needs for a given ripple of the spin rate.
+
+    Parameters
+    ----------
+    motion : Motion
+        The measured motion.
+    values : mapping
+        Bench parameters by name [SI].
+    effects : sequence of ActiveEffect
+        Effects with their coefficients.
+    ripple : complex ndarray (n, harmonics, nodes)
+        Amplitudes of the ripple [rad/s].
+    """
+    rate, acceleration = motion.spin_with(ripple)
+    tilt_rate, tilt_acc = motion.tilt_derivatives(rate, acceleration)
+    q = motion.quantities_at(rate, values)
+    bias = complex(values["tilt_bias_x"], values["tilt_bias_y"])
+    scale = values["tilt_scale"]
+    # the error of the reading first: every other law sees the true tilt
+    error, error_rate, error_acc = tilt_reading_error(
+        effects, q, (motion.tilt - bias) / scale, tilt_rate, tilt_acc, acceleration, motion
+    )
+    phi = (motion.tilt - bias - error) / scale
+    phi_rate, phi_acc = (tilt_rate - error_rate) / scale, (tilt_acc - error_acc) / scale
+    ahead = evaluated(effects, q | AT_REST, AHEAD)
+    points = _inverse(motion, (phi, phi_rate, phi_acc), rate, acceleration, values, ahead)
+    q["z"], q["z_rate"] = points.tilt_x + 1j * points.tilt_y, points.tilt_rate_x + 1j * points.tilt_rate_y
+    axis = SpinAxis(points.axis_x + 1j * points.axis_y, points.axis_z)
+    joint = Joint(
+        sx=points.sine_x,
+        cx=points.cosine_x,
+        sz=motion.sines.reshape(motion.shape),
+        cz=motion.cosines.reshape(motion.shape),
+        theta_x=points.theta_x,
+        theta_y=points.theta_y,
+        theta_x_rate=points.theta_rate_x,
+        theta_y_rate=points.theta_rate_y,
+        inertial=(points.inertial_x, points.inertial_y, points.inertial_z),
+    )
+    laws = {**evaluated(effects, q, AFTER, joint), **ahead}
+    own = bench_torques(values, rate, joint)
+    forces = _forces(
+        joint,
+        axis,
+        q["z"],
+        added(laws, values, "across", start=own.across),
+        added(laws, values, "along"),
+    )
+    by_laws = flexure_laws(laws)
+    need_x = joint.inertial[0] - (own.flexures[0] + by_laws[0]) - forces[0]
+    need_y = joint.inertial[1] - (own.flexures[1] + by_laws[1]) - forces[1]
+    coil = motion.turn * (need_x + 1j * need_y / joint.cx)
+    motor = joint.inertial[2] - added(laws, values, "shaft", start=own.shaft) - forces[2]
+    # a spin angle that is passed quickly takes little time
+    weights = motion.weights * motion.spin / rate
+    weights = weights / weights.sum(axis=(1, 2), keepdims=True)
+    return Instants(ripple, coil, motor, rate, weights, laws, q, joint, axis)
+
+
+class Torques(NamedTuple):
+    """Torques on the rotor, across (x + i y, case axes) and along its spin axis, on the shaft, and on the flexures."""
+
+    across: Any
+    along: Any
+    shaft: Any
+    flexures: tuple[Any, Any]
+
+
+def bench_torques(values: Mapping[str, float], rate: Any, joint: Joint) -> Torques:
+    """Return the torques of the bench's own `TORQUE_PARAMETERS` [N m]; they are proportional to the parameters."""
+    flexures = (
+        -values["flexure_stiffness_x"] * joint.theta_x - values["flexure_damping_x"] * joint.theta_x_rate,
+        -values["flexure_stiffness_y"] * joint.theta_y - values["flexure_damping_y"] * joint.theta_y_rate,
+    )
+    shaft = -values["bearing_coulomb"] * np.sign(rate) - values["bearing_viscous"] * rate
+    return Torques(complex(values["fixed_torque_x"], values["fixed_torque_y"]), 0.0, shaft, flexures)
+
+
+def law_torques(laws: Laws, values: Mapping[str, float]) -> Torques:
+    """Return the torques that laws give [N m]."""
+    return Torques(
+        added(laws, values, "across"),
+        added(laws, values, "along"),
+        added(laws, values, "shaft"),
+        flexure_laws(laws),
+    )
+
+
+def flexure_laws(laws: Laws) -> tuple[Any, Any]:
+    """Return the torques that laws give on the two flexures [N m]."""
+    first, second = (
+        added({name: pair[side] for name, pair in laws.items() if TARGETS[name].each_flexure}, {}, "flexure")
+        for side in (0, 1)
+    )
+    return first, second
+
+
+def pushed(motion: Motion, at: Instants, torques: Torques) -> Instants:
+    """Return a state in which further torques act; its ripple is still that of the state before."""
+    forces = _forces(at.joint, at.axis, at.quantities["z"], torques.across, torques.along)
+    flexures = torques.flexures
+    coil = at.coil - motion.turn * (forces[0] + flexures[0] + 1j * (forces[1] + flexures[1]) / at.joint.cx)
+    return replace(at, coil=coil, motor=at.motor - torques.shaft - forces[2])
+
+
+def _forces(joint: Joint, axis: SpinAxis, tilt: Any, across: Any, axial: Any) -> tuple[Any, Any, Any]:
+    """Return the generalised forces of torques across and along the spin axis."""
+    # a torque across the spin axis has no component along it: this fixes its z component
+    along = (np.conj(tilt) * across).imag
+    total = across + axial * axis.across
+    forces: tuple[Any, Any, Any] = generalised_forces(
+        joint.sx, joint.cx, joint.sz, joint.cz, np.real(total), np.imag(total), along + axial * axis.along
+    )
+    return forces
+
+
+class _Points(NamedTuple):
+    """What `mechanics.inverse` gives at every instant: the rows of its output, in order."""
+
+    tilt_x: Any
+    tilt_y: Any
+    tilt_rate_x: Any
+    tilt_rate_y: Any
+    axis_x: Any
+    axis_y: Any
+    axis_z: Any
+    sine_x: Any
+    cosine_x: Any
+    theta_x: Any
+    theta_y: Any
+    theta_rate_x: Any
+    theta_rate_y: Any
+    cosine_y: Any
+    sine_y: Any
+    inertial_x: Any
+    inertial_y: Any
+    inertial_z: Any
+
+
+def _inverse(
+    motion: Motion,
+    phi: tuple[Any, Any, Any],
+    rate: Any,
+    acceleration: Any,
+    values: Mapping[str, float],
+    ahead: Laws,
+) -> _Points:
+    """Return the inverse dynamics of tilt angles and their two derivatives, with the laws that change the mechanics."""
+    # inertias are constant
+    laws = {
+        name: value if TARGETS[name].changes("case_rate") else float(np.mean(value))
+        for name, value in ahead.items()
+    }
+    turn = added(laws, values, "case_rate") + motion.table_rate * motion.quantities["up_across"]
+
+    def flat(array: Any) -> Any:
+        return np.ascontiguousarray(np.broadcast_to(array, motion.shape)).reshape(-1)
+
+    turning = bool(np.any(turn))
+    nothing = np.zeros(0)
+    case = (
+        (flat(turn.real), flat(turn.imag), flat(motion.table_rate * motion.quantities["up"]))
+        if turning
+        else (nothing, nothing, nothing)
+    )
+    inertias = [
+        added(
+            laws,
+            values,
+            "offset",
+            name,
+            start=values[name] * added(laws, values, "relative", name, start=1.0),
+        )
+        for name in INERTIAS
+    ]
+    out = np.empty((N_POINT, motion.angle.size))
+    compile_kernels(*_KERNELS).inverse_points(
+        *(flat(part.astype(complex)) for part in phi), motion.sines, motion.cosines, flat(rate), flat(acceleration),
+        *case, turning, *inertias, out,
+    )  # fmt: skip
+    return _Points(*out.reshape(N_POINT, *motion.shape))
