@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gyrowheel.results.contract import calibration_json
 from gyrowheel.text.sentences.diagnosis import verdict_sentence
 from gyrowheel_analysis.add import add_effect
 from gyrowheel_analysis.calibrate import CONSTANTS, Calibration, calibrate
@@ -123,7 +124,7 @@ def test_the_model_takes_the_constants_and_gives_them_back(
     undone = model.undone()
     assert not undone.overrides
     assert undone.reference_bench.parameters == Model.new().stated_bench.parameters
-    json.dumps(found.to_json(), allow_nan=False)
+    json.dumps(calibration_json(found), allow_nan=False)
 
 
 def test_a_calibrated_model_has_no_wrong_constants_any_more(

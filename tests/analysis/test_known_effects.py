@@ -9,6 +9,7 @@ import pytest
 
 from gyrowheel.results.contract import diagnosis_json
 from gyrowheel.text.sentences.diagnosis import verdict_sentence
+from gyrowheel.text.sentences.fits import doubt_sentence
 from gyrowheel_analysis.add import add_effect
 from gyrowheel_analysis.compare import compare
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
@@ -85,9 +86,10 @@ def test_it_is_fitted_anew(recordings: dict[str, Recording]) -> None:
 
 def test_a_size_that_another_effect_bends_is_remarked(recordings: dict[str, Recording]) -> None:
     added = add_effect(model_with(0.003), ["windage"], [recordings["with"]])
-    assert any("aero_cross c of the model moved by" in note for note in added.notes)
+    assert ("moved", "aero_cross", "c") in [(d.kind, d.effect, d.coefficient) for d in added.doubts]
+    assert "aero_cross c of the model moved by" in " ".join(map(doubt_sentence, added.doubts))
     fine = add_effect(model_with(TRUTH["c"]), ["windage"], [recordings["with"]])
-    assert not any("of the model moved" in note for note in fine.notes)
+    assert "moved" not in [doubt.kind for doubt in fine.doubts]
 
 
 def test_a_formula_that_explains_nothing_does_not_raise_the_noise(recordings: dict[str, Recording]) -> None:

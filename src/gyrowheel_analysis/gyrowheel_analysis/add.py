@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -30,6 +30,28 @@ _TOLD = 0.9  # of an uncertainty: a recording that leaves more of it has told no
 
 
 @dataclass(frozen=True)
+class Doubt:
+    """What a fit gives reason to doubt.
+
+    Attributes
+    ----------
+    kind : str
+        ``weak``: an added effect hardly differs from zero. ``moved``: a coefficient of the model moved farther than
+        chance. ``off_air_model``: a coefficient lies far from what the air model gives. ``unconstrained``: the
+        recordings say nothing of a coefficient of the air model.
+    effect, coefficient : str
+        Which one; of a ``weak`` effect no coefficient.
+    size : float
+        Distance [standard errors, or uncertainties of the air model]; 0 for ``unconstrained``.
+    """
+
+    kind: Literal["weak", "moved", "off_air_model", "unconstrained"]
+    effect: str
+    coefficient: str = ""
+    size: float = 0.0
+
+
+@dataclass(frozen=True)
 class Added:
     """Outcome of adding effects.
 
@@ -43,15 +65,15 @@ class Added:
         How the error falls, on the fitted and on the validation recordings.
     residuals : list of Residuals
         Window by window, before and after.
-    notes : list of str
-        What the user should know: effects that are hardly there.
+    doubts : list of Doubt
+        What the fit gives reason to doubt.
     """
 
     model: Model
     coefficients: dict[str, dict[str, Estimate]]
     error: ErrorTable
     residuals: list[Residuals]
-    notes: list[str]
+    doubts: list[Doubt]
 
 
 @one_thread()
@@ -134,7 +156,7 @@ def add_effect(
     before, after = _before(model, problem, air), problem.refined(problem.fit(terms))
     errors = errors_of(before, after, prepared)
     coefficients: dict[str, dict[str, Estimate]] = {}
-    notes = []
+    doubts = []
     for term in terms:
         units = {c.name: c.unit for c in term.effect.coefficients} if term.effect else {"relative_error": "1"}
         coefficients[term.name] = {
@@ -144,20 +166,18 @@ def add_effect(
             for key in term.coefficients
         }
         if after.significance(term.name) < _HARDLY:
-            notes.append(
-                f"{term.name} is hardly there: {after.significance(term.name):.1f} standard errors from zero"
-            )
-    notes += [
-        f"{name} {key} of the model moved by {abs(far):.1f} of its standard errors: its size there may be wrong"
+            doubts.append(Doubt("weak", term.name, size=after.significance(term.name)))
+    doubts += [
+        Doubt("moved", name, key, abs(far))
         for (name, key), far in problem.unknowns.moved(after.nuisance).items()
         if abs(far) > _MOVED and name not in air
     ]
     model_effects = problem.unknowns.effects(replace(after.point, coefficients={}))
     effects = {active.effect.name: dict(active.values) for active in model_effects}
     effect_errors = {name: dict(model.effect_errors.get(name, {})) for name in effects}
-    for name, estimates, remarks in _found_air(problem, after, air):
+    for name, estimates, own_doubts in _found_air(problem, after, air):
         coefficients[name] = estimates
-        notes += remarks
+        doubts += own_doubts
     for name, estimates in coefficients.items():
         if name not in ERRORS:
             effects[name] = {key: e.value for key, e in estimates.items()}
@@ -187,7 +207,7 @@ def add_effect(
     changed = model.changed(
         entry, overrides=overrides, effects=effects, effect_errors=effect_errors, declared=declared
     )
-    return Added(changed, coefficients, errors.table, errors.residuals, notes)
+    return Added(changed, coefficients, errors.table, errors.residuals, doubts)
 
 
 def _what(air: Sequence[str], terms: Sequence[Term], model: Model) -> str:
@@ -240,28 +260,25 @@ def _before(model: Model, problem: Problem, air: Mapping[str, Mapping[str, tuple
 
 def _found_air(
     problem: Problem, after: Fit, air: Mapping[str, Mapping[str, tuple[float, float]]]
-) -> Iterator[tuple[str, dict[str, Estimate], list[str]]]:
-    """Yield the effects of the air as fitted, with what the user should know of them."""
+) -> Iterator[tuple[str, dict[str, Estimate], list[Doubt]]]:
+    """Yield the effects of the air as fitted, with what gives reason to doubt them."""
     found = problem.unknowns.effects(replace(after.point, coefficients={}))
     values = {active.effect.name: active.values for active in found}
     at = len(after.nuisance) - sum(error > 0.0 for own in air.values() for _, error in own.values())
     for name, own in air.items():
         effect = get(name)
         units = {c.name: c.unit for c in effect.coefficients}
-        estimates, remarks = {}, []
+        estimates: dict[str, Estimate] = {}
+        doubts: list[Doubt] = []
         for key, (value, stated) in own.items():
             error = 0.0
             if stated > 0.0:
                 left = float(np.sqrt(after.covariance[at, at]))
                 error, pull = stated * left, abs(values[name][key] - value) / stated
                 if pull > _HARDLY:
-                    remarks.append(
-                        f"{name} {key} lies {pull:.1f} uncertainties from what the model of the air says"
-                    )
+                    doubts.append(Doubt("off_air_model", name, key, pull))
                 elif left > _TOLD:
-                    remarks.append(
-                        f"{name} {key} stays what the model of the air says: the recordings tell nothing of it"
-                    )
+                    doubts.append(Doubt("unconstrained", name, key))
                 at += 1
             estimates[key] = Estimate(values[name][key], error, units[key])
-        yield name, estimates, remarks
+        yield name, estimates, doubts

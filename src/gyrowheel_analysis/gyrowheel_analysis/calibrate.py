@@ -16,7 +16,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from typing import Any
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -106,8 +105,6 @@ class Calibration:
     chi2_per_n : float
         Mean square of the residuals of the tilt in units of their noise; the standard error of the coils' constant is
         widened by its root if above 1.
-    notes : list of str
-        What the user should know.
     model : Model
         The model with the constants as overrides, and an entry in its history.
     recordings : list of str
@@ -117,33 +114,18 @@ class Calibration:
     constants: dict[str, Constant]
     undetermined: dict[str, str]
     chi2_per_n: float
-    notes: list[str]
     model: Model
     recordings: list[str] = field(default_factory=list)
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the calibration as a JSON object."""
+    @property
+    def widened(self) -> float:
+        """Factor by which the standard error of the coils' constant is widened."""
+        return _widened(self.chi2_per_n)
 
-        def pair(value: Override) -> dict[str, float]:
-            return {"value": value.value, "standard_error": value.standard_error}
-
-        return {
-            "schema": 1,
-            "constants": {
-                c.name: {
-                    "unit": c.unit,
-                    "stated": {"value": c.stated.value, "uncertainty": c.stated.standard_error},
-                    "before": pair(c.before),
-                    "after": pair(c.after),
-                    "limited_by": c.limited_by or None,
-                }
-                for c in self.constants.values()
-            },
-            "undetermined": self.undetermined,
-            "chi2_per_n": self.chi2_per_n,
-            "notes": self.notes,
-            "recordings": self.recordings,
-        }
+    @property
+    def lacking(self) -> bool:
+        """Whether the model lacks something that matters here."""
+        return self.chi2_per_n > _LACKING
 
 
 @one_thread()
@@ -191,7 +173,7 @@ def calibrate(
         [part for name in ("tilt_x", "tilt_y") for part in channel_parts(problem.balances, white, name)]
     )
     chi2 = float(np.mean(tilt**2))
-    widened = math.sqrt(max(chi2, 1.0))
+    widened = _widened(chi2)
     constants, undetermined = {}, {}
     for name, needs in CONSTANTS.items():
         after = found[name]
@@ -209,13 +191,11 @@ def calibrate(
     if not constants:
         reasons = "; ".join(f"{name} {reason}" for name, reason in undetermined.items())
         raise InputError(f"{', '.join(paths)}: nothing can be calibrated: {reasons}")
-    notes = []
-    if chi2 > _LACKING:
-        notes.append(
-            f"The model does not explain these recordings (χ²/N {chi2:.1f}): the standard error of the coils' "
-            f"constant is widened by {widened:.1f}. Diagnose first what it lacks."
-        )
-    return Calibration(constants, undetermined, chi2, notes, _changed(model, constants, paths), paths)
+    return Calibration(constants, undetermined, chi2, _changed(model, constants, paths), paths)
+
+
+def _widened(chi2: float) -> float:
+    return math.sqrt(max(chi2, 1.0))
 
 
 def _opened(stated: Bench, found: Mapping[str, Override]) -> Bench:

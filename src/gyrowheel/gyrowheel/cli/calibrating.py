@@ -45,7 +45,9 @@ def calibrate(
     if write:
         result.model.save(model)
     if json is not None:
-        put_json(json, result.to_json() | {"model": str(model), "written": write})
+        from gyrowheel.results.contract import calibration_json
+
+        put_json(json, calibration_json(result) | {"model": str(model), "written": write})
     if json != "-":
         named = " ".join(shlex.quote(str(directory)) for directory in directories)
         following = (

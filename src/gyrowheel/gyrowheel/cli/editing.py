@@ -95,6 +95,7 @@ def add(
         from gyrowheel.text.errors import error_table
         from gyrowheel.text.layout import heading, sentences
         from gyrowheel.text.models import changes
+        from gyrowheel.text.sentences.fits import doubt_sentence
         from gyrowheel_analysis.add import add_effect
 
         added = add_effect(loaded, chosen, recordings, unused, progress=say)
@@ -102,7 +103,14 @@ def add(
     if json is not None:
         put_json(json, _added_json(added, model))
     if json != "-":
-        put_text([*changes(added.model), heading("Error"), error_table(added.error), *sentences(added.notes)])
+        put_text(
+            [
+                *changes(added.model),
+                heading("Error"),
+                error_table(added.error),
+                *sentences(map(doubt_sentence, added.doubts)),
+            ]
+        )
         out().print(f"\nmodel: {model}", soft_wrap=True)
 
 

@@ -41,8 +41,10 @@ class Addition(Result):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the user should know, such as an effect that is hardly there."""
-        return tuple(self.details.notes)
+        """What the user should know, such as an effect that may not be there."""
+        from gyrowheel.text.sentences.fits import doubt_sentence
+
+        return tuple(doubt_sentence(doubt) for doubt in self.details.doubts)
 
     def __str__(self) -> str:
         """Return the coefficients and how the error fell, in a few lines."""

@@ -54,7 +54,7 @@ class Calibration(Result):
             f"{name} = {with_error(c.after.value, c.after.standard_error, c.unit)}"
             for name, c in self.constants.items()
         ]
-        lines += [f"{name}: not determined; needs {needs}" for name, needs in self.undetermined.items()]
+        lines += [f"{name}: not determined: {reason}" for name, reason in self.undetermined.items()]
         return "\n".join(lines)
 
     def _page(self) -> Iterable[RenderableType]:
@@ -64,7 +64,9 @@ class Calibration(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of ``gyrowheel calibrate --json``, except whether it was written; SI units."""
-        return self.details.to_json() | {"model": self.details.model.origin}
+        from gyrowheel.results.contract import calibration_json
+
+        return calibration_json(self.details) | {"model": self.details.model.origin}
 
     def to_columns(self) -> Mapping[str, Sequence[Any]]:
         """Return the constants as columns, a row for each; SI units."""

@@ -8,13 +8,16 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from gyrowheel.text.sentences.diagnosis import evidence, verdict_sentence
+from gyrowheel.text.sentences.fits import calibration_notes
 from gyrowheel.text.sentences.residuals import dependence_sentences, region_description, region_name
 from gyrowheel_analysis.channels import LISTED, TORQUES
 from gyrowheel_analysis.residuals.maps import maps_json
 
 if TYPE_CHECKING:
+    from gyrowheel_analysis.calibrate import Calibration
     from gyrowheel_analysis.compare import Comparison
     from gyrowheel_analysis.diagnosis.diagnose import Diagnosis, EffectFinding, Estimate
+    from gyrowheel_analysis.model import Override
     from gyrowheel_analysis.residuals.regions import Region
 
 
@@ -89,6 +92,31 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "model": found.model,
         "coverage": found.coverage.to_json(),
         "versions": found.versions,
+    }
+
+
+def calibration_json(found: Calibration) -> dict[str, Any]:
+    """Return a calibration as a JSON object."""
+
+    def pair(value: Override) -> dict[str, float]:
+        return {"value": value.value, "standard_error": value.standard_error}
+
+    return {
+        "schema": 1,
+        "constants": {
+            c.name: {
+                "unit": c.unit,
+                "stated": {"value": c.stated.value, "uncertainty": c.stated.standard_error},
+                "before": pair(c.before),
+                "after": pair(c.after),
+                "limited_by": c.limited_by or None,
+            }
+            for c in found.constants.values()
+        },
+        "undetermined": found.undetermined,
+        "chi2_per_n": found.chi2_per_n,
+        "notes": calibration_notes(found),
+        "recordings": found.recordings,
     }
 
 

@@ -12,6 +12,7 @@ from rich.text import Text
 
 from gyrowheel.text.layout import command, figures_table, heading, sentences
 from gyrowheel.text.quantities import decimal, pair, short
+from gyrowheel.text.sentences.fits import calibration_notes
 from gyrowheel_core.units import unit_for
 
 if TYPE_CHECKING:
@@ -64,10 +65,10 @@ def _remarks(result: Calibration) -> Iterator[str]:
     for c in result.constants.values():
         relative = 100.0 * c.after.standard_error / c.after.value
         distance = abs(c.after.value - c.stated.value) / c.stated.standard_error
-        text = f"{c.name}: known to {short(relative, 2)} %, {short(distance, 2)} stated uncertainties from that stated"
+        text = f"{c.name}: known to {short(relative, 2)} %, {short(distance, 2)} stated uncertainties from the stated value"
         if c.limited_by:
-            text += f"; the uncertainty of {c.limited_by} is what limits it"
+            text += f"; limited by the uncertainty of {c.limited_by}"
         yield text
     for name, reason in result.undetermined.items():
         yield f"{name}: not determined: {reason}"
-    yield from result.notes
+    yield from calibration_notes(result)
