@@ -160,7 +160,7 @@ def test_a_parameter_error_that_was_added_is_not_found_again(tmp_path: Path):
 @pytest.mark.parametrize(
     ("entry", "words"),
     [
-        ({"calibrated": 3}, r"history\.0\.calibrated: a mapping"),
+        ({"calibrated": 3}, r"history\.0\.calibrated: 3 is not a mapping"),
         ({"calibrated": {"coil": {"value": 1.0}}}, r"history\.0\.calibrated\.coil"),
         ({"calibrated": {"coil_constant": {"value": -1.0}}}, "coil_constant: -1 is out of range"),
         ({"calibrated": {"coil_constant": {"value": 0.02, "standard_error": -1}}}, "standard_error"),

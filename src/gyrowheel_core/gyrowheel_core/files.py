@@ -71,6 +71,22 @@ def require_writable(file: Path) -> None:
             pass
 
 
+def read_text(file: Path) -> str:
+    """Return the text of a file.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or is no text.
+    """
+    try:
+        return file.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{file}: cannot be read: {error.strerror or one_line(error)}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{file}: not a text file") from None
+
+
 @contextlib.contextmanager
 def new_file(file: Path, *, private: bool = False) -> Iterator[Path]:
     """Give a place for a file; it replaces `file` when the block has ended well, and goes when it has not.

@@ -259,7 +259,10 @@ def _values(node: Node) -> str:
     bounds = {sign: node[name] for sign, names in _BOUNDS.items() for name in names if name in node}
     if bounds.keys() == {">=", "<="}:
         return f"{bounds['>=']:g} .. {bounds['<=']:g}"
-    return " and ".join(f"{sign} {value:g}" for sign, value in bounds.items())
+    if bounds:
+        return " and ".join(f"{sign} {value:g}" for sign, value in bounds.items())
+    # a field may say in words what is allowed; the description of a mapping is that of its class
+    return "" if node.get("type") == "object" else str(node.get("description", ""))
 
 
 def _length(node: Node) -> str:

@@ -1,16 +1,19 @@
-"""The model file: a bench, what has been learned about its parameters, the effects added, and how they came in."""
+"""A model: a bench, what recordings have taught about its parameters, the effects added, and how they came in."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from gyrowheel_analysis.model.differences import differences
+from gyrowheel_analysis.model.file import SCHEMA, HistoryEntry, ModelFile
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.files import write_text
+from gyrowheel_core.files import read_text, write_text
+from gyrowheel_core.schema import check
 from gyrowheel_core.yaml_text import read_yaml
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import (
@@ -18,14 +21,10 @@ from gyrowheel_sim.effects import (
     EffectValues,
     effect_from_mapping,
     effect_to_mapping,
-    get,
     registry,
     validated,
 )
 from gyrowheel_sim.effects.user import check_name
-from gyrowheel_sim.parameter import check_value
-
-SCHEMA = 1
 
 
 @dataclass(frozen=True)
@@ -101,19 +100,15 @@ class Model:
         """
         bench = self.stated_bench
         for index, entry in enumerate(self.history):
-            for kind in ("calibrated", "restated"):
-                where = f"{self.origin}: history.{index}.{kind}"
-                learned = entry.get(kind, {})
-                if not isinstance(learned, dict):
-                    raise InputError(f"{where}: a mapping of parameters is expected")
-                for name, given in learned.items():
-                    value, error = _value_and_error(given, f"{where}.{name}")
-                    bench = bench.with_values({name: value}, where=where)
-                    p = bench.parameters[name]
-                    if kind == "calibrated" and (error := _error(error, f"{where}.{name}")) > 0.0:
-                        bench = replace(
-                            bench, parameters={**bench.parameters, name: replace(p, uncertainty=error)}
-                        )
+            where = f"{self.origin}: history.{index}"
+            learned = check(HistoryEntry, entry, where, separator=".")
+            for name, estimate in learned.calibrated.items():
+                bench = bench.with_values({name: estimate.value}, where=f"{where}.calibrated")
+                if estimate.standard_error > 0.0:
+                    known = replace(bench.parameters[name], uncertainty=estimate.standard_error)
+                    bench = replace(bench, parameters={**bench.parameters, name: known})
+            values = {name: estimate.value for name, estimate in learned.restated.items()}
+            bench = bench.with_values(values, where=f"{where}.restated")
         return bench
 
     @property
@@ -130,61 +125,33 @@ class Model:
         InputError
             If the file is missing, no YAML, or a field is missing, unknown or out of range; the message names it.
         """
-        file = Path(path)
-        try:
-            text = file.read_text(encoding="utf-8")
-        except OSError as error:
-            raise InputError(f"model '{path}': cannot be read: {error.strerror}") from None
-        except UnicodeDecodeError:
-            raise InputError(f"model '{path}': not a text file") from None
-        return cls.from_mapping(read_yaml(text, str(file)), str(file))
+        return cls.from_mapping(read_yaml(read_text(Path(path)), str(path)), str(path))
 
     @classmethod
     def from_mapping(cls, raw: Any, origin: str) -> Model:
         """Build a model from the content of a model file (see `load`)."""
-        if not isinstance(raw, dict):
-            raise InputError(f"{origin}: not a model file (a mapping with schema and bench is expected)")
-        if unknown := sorted(
-            str(k) for k in raw if k not in ("schema", "bench", "overrides", "effects", "history")
-        ):
-            raise InputError(
-                f"{origin}: {unknown[0]}: no such field; allowed: schema, bench, overrides, effects, history"
-            )
-        if raw.get("schema") != SCHEMA:
-            raise InputError(f"{origin}: schema: {raw.get('schema')!r} is not known; allowed: {SCHEMA}")
-        source = raw.get("bench", "gyrowheel")
-        if not isinstance(source, str):
-            raise InputError(f"{origin}: bench: {source!r} is not a name or a path")
-        path = Path(origin).parent / source
-        bench = Bench.load(path if path.is_file() else source)
-        overrides = {}
-        for name, entry in _mapping(raw, "overrides", origin):
-            if name not in bench.parameters:
-                bench.with_values({name: 0.0}, where=f"{origin}: overrides")  # raises with the nearest name
-            value, error = _value_and_error(entry, f"{origin}: overrides.{name}")
-            number = check_value(name, value, f"{origin}: overrides")
-            overrides[name] = Override(number, _error(error, f"{origin}: overrides.{name}"))
+        content = check(ModelFile, raw, origin, kind="model file")
+        path = Path(origin).parent / content.bench
+        bench = Bench.load(path if path.is_file() else content.bench)
+        stated = {name: estimate.value for name, estimate in content.overrides.items()}
+        values = bench.with_values(stated, where=f"{origin}: overrides").values()
+        overrides = {
+            name: Override(values[name], estimate.standard_error)
+            for name, estimate in content.overrides.items()
+        }
+        history = tuple(raw.get("history") or ())  # as it is: what only people read is kept
         effects: EffectValues = {}
         errors: EffectValues = {}
         declared: dict[str, Effect] = {}
-        for name, entry in _mapping(raw, "effects", origin):
+        for name, entry in content.effects.items():
             where = f"{origin}: effects.{name}"
-            if not isinstance(entry, dict):
-                raise InputError(f"{where}: a mapping of coefficients is expected")
-            if "declaration" in entry:
+            if entry.is_declared:
                 check_name(name, where, registry())
-                declared[name] = effect_from_mapping(name, entry["declaration"], f"{where}.declaration")
-            get(name, where=f"{origin}: effects", declared=declared)
-            pairs = {
-                str(k): _value_and_error(v, f"{where}.{k}") for k, v in entry.items() if k != "declaration"
-            }
-            values = {k: v for k, (v, _) in pairs.items()}
-            effects[name] = validated(name, values, where=f"{origin}: effects", declared=declared)
-            errors[name] = {k: _error(e, f"{where}.{k}") for k, (_, e) in pairs.items()}
-        history = [] if raw.get("history") is None else raw["history"]
-        if not isinstance(history, list) or not all(isinstance(entry, dict) for entry in history):
-            raise InputError(f"{origin}: history: a list of mappings is expected")
-        return cls(bench, source, overrides, effects, errors, tuple(history), origin, declared)
+                declared[name] = effect_from_mapping(name, entry.declaration, f"{where}.declaration")
+            given = {key: estimate.value for key, estimate in entry.coefficients.items()}
+            effects[name] = validated(name, given, where=f"{origin}: effects", declared=declared)
+            errors[name] = {key: estimate.standard_error for key, estimate in entry.coefficients.items()}
+        return cls(bench, content.bench, overrides, effects, errors, history, origin, declared)
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the content of the model file."""
@@ -286,60 +253,4 @@ class Model:
 
     def diff(self, other: Model) -> list[str]:
         """Return the differences of `other` from this model, a line each."""
-        lines = []
-        old, new = dict(_flat(self.to_mapping())), dict(_flat(other.to_mapping()))
-        for key in [*old, *(k for k in new if k not in old)]:
-            if key not in new:
-                lines.append(f"- {key}: {old[key]}")
-            elif key not in old:
-                lines.append(f"+ {key}: {new[key]}")
-            elif old[key] != new[key]:
-                lines.append(f"~ {key}: {old[key]} -> {new[key]}")
-        return lines
-
-
-def _flat(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    yield "bench", str(content["bench"])
-    for part in ("overrides", "effects"):
-        for name, entry in content[part].items():
-            if "declaration" in entry:
-                for key, value in _flat_declaration(entry["declaration"]):
-                    yield f"{part}.{name}.{key}", value
-                entry = {key: value for key, value in entry.items() if key != "declaration"}
-            items = {"": entry} if "value" in entry else {f".{key}": value for key, value in entry.items()}
-            for key, value in items.items():
-                yield f"{part}.{name}{key}", f"{value['value']:.6g} ± {value['standard_error']:.2g}"
-
-
-def _flat_declaration(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    for key, value in content.items():
-        if isinstance(value, dict):
-            for inner, text in _flat_declaration(value):
-                yield f"{key}.{inner}", text
-        else:
-            yield key, str(value)
-
-
-def _mapping(raw: Mapping[str, Any], key: str, origin: str) -> list[tuple[str, Any]]:
-    content = {} if raw.get(key) is None else raw[key]
-    if not isinstance(content, dict):
-        raise InputError(f"{origin}: {key}: a mapping is expected")
-    return [(str(name), entry) for name, entry in content.items()]
-
-
-def _value_and_error(entry: Any, where: str) -> tuple[Any, Any]:
-    if not isinstance(entry, dict):
-        return entry, 0.0
-    if "value" not in entry or set(entry) - {"value", "standard_error"}:
-        raise InputError(f"{where}: a number, or a mapping with value and standard_error, is expected")
-    return entry["value"], entry.get("standard_error", 0.0)
-
-
-def _error(value: Any, where: str) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise InputError(f"{where}.standard_error: {value!r} is not a number") from None
-    if not 0.0 <= number < float("inf"):
-        raise InputError(f"{where}.standard_error: {number:g} is out of range; allowed: >= 0")
-    return number
+        return differences(self.to_mapping(), other.to_mapping())
