@@ -142,7 +142,7 @@ def _declared(**changes: Any) -> dict[str, Any]:
         (content(overrides={"shaft_inertja": 1}), "FILE: overrides.shaft_inertja: the bench has no such parameter"),
         (content(overrides={"shaft_inertia": -1}), "FILE: overrides.shaft_inertia: -1 is out of range; allowed: > 0"),
         (content(overrides={"shaft_inertia": "much"}), "FILE: overrides.shaft_inertia: 'much' is not a number"),
-        (content(overrides={"shaft_inertia": {"val": 1}}), "overrides.shaft_inertia.val: no such field; did you mean value?"),
+        (content(overrides={"shaft_inertia": {"val": 1}}), "shaft_inertia.val: no such field; did you mean value?"),
         (
             content(overrides={"shaft_inertia": {"value": 1e-4, "standard_error": -1}}),
             "FILE: overrides.shaft_inertia.standard_error: -1 is out of range",

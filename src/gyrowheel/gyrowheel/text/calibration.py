@@ -65,7 +65,10 @@ def _remarks(result: Calibration) -> Iterator[str]:
     for c in result.constants.values():
         relative = 100.0 * c.after.standard_error / c.after.value
         distance = abs(c.after.value - c.stated.value) / c.stated.standard_error
-        text = f"{c.name}: known to {short(relative, 2)} %, {short(distance, 2)} stated uncertainties from the stated value"
+        text = (
+            f"{c.name}: known to {short(relative, 2)} %, "
+            f"{short(distance, 2)} stated uncertainties from the stated value"
+        )
         if c.limited_by:
             text += f"; limited by the uncertainty of {c.limited_by}"
         yield text
