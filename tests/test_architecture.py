@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tools.house import HOUSE
+from tools.house import HOUSE, Package
 
 SRC = Path(__file__).resolve().parents[1] / "src"
 #: Each package imports only those before it.
@@ -89,6 +89,36 @@ def test_analysis_plots_nothing_and_sees_no_truth() -> None:
         assert not {
             n for n in names if n.startswith(("gyrowheel_sim.plant.scenario", "gyrowheel_sim.blind"))
         }, path
+
+
+@pytest.mark.parametrize("package", HOUSE, ids=lambda package: package.name)
+def test_inside_a_package_imports_run_downward(package: Package) -> None:
+    """Also those inside functions: an import that waits is still a way up."""
+    wrong = []
+    for name, path in FILES.items():
+        root, _, part = name.partition(".")
+        part = part.partition(".")[0]
+        if root != package.name or not part:  # the package itself may show whatever is in it
+            continue
+        for other in imported(path):
+            there, _, target = other.partition(".")
+            target = target.partition(".")[0] or "__init__"
+            if there != root or (target in (part, "__init__") and target not in sum(package.floors, ())):
+                continue
+            if part != target and package.floor_of(target) >= package.floor_of(part):
+                wrong.append(f"{name} imports {other}")
+    assert wrong == []
+
+
+@pytest.mark.parametrize("package", HOUSE, ids=lambda package: package.name)
+def test_every_part_has_its_place(package: Package) -> None:
+    folder = SRC / package.name / package.name
+    parts = {
+        path.stem for path in folder.iterdir() if path.suffix == ".py" or (path / "__init__.py").exists()
+    }
+    named = [part for floor in package.floors for part in floor]
+    assert len(named) == len(set(named))
+    assert set(named) - {"__init__"} == parts - {"__init__"}
 
 
 def test_no_modules_import_each_other_in_a_circle() -> None:

@@ -30,13 +30,18 @@ HOUSE = (
     Package(
         "gyrowheel_core",
         "no physics: what every package uses",
-        (("errors", "units", "quantities", "wire"), ("files", "yaml_text", "schema", "topics"), ("node",)),
+        (
+            ("errors", "wire"),
+            ("units", "files", "schema", "yaml_text", "readings", "topics"),
+            ("quantities", "node"),
+        ),
     ),
     Package(
         "gyrowheel_sim",
         "physics of the bench",
         (
-            ("bench", "mechanics", "environment"),
+            ("parameter", "columns", "compiled", "environment", "mechanics"),
+            ("bench", "instruments"),
             ("effects", "air"),
             ("plant",),
             ("blind",),
@@ -50,8 +55,8 @@ HOUSE = (
             ("channels", "model", "recording"),
             ("exchange", "reduction"),
             ("balance",),
-            ("residuals", "drag"),
-            ("fitting",),
+            ("fitting", "drag"),
+            ("residuals",),
             ("diagnosis", "compare", "rate_sensor"),
             ("add", "calibrate", "nodes"),
         ),
@@ -59,7 +64,7 @@ HOUSE = (
     Package(
         "gyrowheel_bringup",
         "the graph of nodes",
-        (("graph", "viewers"), ("live", "playback", "foxglove_node")),
+        (("graph", "viewers"), ("foxglove_process", "replay_session", "foxglove_node")),
     ),
     Package(
         "gyrowheel",
