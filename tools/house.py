@@ -56,7 +56,7 @@ HOUSE = (
             ("exchange", "reduction"),
             ("balance",),
             ("fitting", "drag"),
-            ("residuals",),
+            ("residuals", "drag_stream"),
             ("diagnosis", "compare", "rate_sensor"),
             ("add", "calibrate", "nodes"),
         ),

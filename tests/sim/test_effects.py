@@ -23,7 +23,6 @@ from gyrowheel_control.loops.controller import loop_code
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.readings import Readings
 from gyrowheel_core.units import unit_registry
-from gyrowheel_sim.blind.outside import THREE_LOBED
 from gyrowheel_sim.effects import Coefficient, Effect, registry
 from gyrowheel_sim.effects.code import FUNCTIONS, array_law, coefficient_arrays
 from gyrowheel_sim.effects.instant import Instant
@@ -32,6 +31,7 @@ from gyrowheel_sim.effects.targets import TARGETS
 from gyrowheel_sim.environment import RIGS, Environment
 from gyrowheel_sim.instruments.readings import N_NOISE
 from gyrowheel_sim.plant.machine import Machine, simulated_effects
+from gyrowheel_sim.plant.outside import THREE_LOBED
 from gyrowheel_sim.plant.scenario import Scenario
 from gyrowheel_sim.plant.state import N_STATE, State, Surroundings
 

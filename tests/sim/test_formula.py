@@ -20,7 +20,6 @@ from gyrowheel_analysis.diagnosis.unknown import forms
 from gyrowheel_control.loops.closed_loop import simulate
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError
-from gyrowheel_sim.blind.outside import OUTSIDE
 from gyrowheel_sim.effects import (
     Effect,
     effect_from_mapping,
@@ -37,6 +36,7 @@ from gyrowheel_sim.effects.parts import COMPONENTS, ComplexArgumentError, split
 from gyrowheel_sim.effects.printing import to_text
 from gyrowheel_sim.effects.quantities import QUANTITIES, Omega, Omega_ref, rho, rho_ref, z, z_rate, z_ref
 from gyrowheel_sim.plant.machine import plant_code, simulated_effects
+from gyrowheel_sim.plant.outside import OUTSIDE
 from gyrowheel_sim.plant.scenario import Scenario
 
 from .helpers import BENCH

@@ -10,12 +10,12 @@ import pytest
 from gyrowheel.text.formulas import plain, pretty
 from gyrowheel_analysis.diagnosis.unknown import forms
 from gyrowheel_core.errors import InputError
-from gyrowheel_sim.blind.outside import OUTSIDE
 from gyrowheel_sim.effects import Effect, effect_from_text, registry
 from gyrowheel_sim.effects.code import array_law
 from gyrowheel_sim.effects.dimensions import Unit
 from gyrowheel_sim.effects.quantities import QUANTITIES
 from gyrowheel_sim.effects.typed import effect_to_line, typed_effect
+from gyrowheel_sim.plant.outside import OUTSIDE
 
 EVERY = [*registry().values(), *OUTSIDE, *(term.effect for term in forms() if term.effect is not None)]
 

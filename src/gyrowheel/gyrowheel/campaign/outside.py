@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import sympy as sp
 
-from gyrowheel_sim.blind.outside import OUTSIDE
 from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law
 from gyrowheel_sim.effects.quantities import QUANTITIES, Omega, Omega_ref, rho, rho_ref, z
+from gyrowheel_sim.plant.outside import OUTSIDE
 
 _c, _n, _p, _w, _T, _s = (sp.Symbol(name, real=True) for name in ("c", "n", "p", "w", "T", "s"))
 _size = sp.sqrt(z * sp.conjugate(z))

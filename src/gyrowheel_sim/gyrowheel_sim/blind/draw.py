@@ -17,10 +17,10 @@ import numpy as np
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import json_text, write_text
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.blind.outside import OUTSIDE
 from gyrowheel_sim.effects.declaration import Effect
 from gyrowheel_sim.effects.registry import EffectValues, registry, validated
 from gyrowheel_sim.effects.sizes import for_bench
+from gyrowheel_sim.plant.outside import OUTSIDE
 from gyrowheel_sim.plant.scenario import Scenario
 
 Kind = Literal["none", "single", "pair", "outside"]

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.blind.outside import OUTSIDE
 from gyrowheel_sim.effects.code import coefficient_arrays
 from gyrowheel_sim.effects.declaration import Effect
 from gyrowheel_sim.effects.registry import EffectValues, registry
 from gyrowheel_sim.environment import Environment
 from gyrowheel_sim.instruments.readings import DRIFT_SIZES, N_NOISE, Drift, Reading
 from gyrowheel_sim.plant.compose import compose
+from gyrowheel_sim.plant.outside import OUTSIDE
 from gyrowheel_sim.plant.parameters import PlantParameters
 from gyrowheel_sim.plant.scenario import Scenario
 from gyrowheel_sim.plant.state import DRIFT_START, HELD_START, N_STATE, State, Surroundings
