@@ -40,9 +40,9 @@ HOUSE = (
         "gyrowheel_sim",
         "physics of the bench",
         (
-            ("parameter", "columns", "compiled", "environment", "mechanics"),
+            ("parameter", "columns", "compiled", "environment"),
             ("bench", "instruments"),
-            ("effects", "air"),
+            ("effects", "air", "mechanics"),
             ("plant",),
             ("blind",),
         ),
