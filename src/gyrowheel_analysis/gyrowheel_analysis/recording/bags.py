@@ -1,4 +1,4 @@
-"""The messages of any ROS 2 bag, as rows or as they are serialized."""
+"""The messages of any ROS 2 bag, as rows or serialized."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from gyrowheel_analysis.recording.mcap.reader import Damaged, TopicData, Wanted,
 from gyrowheel_analysis.recording.metadata import METADATA_FILE, Metadata, read_metadata
 from gyrowheel_core.errors import InputError, one_line
 
-_BATCH: Final = 1 << 14  # messages that are looked at together
+_BATCH: Final = 1 << 14  # messages parsed together
 _SQLITE: Final = b"SQLite format 3\0"
-_MESSAGE_LIMIT: Final = 1 << 28  # bytes of a decompressed message; more is taken for damage
+_MESSAGE_LIMIT: Final = 1 << 28  # bytes of a decompressed message; more counts as damage
 
 
 def read_bag(path: Path, wanted: Wanted) -> dict[str, TopicData]:
@@ -82,7 +82,7 @@ def _read_file(file: Path, metadata: Metadata, wanted: Wanted) -> list[TopicData
 
 @contextlib.contextmanager
 def _decompressed(file: Path) -> Iterator[Path]:
-    """Give a file decompressed, for as long as the block lasts."""
+    """Give a decompressed copy of a file that lasts as long as the block."""
     with tempfile.TemporaryDirectory(prefix="gyrowheel-") as folder:
         plain = Path(folder) / file.stem
         try:
@@ -105,7 +105,7 @@ def _decompress(message: bytes) -> bytes:
 
 
 def _read_other(path: Path, wanted: Wanted) -> list[TopicData]:
-    """Read whatever rosbags can read: bags of sqlite3."""
+    """Read a bag of sqlite3 with rosbags."""
     encodings = {
         MessageDefinitionFormat.MSG: "ros2msg",
         MessageDefinitionFormat.IDL: "ros2idl",
@@ -152,7 +152,7 @@ def _read_other(path: Path, wanted: Wanted) -> list[TopicData]:
                 hand_over(number)
     except InputError:
         raise
-    except Exception as error:  # rosbags lets through what its parsers and sqlite3 raise on damaged files
+    except Exception as error:  # on damaged files rosbags passes on whatever its parsers and sqlite3 raise
         raise InputError(f"{path}: cannot be read: {one_line(error)}") from None
     for number, count in counts.items():
         topic = channels[number]
@@ -162,7 +162,7 @@ def _read_other(path: Path, wanted: Wanted) -> list[TopicData]:
 
 
 def _require_database(file: Path) -> None:
-    """Refuse a file that is neither MCAP by its name nor a database by its first bytes."""
+    """Refuse a file that is no database by its name or first bytes."""
     try:
         with file.open("rb") as stream:
             head = stream.read(len(_SQLITE))
@@ -173,16 +173,16 @@ def _require_database(file: Path) -> None:
 
 
 def _check_database(file: Path) -> None:
-    """Have SQLite look for damage: its files have no checksums, but their structure shows most of it."""
+    """Let SQLite check for damage: its files have no checksums, but their structure reveals most damage."""
     try:
         with contextlib.closing(sqlite3.connect(f"{file.absolute().as_uri()}?mode=ro", uri=True)) as database:
-            # its report quotes from the damage
+            # its report quotes damaged bytes
             database.text_factory = functools.partial(str, encoding="utf-8", errors="replace")
             found = [str(row[0]) for row in database.execute("PRAGMA integrity_check(1)")]
     except sqlite3.Error as error:
         raise InputError(f"{file}: cannot be read: {one_line(error)}") from None
-    except UnicodeDecodeError:  # an error of SQLite that quotes from the damage, too
-        raise InputError(f"{file}: damaged: its description of the tables is no text") from None
+    except UnicodeDecodeError:  # an SQLite error that quotes damaged bytes
+        raise InputError(f"{file}: damaged: its description of the tables is not text") from None
     if found != ["ok"]:
         raise InputError(f"{file}: damaged: {' '.join(' '.join(found).split())}")
 

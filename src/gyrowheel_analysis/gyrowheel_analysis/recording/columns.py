@@ -32,8 +32,8 @@ def column_dtype(layout: Layout) -> np.dtype[Any]:
 def wanted(layout: Layout) -> Want:
     """Return how to read a topic whose messages should have a layout: for `columns`.
 
-    Messages that have the layout are taken as they lie; others (another frame_id, other byte order, further
-    fields) are left for `columns` to decode.
+    Messages of the layout are copied as they are; others (another frame_id, byte order or further fields) are left
+    for `columns` to decode.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def wanted(layout: Layout) -> Want:
         if id(topic) not in known:
             try:
                 known[id(topic)] = _declares(topic, layout, topic.name)
-            except InputError:  # first the checksums, which may say why; then `columns` meets it again
+            except InputError:  # the checksums come first, they may tell why; `columns` raises it again
                 known[id(topic)] = False
         if not known[id(topic)] or not layout.matches(messages).all():
             return None
@@ -56,14 +56,14 @@ def wanted(layout: Layout) -> Want:
 
 
 def columns(topic: TopicData | None, layout: Layout, where: str) -> npt.NDArray[Any]:
-    """Return the messages of a topic as columns; what is not laid out as it should be is decoded one by one.
+    """Return the messages of a topic as columns; messages of another layout are decoded one by one.
 
     Parameters
     ----------
     topic : TopicData or None
-        The messages, which are let go; None for a topic that the recording does not have.
+        The messages, which are released; None for a topic that the recording lacks.
     layout : Layout
-        Layout that they should have, and the fields to return.
+        Expected layout, which also names the fields to return.
     where : str
         What to name in an error.
 
@@ -75,7 +75,7 @@ def columns(topic: TopicData | None, layout: Layout, where: str) -> npt.NDArray[
     Raises
     ------
     InputError
-        If the messages have not the fields of the layout, or cannot be decoded.
+        If the messages lack a field of the layout, or cannot be decoded.
     """
     dtype = column_dtype(layout)
     if topic is None or topic.count == 0:
@@ -90,7 +90,7 @@ def columns(topic: TopicData | None, layout: Layout, where: str) -> npt.NDArray[
     decode = None
     k = 0
     while pieces:
-        piece = pieces.pop()  # so that never all is there twice
+        piece = pieces.pop()  # so that the data are never in memory twice
         if isinstance(piece, Rows):
             rows = piece.filled
         else:
@@ -143,7 +143,7 @@ def _declares(topic: TopicData, layout: Layout, where: str) -> bool:
 
 
 def _decoder(topic: TopicData, layout: Layout, where: str) -> Callable[[list[bytes], int], npt.NDArray[Any]]:
-    """Return what decodes messages by the definition of their topic; it is given the number of the first too."""
+    """Return a function that decodes messages by the definition of their topic, given the number of the first."""
     store = _store(topic, where)
     names = (*layout.integers, *layout.fields)
 
@@ -152,7 +152,7 @@ def _decoder(topic: TopicData, layout: Layout, where: str) -> Callable[[list[byt
         for k, message in enumerate(messages):
             try:
                 decoded: Any = store.deserialize_cdr(message, topic.type_name)
-            except Exception as error:  # rosbags lets through what its generated code raises on bad data
+            except Exception as error:  # on bad data rosbags passes on whatever its generated code raises
                 raise InputError(
                     f"{where}: message {first + k} cannot be decoded ({one_line(error)})"
                 ) from None
@@ -173,7 +173,7 @@ def _decoder(topic: TopicData, layout: Layout, where: str) -> Callable[[list[byt
 
 @functools.lru_cache(maxsize=64)
 def _declared(type_name: str, encoding: str, definition: str, where: str) -> dict[str, str]:
-    """Return the fields that a definition declares, or none; parsing it takes longer than reading many a recording."""
+    """Return the fields that a definition declares, or None; cached, because parsing may take longer than reading."""
     topic = TopicData(where, type_name, "cdr", encoding, definition)
     return _declaration(_types(topic, where), type_name) or {}
 
@@ -191,7 +191,7 @@ def _types(topic: TopicData, where: str) -> Typesdict:
                     get_types_from_idl(part.partition("\n")[2] if part.startswith("IDL: ") else part)
                 )
             return types
-    except Exception as error:  # rosbags lets through what its parser raises on damaged text
+    except Exception as error:  # on damaged text rosbags passes on whatever its parser raises
         raise InputError(
             f"{where}: the definition of {topic.type_name} cannot be read ({one_line(error)})"
         ) from None
@@ -211,7 +211,7 @@ def _store(topic: TopicData, where: str) -> Typestore:
 
 
 def _declaration(types: Typesdict, type_name: str) -> dict[str, str] | None:
-    """Return the fields of a type as a layout declares them: nested ones flat; None if it has others."""
+    """Return the fields of a type as a layout declares them, flattened; None if a layout cannot declare one of them."""
     result: dict[str, str] = {}
     for name, description in types[type_name][1] if type_name in types else ():
         kind = _kind(description)
@@ -226,7 +226,7 @@ def _declaration(types: Typesdict, type_name: str) -> dict[str, str] | None:
 
 
 def _kind(description: FieldDesc) -> str | None:
-    """Return primitive type, or array of three of it; None for another type."""
+    """Return a primitive type, or an array of three of it, as text; None for another type."""
     if description[0] == Nodetype.BASE:
         return str(description[1][0])
     if description[0] == Nodetype.ARRAY and description[1][1] == 3 and description[1][0][0] == Nodetype.BASE:

@@ -48,9 +48,7 @@ def definition(type_name: str) -> Definition:
         raise InputError(f"message type '{type_name}': unknown{files}")
     text, _ = store.generate_msgdef(type_name, ros_version=2)
     own = _message_files().get(type_name)
-    if (
-        own is not None
-    ):  # the file itself has the comments with the units; contained types come from the store
+    if own is not None:  # the file has comments with the units; the types it contains come from the store
         _, separator, rest = text.partition(f"{_SEPARATOR}\n")
         text = own.read_text(encoding="utf-8") + separator + rest
     return Definition(text, store.hash_rihs01(type_name))
@@ -68,7 +66,7 @@ def typestore() -> Typestore:
 def _message_files() -> dict[str, Path]:
     """Return the installed ``.msg`` files of gyrowheel_msgs by type name.
 
-    They lie where both colcon and pip install them: in ``share`` of a prefix. No part of them is compiled.
+    Both colcon and pip install them in ``share`` of a prefix. They need not be compiled.
     """
     prefixes = [*filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)), sys.prefix]
     for prefix in prefixes:

@@ -1,4 +1,4 @@
-"""What a recording holds, in short."""
+"""Summary of a recording."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ _HOLD = 1  # Setpoint.HOLD
 
 @dataclass(frozen=True)
 class Hold:
-    """A stretch for which the setpoints ask the bench to keep its state.
+    """A stretch in which the setpoints are constant.
 
     Attributes
     ----------
     segment : int
         Segment of the plan.
     start, duration : float
-        From the start of the recording, and how long [s].
+        Start from the start of the recording, and length [s].
     tilt_x, tilt_y : float
-        Tilt asked for, in the middle of the stretch [rad].
+        Commanded tilt in the middle of the stretch [rad].
     spin_rate : float
-        Spin rate asked for [rad/s].
+        Commanded spin rate [rad/s].
     """
 
     segment: int
@@ -39,7 +39,7 @@ class Hold:
 
 @dataclass(frozen=True)
 class RecordingInfo:
-    """What a recording holds.
+    """Summary of a recording.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class RecordingInfo:
     size : int
         Of its files [bytes].
     bench : str
-        Name of the bench that it says it is of; empty where it says none.
+        Name of the bench that the recording states; empty if it states none.
     duration : float
         From the first to the last sample [s].
     rate : float
@@ -64,7 +64,7 @@ class RecordingInfo:
     spin_rate : tuple of float
         Smallest and largest spin rate measured [rad/s].
     tilt : tuple of float
-        Smallest and largest tilt measured, whatever its direction [rad].
+        Smallest and largest tilt magnitude measured [rad].
     rigs : tuple of str
         Attitudes of the rig that were planned, in order.
     unchecked : int

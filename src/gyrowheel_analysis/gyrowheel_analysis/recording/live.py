@@ -1,6 +1,6 @@
-"""A recording on its way: messages as they come, each at its time on the clock of the bench. Needs no ROS.
+"""A recording in progress: each message is written at its time on the clock of the bench. Needs no ROS.
 
-A measurement, command or setpoint stands at its own stamp, anything else at the stamp of the latest measurement.
+A measurement, command or setpoint is written at its own stamp, anything else at the stamp of the latest measurement.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from gyrowheel_core.topics import Topic
 
 
 class SampleCount:
-    """Counts the samples that do not arrive, by their sequence numbers.
+    """Counts samples that arrive and that are missing, by their sequence numbers.
 
     Attributes
     ----------
     samples, missing : int
-        Samples that came, and those before or between them that did not.
+        Samples that arrived, and samples between them that did not.
     """
 
     def __init__(self) -> None:
@@ -24,36 +24,36 @@ class SampleCount:
         self._next: int | None = None
 
     def add(self, sequence: int) -> bool:
-        """Take note of a sample; return False if it is the first one of another run."""
+        """Count a sample; return False if it is the first one of another run."""
         if sequence == 0 and self._next is not None:
             return False
         if self._next is None or sequence >= self._next:
             self.missing += 0 if self._next is None else sequence - self._next
             self._next = sequence + 1
-        else:  # out of order: it was taken for missing
+        else:  # out of order: it was counted as missing
             self.missing -= 1
         self.samples += 1
         return True
 
 
 class LiveRecording:
-    """A recording on its way.
+    """A recording in progress.
 
     Parameters
     ----------
     directory : str
         To create.
     max_size : int
-        Size from which a file is completed and the next one begun [bytes]; 0: no limit.
+        File size at which the next file begins [bytes]; 0: no limit.
     max_duration : float
-        The same by time of the bench [s].
+        Bench time after which the next file begins [s]; 0: no limit.
 
     Attributes
     ----------
     writer : RecordingWriter
-        What writes it.
+        The writer.
     count : SampleCount
-        The samples that came.
+        Counts of the samples.
     """
 
     def __init__(self, directory: str, *, max_size: int = 0, max_duration: float = 0.0) -> None:
@@ -63,12 +63,12 @@ class LiveRecording:
         self._early: list[tuple[Topic, bytes]] = []  # came before the first measurement
 
     def take(self, topic: Topic, data: bytes) -> bool:
-        """Write one message; return False where it is the first sample of another run.
+        """Write one message; return False if it is the first sample of another run.
 
         Raises
         ------
         InputError
-            If the disk does not take it.
+            If the disk refuses it.
         """
         try:
             stamp = None if topic.layout is None else wire.stamp(data)
@@ -92,14 +92,14 @@ class LiveRecording:
         Raises
         ------
         InputError
-            If the disk does not take it.
+            If the disk refuses it.
         """
         self._write_early(0)
         self._state_loss()
         self.writer.close()
 
     def give_up(self) -> str:
-        """After an error of the disk, complete what was written; return in one line what has become of it."""
+        """After a disk error, complete what was written; return one line about the outcome."""
         self._state_loss()
         path, written = self.writer.path, self.messages
         if self.writer.rescue():
@@ -112,12 +112,12 @@ class LiveRecording:
         return sum(self.writer.counts.values())
 
     def report(self) -> str:
-        """Return in one line what was recorded, and what was lost."""
+        """Return one line about what was recorded and what was lost."""
         lost = f"{self.count.missing} missing" if self.count.missing else "none missing"
         return f"{self.writer.path}: {self.messages} messages, {self.count.samples} samples, {lost}"
 
     def _state_loss(self) -> None:
-        """State in the metadata what was counted on the way."""
+        """State the counts in the metadata."""
         self.writer.custom_data |= {
             "gyrowheel.samples": str(self.count.samples),
             "gyrowheel.missing_samples": str(self.count.missing),

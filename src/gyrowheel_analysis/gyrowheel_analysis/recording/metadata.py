@@ -39,7 +39,7 @@ class Metadata:
     compression : str
         What is compressed: ``none``, ``file``, ``message`` or, by the storage itself, ``storage``.
     compression_format : str
-        How; empty where nothing is compressed.
+        Format of the compression; empty where nothing is compressed.
     """
 
     files: list[str]
@@ -50,7 +50,7 @@ class Metadata:
     compression_format: str
 
     def require_readable(self, file: Path) -> None:
-        """Refuse what no reader can follow; `file` is named in the error.
+        """Refuse metadata that cannot be followed; the error names `file`.
 
         Raises
         ------
@@ -95,7 +95,7 @@ def read_metadata(file: Path) -> Metadata:
 
 
 def _end(content: Mapping[str, Any]) -> int | None:
-    """Return the largest log time [ns]; readers do without it."""
+    """Return the largest log time [ns]; None if it is not stated."""
     try:
         start = int(content["starting_time"]["nanoseconds_since_epoch"])
         return start + int(content["duration"]["nanoseconds"])
@@ -135,7 +135,7 @@ def bag_metadata(
     topics : sequence of (dict, int)
         rosbag2's ``topic_metadata`` and the number of messages of every topic.
     custom_data : mapping of str to str
-        What else to state.
+        Further entries.
     """
     filled = [file for file in files if file.count]
     start = min((file.start for file in filled), default=0)
@@ -167,7 +167,7 @@ def bag_metadata(
 
 
 def metadata_text(content: Any) -> str:
-    """Return contents of the metadata as YAML: the whole, as it stands inside MCAP files too, or a part."""
+    """Return the metadata, or a part of it, as YAML; MCAP files carry the same text."""
     return yaml.safe_dump(content, sort_keys=False)
 
 
@@ -177,7 +177,7 @@ def write_metadata(directory: Path, metadata: dict[str, Any]) -> None:
     Raises
     ------
     InputError
-        If the disk does not take it.
+        If the disk refuses it.
     """
     write_text(directory / METADATA_FILE, metadata_text({_HEADING: metadata}))
 

@@ -1,7 +1,7 @@
-"""Salvage: from a broken MCAP file, or a directory of them, to a complete recording, with an account of the losses.
+"""Salvage: a complete recording from a broken MCAP file, or a directory of them, with an account of the losses.
 
-A file is walked through twice: first every record is looked at, every chunk against its checksum; then the chunks
-that are whole are written into a new file as they are (not compressed), with a new index and summary.
+Each file is read twice. The first pass examines every record, and every chunk by its checksum (`mcap.survey`). The
+second writes the intact chunks, uncompressed, into a new file with a new index and summary.
 """
 
 from __future__ import annotations
@@ -60,9 +60,9 @@ class Loss:
     byte, size : int
         Where it begins, and how long it is [bytes].
     messages : int or None
-        Messages in it, where its index tells.
+        Messages in it; None where no index counts them.
     start, end : float or None
-        Times of its messages from the first one of the recording [s], where they are stated.
+        Times of its messages from the first one of the recording [s]; None where they are not stated.
     """
 
     file: str
@@ -89,21 +89,21 @@ class Salvaged:
     messages : dict of str to int
         Messages saved, by topic.
     unchecked : int
-        Those of them that no checksum covers.
+        Saved messages that no checksum covers.
     missing : int or None
-        Messages that were recorded and not saved; None where it is not known how many there were.
+        Messages that were recorded and not saved; None where the number recorded is not known.
     duration : float
         From the first to the last message saved [s].
     lost_at_end : float or None
         Time from the last message saved to the last one recorded [s]; None where this is not known.
     broken_off : bool
-        Whether a file has no end.
+        Whether a file lacks its end.
     losses : tuple of Loss
         What could not be saved.
     integrity : Integrity or None
         Samples that are missing by their sequence numbers; None where there are no measurements.
     notes : tuple of str
-        What else there is to say.
+        Further remarks.
     """
 
     source: str
@@ -122,22 +122,21 @@ class Salvaged:
 
 
 def salvage(source: str | Path, target: str | Path, *, progress: Fraction | None = None) -> Salvaged:
-    """Make a complete recording of what can be read of a broken one.
+    """Make a complete recording of the readable part of a broken one.
 
     Parameters
     ----------
     source : str or Path
         An MCAP file, or a directory with such files; it is not touched.
     target : str or Path
-        Directory to create; it must not exist, or be empty. It appears when everything is in it.
+        Directory to create; it must not exist, or be empty. It appears when it is complete.
     progress : callable, optional
         Called with the fraction done.
 
     Raises
     ------
     InputError
-        If there is nothing that can be saved, the recording is still being written, or the disk does not take
-        the new one.
+        If nothing can be saved, the recording is still being written, or the disk refuses the new one.
     """
     source, target = Path(source), Path(target)
     files, stated = _sources(source)
@@ -195,7 +194,7 @@ class _Job:
         self._unchecked = 0
 
     def run(self, files: Sequence[Path], stated: Metadata | None, name: str) -> Salvaged:
-        """Save the files into the target, and return what became of them."""
+        """Salvage the files into the target, and return the account."""
         ended, ends = True, [stated.end if stated else None]
         for name_stated in stated.files if stated else ():
             if name_stated not in {file.name for file in files}:
@@ -280,7 +279,7 @@ class _Job:
         return lambda part: self._progress(begin + size * part)
 
     def _verify(self) -> Integrity | None:
-        """Read back what was written; return which samples are missing."""
+        """Read the result back; return which samples are missing."""
         try:
             return Recording.open(self._target).integrity()
         except InputError as error:
@@ -291,7 +290,7 @@ class _Job:
         return None
 
     def _write(self, source: str, survey: Survey, stream: BinaryIO, progress: Fraction) -> None:
-        """Write the pieces of one file into a new one."""
+        """Write the intact pieces of one file into a new file."""
         schemas, channels = _usable(survey.declared)
         name = f"{self._target.name}_{len(self._files)}.mcap"
         writer = McapWriter(self._target / name, chunk_size=SPAN)
@@ -355,7 +354,7 @@ def _new_index(found: Found) -> dict[int, npt.NDArray[np.uint64]]:
 def _usable(
     declared: Mapping[tuple[int, int], bytes],
 ) -> tuple[dict[int, bytes], dict[int, bytes]]:
-    """Return the schemas, and the channels that can be understood, by number."""
+    """Return the schemas, and the channels that can be parsed, by number."""
     schemas, channels = {}, {}
     for (opcode, number), contents in declared.items():
         if opcode == SCHEMA:
@@ -402,7 +401,7 @@ def _qos(text: str) -> list[Any]:
 
 @contextlib.contextmanager
 def _opened(file: Path) -> Iterator[tuple[BinaryIO, bool]]:
-    """Open a file for reading, decompressed as far as that goes; also whether it went to the end."""
+    """Open a file, decompressed as far as possible; give also whether all of it was decompressed."""
     try:
         with file.open("rb", buffering=1 << 20) as stream:
             if file.suffix != ".zstd":

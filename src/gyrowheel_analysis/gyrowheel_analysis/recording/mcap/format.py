@@ -1,4 +1,4 @@
-"""Numbers of the MCAP format that writer and reader share."""
+"""Constants of the MCAP format that writer and reader share."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ METADATA_INDEX: Final = 0x0D
 SUMMARY_OFFSET: Final = 0x0E
 DATA_END: Final = 0x0F
 
-#: What stands before every record: opcode and length of what follows.
+#: Head of every record: opcode and length of the contents.
 RECORD_HEAD: Final = struct.Struct("<BQ")
-#: What stands before the data of a message: head of the record, channel, sequence, log and publish time [ns].
+#: Head of a message: head of the record, channel, sequence, log time and publish time [ns].
 MESSAGE_HEAD: Final = struct.Struct("<BQHIQQ")
-#: The same for numpy.
+#: The same as a numpy dtype.
 MESSAGE_HEAD_DTYPE: Final = np.dtype(
     [
         ("opcode", "u1"),
@@ -38,7 +38,7 @@ MESSAGE_HEAD_DTYPE: Final = np.dtype(
         ("publish_time", "<u8"),
     ]
 )
-#: Length that a message record states over that of its data.
+#: Length of a message record beyond that of its data.
 MESSAGE_OVERHEAD: Final = MESSAGE_HEAD.size - RECORD_HEAD.size
 #: The end of a file: footer record (head, start of summary, start of summary offsets, checksum) and magic.
 FOOTER_FORM: Final = struct.Struct("<BQQQI8s")

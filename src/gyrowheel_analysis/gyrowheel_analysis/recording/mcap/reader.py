@@ -39,12 +39,12 @@ from gyrowheel_analysis.recording.mcap.format import (
 from gyrowheel_core.errors import InputError
 
 _HEAD: Final = MESSAGE_HEAD_DTYPE.itemsize
-_LIMIT: Final = 1 << 31  # bytes in a chunk; a larger number is taken for damage, not for a reason to allocate
-_BATCH: Final = 1 << 20  # bytes of messages outside of chunks that are looked at together
+_LIMIT: Final = 1 << 31  # bytes in a chunk; a larger number counts as damage and is never allocated
+_BATCH: Final = 1 << 20  # bytes of messages outside of chunks that are parsed together
 
 
 class Damaged(Exception):
-    """What is wrong inside a file, and where."""
+    """Damage in a file: what is wrong, and where."""
 
 
 @dataclass
@@ -56,17 +56,17 @@ class TopicData:
     name, type_name : str
         Name of the topic and type of its messages.
     message_encoding : str
-        How they are serialized, ``cdr`` in ROS 2.
+        Serialization format, ``cdr`` in ROS 2.
     definition_encoding, definition : str
         Definition of the type and its encoding, ``ros2msg`` or ``ros2idl``; empty where there is none.
     count : int
         Number of messages.
     unchecked : int
-        Those of them that no checksum covers.
+        Messages that no checksum covers.
     times : list of ndarray of int64
-        Log times [ns] in the order of the file, of topics that were asked for as serialized messages.
+        Log times [ns] in the order of the file; only of topics that were requested as serialized messages.
     pieces : list of Rows or list of bytes
-        The messages in the order of the file: as rows where they could be taken so, else as they are serialized.
+        The messages in the order of the file: as rows where possible, else serialized.
     """
 
     name: str
@@ -80,7 +80,7 @@ class TopicData:
     pieces: list[Rows | list[bytes]] = field(default_factory=list)
 
     def add(self, want: Want | None, messages: list[bytes]) -> None:
-        """Append messages, as rows if they can be taken so."""
+        """Append messages, as rows where possible."""
         if (
             want is None
             or any(len(message) != want.dtype.itemsize for message in messages)
@@ -89,7 +89,7 @@ class TopicData:
             self.pieces.append(messages)
 
     def take(self, want: Want, messages: npt.NDArray[Any]) -> bool:
-        """Append messages of the length that is wanted as rows; return False if they are not such."""
+        """Append messages of the wanted length as rows; return False if that is not possible."""
         rows = want.take(self, messages)
         if rows is None:
             return False
@@ -103,7 +103,7 @@ class TopicData:
 
 
 class Rows:
-    """A block of rows that fills up. Only what is filled takes memory.
+    """A block of rows that fills up. Only the filled part takes memory.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ class Rows:
         Of a row.
     """
 
-    # larger than what the allocator keeps for later use: a block that is let go is really gone
+    # larger than what the allocator keeps for reuse, so that a block that is released is really free
     _BYTES: Final = 48 << 20
 
     def __init__(self, dtype: np.dtype[Any]) -> None:
@@ -120,16 +120,16 @@ class Rows:
 
     @property
     def full(self) -> bool:
-        """Whether no row has room."""
+        """Whether the block is full."""
         return self._count == len(self._data)
 
     @property
     def filled(self) -> npt.NDArray[Any]:
-        """The rows."""
+        """The rows so far."""
         return self._data[: self._count]
 
     def fill(self, rows: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """Append rows; return those that have no room."""
+        """Append rows; return those that did not fit."""
         room = len(self._data) - self._count
         part = rows[:room]
         self._data[self._count : self._count + len(part)] = part
@@ -139,21 +139,21 @@ class Rows:
 
 @dataclass(frozen=True)
 class Want:
-    """How the messages of a topic are wanted as rows.
+    """How to make rows of the messages of a topic.
 
     Attributes
     ----------
     dtype : dtype
-        Of one serialized message; its itemsize is the length that they must have.
+        Of one serialized message; its itemsize is the required length of a message.
     take : callable
-        Makes rows of such messages; returns None if they cannot be taken so.
+        Makes rows of such messages; returns None if that is not possible.
     """
 
     dtype: np.dtype[Any]
     take: Callable[[TopicData, npt.NDArray[Any]], npt.NDArray[Any] | None]
 
 
-#: Names of the topics to read; with None as serialized messages.
+#: Topics to read, by name; None: as serialized messages.
 Wanted: TypeAlias = Mapping[str, Want | None]
 
 
@@ -167,7 +167,7 @@ def read_mcap(path: Path, wanted: Wanted, unpack: Callable[[bytes], bytes] | Non
     wanted : mapping of str to Want or None
         Names of the topics to read, and how.
     unpack : callable, optional
-        Decompresses a message, where each is compressed by itself; raises `Damaged`.
+        Decompresses one message, where each is compressed on its own; raises `Damaged`.
 
     Returns
     -------
@@ -207,7 +207,7 @@ class _File:
         self._topics: dict[int, TopicData] = {}  # by channel
         self._outside = bytearray()  # records of messages that are in no chunk
         self._places: list[int] = []  # of them
-        self._chunks: list[tuple[str, Chunk, list[bytes]]] = []  # that wait, with name and index
+        self._chunks: list[tuple[str, Chunk, list[bytes]]] = []  # that wait to be parsed, with name and index
         self._waiting = 0  # bytes in them
 
     def read(self) -> dict[int, TopicData]:
@@ -281,7 +281,7 @@ class _File:
             self._places.clear()
 
     def _read_declaration(self, opcode: int, contents: memoryview) -> None:
-        """Take note of a schema or channel; other records are passed over."""
+        """Note a schema or channel; skip other records."""
         fields = Fields(contents)
         if opcode == SCHEMA:
             number = fields.number("<H")
@@ -305,13 +305,13 @@ class _File:
             self._take_chunks()
 
     def _take_chunks(self) -> None:
-        """Take the messages of the chunks that wait: small chunks together are quicker than each by itself."""
+        """Take the messages of the waiting chunks: small chunks are faster together than one by one."""
         chunks, self._chunks, self._waiting = self._chunks, [], 0
         if len(chunks) > 1:
             try:
                 found = find_messages([(c.records, index) for _, c, index in chunks], "")
             except Damaged:
-                pass  # which of them it is comes to light when they are taken one by one
+                pass  # reading them one by one tells which of them it is
             else:
                 self._take_found(found, checked=chunks[0][1].checked)
                 return
@@ -356,7 +356,7 @@ class _File:
                 topic.add(want, [self._unpack(message) for message in messages])
 
     def _check_summary(self, tail: bytes) -> None:
-        """Compare with the summary what was read; `tail` is the end of the file."""
+        """Compare what was read with the summary; `tail` is the end of the file."""
         opcode, length, start, _, checksum, _ = FOOTER_FORM.unpack(tail)
         if opcode != FOOTER or length != FOOTER_FORM.size - RECORD_HEAD.size - len(MAGIC):
             raise Damaged("damaged: no footer where it must be")
@@ -402,12 +402,12 @@ class Chunk:
 
 
 def open_chunk(contents: memoryview, where: str) -> Chunk:
-    """Read the contents of the record of a chunk.
+    """Open the contents of a chunk record.
 
     Raises
     ------
     Damaged
-        If they are not what they claim to be; the message begins with `where`.
+        If they contradict what the record states; the message names `where`.
     """
     fields = Fields(contents)
     start, end, size, checksum = (fields.number(form) for form in ("<Q", "<Q", "<Q", "<I"))
@@ -445,12 +445,12 @@ class Found:
 
 
 def find_messages(chunks: Sequence[tuple[memoryview, Sequence[bytes]]], where: str) -> Found:
-    """Find the messages in chunks by their index, and whatever lies between them.
+    """Find the messages in chunks by their index, and all records between them.
 
     Parameters
     ----------
     chunks : sequence of (memoryview, sequence of bytes)
-        The records of each chunk and the contents of its index records; messages that they do not name are found too.
+        The records of each chunk and the contents of its index records; messages missing from the index are found too.
     where : str
         What to name in an error.
 
@@ -469,7 +469,7 @@ def find_messages(chunks: Sequence[tuple[memoryview, Sequence[bytes]]], where: s
         raise Damaged(f"damaged: {where} and its index differ")
     begins = np.concatenate([[0], places + RECORD_HEAD.size + heads["length"].astype(np.int64)])
     ends = np.concatenate([places, [len(records)]])
-    # the last message before the begin of a chunk
+    # the last message before each chunk begins
     crossing = begins[np.searchsorted(places, starts[1:-1])] > starts[1:-1]
     if np.any(begins > ends) or np.any(crossing):
         raise Damaged(f"damaged: messages overlap in {where}")
@@ -535,7 +535,7 @@ def _index(
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Return channels, times and places from index records, in the order of places.
 
-    With each record comes where its chunk begins and ends.
+    Each part is an index record with the begin and end of its chunk.
     """
     channels, pairs = [np.empty(0, dtype=np.int64)], [np.empty((0, 2), dtype=np.int64)]
     for part, start, end in parts:
@@ -570,7 +570,7 @@ def _heads(records: memoryview, places: npt.NDArray[np.int64], where: str) -> np
 def _gather(records: memoryview, places: npt.NDArray[np.int64], dtype: np.dtype[Any]) -> npt.NDArray[Any]:
     """Return what is at `places`, one element of `dtype` each."""
     size = dtype.itemsize
-    # One element at every byte, so that numpy's indexing copies those that are wanted.
+    # One element at every byte, so that numpy's indexing copies the wanted ones.
     everywhere = np.ndarray((len(records) - size + 1,), dtype=f"V{size}", buffer=records, strides=(1,))
     return everywhere[places].view(dtype)
 

@@ -1,4 +1,4 @@
-"""What of a broken MCAP file is whole: every record looked at, every chunk against its checksum."""
+"""Survey of a broken MCAP file: which parts are intact. Examines every record, and every chunk by its checksum."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ from gyrowheel_analysis.recording.mcap.format import (
 from gyrowheel_analysis.recording.mcap.reader import Chunk, Damaged, Fields, Found, find_messages, open_chunk
 from gyrowheel_core.wire import SECOND
 
-_WINDOW: Final = 1 << 22  # bytes that are searched at a time
+_WINDOW: Final = 1 << 22  # bytes searched at a time
 SPAN: Final = 1 << 20  # bytes of loose messages that become one chunk
-# the begin of a chunk; looked for with a look-ahead, so that what only looks like one hides none
+# the begin of a chunk; found with a look-ahead, so that a false match hides no real chunk
 _CHUNK: Final = re.compile(
     rb"\x06(?=(?P<length>.{8}).{16}(?P<size>.{8}).{4}"
     rb"(?:(?P<plain>\x00{4})|\x04\x00{3}zstd|\x03\x00{3}lz4)(?P<stored>.{8}))",
@@ -45,7 +45,7 @@ _CHUNK: Final = re.compile(
 
 @dataclass
 class Gap:
-    """A loss, with times on the clock of the log [ns]."""
+    """A lost stretch of the file; times are log times [ns]."""
 
     reason: str
     byte: int
@@ -57,11 +57,11 @@ class Gap:
 
 @dataclass
 class Piece:
-    """Records that are whole: a chunk, or messages outside of chunks."""
+    """Intact records: a chunk, or messages outside of chunks."""
 
     byte: int
-    size: int  # with its head
-    index: list[bytes] | None  # None: loose messages
+    size: int  # bytes, head included
+    index: list[bytes] | None  # contents of its index records; None: messages outside of chunks
 
 
 @dataclass
@@ -75,28 +75,28 @@ class Survey:
     unsure: dict[tuple[int, int], bytes] = field(default_factory=dict)  # by opcode and number
     ended: bool = False
     data_checked: bool = False
-    count: int | None = None  # stated by the summary
-    end: int | None = None  # the same, of the log times
+    count: int | None = None  # of messages, stated by the summary
+    end: int | None = None  # largest log time, stated by the summary [ns]
 
     def declare(self, opcode: int, contents: memoryview, *, sure: bool) -> None:
-        """Take note of a schema or a channel."""
+        """Note a schema or a channel."""
         if opcode in (SCHEMA, CHANNEL) and len(contents) >= 2:
             (number,) = struct.unpack_from("<H", contents)
             (self.sure if sure else self.unsure).setdefault((opcode, number), bytes(contents))
 
     @property
     def declared(self) -> dict[tuple[int, int], bytes]:
-        """Schemas and channels; those that a checksum covers go first."""
+        """Schemas and channels; those covered by a checksum take precedence."""
         return self.unsure | self.sure
 
 
 def take_survey(stream: BinaryIO, progress: Callable[[float], None]) -> Survey:
-    """Return what is in a file.
+    """Survey a file.
 
     Parameters
     ----------
     stream : binary file
-        The file, whatever state it is in.
+        The file, in any state.
     progress : callable
         Called with the fraction done.
     """
@@ -104,7 +104,7 @@ def take_survey(stream: BinaryIO, progress: Callable[[float], None]) -> Survey:
 
 
 def load_piece(stream: BinaryIO, piece: Piece) -> tuple[memoryview, Found, bool]:
-    """Read a piece again: its records, where the messages in them are, whether a checksum covers it."""
+    """Read a piece again; return its records, the messages in them, and whether a checksum covers it."""
     stream.seek(piece.byte)
     data = stream.read(piece.size)
     where = f"byte {piece.byte}"
@@ -124,14 +124,14 @@ class _Walk:
         self._size = stream.seek(0, os.SEEK_END)
         self._survey = Survey()
         self._crc = 0
-        self._steady = True  # no damage so far, so that the checksum of the data can be right
-        # place, length and contents of the chunk that is open
+        self._steady = True  # no damage so far: the checksum of the data can still match
+        # place, length and contents of the chunk whose index is being read
         self._chunk: tuple[int, int, bytes] | None = None
         self._index: list[bytes] = []
-        self._orphans: list[tuple[int, bytes]] = []  # index records whose chunk is not there
+        self._orphans: list[tuple[int, bytes]] = []  # index records without their chunk
 
     def run(self) -> Survey:
-        """Return what is in the file."""
+        """Return the survey of the file."""
         survey = self._survey
         at: int | None = len(MAGIC)
         if self._read(0, len(MAGIC)) != MAGIC:
@@ -152,7 +152,7 @@ class _Walk:
         return self._stream.read(length)
 
     def _step(self, position: int) -> int | None:
-        """Look at the record at `position`; return where the next one is, or None at the end."""
+        """Examine the record at `position`; return the place of the next one, or None at the end."""
         head = self._read(position, RECORD_HEAD.size)
         opcode, length = RECORD_HEAD.unpack(head) if len(head) == RECORD_HEAD.size else (0, 0)
         stop = position + RECORD_HEAD.size + length
@@ -189,7 +189,7 @@ class _Walk:
             pieces.append(Piece(position, stop - position, None))
 
     def _close_chunk(self) -> None:
-        """Check the chunk that is open, whose index is complete now."""
+        """Check the current chunk, whose index is complete now."""
         if self._chunk is None:
             return
         (position, size, body), self._chunk = self._chunk, None
@@ -211,7 +211,7 @@ class _Walk:
                 survey.declare(opcode, contents, sure=False)
 
     def _close_orphans(self) -> None:
-        """Take note of an index that follows no chunk: the chunk is there no more."""
+        """Note an index that follows no chunk: its chunk is gone."""
         if not self._orphans:
             return
         orphans, self._orphans = self._orphans, []
@@ -224,14 +224,12 @@ class _Walk:
                 count,
                 start,
                 end,
-            )  # the chunk that was passed over just before
+            )  # the chunk that was skipped just before
             return
-        self._survey.gaps.append(
-            Gap("an index whose chunk is not there", orphans[0][0], 0, count, start, end)
-        )
+        self._survey.gaps.append(Gap("an index without its chunk", orphans[0][0], 0, count, start, end))
 
     def _lose(self, position: int, opcode: int, length: int) -> int | None:
-        """Go to the next whole chunk; what lies between is lost."""
+        """Go to the next intact chunk; the bytes before it are lost."""
         self._close_chunk()
         self._close_orphans()
         self._steady = False
@@ -241,9 +239,9 @@ class _Walk:
         if opcode == CHUNK:
             start, end = _times(self._read(position + RECORD_HEAD.size, 16))
         if following is not None:
-            self._survey.gaps.append(Gap("bytes that make no sense", position, rest, None, start, end))
+            self._survey.gaps.append(Gap("unreadable bytes", position, rest, None, start, end))
         elif opcode in (MESSAGE_INDEX, METADATA) and rest > RECORD_HEAD.size and length > rest:
-            pass  # cut off within what can be made anew
+            pass  # cut off within a part that can be rebuilt
         elif HEADER <= opcode <= DATA_END and length > rest:
             known = opcode == CHUNK
             self._survey.gaps.append(
@@ -257,11 +255,11 @@ class _Walk:
                 )
             )
         else:
-            self._survey.gaps.append(Gap("bytes that make no sense", position, rest))
+            self._survey.gaps.append(Gap("unreadable bytes", position, rest))
         return following
 
     def _next_chunk(self, position: int) -> int | None:
-        """Return where the next chunk with the right checksum begins, or None."""
+        """Return the place of the next chunk with a matching checksum, or None."""
         overlap = 128
         while position < self._size:
             window = self._read(position, _WINDOW + overlap)
@@ -285,7 +283,7 @@ class _Walk:
         return None
 
     def _finish(self, position: int, body: bytes) -> int | None:
-        """Read what follows the data section; the file ends there."""
+        """Read the end of the file, after the data section."""
         survey = self._survey
         checksum = int.from_bytes(body[:4], "little") if len(body) == 4 else 0
         if self._steady and checksum:
@@ -302,7 +300,7 @@ class _Walk:
         if opcode != FOOTER or not right:
             survey.notes.append("the checksum of its summary is wrong")
             return None
-        # where bytes have gone, the summary does not begin where it says, but its checksum tells that it is right
+        # where bytes are missing, the summary begins elsewhere than stated, but its checksum proves it right
         if start:
             with contextlib.suppress(Damaged, struct.error):
                 self._read_summary(memoryview(tail)[: -FOOTER_FORM.size], sure=checksum != 0)
@@ -326,12 +324,12 @@ class _Walk:
 
 
 def _examine(body: bytes, index: Sequence[bytes], where: str) -> tuple[Chunk, Found, bool, str]:
-    """Open a chunk and find its messages; also return whether a checksum covers it, and a note.
+    """Open a chunk and find its messages; return also whether a checksum covers it, and a note.
 
     Raises
     ------
     Damaged
-        If it cannot be relied on.
+        If the chunk is damaged.
     """
     try:
         chunk = open_chunk(memoryview(body), where)
@@ -342,7 +340,7 @@ def _examine(body: bytes, index: Sequence[bytes], where: str) -> tuple[Chunk, Fo
     except Damaged:
         if not chunk.checked:
             raise
-    # the chunk is right, so it is its index that is not
+    # the chunk is right, so the index is wrong
     return (
         chunk,
         find_messages([(chunk.records, [])], where),
@@ -352,7 +350,7 @@ def _examine(body: bytes, index: Sequence[bytes], where: str) -> tuple[Chunk, Fo
 
 
 def _declarations(body: bytes) -> Iterator[tuple[int, memoryview]]:
-    """Yield the schemas and channels at the begin of a chunk that is damaged elsewhere."""
+    """Yield the schemas and channels at the start of a chunk that is damaged further on."""
     fields = Fields(memoryview(body))
     with contextlib.suppress(Damaged, struct.error):
         fields.data(8 + 8 + 8 + 4)
@@ -369,7 +367,7 @@ def _declarations(body: bytes) -> Iterator[tuple[int, memoryview]]:
 
 
 def _indexed(index: Sequence[bytes]) -> int | None:
-    """Return how many messages an index names; None if there is none, or it makes no sense."""
+    """Return the number of messages in an index; None if there is no valid index."""
     sizes = [int.from_bytes(part[2:6], "little") for part in index]
     right = all(size == len(part) - 6 and size % 16 == 0 for size, part in zip(sizes, index, strict=True))
     return sum(sizes) // 16 if index and right else None
@@ -384,7 +382,7 @@ def _indexed_times(index: Sequence[bytes]) -> tuple[int | None, int | None]:
 
 
 def _times(body: bytes) -> tuple[int | None, int | None]:
-    """Return the times that a chunk states, if they can be such."""
+    """Return the times that a chunk states, if they are plausible."""
     if len(body) < 16:
         return None, None
     start, end = struct.unpack_from("<QQ", body)

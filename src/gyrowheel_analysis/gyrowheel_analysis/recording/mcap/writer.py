@@ -52,7 +52,7 @@ class Block:
     times : ndarray of int64, shape (n,)
         Log times [ns], ascending.
     messages : ndarray, shape (n,)
-        One serialized message an element, of any dtype whose itemsize is the length of a message.
+        One serialized message per element; any dtype whose itemsize is the length of a message.
     """
 
     channel: int
@@ -68,9 +68,9 @@ class McapWriter:
     path : Path
         File to create; must not exist.
     chunk_size : int
-        How many bytes are collected before they go to the disk as one chunk.
+        Bytes that are collected before they go to the disk as one chunk.
     chunk_span : int, optional
-        How far the log times of a chunk may lie apart before it goes to the disk [ns]; no limit if not given.
+        Span of log times after which a chunk goes to the disk [ns]; no limit if not given.
 
     Attributes
     ----------
@@ -82,9 +82,8 @@ class McapWriter:
     Notes
     -----
     The file is unbuffered: what has been collected into a chunk survives the end of the process. Every byte
-    is covered by a checksum: chunks, data section and summary each have theirs. A chunk that the disk does not
-    take leaves no trace in the file, which ends with the chunk before it. The file is locked (`flock`) for as
-    long as it is written.
+    is covered by a checksum: that of its chunk, of the data section or of the summary. If the disk refuses a chunk,
+    the file ends with the chunk before it. The file is locked (`flock`) while it is written.
     """
 
     def __init__(self, path: Path, *, chunk_size: int, chunk_span: int | None = None) -> None:
@@ -93,7 +92,7 @@ class McapWriter:
         self._chunk_size = chunk_size
         self._chunk_span = chunk_span
         self._begun: int | None = None  # log time of the first message of the chunk being collected
-        self._crc = 0  # of all that was written
+        self._crc = 0  # of everything written so far
         self._position = 0
         self._schemas: dict[int, bytes] = {}  # records
         self._numbers: dict[str, int] = {}  # of the schemas, by type name
@@ -101,9 +100,9 @@ class McapWriter:
         self._chunk_indexes: list[bytes] = []  # records
         self._tail_size = 0  # of the chunk indexes
         self._buffer = bytearray()  # records of the chunk being collected
-        self._index: dict[int, array[int]] = {}  # log time and place of its messages in turn, by channel
+        self._index: dict[int, array[int]] = {}  # log time and place of each message, alternating, by channel
         self._file = path.open("xb", buffering=0)
-        with contextlib.suppress(OSError):  # not every file system can
+        with contextlib.suppress(OSError):  # some file systems cannot
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._write(MAGIC + _record(HEADER, _text("ros2"), _text("gyrowheel")))
 
@@ -117,7 +116,7 @@ class McapWriter:
         definition : str
             Definition of the type, encoding ``ros2msg``.
         metadata : mapping of str to str
-            What else to state on the channel.
+            Further entries of the channel's metadata.
 
         Returns
         -------
@@ -140,7 +139,7 @@ class McapWriter:
         return channel
 
     def adopt(self, schemas: Mapping[int, bytes], channels: Mapping[int, bytes]) -> None:
-        """Take over schemas and channels of another file, by number: the contents of their records."""
+        """Take over schemas and channels of another file: the contents of their records, by number."""
         self._schemas = {number: _record(SCHEMA, contents) for number, contents in schemas.items()}
         self._channels = {number: _record(CHANNEL, contents) for number, contents in channels.items()}
         self.counts = dict.fromkeys(channels, 0)
@@ -159,7 +158,7 @@ class McapWriter:
         Raises
         ------
         OSError
-            If the disk does not take it.
+            If the disk refuses it.
         """
         times = [pairs[:, 0] for pairs in index.values()]
         start, end = min(int(part.min()) for part in times), max(int(part.max()) for part in times)
@@ -176,7 +175,7 @@ class McapWriter:
         ValueError
             If the time is negative.
         OSError
-            If the disk does not take it.
+            If the disk refuses it.
         """
         offset = len(self._buffer)
         try:
@@ -199,14 +198,14 @@ class McapWriter:
             self.flush()
 
     def append_blocks(self, blocks: Sequence[Block]) -> None:
-        """Write whole columns of messages, merged in the order of time (of equal times: of the blocks).
+        """Write whole columns of messages, merged by time (at equal times in the order of the blocks).
 
         Raises
         ------
         ValueError
             If a time is negative, or the times of a block do not ascend.
         OSError
-            If the disk does not take it.
+            If the disk refuses it.
         """
         self.flush()
         blocks = [block for block in blocks if len(block.times)]
@@ -222,7 +221,7 @@ class McapWriter:
         owner = owner[order]
         ends = np.cumsum(sizes[owner])
         offsets = ends - sizes[owner]
-        # A chunk ends with the message with which it reaches its size.
+        # A chunk ends with the message that makes it reach its size.
         cuts = np.flatnonzero(np.diff(offsets // self._chunk_size)) + 1
         done = np.zeros(len(blocks), dtype=np.int64)
         for first, last in zip([0, *cuts], [*cuts, len(order)], strict=True):
@@ -242,8 +241,8 @@ class McapWriter:
             self._write_chunk(buffer.data, index, int(times[order[first]]), int(times[order[last - 1]]))
 
     def flush(self) -> None:
-        """Write what has been collected."""
-        if not self._index:  # at most schemas and channels; they go with the first message
+        """Write the collected messages to the disk."""
+        if not self._index:  # at most schemas and channels, which are written with the first message
             return
         times = [entries[::2] for entries in self._index.values()]
         index = {channel: entries.tobytes() for channel, entries in self._index.items()}
@@ -253,24 +252,24 @@ class McapWriter:
         self.drop()
 
     def drop(self) -> None:
-        """Forget what has been collected and not written."""
+        """Discard what was collected and not yet written."""
         self._buffer = bytearray()
         self._index = {}
         self._begun = None
 
     @property
     def size(self) -> int:
-        """Bytes of the file so far, with what has been collected."""
+        """Bytes of the file so far, collected messages included."""
         return self._position + len(self._buffer)
 
     @property
     def tail_size(self) -> int:
-        """About how many bytes `finish` adds, beside the metadata."""
+        """Approximate number of bytes that `finish` adds, without the metadata."""
         records = (*self._schemas.values(), *self._channels.values())
         return self._tail_size + sum(map(len, records)) + 1024
 
     def is_there(self, path: Path) -> bool:
-        """Whether the file still lies at this path: writing to a file that was deleted gives no error."""
+        """Whether the file is still at this path: writing to a deleted file raises no error."""
         try:
             there, here = os.stat(path), os.fstat(self._file.fileno())
         except OSError:
@@ -288,10 +287,10 @@ class McapWriter:
         Raises
         ------
         OSError
-            If the disk does not take it; the file then ends with its last chunk, and can be finished later.
+            If the disk refuses it; the file then ends with its last chunk and can be finished later.
         """
         self.flush()
-        if self._buffer:  # channels that no message came for
+        if self._buffer:  # channels without messages
             self._write(self._buffer)
             self.drop()
         metadata_start = self._position
@@ -336,7 +335,7 @@ class McapWriter:
         self._file.close()
 
     def abort(self) -> None:
-        """Close the file as it is: without an end, so that nobody takes it for complete."""
+        """Close the file without an end, so that it does not pass for complete."""
         self._file.close()
 
     def _write_chunk(
@@ -378,7 +377,7 @@ class McapWriter:
             while view:  # an unbuffered file may take less than it is given
                 view = view[self._file.write(view) :]
         except OSError:
-            with contextlib.suppress(OSError):  # half a record is of no use to anybody
+            with contextlib.suppress(OSError):  # half a record is useless
                 self._file.seek(self._position)
                 self._file.truncate()
             raise
@@ -402,7 +401,7 @@ def _map(entries: Mapping[str, str]) -> bytes:
 
 
 def _records(block: Block, part: slice) -> npt.NDArray[Any]:
-    """Return the message records of a part of a block, one an element."""
+    """Return the message records of a part of a block, one per element."""
     messages = block.messages[part]
     size = messages.dtype.itemsize
     records = np.zeros(len(messages), dtype=[("head", MESSAGE_HEAD_DTYPE), ("data", f"V{size}")])
@@ -418,6 +417,6 @@ def _records(block: Block, part: slice) -> npt.NDArray[Any]:
 def _scatter(buffer: npt.NDArray[np.uint8], places: npt.NDArray[np.int64], records: npt.NDArray[Any]) -> None:
     """Put records of equal length at places in a buffer."""
     size = records.dtype.itemsize
-    # One element at every byte; they overlap, but not those at the places of records.
+    # One element at every byte; elements overlap, but those at the places of records do not.
     everywhere = np.ndarray((len(buffer) - size + 1,), dtype=f"V{size}", buffer=buffer, strides=(1,))
     everywhere[places] = records.view(f"V{size}")
