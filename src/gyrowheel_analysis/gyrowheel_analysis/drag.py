@@ -1,4 +1,4 @@
-"""The drag estimate of the published ground test, hold by hold: notched DC voltages beside simulated torques."""
+"""Drag estimates of the published ground test, one per hold: notch-filtered mean voltages and simulated torques."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _SHARE = 0.1  # of a hold's length that is new in the next estimate
 class Estimate:
     """One drag estimate; the fields of the DragEstimate message [SI].
 
-    The torques are those that coils (x, y) and motor give, in case axes. `measured_torque` and `residual` are NaN
+    Torques are those of coils (x, y) and motor, in case axes. `measured_torque` and `residual` are NaN
     until the model holds a calibrated constant of coils (x, y) or motor.
     """
 
@@ -113,11 +113,11 @@ class _Setpoint(NamedTuple):
 
 @dataclass
 class _Hold:
-    """A hold under way: sums over all of it, and the samples whose windows are not final yet."""
+    """The current hold: sums over all of it, and the samples whose windows are not final yet."""
 
     setpoint: _Setpoint
-    start: float  # s, when it has settled
-    due: float  # s, of the next estimate
+    start: float  # s, when the motion has settled
+    due: float  # s, when the next estimate is due
     first: float = math.nan
     last: float = math.nan
     count: int = 0
@@ -141,7 +141,7 @@ class _Hold:
 
 
 class DragEstimator:
-    """Turns samples and setpoints into drag estimates as they come.
+    """Turns samples and setpoints into drag estimates, block by block.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ class DragEstimator:
             Readings (m) [SI]. A sample without one of `NEEDED` (not finite) counts as lost.
         """
         whole = np.asarray(np.isfinite(readings.array[:, _NEEDED_COLUMNS]).all(axis=1))
-        if not whole.all():  # the filters would never forget it
+        if not whole.all():  # a filter never recovers from NaN
             stamps_ns, readings = stamps_ns[whole], readings[whole]
         filtered = np.empty((len(readings), len(_COLUMNS)))
         notch(
@@ -189,7 +189,7 @@ class DragEstimator:
         estimates: list[Estimate] = []
         at = 0
         while at < len(stamps_ns):
-            # setpoints that begin within the block cut it
+            # a setpoint that begins within the block splits it
             stop = len(stamps_ns)
             if self._setpoints and self._setpoints[0].stamp_ns <= stamps_ns[at]:
                 estimates += self._take(self._setpoints.popleft())
@@ -209,7 +209,7 @@ class DragEstimator:
         return estimates
 
     def finish(self) -> list[Estimate]:
-        """Return the estimate of the hold under way, at the end of a test."""
+        """Return the estimate of the current hold, at the end of a test."""
         return self._end()
 
     def _take(self, setpoint: _Setpoint) -> list[Estimate]:
@@ -231,9 +231,9 @@ class DragEstimator:
         return [] if hold is None else self._estimate(hold, settled=True)
 
     def _simulated(self, hold: _Hold) -> Array:
-        """Return the torques that the model says the motion needs, averaged over the windows of a hold."""
+        """Return the torques that the motion needs by the model, averaged over the windows of a hold."""
         time, readings = np.concatenate(hold.times), np.vstack(hold.readings)
-        # what is far behind is reduced once and forgotten, or a long hold would take longer and longer
+        # old samples are reduced once and dropped, so that the work does not grow with the hold
         while time[-1] - time[0] >= LONGEST + _UPDATE:
             cut = int(np.searchsorted(time, time[0] + LONGEST))
             torque, length = self._windows(hold, time[:cut], readings[:cut])
@@ -246,8 +246,8 @@ class DragEstimator:
         return (hold.torque + torque) / whole if whole > 0.0 else np.full(3, math.nan)
 
     def _windows(self, hold: _Hold, time: Array, readings: Array) -> tuple[Array, float]:
-        """Return the simulated torques of some samples, times the length of their windows, and that length."""
-        # the reduction drops the settling itself: give it the beginning of the hold as it was
+        """Return the simulated torques of some samples times the length of their windows, and that length."""
+        # the reduction cuts off the settling itself, so it gets the original start of the hold
         setpoint = np.array([hold.setpoint] * 2, dtype=SETPOINT_DTYPE)
         samples = Samples(time, Readings(readings), np.array([time[0] - SETTLING, time[-1]]), setpoint)
         windows = reduce(samples, self._bench)
@@ -262,7 +262,7 @@ class DragEstimator:
             return []
         simulated = self._simulated(hold)
         mean, count = hold.filtered / hold.count, hold.count
-        # white noise of the readings and their slow drift, which averaging over a hold does not remove
+        # white noise of the readings, and their slow drift, which averaging does not remove
         v = self._bench.value
         std = np.array(
             [
@@ -296,7 +296,7 @@ class DragEstimator:
         ]
 
     def _measured(self, dc: Array, current: float, std: Array) -> tuple[Array, Array]:
-        """Return the torques that the readings mean, where the constants are calibrated."""
+        """Return the measured torques and their standard errors; NaN where a constant is not calibrated."""
         torque, error = np.full(3, math.nan), np.full(3, math.nan)
         overrides, v = self._model.overrides, self._bench.value
         if "coil_constant" in overrides:

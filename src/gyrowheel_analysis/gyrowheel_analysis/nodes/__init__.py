@@ -1,1 +1,1 @@
-"""The nodes of drag estimator, recorder and replay."""
+"""The nodes ``drag_estimator``, ``recorder`` and ``replay``."""

@@ -1,4 +1,4 @@
-"""The node ``drag_estimator``: drag estimates hold by hold, while the test runs."""
+"""The node ``drag_estimator``: publishes a drag estimate of each hold while the test runs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gyrowheel_analysis.model import Model
 from gyrowheel_core import topics, wire
 from gyrowheel_core.node import BenchNode, Diagnosis, Inbox, Param, run_node
 
-#: Time between two instants at which what has come is taken [s, wall clock].
+#: Period at which arrived messages are taken [s, wall-clock time].
 TAKE_PERIOD = 0.02
 _ARRAYS = (
     "dc_voltage",
@@ -41,7 +41,7 @@ class DragEstimatorNode(BenchNode):
         """Read the model, create the topics."""
         file = self.parameter("model")
         self._model = Model.load(file) if file else Model.new(self.parameter("bench"))
-        # now rather than in the test
+        # now, not during the test
         DragStream.warm_up(self._model)
         self._active = False
         self._estimates = 0
@@ -51,7 +51,7 @@ class DragEstimatorNode(BenchNode):
 
     def activate(self) -> None:
         """Take samples."""
-        self.drain()  # what came while the node was inactive is left out
+        self.drain()  # messages that arrived while the node was inactive are dropped
         self._active = True
         self._taking = self.wall_timer(TAKE_PERIOD, self._take)
 
@@ -71,7 +71,7 @@ class DragEstimatorNode(BenchNode):
         self.destroy_publisher(self._publisher)
 
     def drain(self) -> None:
-        """Work on what has come; an inactive node leaves it out."""
+        """Process the messages that have arrived; an inactive node drops them."""
         if self._inputs is None:
             return
         setpoints, samples = self._inputs
@@ -106,9 +106,9 @@ class DragEstimatorNode(BenchNode):
         return Diagnosis("running" if self._stream.samples else "waiting for samples", values)
 
     def _take(self) -> None:
-        """Take what has come, as soon as enough subscribers listen."""
+        """Take the messages that have arrived, once there are enough subscribers."""
         if self._inputs is None and self._subscribers_missing() <= 0:
-            # only now: a plant that counts its subscribers must not begin before somebody hears the estimates
+            # only now: a plant that counts its subscribers must not start before anyone receives the estimates
             self._inputs = (self.inbox(topics.SETPOINT), self.inbox(topics.MEASUREMENT))
         self.drain()
 

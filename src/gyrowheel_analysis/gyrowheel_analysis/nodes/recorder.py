@@ -1,6 +1,6 @@
-"""The node ``recorder``: writes what the nodes of the bench say to each other into a recording.
+"""The node ``recorder``: records the topics of the bench.
 
-Messages are taken and written as bytes, by `LiveRecording`.
+`LiveRecording` writes the messages as the bytes that arrive.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from gyrowheel_core.node import BenchNode, Diagnosis, Inbox, Param, run_node
 from gyrowheel_core.topics import Topic
 
 SERVICES: Final = "/gyrowheel/recorder"
-#: Time between two instants at which everything goes to the disk [s, wall clock]; a killed recorder loses no more.
+#: Period at which everything collected goes to the disk [s, wall-clock time]; a killed recorder loses no more.
 FLUSH_PERIOD: Final = 0.1
-#: Time between two instants at which what has come is written [s, wall clock].
+#: Period at which arrived messages are written [s, wall-clock time].
 TAKE_PERIOD: Final = 0.02
 
 
 class RecorderNode(BenchNode):
-    """Records the topics of the bench, but for the truth."""
+    """Records the topics of the bench, except the truth."""
 
     NODE_NAME = "recorder"
     PARAMETERS = (
@@ -35,17 +35,17 @@ class RecorderNode(BenchNode):
         Param(
             "max_bag_size",
             0,
-            "Size from which a file is completed and the next one begun [bytes]; 0: no limit",
+            "File size at which the next file begins [bytes]; 0: no limit",
             low=0,
         ),
         Param(
             "max_bag_duration",
             0.0,
-            "Time of the bench after which a file is completed and the next one begun [s]; 0: no limit",
+            "Bench time after which the next file begins [s]; 0: no limit",
             low=0.0,
         ),
     )
-    #: What was on its way when the others ended still arrives.
+    #: Messages in transit when the other nodes end still arrive.
     LINGER = 0.5
 
     def configure(self) -> None:
@@ -65,7 +65,7 @@ class RecorderNode(BenchNode):
         ]
 
     def activate(self) -> None:
-        """Begin to record if a directory was given."""
+        """Start recording if a directory was given."""
         self._flushing = self.wall_timer(FLUSH_PERIOD, self._flush)
         self._taking = self.wall_timer(TAKE_PERIOD, self.drain)
         if self.parameter("directory"):
@@ -99,18 +99,18 @@ class RecorderNode(BenchNode):
         return Diagnosis("recording", values)
 
     def _begin(self, directory: str) -> None:
-        """Begin a recording; InputError if the directory exists or cannot be made."""
+        """Start a recording; InputError if the directory exists or cannot be created."""
         self._recording = LiveRecording(
             directory,
             max_size=self.parameter("max_bag_size"),
             max_duration=self.parameter("max_bag_duration"),
         )
-        # Only now: a plant that counts its subscribers must not begin before there is something to write to.
+        # only now: a plant that counts its subscribers must not start before the recording exists
         self._open = [self.inbox(topic) for topic in self._recorded]
         self.get_logger().info(f"recording into {directory}")
 
     def _end(self) -> None:
-        """Complete the recording, if there is one; InputError if the disk does not take it."""
+        """Complete the recording, if there is one; InputError if the disk refuses it."""
         recording, self._recording = self._recording, None
         for inbox in self._open:
             self.close_inbox(inbox)
@@ -128,21 +128,21 @@ class RecorderNode(BenchNode):
             self.get_logger().info(self._report)
 
     def drain(self) -> None:
-        """Write what has come; where the disk does not take it, give up."""
+        """Write the messages that have arrived; give up if the disk refuses them."""
         try:
             self._write_waiting()
         except InputError as error:
             self._fail(error)
 
     def _write_waiting(self) -> None:
-        """Write what has come and was not taken yet; InputError if the disk does not take it."""
+        """Write the messages that wait; InputError if the disk refuses them."""
         for inbox in self._open:
             for data in inbox.take():
                 if self._recording is None or not self._take(self._recording, inbox.topic, data):
                     return
 
     def _take(self, recording: LiveRecording, topic: Topic, data: bytes) -> bool:
-        """Write one message; return False, and end the recording, where it is the first one of another run."""
+        """Write one message; if it is the first of another run, end the recording and return False."""
         if recording.take(topic, data):
             return True
         self.get_logger().warning("the plant was started again: the recording of its last run ends")
@@ -150,7 +150,7 @@ class RecorderNode(BenchNode):
         return False
 
     def _flush(self) -> None:
-        """Leave nothing in memory for long, however slowly messages come."""
+        """Send collected messages to the disk, however slowly they arrive."""
         if self._recording is not None:
             try:
                 self._recording.writer.flush()
@@ -158,7 +158,7 @@ class RecorderNode(BenchNode):
                 self._fail(error)
 
     def _fail(self, error: InputError) -> None:
-        """Give up: what was written stays."""
+        """Give up; what was written remains."""
         text = str(error)
         if self._recording is not None:
             recording, self._recording = self._recording, None

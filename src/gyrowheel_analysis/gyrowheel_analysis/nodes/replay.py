@@ -1,10 +1,10 @@
-"""The node ``replay``: gives a recording back to the graph, at any pace, with ``/clock``.
+"""The node ``replay``: publishes a recording, at any pace, with ``/clock``.
 
-Messages go out as the bytes that were recorded, in the order of their times. Before more of a topic is on its way
-than its readers keep, the node waits until they have it all, however slow they are: what the middleware has
-delivered is acknowledged, and a node of the bench that answers a service has taken what came before. So nothing is
-lost at any pace; a slow reader slows the replay down. /clock and the topics that keep only the
-last few messages, such as /joint_states, are not waited for: there the newest counts.
+Messages are published as the bytes that were recorded, ordered by time. No message is lost at any pace: before a
+topic has more messages in transit than its subscribers keep, the node waits until they have taken them all. The
+middleware acknowledges what it has delivered, and a node of the bench that answers a service has taken everything
+that came before. So a slow subscriber slows the replay down. Nobody is waited for on ``/clock`` and on topics that
+keep only a few messages, such as ``/joint_states``: there only the newest message counts.
 """
 
 from __future__ import annotations
@@ -29,22 +29,22 @@ from gyrowheel_core.node import BenchNode, Diagnosis, Param, run_node
 from gyrowheel_core.topics import Topic
 
 SERVICES: Final = "/gyrowheel/replay"
-#: Messages of a topic after which the readers are waited for: a tenth of what is kept on the high-rate ones. On topics
-#: that keep fewer it is half of what they keep, and on those that keep less than `_KEPT` nobody is waited for.
+#: Messages of a topic after which the node waits for the subscribers: a tenth of the depth of the high-rate topics.
+#: On other topics it is half of the depth; where the depth is below `_KEPT`, the node does not wait.
 WINDOW: Final = 5_000
 _KEPT: Final = 50
-_PATIENCE: Final = 10.0  # with a reader that does not answer [s]
+_PATIENCE: Final = 10.0  # with a subscriber that does not answer [s]
 _TICK: Final = 0.001  # [s]
-_TURN: Final = 0.005  # how long messages may go out before other callbacks have their turn [s]
+_TURN: Final = 0.005  # of publishing before other callbacks have their turn [s]
 _CLOCK_PERIOD_NS: Final = 10_000_000
 _JOINT_STATE_PERIOD_NS: Final = wire.SECOND // 60
 _JOINTS: Final = ("tilt_x", "tilt_y", "spin")
-#: Where one of these has another publisher, a bench is running: recorded samples or commands would mix with its own.
+#: If one of these has another publisher, a bench is running, and recorded messages would mix with its own.
 _OF_A_BENCH: Final = (topics.MEASUREMENT, topics.COMMAND, topics.SETPOINT)
 
 
 class ReplayNode(BenchNode):
-    """Gives a recording back to the graph."""
+    """Publishes a recording."""
 
     NODE_NAME = "replay"
     PARAMETERS = (
@@ -52,32 +52,32 @@ class ReplayNode(BenchNode):
         Param(
             "rate",
             1.0,
-            "Recorded seconds per second; 0: as fast as the readers take",
+            "Recorded seconds per second; 0: as fast as the subscribers take",
             low=0.0,
             high=1e6,
             live=True,
         ),
-        Param("start", 0.0, "From when on [s from the first sample]", low=0.0, high=1e9),
-        Param("end", 0.0, "Until when [s from the first sample]; 0: to the end", low=0.0, high=1e9),
-        Param("loop", False, "Begin again at the end", live=True),
-        Param("paused", False, "Stand still at first; the services step and pause go on"),
+        Param("start", 0.0, "Start [s from the first sample]", low=0.0, high=1e9),
+        Param("end", 0.0, "End [s from the first sample]; 0: that of the recording", low=0.0, high=1e9),
+        Param("loop", False, "Start again at the end", live=True),
+        Param("paused", False, "Start paused; the services step and pause continue"),
         Param(
             "step",
             0.0,
-            "How far one step goes [s]; 0: to the next sample",
+            "Length of one step [s]; 0: to the next sample",
             low=0.0,
             high=3600.0,
             live=True,
         ),
-        Param("topics", "", "Topics to give back, with commas between them; empty: all"),
-        Param("without", "", "Topics to leave out, with commas between them"),
+        Param("topics", "", "Topics to publish, separated by commas; empty: all"),
+        Param("without", "", "Topics to leave out, separated by commas"),
         Param("clock", True, "Publish /clock, every 10 ms of the recording"),
         Param("joint_states", True, "Publish /joint_states from the samples where the recording has none"),
-        Param("setpoint_lead", 0.5, "How far setpoints run ahead of their time [s]", low=0.0, high=10.0),
+        Param("setpoint_lead", 0.5, "Time by which setpoints precede their samples [s]", low=0.0, high=10.0),
         Param(
             "wait", 3.5, "How long to look for other nodes before the first message [s]", low=0.0, high=60.0
         ),
-        Param("wait_for_subscribers", 0, "Readers of the samples to wait for", low=0, high=100),
+        Param("wait_for_subscribers", 0, "Subscribers of the samples to wait for", low=0, high=100),
         Param("stay", False, "Stay when the end is reached, instead of ending the process"),
     )
 
@@ -112,7 +112,7 @@ class ReplayNode(BenchNode):
         )
         self._state_clients: dict[str, Client] = {}  # by the node's full name
         self._pace = Pace(self.parameter("rate"), self._tape.start_ns, paused=self.parameter("paused"))
-        self._steps = 0  # asked for and not yet made
+        self._steps = 0  # requested and not yet made
         self.rounds = 0
         self.started = False
         self.counts = {topic.name: 0 for topic in self._outlets}
@@ -120,14 +120,14 @@ class ReplayNode(BenchNode):
         self._rewind()
 
     def activate(self) -> None:
-        """Begin once the readers are found, or go on where the node was deactivated."""
+        """Start once the subscribers are found, or continue where the node was deactivated."""
         self._since = time.monotonic()
         if not self._pace.paused:
             self._pace.go(self._position)
         self._pump_timer = self.wall_timer(_TICK, self._pump)
 
     def deactivate(self) -> None:
-        """Stand still; everything given out reaches its readers."""
+        """Pause; everything published reaches its subscribers."""
         self.destroy_timer(self._pump_timer)
         self.deliver(*self._outlets.values())
 
@@ -161,7 +161,7 @@ class ReplayNode(BenchNode):
         return Diagnosis("paused" if self._pace.paused else "running", values)
 
     def tune(self) -> None:
-        """Go on at another rate."""
+        """Continue at another rate."""
         self._pace.rate = self.parameter("rate")
         if not self._pace.paused:
             self._pace.go(self._position)
@@ -181,22 +181,22 @@ class ReplayNode(BenchNode):
         )
 
     def on_finished(self) -> None:
-        """Do what is to be done when everything was given back and taken."""
+        """React to the end: everything was published and taken."""
         if not self.parameter("stay"):
             self.stop()
 
     @property
     def position(self) -> float:
-        """Time of the recording that was reached [s from the first sample]."""
+        """Current time of the recording [s from the first sample]."""
         return self._tape.seconds(self._position)
 
     @property
     def paused(self) -> bool:
-        """Whether the replay stands still."""
+        """Whether the replay is paused."""
         return self._pace.paused
 
     def pause(self, still: bool) -> None:
-        """Stand still, or go on."""
+        """Pause, or continue."""
         if still:
             self._pace.hold(self._position)
         else:
@@ -204,14 +204,14 @@ class ReplayNode(BenchNode):
             self._pace.go(self._position)
 
     def step(self) -> None:
-        """Stand still, and go one step further."""
+        """Pause, and go one step further."""
         self._pace.hold(self._position)
         self._steps += 1
 
-    # ---- giving out
+    # ---- publishing
 
     def _rewind(self) -> None:
-        """Be at the start of the range."""
+        """Go to the start of the range."""
         self._messages: Iterator[Message] = self._tape.messages(without=self.left_out)
         self._next = next(self._messages, None)
         self._position = self._clock_due = self._joints_due = self._tape.start_ns
@@ -222,7 +222,7 @@ class ReplayNode(BenchNode):
         self._slow = False
 
     def _pump(self) -> None:
-        """Give out what is due."""
+        """Publish what is due."""
         if self.finished or not (self.started or self._may_start()):
             return
         if self._asked < math.inf and not self._readers_have_all():
@@ -265,7 +265,7 @@ class ReplayNode(BenchNode):
         return topic
 
     def _tick_to(self, now_ns: float) -> None:
-        """Be at a time of the recording; the clock comes before the messages of its time."""
+        """Advance to a time of the recording; /clock is published before the messages of the same time."""
         while self._clock_outlet is not None and self._clock_due <= now_ns:
             self._clock_outlet.publish(wire.CLOCK.pack(self._clock_due))
             self._clock_due += _CLOCK_PERIOD_NS
@@ -275,7 +275,7 @@ class ReplayNode(BenchNode):
     def _publish_joints(publisher: Publisher, data: bytes) -> None:
         try:
             stamp, _, *values = wire.MEASUREMENT.unpack(data)
-        except ValueError:  # of another frame: given back, but not understood
+        except ValueError:  # of another frame: published, but not parsed
             return
         message = JointState(name=_JOINTS, position=values[:3])
         message.header.stamp = Time(nanoseconds=stamp).to_msg()
@@ -294,14 +294,14 @@ class ReplayNode(BenchNode):
             self._give_next()
         end = self._next is None
         self._tick_to(self._tape.end_ns if end else to)
-        if self._clock_outlet is not None:  # where it stands now, between two ticks
+        if self._clock_outlet is not None:  # the current time, between two ticks
             self._clock_outlet.publish(wire.CLOCK.pack(self._position))
         self._pace.hold(self._position)
         if end or min(self._room.values()) <= 0:
             self._ask_readers()
 
     def _pass_end(self) -> None:
-        """Begin again, or finish."""
+        """Start again, or finish."""
         self.rounds += 1
         if self.parameter("loop"):
             self._rewind()
@@ -309,10 +309,10 @@ class ReplayNode(BenchNode):
         self.finished = True
         self.on_finished()
 
-    # ---- readers
+    # ---- subscribers
 
     def _may_start(self) -> bool:
-        """Return whether the readers are there; leave out what others publish."""
+        """Return whether the subscribers are there; drop topics that others publish."""
         need = self.parameter("wait_for_subscribers")
         if time.monotonic() - self._since < self.parameter("wait"):
             return False
@@ -341,7 +341,7 @@ class ReplayNode(BenchNode):
         return True
 
     def _readers_are_active(self) -> bool:
-        """Return whether the nodes of the bench that read are active; one that is not for long is left behind."""
+        """Return whether the subscribing nodes of the bench are active, or the time to wait for them is over."""
         if time.monotonic() - self._since > self.parameter("wait") + _PATIENCE:
             return True
         if self._awaited is not None:
@@ -357,7 +357,7 @@ class ReplayNode(BenchNode):
         return False
 
     def _others(self, topic: Topic) -> list[str]:
-        """Return the nodes beside this one that publish a topic."""
+        """Return the other nodes that publish a topic."""
         found = self.get_publishers_info_by_topic(topic.name)
         return sorted({name for info in found if (name := _full_name(info)) != _own_name(self)})
 
@@ -366,7 +366,7 @@ class ReplayNode(BenchNode):
         self._awaited = None
 
     def _readers_have_all(self) -> bool:
-        """Return whether all that was given out has been taken; a reader that does not answer is left behind."""
+        """Return whether everything published was taken, or the time to wait for it is over."""
         late = time.monotonic() - self._asked > _PATIENCE
         if self._awaited is None:
             if not self.deliver(*self._outlets.values(), timeout=0.0) and not late:
@@ -384,14 +384,14 @@ class ReplayNode(BenchNode):
         for name, answer in self._awaited:
             if not answer.done():
                 self._state_clients[name].remove_pending_request(answer)
-        if self._slow and not self._pace.paused:  # such a wait is not made up for
+        if self._slow and not self._pace.paused:  # the time of the wait is not made up
             self._pace.go(self._position)
         self._asked, self._awaited, self._slow = math.inf, None, False
         self._room = self._room_of_readers()
         return True
 
     def _room_of_readers(self) -> dict[Topic, int]:
-        """Return how many messages of each topic may go out before the readers are waited for."""
+        """Return how many messages of each topic may be published before the node waits for subscribers."""
         return {
             topic: min(topic.depth // 2, WINDOW)
             if topic.depth >= _KEPT and outlet.get_subscription_count()
@@ -400,7 +400,7 @@ class ReplayNode(BenchNode):
         }
 
     def _bench_readers(self) -> list[tuple[str, Client]]:
-        """Return the nodes with a lifecycle that read what is given out, each with a client of its state."""
+        """Return the lifecycle nodes that subscribe, each with a client of its state."""
         names = {
             _full_name(info)
             for topic in self._outlets

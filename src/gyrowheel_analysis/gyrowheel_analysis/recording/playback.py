@@ -1,7 +1,7 @@
-"""The messages of a recording in the order in which they are given back to the graph, and their pace.
+"""Playback of a recording: its messages in the order in which they are due, and the pace. Needs no ROS.
 
-Needs no ROS. Messages are read as they are needed, whatever the storage of the bag, and given out as the bytes
-that were recorded.
+Messages of any storage are read when they are due, and yielded as the bytes that were recorded. The node ``replay``
+(`nodes.replay`) publishes them.
 """
 
 from __future__ import annotations
@@ -28,37 +28,37 @@ Message = tuple[int, Topic, bytes]
 
 _KNOWN: Final = {topic.name: topic for topic in topics.TOPICS}
 _DEPTH: Final = 100  # of topics that are not of the bench
-_LOOK_BACK_NS: Final = wire.SECOND  # setpoints stand 5 ms apart; those of others may stand wider
+_LOOK_BACK_NS: Final = wire.SECOND  # setpoints are 5 ms apart; those of other benches may be farther apart
 
 
 class Tape:
-    """A recording, opened to be given back message by message; use it as a context manager.
+    """A recording opened for playback message by message; a context manager.
 
     Parameters
     ----------
     directory : str or Path
         A rosbag2 directory of any storage, or one of its files.
     only : collection of str
-        Names of the topics to give back; empty: all that the recording has.
+        Names of the topics to play; empty: all topics of the recording.
     without : collection of str
         Names of topics to leave out.
     start, end : float
-        From when until when, in seconds from the first sample (from the first message where there are no
-        samples); the end may be infinite.
+        Range to play, in seconds from the first sample (from the first message where there are no samples); the
+        end may be infinite.
     setpoint_lead : float
-        How far the setpoints run ahead of the samples that they are for [s], as the conductor sends them: a node
-        that needs the setpoint of a sample has it by then.
+        Time by which setpoints precede their samples [s], as the conductor sends them: a node that needs the
+        setpoint of a sample has it by then.
 
     Attributes
     ----------
     path : Path
         Where the recording is.
     topics : dict of Topic to int
-        What is given back, and how many messages of it the whole recording has.
+        Topics that are played, and their number of messages in the whole recording.
     start_ns, end_ns : int
-        Times on the clock of the recording between which messages are given back [ns].
+        Range to play, as times on the clock of the recording [ns].
     zero_ns : int
-        Time that seconds are counted from [ns].
+        Time from which seconds are counted [ns].
 
     Raises
     ------
@@ -67,8 +67,8 @@ class Tape:
 
     Notes
     -----
-    What held at the start of a later range is given out first, with its own stamp: the messages of latched
-    topics, and the last setpoint.
+    A range that begins later starts with what held at its start, each with its own stamp: the messages of latched
+    topics and the last setpoint.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class Tape:
         self.path = Path(directory)
         if not start < end:
             raise InputError(f"{self.path}: from {start:g} s to {end:g} s: the end must lie behind the start")
-        # Counts, and checks every length and checksum of the files, which the reader below does not.
+        # counts messages, and checks every length and checksum of the files, which rosbags does not
         counts = {name: data.count for name, data in read_bag(self.path, {}).items() if data.count}
         for name in (*only, *without):
             if name not in counts:
@@ -121,7 +121,7 @@ class Tape:
         return (time_ns - self.zero_ns) / wire.SECOND
 
     def messages(self, *, without: Collection[Topic] = ()) -> Iterator[Message]:
-        """Yield the messages in the order in which they are due, from the start of the range.
+        """Yield the messages of the range in the order in which they are due.
 
         Setpoints are due `setpoint_lead` before their time, but not before the start.
 
@@ -144,7 +144,7 @@ class Tape:
             (max(due - self._lead_ns, start), topic, data)
             for due, topic, data in self._read(setpoints, start, end)
         )
-        # on a tie the setpoint comes first: it is what the sample needs
+        # at equal times the setpoint comes first, because the sample needs it
         yield from heapq.merge(ahead, self._read(others, start, end), key=itemgetter(0))
 
     def close(self) -> None:
@@ -190,20 +190,20 @@ class Tape:
                 yield start, topic, data
 
     def _read(self, chosen: Iterable[Topic], start_ns: int, end_ns: int) -> Iterator[Message]:
-        """Yield the messages of topics in the order of time, both ends included."""
+        """Yield the messages of topics by time, both ends included."""
         by_name = {topic.name: topic for topic in chosen}
         connections = [c for c in self._reader.connections if c.topic in by_name]
-        if not connections:  # to the reader this means all of them
+        if not connections:  # rosbags would take an empty list for all topics
             return
         try:
             for connection, time, data in self._reader.messages(connections, start_ns, end_ns + 1):
                 yield time, by_name[connection.topic], bytes(data)
-        except Exception as error:  # rosbags lets through what its parsers raise on damaged files
+        except Exception as error:  # on damaged files rosbags passes on whatever its parsers raise
             raise InputError(f"{self.path}: cannot be read: {one_line(error)}") from None
 
 
 class Pace:
-    """How far a replay may be at an instant of the wall clock.
+    """The pace of a replay: how far it may be at an instant of wall-clock time.
 
     Parameters
     ----------
@@ -212,12 +212,12 @@ class Pace:
     start_ns : int
         Time of the recording to begin at [ns].
     paused : bool
-        Whether it stands still at first.
+        Whether it starts paused.
 
     Attributes
     ----------
     paused : bool
-        Whether it stands still.
+        Whether it is paused.
     """
 
     def __init__(self, rate: float, start_ns: int, *, paused: bool = False) -> None:
@@ -225,15 +225,19 @@ class Pace:
             raise InputError(f"rate: {rate!r} is out of range; allowed: 0 (no limit) or more")
         self.rate = rate
         self.paused = paused
-        self._from: tuple[int, float | None] = start_ns, None  # time of the recording, and when it was [s]
+        # time of the recording [ns], and the wall-clock time at which it held [s]
+        self._from: tuple[int, float | None] = (
+            start_ns,
+            None,
+        )
 
     def limit(self, now: float) -> float:
-        """Return the time of the recording up to which messages are due at `now` [ns]; it may be infinite.
+        """Return the time of the recording up to which messages are due [ns]; it may be infinite.
 
         Parameters
         ----------
         now : float
-            A wall clock that does not jump [s].
+            Monotonic wall-clock time [s].
         """
         position, since = self._from
         if self.paused:
@@ -246,22 +250,22 @@ class Pace:
         return position + (now - since) * self.rate * wire.SECOND
 
     def hold(self, position_ns: int) -> None:
-        """Stand still at a time of the recording [ns]."""
+        """Pause at a time of the recording [ns]."""
         self.paused = True
         self._from = position_ns, None
 
     def go(self, position_ns: int) -> None:
-        """Go on from a time of the recording [ns] at the next call of `limit`."""
+        """Continue from a time of the recording [ns] at the next call of `limit`."""
         self.paused = False
         self._from = position_ns, None
 
     def move(self, position_ns: int) -> None:
-        """Be at another time of the recording [ns]; whether it stands still does not change."""
+        """Move to another time of the recording [ns], paused or not."""
         self._from = position_ns, None
 
 
 def parse_names(text: str) -> tuple[str, ...]:
-    """Return the topics named in a text, with commas or spaces between them."""
+    """Return the topic names in a text, separated by commas or spaces."""
     return tuple(text.replace(",", " ").split())
 
 
@@ -269,13 +273,13 @@ def _opened(path: Path) -> Reader:
     try:
         reader = Reader(path)
         reader.open()
-    except Exception as error:  # rosbags lets through what its parsers and sqlite3 raise on damaged files
+    except Exception as error:  # on damaged files rosbags passes on whatever its parsers and sqlite3 raise
         raise InputError(f"{path}: cannot be read: {one_line(error)}") from None
     return reader
 
 
 def _foreign(connection: Any) -> Topic:
-    """Return a topic that is not of the bench, with the durability that it was recorded with."""
+    """Return a topic that is not of the bench, with its recorded durability."""
     extension = connection.ext
     assert isinstance(extension, ConnectionExtRosbag2)
     profiles: list[Qos] = extension.offered_qos_profiles

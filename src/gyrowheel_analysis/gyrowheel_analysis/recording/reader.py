@@ -1,4 +1,4 @@
-"""Reading of recordings: the topics of the bench as numpy columns."""
+"""Reading of recordings: the topics of the bench as columns in memory."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ class Integrity:
     samples : int
         Different samples.
     missing : int
-        Samples that lie between those recorded but are not there.
+        Samples missing between the recorded ones.
     gaps : tuple of (int, int)
-        The missing ones: first sequence and number of them, in order.
+        First sequence number and length of each gap, in order.
     duplicates : int
-        Further copies of a sample; they have been left out.
+        Further copies of a sample; they are dropped.
     out_of_order : int
-        Samples that stand after a later one in the file; they have been put into order.
+        Samples that follow a later one in the file; they are sorted.
     not_finite : int
         Samples with a reading that is not a finite number.
     """
@@ -72,7 +72,7 @@ class Recording:
     command, setpoint, drag_estimate : structured ndarray
         ``stamp_ns`` and the fields of these messages; of length 0 where the recording has none.
     environment : list of Environment
-        What was planned for the rig; times in seconds from the start of the recording. Empty where unknown.
+        Planned environment of the rig; times [s] from the start of the recording. Empty where unknown.
     bench_text : str
         The description of the bench; empty where the recording has none.
     unchecked : int
@@ -148,7 +148,7 @@ class Recording:
 
     @cached_property
     def carried_bench(self) -> tuple[str, dict[str, float]] | None:
-        """Name and parameters [SI] of the bench that it says it is of; None where it says nothing that is known."""
+        """Name and parameters [SI] of the bench that the recording carries; None without a valid description."""
         try:
             content = json.loads(self.bench_text)
             name = content["name"]
@@ -175,18 +175,18 @@ class Recording:
         return np.multiply(stamp_ns - self.start_ns, 1e-9, dtype=np.float64)
 
     def integrity(self) -> Integrity:
-        """Return which samples are missing, and what else was wrong with them."""
+        """Return which samples are missing or faulty."""
         return self._integrity
 
 
 def _in_order(samples: npt.NDArray[Any], where: str) -> tuple[npt.NDArray[Any], Integrity]:
-    """Return the samples in order, each once, and what had to be done for it."""
+    """Return the samples sorted and without copies, and what was found on the way."""
     sequence = samples["sequence"].astype(np.int64)
     late = int(np.count_nonzero(sequence[1:] < np.maximum.accumulate(sequence)[:-1]))
     total = len(samples)
     if np.any(np.diff(samples["stamp_ns"]) <= 0):
         samples = samples[np.lexsort((sequence, samples["stamp_ns"]))]
-        # compared as bytes: what is no number equals itself here
+        # compared as bytes, so that NaN equals itself
         rows = samples.view(np.uint8).reshape(total, -1)
         samples = samples[np.r_[True, np.any(rows[1:] != rows[:-1], axis=1)]]
     steps = np.diff(samples["sequence"].astype(np.int64))
@@ -221,7 +221,7 @@ def _by_stamp(rows: npt.NDArray[Any]) -> npt.NDArray[Any]:
 def _environment(messages: list[str], start_ns: int, where: str) -> list[Environment]:
     """Return the environments that held, with times from the start of the recording.
 
-    A later message replaces what earlier ones had planned for the time from its first event on.
+    A later message replaces all that earlier ones planned from its first event on.
     """
     events: list[Environment] = []
     for text in messages:

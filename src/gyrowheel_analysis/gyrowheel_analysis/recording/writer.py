@@ -27,8 +27,8 @@ from gyrowheel_core.errors import InputError
 from gyrowheel_core.topics import Topic
 
 _LIVE_CHUNK: Final = 1 << 16  # bytes
-_LIVE_SPAN: Final = 0.1  # s; with the time between two flushes what is lost when the process is killed
-_RESERVE: Final = 1 << 18  # bytes; step in which the reserve grows
+_LIVE_SPAN: Final = 0.1  # s; a killed process loses this and the time between two flushes
+_RESERVE: Final = 1 << 18  # bytes; steps in which the reserve grows
 _RESERVE_FILE: Final = ".reserve"
 _COLUMN_CHUNK: Final = 1 << 20
 
@@ -41,17 +41,17 @@ class RecordingWriter:
     directory : str or Path
         To create; it must not exist, or be empty.
     chunk_size : int
-        How many bytes are collected before they go to the disk. What has gone there survives a killed
-        process, though not as a complete recording.
+        Bytes that are collected before they go to the disk. What is on the disk survives a killed process, but
+        the recording is not complete then.
     chunk_span : float
-        How much time of the bench is collected before it goes to the disk [s].
+        Bench time that is collected before it goes to the disk [s].
     max_size : int
-        Size from which a file is completed and the next one begun [bytes]; 0: no limit.
+        File size at which the next file begins [bytes]; 0: no limit.
     max_duration : float
-        Time of the bench after which a file is completed and the next one begun [s]; 0: no limit.
+        Bench time after which the next file begins [s]; 0: no limit.
     reserve : bool
-        Whether to keep room on the disk for completing the recording when the disk is full. The room is a
-        hidden file of some 256 kB in the directory, gone when the recording is complete.
+        Whether to reserve disk space so that the recording can be completed on a full disk. The reserve is a hidden
+        file of about 256 kB in the directory; it is removed when the recording is complete.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class RecordingWriter:
     counts : dict of str to int
         Messages written, by topic.
     custom_data : dict of str to str
-        What else to state in rosbag2's metadata; may be set until the recording is completed.
+        Further entries of rosbag2's metadata; may be set until the recording is completed.
 
     Raises
     ------
@@ -70,8 +70,8 @@ class RecordingWriter:
     Notes
     -----
     As a context manager it completes the recording at the end, and leaves it incomplete (without
-    ``metadata.yaml`` and the end of its file) after an exception. Every method raises `InputError` where the
-    disk does not take what is written; then `rescue` and `abort` are all that is left to do.
+    ``metadata.yaml`` and the end of its file) after an exception. Every method raises `InputError` if the
+    disk refuses a write; after that only `rescue` and `abort` may be called.
     """
 
     def __init__(
@@ -137,7 +137,7 @@ class RecordingWriter:
         ----------
         columns : iterable of (Topic, ndarray of int64, ndarray or sequence of bytes)
             Topic, times [ns] and serialized messages: an array of the topic's layout, or bytes for each.
-            Topics that come first stand first among messages of the same time.
+            At equal times, messages are in the order of the topics.
         """
         blocks = []
         for topic, times, messages in columns:
@@ -145,7 +145,7 @@ class RecordingWriter:
             self.counts[topic.name] += len(times)
             order = np.argsort(times, kind="stable")
             if isinstance(messages, np.ndarray):
-                # as plain bytes: indexing a structured array would fill its padding with whatever memory holds
+                # as plain bytes: indexing a structured array would leave its padding undefined
                 whole = messages.view(f"V{messages.dtype.itemsize}")
                 blocks.append(Block(channel, times[order], whole[order].view(messages.dtype)))
                 continue
@@ -158,7 +158,7 @@ class RecordingWriter:
             self._mcap.append_blocks(blocks)
 
     def flush(self) -> None:
-        """Send to the disk what has been collected, and see that the file is still there."""
+        """Send collected messages to the disk, and check that the file still exists."""
         with _disk_errors(self.path):
             self._mcap.flush()
         self._check_place()
@@ -178,12 +178,12 @@ class RecordingWriter:
             write_metadata(self.path, self._metadata(self._files))
 
     def rescue(self) -> bool:
-        """After an error of the disk: complete the recording as far as it was written.
+        """After a disk error: complete the recording as far as it was written.
 
         Returns
         -------
         bool
-            Whether this could be done; else the recording is left incomplete, as by `abort`.
+            Whether this succeeded; if not, the recording is left incomplete, as by `abort`.
         """
         self._drop_reserve()
         try:
@@ -232,7 +232,7 @@ class RecordingWriter:
             raise InputError(f"{self.path / self._name}: was moved or deleted while it was recorded")
 
     def _keep_reserve(self) -> None:
-        """Hold as much room as it takes to complete the recording."""
+        """Reserve the disk space that completing the recording takes."""
         if self._reserved < 0 or self._mcap.tail_size + _RESERVE // 2 <= self._reserved:
             return
         size = -(-(self._mcap.tail_size + _RESERVE) // _RESERVE) * _RESERVE
@@ -247,11 +247,11 @@ class RecordingWriter:
 
     @property
     def _file_complete(self) -> bool:
-        """Whether the current file is complete, and no next one could be begun."""
+        """Whether the current file is complete and the next one could not be created."""
         return bool(self._files) and self._files[-1].name == self._name
 
     def _in_files(self, name: str) -> int:
-        """Return how many messages of a topic have gone to the disk."""
+        """Return the number of messages of a topic that are on the disk."""
         channel = self._channels.get(name)
         return self._written.get(name, 0) + (0 if channel is None else self._mcap.counts[channel])
 
@@ -307,7 +307,7 @@ def being_written(path: Path) -> bool:
                 fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
         except BlockingIOError:
             return True
-        except OSError:  # it cannot be read, or the file system has no locks
+        except OSError:  # the file cannot be read, or the file system has no locks
             continue
     return False
 
@@ -324,7 +324,7 @@ def write_run(
     drag_estimates: Iterable[tuple[int, bytes]] = (),
     arrived: npt.NDArray[np.bool_] | None = None,
 ) -> Path:
-    """Write what a closed-loop run gave, as the recorder would have written it.
+    """Write a closed-loop run as the recorder would have written it.
 
     Parameters
     ----------
@@ -353,10 +353,10 @@ def write_run(
     Raises
     ------
     InputError
-        If the directory exists and is not empty, or the disk does not take the recording.
+        If the directory exists and is not empty, or the disk refuses the recording.
     """
     stamps = np.arange(len(measurement), dtype=np.int64) * round(sample_period * wire.SECOND)
-    # filled from the start: picking messages out would copy the fields and not what is between them
+    # built from selected rows: selecting messages would copy their fields but not their padding
     kept = np.arange(len(measurement)) if arrived is None else np.flatnonzero(arrived)
     readings = _messages(wire.MEASUREMENT, stamps[kept])
     readings["sequence"] = kept

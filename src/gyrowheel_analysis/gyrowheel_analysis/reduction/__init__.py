@@ -1,9 +1,13 @@
 """From 2 kHz samples to windows of whole revolutions: smooth motion, harmonics of the spin, mean voltages.
 
-A window is described so that the torque which its motion needs can be computed exactly: the tilt as a polynomial in
-time plus its first and second harmonics of the spin angle, whose amplitudes may vary in the window (on a cone they
-turn with the tilt), the smooth spin rate, and the harmonics of the motor's current. Voltages and currents are plain
-means, which leaves their noise simple.
+A window holds what it takes to compute exactly the torque that its motion needs: the tilt as a polynomial in time and
+its first and second harmonics of the spin angle, the smooth spin rate, and the harmonics of the motor current. The
+amplitudes of the harmonics may vary within the window (on a cone they turn with the tilt). Voltages and currents are
+plain means, so that their noise is simple.
+
+In the order of the work: `samples` (what goes in), `quality` (missing, clipped, spiked and noisy readings),
+`motor_temperature`, `steady` (which stretches are steady motion), `window_fit` (one window), `recorded` (the windows of
+a recording) or `planned` (those that a plan would give), `windows` (what comes out), `coverage`, `groups`.
 """
 
 from gyrowheel_analysis.reduction.coverage import Coverage

@@ -1,4 +1,4 @@
-"""How much of a recording takes part in what is said of it, and why the rest does not."""
+"""How much of a recording is used by the analysis, and why the rest is not."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ _SHOWN = 0.05  # s
 
 @dataclass(frozen=True)
 class Coverage:
-    """What became of the steady motion in recordings: what is neither a ramp nor the settling after one.
+    """How much of the steady motion in recordings is used. Steady is all but ramps and the settling after them.
 
     Attributes
     ----------
     recorded : float
         Length of the recordings [s].
     used : float
-        What lies in windows [s].
+        Steady motion that lies in windows [s].
     left_out : dict of str to float
-        Steady motion that lies in none, by reason [s].
+        Steady motion outside of windows [s], by reason.
     assumed : tuple of str
-        What was never measured, and what was taken in its place.
+        Quantities that were never measured, and what is assumed instead.
     """
 
     recorded: float = 0.0
@@ -38,12 +38,12 @@ class Coverage:
 
     @property
     def complete(self) -> bool:
-        """Whether nearly all of the steady motion takes part, and nothing had to be assumed in place of readings."""
+        """Whether nearly all of the steady motion is used, and nothing had to be assumed."""
         return not self.assumed and self.used >= _NEARLY_ALL * self.steady
 
     @classmethod
     def of(cls, parts: Iterable[Coverage]) -> Coverage:
-        """Return that of several recordings."""
+        """Return the coverage of several recordings together."""
         parts = list(parts)
         recorded, used, left_out = 0.0, 0.0, dict[str, float]()
         for part in parts:

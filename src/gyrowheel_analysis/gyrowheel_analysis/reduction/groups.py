@@ -1,4 +1,4 @@
-"""Which windows belong together: those of one speed, and those of one direction of the tilt."""
+"""Groups of windows: of the same speed, and of the same tilt direction."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from gyrowheel_core.units import DEG
 
-#: Speeds within this part of the slowest of them are one.
+#: Speeds within this fraction of the slowest of a group are the same.
 SAME_SPEED = 0.04
 #: A tilt below this has no direction [rad].
 UPRIGHT = 0.3 * DEG
 
 
 def speed_groups(spin_rate: Any) -> list[NDArray[np.int64]]:
-    """Return the places of every speed, slowest first; speeds within 4 % are one.
+    """Return the indices of the windows of each speed, slowest first; speeds within 4 % are the same.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def speed_groups(spin_rate: Any) -> list[NDArray[np.int64]]:
 
 
 def direction_groups(tilt: Any) -> list[NDArray[np.int64]]:
-    """Return the places of every eighth of the circle in which a tilt lies; upright ones first.
+    """Return the indices of the windows of each octant of tilt direction; upright ones first.
 
     Parameters
     ----------
@@ -48,14 +48,14 @@ def direction_groups(tilt: Any) -> list[NDArray[np.int64]]:
 
 
 def octants(tilt: Any) -> NDArray[np.int64]:
-    """Return the eighth of the circle in which each tilt (n,) lies, 0 about the x axis; -1 where it is upright."""
+    """Return the octant of each tilt direction (n,), 0 about the x axis; -1 where the rotor is upright."""
     z = np.asarray(tilt, dtype=complex)
     eighth = np.round(np.angle(z) / (math.pi / 4.0)).astype(np.int64) % 8
     return np.where(np.abs(z) < UPRIGHT, -1, eighth)
 
 
 def masks(groups: Sequence[NDArray[np.int64]], count: int) -> list[NDArray[np.bool_]]:
-    """Return groups of places among `count` as masks."""
+    """Return groups of indices as masks of length `count`."""
     result = []
     for group in groups:
         mask = np.zeros(count, dtype=bool)

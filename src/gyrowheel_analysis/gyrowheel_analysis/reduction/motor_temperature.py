@@ -1,4 +1,4 @@
-"""Temperatures of the motor, which no sensor reads: reckoned from its recorded current."""
+"""Temperatures of the motor, which no sensor measures: computed from the recorded current."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from gyrowheel_analysis.reduction.samples import Array, Samples
 from gyrowheel_sim.bench import Bench
 
-#: Bench parameters on which the reckoned temperatures of the motor depend.
+#: Bench parameters on which the computed motor temperatures depend.
 MOTOR_THERMAL = (
     "winding_heat_capacity",
     "winding_thermal_resistance",
@@ -22,12 +22,12 @@ _THERMAL_STEP = 0.1  # s
 
 
 def motor_temperatures(data: Samples, bench: Bench) -> tuple[Array, Array, Array]:
-    """Reckon the temperatures of the motor's winding and magnets from the recorded current.
+    """Compute the temperatures of the motor's winding and magnets from the recorded current.
 
     Parameters
     ----------
     data : Samples
-        The recording; the motor is taken to have the temperature of the air at its start.
+        The recording; at its start the motor is assumed to have the air temperature.
     bench : Bench
         Gives the heat capacities and thermal resistances (`MOTOR_THERMAL`).
 
@@ -45,7 +45,7 @@ def motor_temperatures(data: Samples, bench: Bench) -> tuple[Array, Array, Array
         return np.zeros(1), np.full((1, 2), bench.value("air_temperature")), np.zeros((1, 2, len(stated)))
     block = ((data.time - data.time[0]) / _THERMAL_STEP).astype(np.int64)
     count = int(block[-1]) + 1
-    # blocks without any sample keep the heating of the one before
+    # a block without samples has the heating of the one before
     samples = np.bincount(block, minlength=count)
     sums = np.bincount(block, weights=data.readings.motor_current**2, minlength=count)
     known = np.flatnonzero(samples)
@@ -62,7 +62,7 @@ def motor_temperatures(data: Samples, bench: Bench) -> tuple[Array, Array, Array
 
 
 def _warming(power: Array, parameters: Array) -> Array:
-    """Return how far winding and magnets are above the air, (m + 1, 2) [K], for the heating in each step (m,) [W]."""
+    """Return the temperature rise of winding and magnets (m + 1, 2) [K], given the heating of each step (m,) [W]."""
     winding, resistance, magnets, outer = parameters
     inward, outward = 1.0 / resistance, 1.0 / outer
     rates = np.array(
@@ -84,7 +84,7 @@ def _fading(step: float, before: float, more: float) -> float:
 
 
 def interpolated(time: Array, values: Array, when: float) -> Array:
-    """Interpolate rows of `values`, which are those of `motor_temperatures` at its instants `time`."""
+    """Interpolate rows of `values`, as `motor_temperatures` returns them at its instants `time`."""
     place = float(np.clip((when - time[0]) / _THERMAL_STEP, 0.0, len(time) - 1.0))
     low = min(int(place), max(len(time) - 2, 0))
     high = min(low + 1, len(time) - 1)

@@ -27,14 +27,14 @@ from gyrowheel_sim.bench import Bench
 
 
 def planned_windows(plan: Plan, bench: Bench) -> Windows:
-    """Return the windows that a plan would give if the loops followed it exactly: for judging it before it is run.
+    """Return the windows that a plan would give if the loops followed it exactly, to judge it before it is run.
 
     Parameters
     ----------
     plan : Plan
         The plan.
     bench : Bench
-        Gives the noise, the air and the times of the heater.
+        Gives the noise, the state of the air and the time constant of the heated coils.
     """
     h, noise = bench.sample_period, bench.value
     powers = np.arange(DEGREE + 1)
@@ -88,7 +88,7 @@ def planned_windows(plan: Plan, bench: Bench) -> Windows:
                     "current_ripple": 0.0j,
                     "voltage_ripple": 0.0j,
                     **attitude(s.environment),
-                    # the ends of a polynomial of this degree: see `fit_window`
+                    # variance at the ends of a polynomial of this degree: see `fit_window`
                     "tilt_rate_variance": 2.0
                     * (DEGREE + 1) ** 2
                     / samples

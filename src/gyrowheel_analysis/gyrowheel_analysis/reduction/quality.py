@@ -1,4 +1,4 @@
-"""What is wrong with single readings: their noise, the ends of their ranges, spikes, and those that are missing."""
+"""Quality of the readings: missing ones, noise, clipping and spikes."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from gyrowheel_analysis.reduction.samples import Array, Samples
 from gyrowheel_core.readings import READINGS, Readings
 from gyrowheel_sim.bench import Bench
 
-#: Readings that hardly change; the air first, because coils without a thermometer are taken to be as warm as the air.
+#: Readings that change slowly; the air first, because coils without a sensor are assumed to have its temperature.
 _FILLED = ("air_temperature", "air_pressure", "coil_temperature")
 #: The same in the order of the message.
 SLOW = tuple(name for name in READINGS if name in _FILLED)
-#: Readings without which a sample is of no use.
+#: Readings without which a sample is not used.
 NEEDED = tuple(name for name in READINGS if name not in SLOW)
-#: Readings that show the white noise of each name in the bench file; none where the stated noise is kept.
+#: Readings from which the white noise of each name in the bench file is estimated; none: the stated noise is kept.
 _NOISE_SHOWN_BY: dict[str, tuple[str, ...]] = {
     "tilt_noise": ("tilt_x", "tilt_y"),
     "spin_angle_noise": ("spin_angle",),
@@ -34,13 +34,13 @@ _NOISE_SHOWN_BY: dict[str, tuple[str, ...]] = {
 READING_NOISES = tuple(_NOISE_SHOWN_BY)
 #: Readings that a sensor clips at the end of its range.
 _CLIPPED = ("tilt_x", "tilt_y", "spin_rate", "motor_current")
-_NOISE_BLOCKS = (256, 64)  # samples; the short ones where many samples are lost
+_NOISE_BLOCKS = (256, 64)  # samples; short blocks where many samples are lost
 _MOST_BLOCKS = 400
 _FEWEST_BLOCKS = 20
-_NOISE_BAND = (0.4, 0.97)  # of half the sampling rate: above every motion, below what a filter may cut away
-_NOISE_RANGE = (0.5, 50.0)  # times the stated noise that is believed
+_NOISE_BAND = (0.4, 0.97)  # of half the sampling rate: above every motion, below the corner of a filter
+_NOISE_RANGE = (0.5, 50.0)  # of the estimated noise over the stated one; estimates beyond are limited to it
 _SPIKE = 8.0  # robust standard deviations
-_MOST_SPIKES = 0.02  # of the samples; more of them are no spikes
+_MOST_SPIKES = 0.02  # of the samples; if there are more, they are not spikes
 _SPIKE_ROUNDS = 12
 
 
@@ -50,19 +50,19 @@ def readable(data: Samples, bench: Bench) -> tuple[Samples, Array, tuple[str, ..
     Parameters
     ----------
     data : Samples
-        The recording; what was not measured is NaN (or not finite).
+        The recording; a reading that was not taken is not finite.
     bench : Bench
-        Gives the state of the air where it was not measured.
+        Gives the state of the air if it was never measured.
 
     Returns
     -------
     data : Samples
-        Without the samples that lack one of `NEEDED`, as if they had been lost; between readings of the temperatures
-        and the pressure, which hardly change, it is interpolated. The same object if nothing is missing.
+        Without the samples that lack one of `NEEDED`, as if they had been lost. Missing temperatures and pressures,
+        which change slowly, are interpolated. The same object if nothing is missing.
     without : ndarray (m,)
-        Times of the samples left out [s].
+        Times of the dropped samples [s].
     assumed : tuple of str
-        What was never measured, and what is taken in its place.
+        Quantities that were never measured, and what is assumed instead.
     """
     finite = np.isfinite(data.readings.array)
     if finite.all():
@@ -92,9 +92,10 @@ def readable(data: Samples, bench: Bench) -> tuple[Samples, Array, tuple[str, ..
 def reading_noise(data: Samples, bench: Bench) -> Array:
     """Return the standard deviation of the white noise of the readings of `READING_NOISES` [SI], (6,).
 
-    It is that of the upper part of the spectrum, where nothing moves; the median there passes over lines, as those of
-    the motor's ripple. What the controller makes of its readings reaches up to there in the coils' voltages, so that
-    the stated noise is kept for these; so it is where too many samples are lost, or the spectrum is empty.
+    It is estimated from the upper part of the spectrum, above every motion, by the median, which ignores lines such as
+    those of the motor ripple. The coil voltages keep the stated noise, because there the controller's response to the
+    noise of its readings reaches into that band. So do all readings if too many samples are lost, and a reading whose
+    spectrum is empty.
     """
     stated = np.array([bench.value(name) for name in READING_NOISES])
     shown = [name for names in _NOISE_SHOWN_BY.values() for name in names]
@@ -132,7 +133,7 @@ def reading_noise(data: Samples, bench: Bench) -> Array:
 
 
 def clipped_readings(data: Samples) -> NDArray[np.bool_]:
-    """Return where a reading of tilt, speed or current stands at the end of its range, as a clipped one does."""
+    """Return where a reading of tilt, speed or current is clipped: it stays at the end of its range."""
     result = np.zeros(len(data.time), dtype=bool)
     if not len(data.time):
         return result
@@ -140,7 +141,7 @@ def clipped_readings(data: Samples) -> NDArray[np.bool_]:
         values = data.readings[name]
         for end in (values.min(), values.max()):
             at = values == end
-            # noise reaches its extreme once; a reading without any noise stands anywhere for long
+            # a noisy reading reaches its extreme once; one without noise may stay at any value for long
             if at.sum() > 20 and not _quantised(values):
                 result |= at
     return result
@@ -153,30 +154,30 @@ def _quantised(values: Array) -> bool:
 
 
 def despiked(readings: Any, design: Array, gram: Array) -> tuple[Any, Any, Any]:
-    """Fit columns of readings (n, columns) without their spikes.
+    """Fit columns of readings (n, columns) robustly against spikes.
 
     Parameters
     ----------
     readings : ndarray (n, columns)
         Real or complex.
     design : ndarray (n, terms)
-        What is fitted to each of them.
+        Terms that are fitted to each column.
     gram : ndarray (terms, terms)
         Inverse of ``design.T @ design``.
 
     Returns
     -------
     readings : ndarray (n, columns)
-        With each spike replaced by what the fit to all the others says there.
+        The readings, each spike replaced by the value of the fit to all others.
     fit : ndarray (columns, terms)
         Coefficients of the columns of `design`.
     left : ndarray (n, columns)
-        What the fit leaves of the readings.
+        Residuals of the fit.
     """
     pseudo = gram @ design.T
     fit, left = _fitted(readings, design, pseudo)
     found = np.zeros(readings.shape, dtype=bool)
-    # a spike pulls the fit, which hides the smaller ones until it is gone
+    # a spike pulls the fit and hides smaller spikes until it is removed
     for _ in range(_SPIKE_ROUNDS):
         more = _spikes(left) & ~found
         more &= (found | more).mean(axis=0) <= _MOST_SPIKES
@@ -194,7 +195,7 @@ def despiked(readings: Any, design: Array, gram: Array) -> tuple[Any, Any, Any]:
 
 
 def _fitted(readings: Any, design: Array, pseudo: Array) -> tuple[Any, Any]:
-    """Return the coefficients (columns, terms) of a fit and what it leaves; complex readings as pairs of real ones."""
+    """Return the coefficients (columns, terms) and the residuals of a fit; complex readings as pairs of real ones."""
     numbers = np.ascontiguousarray(readings).view(np.float64)
     fit = pseudo @ numbers
     left = numbers - design @ fit
@@ -202,18 +203,18 @@ def _fitted(readings: Any, design: Array, pseudo: Array) -> tuple[Any, Any]:
 
 
 def _spikes(left: Any) -> NDArray[np.bool_]:
-    """Return which residuals (n, columns) stand alone, far above all others; none in a column with many of them."""
+    """Return which residuals (n, columns) are isolated and far above the others; none in a column with many of them."""
     size = np.abs(left)
     if not len(size):
         return np.zeros(size.shape, dtype=bool)
     # the median of the absolute value of a Gaussian number, real or complex
     scale = np.median(size, axis=0) / np.where(np.any(left.imag, axis=0), 1.1774, 0.6745)
-    # beside the largest ones, which pull a fit towards them so that their neighbours seem to be far off too
+    # relative to the largest one too: it pulls the fit, so that its neighbours seem far off
     far = size > np.maximum(_SPIKE * scale, 0.3 * size.max(axis=0))
     return np.asarray(far & (far.mean(axis=0) <= _MOST_SPIKES) & (scale > 0.0))
 
 
 def without_spikes(values: Array) -> Array:
-    """Return readings that hardly change (n, columns) with their spikes replaced by the median."""
+    """Return slow readings (n, columns) with their spikes replaced by the median."""
     middle = np.median(values, axis=0)
     return np.where(_spikes(values - middle), middle, values)

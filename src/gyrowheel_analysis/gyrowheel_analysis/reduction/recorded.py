@@ -1,4 +1,4 @@
-"""The windows of a recording."""
+"""Reduction of a recording to windows."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from gyrowheel_analysis.reduction.window_fit import FEWEST_SAMPLES, fit_window
 from gyrowheel_analysis.reduction.windows import DEGREE, MEAN, RISE, Windows
 from gyrowheel_sim.bench import Bench
 
-#: A window of a cone in which the speed changes faster than so [rad/s^2], or is farther from the last one, is left out.
+#: A window of a cone is left out if its speed changes faster than this [rad/s^2], or differs by more from the last one.
 _CONE_DRIFT, _CONE_OFF = 2.0, 0.01
-_SETTLES_BY = 0.2  # s; by so much later a window begins if its motion has not settled
-#: Why steady motion lies in no window.
+_SETTLES_BY = 0.2  # s; delay of the start of a window whose motion has not settled
+#: Reasons why steady motion lies in no window.
 _TOO_FEW = "with too few samples or revolutions"
 _UNREAD = "with readings missing"
 _CLIPPED = "with a reading at the end of its range"
@@ -37,12 +37,12 @@ def reduce(data: Samples, bench: Bench) -> Windows:
 
 
 def reduce_and_account(data: Samples, bench: Bench) -> tuple[Windows, Coverage]:
-    """Reduce a recording to windows of whole revolutions, and say how much of it lies in them.
+    """Reduce a recording to windows of whole revolutions, and account for what is not used.
 
     Parameters
     ----------
     data : Samples
-        The recording's columns; a reading that is not finite was not measured, see `readable`.
+        The recording; a reading that is not finite was not taken, see `readable`.
     bench : Bench
         Gives the noise of the readings.
 
@@ -51,7 +51,7 @@ def reduce_and_account(data: Samples, bench: Bench) -> tuple[Windows, Coverage]:
     windows : Windows
         In time order; empty if the recording has no steady motion.
     coverage : Coverage
-        What became of the steady motion.
+        How much of the steady motion is used.
     """
     h = bench.sample_period
     length = float(data.time[-1] - data.time[0]) + h if len(data.time) else 0.0
@@ -104,9 +104,9 @@ def _window(
     end: float,
     cone_speed: float | None,
 ) -> tuple[dict[str, Any] | None, float, str]:
-    """Return the window between two times, when it begins, and why there is none (empty: too few samples).
+    """Return the window between two times, its start, and why there is none (empty: too few samples).
 
-    A hold that has not settled begins later. A cone cannot; `cone_speed` is the one that it must have reached.
+    The window of a hold that has not settled starts later. That of a cone cannot; it must have reached `cone_speed`.
     """
     why = ""
     while end - begin >= SHORTEST:
@@ -129,13 +129,13 @@ def _window(
 
 
 def _why_too_few(time: Array, without: Array, start: float, stop: float, h: float) -> str:
-    """Return why too few samples lie between two times: whether there would be enough if all had been read."""
+    """Return why there are too few samples between two times: unread, if with those left out there are enough."""
     have, unread = (int(np.diff(np.searchsorted(times, (start, stop)))[0]) for times in (time, without))
     needed = FEWEST_SAMPLES * (stop - start) / h
     return _UNREAD if have < needed <= have + unread else _TOO_FEW
 
 
 def _at_speed(row: dict[str, Any], last: float, length: float) -> bool:
-    """Whether the rotor has come to the speed of a cone: it neither changes nor is it at a turning point."""
+    """Whether the rotor has reached the speed of a cone: it does not change, and is not at a turning point."""
     change, mean = row["spin"] @ RISE[:DEGREE], row["spin"] @ MEAN[:DEGREE]
     return abs(change) <= _CONE_DRIFT * length and abs(mean - last) <= _CONE_OFF * last

@@ -1,4 +1,4 @@
-"""The columns of a recording from which windows are made."""
+"""The columns of a recording that the reduction needs."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Samples:
     time : ndarray (n,)
         Sampling instants [s].
     readings : Readings
-        Readings (n) [SI]; one that was not taken is not finite.
+        Readings [SI] of n samples; a reading that was not taken is not finite.
     setpoint_time : ndarray (m,)
         Times of the setpoints [s]; empty if there are none.
     setpoint : structured ndarray (m,)

@@ -1,4 +1,4 @@
-"""Which parts of a recording are steady motion, and into how long windows these are cut."""
+"""Steady motion in a recording, and the lengths of the windows into which it is divided."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from gyrowheel_control.plans.plan import HOLD
 from gyrowheel_core.readings import Readings
 from gyrowheel_core.units import DEG
 
-#: Time given to the loops to settle at the start of a steady motion [s]; the spin loop is the slower one.
+#: Settling time at the start of a steady motion [s]; the spin loop is the slower one.
 SETTLING = 0.5
 SPIN_SETTLING = 1.0
 SPEED_CHANGE = 2.0  # rad/s; a change of speed beyond this gets SPIN_SETTLING
-#: On a cone the windows are too short to follow the spin loop: after a change of speed it gets so much longer [s].
+#: Further settling time of a cone after a change of speed [s]: its windows are too short to follow the spin loop.
 CONE_SETTLING = 0.5
 LONGEST = 2.0  # s; longer holds are split, so that drift within a window stays small
 SHORTEST = 0.16  # s
-FEWEST_REVOLUTIONS = 4  # of a window; in fewer, harmonics and slow motion are hard to tell apart
-_ARC = 35.0 * DEG  # of a cone within one window
-_LEAST_TURN = FEWEST_REVOLUTIONS + 0.1  # revolutions of a part of a cone
+FEWEST_REVOLUTIONS = 4  # of a window; with fewer, harmonics and slow motion are hard to separate
+_ARC = 35.0 * DEG  # of a cone in one window
+_LEAST_TURN = FEWEST_REVOLUTIONS + 0.1  # revolutions in a window of a cone
 
 
 def steady_spans(data: Samples) -> list[tuple[float, float, int, float]]:
-    """Return the steady motions as (start, stop [s], segment, rate of the tilt's direction [rad/s]).
+    """Return the steady motions as (start, stop [s], segment, precession rate of the tilt [rad/s]).
 
-    They are taken from the setpoints where there are any, else found in the motion itself.
+    They come from the setpoints if there are any, else from the motion itself.
     """
     if len(data.setpoint_time):
         return _spans_from_setpoints(data)
@@ -57,7 +57,7 @@ def _spans_from_setpoints(data: Samples) -> list[tuple[float, float, int, float]
 
 
 def _spans_from_motion(data: Samples) -> list[tuple[float, float, int, float]]:
-    """Find steady motion by itself: the tilt rate and the spin acceleration change little over 0.25 s."""
+    """Find steady motion without setpoints: tilt rate and spin acceleration change little over 0.25 s."""
     if len(data.time) < 2:
         return []
     h = float(np.median(np.diff(data.time)))
@@ -84,16 +84,16 @@ def _spans_from_motion(data: Samples) -> list[tuple[float, float, int, float]]:
 
 
 def cone_window(turn: float, spin: float) -> float:
-    """Return how long the windows of a cone are [s]: short enough that it bends little, of enough whole revolutions.
+    """Return the length of the windows of a cone [s]: a short arc, but enough whole revolutions.
 
     Parameters
     ----------
     turn, spin : float
-        Rate of the tilt's direction, and spin rate [rad/s].
+        Precession rate and spin rate [rad/s].
     """
     return min(LONGEST, max(_ARC / turn, SHORTEST, _LEAST_TURN * 2.0 * math.pi / spin))
 
 
 def window_count(length: float, longest: float, *, cone: bool) -> int:
-    """Return into how many windows to cut a motion: not shorter than `longest` [s] on a cone, else not longer."""
+    """Return the number of windows of a motion: each at least `longest` [s] on a cone, else at most."""
     return max(math.floor(length / longest) if cone else math.ceil(length / longest - 1e-6), 1)

@@ -16,16 +16,15 @@ from gyrowheel_analysis.reduction.windows import DEGREE, FORWARD, HARMONICS, MEA
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import Environment
 
-#: Terms of the polynomial of the spin angle in windows shorter than so many seconds: the short ones know the
-#: acceleration far better by a cubic, the long ones hold what the spin loop does after every change of the tilt.
+#: Terms of the polynomial of the spin angle, by the longest window [s] that has them: a cubic gives the acceleration of
+#: short windows far better; long windows contain the response of the spin loop to a change of tilt.
 _SPIN_TERMS = ((0.5, 4), (1.0, 8), (math.inf, 12))
-#: Share of the samples of a window that must be there.
+#: Fraction of the samples of a window that must be present.
 FEWEST_SAMPLES = 0.7
-#: Mean square, in its noise, of four more terms of the polynomials: beyond it the motion is not settled.
+#: Mean square of `_FURTHER` more terms of the polynomials, relative to noise, beyond which the motion has not settled.
 _UNSETTLED_TILT, _UNSETTLED_ANGLE = 10.0, 20.0
 _FURTHER = 4
-#: What a window leaves of the motor's current beside harmonics and ripple, in its noise: beyond it something goes on
-#: that averages do not describe, as a supply that fails.
+#: Residual motor current, relative to noise, beyond which averages do not describe it (a failing supply, say).
 _RESTLESS = 30.0
 #: Columns of what is fitted: tilt, motor current, coil voltages, spin rate, motor voltage.
 _TILT, _CURRENT, _COIL, _SPIN, _MOTOR = range(5)
@@ -69,8 +68,8 @@ def fit_window(
     Returns
     -------
     dict or None
-        The fields of `Windows` for this window but ``segment``, and ``unsettled``: whether the motion is beyond what
-        the polynomials can follow. None if there are too few samples or revolutions.
+        The fields of `Windows` for this window except ``segment``, and ``unsettled``: whether the polynomials cannot
+        follow the motion. None if there are too few samples or revolutions.
     """
     if j - i < 3 * FEWEST_REVOLUTIONS:
         return None
@@ -84,7 +83,7 @@ def fit_window(
     time, own = data.time[i:j], data.readings[i:j]
     if len(time) < FEWEST_SAMPLES * (time[-1] - time[0]) / h or time[-1] - time[0] < 0.5 * SHORTEST:
         return None  # too many samples lost
-    # a reading of a voltage is of the interval that ends with it
+    # a voltage reading belongs to the interval that ends with it
     begin, end = float(time[0]) - h, float(time[-1])
     duration = end - begin
     x = (time - 0.5 * (begin + end)) / (0.5 * duration)
@@ -92,7 +91,7 @@ def fit_window(
     powers = np.vander(x, degree, increasing=True)
     waves = _waves(angle, powers[:, :MODULATION])
     design = np.hstack([powers, waves])
-    # the smooth part of the speed comes from the angle, which knows its slope far better
+    # the smooth part of the speed comes from the angle, which gives its slope far better
     readings = np.column_stack(  # in the order of `_TILT`, `_CURRENT`, ...
         [
             own.tilt_x + 1j * own.tilt_y,
@@ -125,7 +124,7 @@ def fit_window(
     )
     inverse = gram[:degree, :degree]
     rise = RISE / duration
-    # mean of the second derivative of the angle: difference of its slope, n (n + 1) / 2 at the end, between the ends
+    # mean second derivative of the angle: difference between the ends of its slope, which is n (n + 1) / 2 at x = 1
     slope = np.array([k * (k + 1) * (1 - k % 2) for k in range(smooth)]) * 2.0 / duration**2
     slow = without_spikes(np.column_stack([own[name] for name in SLOW]))
     coil = slow[:, SLOW.index("coil_temperature")]
@@ -173,7 +172,7 @@ def fit_window(
 def _shortened(series: Array) -> Array:
     """Return a Legendre series as the coefficients of a polynomial of `DEGREE` terms.
 
-    Mean, slope and the change from end to end are kept, so that the mean torque that accelerates the rotor is.
+    Mean, slope and change from end to end are preserved, hence also the mean torque that accelerates the rotor.
     """
     short = np.zeros(DEGREE)
     short[: min(len(series), DEGREE)] = series[:DEGREE]
@@ -209,9 +208,9 @@ def _wave_variance(gram: Array, mean: Array) -> Array:
 
 
 def _more(x: Array, design: Array, gram: Array, left: Any, degree: int) -> float:
-    """Return the mean square that each of four more terms of the polynomial would explain of what a fit leaves."""
+    """Return the mean square of the residuals that each of `_FURTHER` more polynomial terms would explain."""
     further = np.polynomial.legendre.legvander(x, degree + _FURTHER - 1)[:, degree:]
-    # what the fit leaves has nothing of the design in it, so that only the square of the terms needs to be free of it
+    # the residuals are orthogonal to the design, so only the square of the terms must be projected
     shared = design.T @ further
     square = further.T @ further - shared.T @ gram @ shared
     along = further.T @ left
@@ -219,15 +218,15 @@ def _more(x: Array, design: Array, gram: Array, left: Any, degree: int) -> float
 
 
 def _held(order: Any, turn: float) -> Any:
-    """Return the factor from the amplitude of a sampled voltage to that of the voltage as it is held.
+    """Return the factor from the amplitude of a sampled voltage to that of the held voltage.
 
-    A sample is read at the end of the interval in which it acted; `turn` is the angle turned in an interval [rad].
+    A voltage is read at the end of the interval in which it acts; `turn` is the spin angle of an interval [rad].
     """
     half = 0.5 * order * turn
     return np.exp(1j * half) * np.sinc(half / math.pi)
 
 
 def _ripple(left: Array, angle: Array, bench: Bench) -> NDArray[np.complex128]:
-    """Return the amplitudes of the motor's ripple in what the smooth part and the harmonics leave, by column."""
+    """Return the amplitudes of the motor ripple in the residuals of the smooth part and harmonics, by column."""
     wave = np.exp(-1j * bench.value("motor_ripple_order") * angle)
     return np.asarray(wave @ left / len(angle), dtype=np.complex128)

@@ -1,4 +1,4 @@
-"""What a window is: polynomials in time and harmonics of the spin for the motion, means for the voltages."""
+"""Windows: motion as polynomials in time and harmonics of the spin angle, voltages as means."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from gyrowheel_core.units import DEG
 from gyrowheel_sim.environment import Environment
 
 HARMONICS = (-2, -1, 1, 2)
-#: Those of the coils' voltages that are compared: an effect that turns with the rotor acts forward.
+#: Harmonics of the coil voltages that are compared: an effect that turns with the rotor acts forward.
 FORWARD = (1, 2)
 DEGREE = 5  # of the polynomials in time
 MODULATION = 3  # terms of the polynomial in time of a harmonic's amplitude
-_CLEAR = 10.0  # times its noise that a harmonic, or an acceleration of the spin, must be to count
+_CLEAR = 10.0  # smallest ratio to its noise at which a harmonic or a spin acceleration counts
 
 #: Mean over -1..1, and difference between the ends, of the powers of x.
 MEAN = np.array([1.0 / (k + 1) if k % 2 == 0 else 0.0 for k in range(DEGREE + 1)])
@@ -57,16 +57,16 @@ class Windows:
     coil_temperature_rate : ndarray (n,)
         Slope of the coil temperature [K/s].
     motor_temperatures : ndarray (n, 2)
-        Temperatures of the motor's winding and magnets, reckoned from the recorded current [K].
+        Temperatures of the motor's winding and magnets, computed from the recorded current [K].
     motor_temperature_rates : ndarray (n, 2)
-        Their slopes [K/s].
+        Slopes of these temperatures [K/s].
     temperature_sensitivity : ndarray (n, 2, 4)
-        Their derivatives by the parameters of `MOTOR_THERMAL`.
+        Derivatives of these temperatures by the parameters of `MOTOR_THERMAL`.
     coil_harmonics : complex ndarray (n, 2)
         Amplitudes of exp(i h theta_z) in the coil voltages x + i y as they act between two samples, h in `FORWARD` [V].
     harmonic_variance : ndarray (n, 2)
-        Variance of these, and of those of the tilt, over that of a mean: more than one where a window has so few
-        revolutions that harmonics and slow motion are hard to tell apart.
+        Variance of these amplitudes, and of those of the tilt, relative to that of a mean: above one where a window
+        has so few revolutions that harmonics and slow motion are hard to separate.
     spin_ripple, current_ripple, voltage_ripple : complex ndarray (n,)
         Amplitude of exp(i p theta_z) in spin rate [rad/s], motor current [A] and motor voltage [V]; p is the order of
         the motor's ripple.
@@ -75,13 +75,13 @@ class Windows:
     up_across, home_x, home_y : complex ndarray (n,)
         Components across case z of that vector, and of the horizontal home axes.
     table_rate : ndarray (n,)
-        Rate of the table about the vertical, as commanded [rad/s].
+        Commanded rate of the rate table about the vertical [rad/s].
     tilt_rate_variance : ndarray (n,)
         Variance of the mean tilt rate, one axis, from white noise of the tilt readings [rad^2/s^2].
     spin_acceleration_variance : ndarray (n,)
         Variance of the mean spin acceleration from white noise of the angle readings [rad^2/s^4].
     reading_noise : ndarray (n, 6)
-        Standard deviation of the white noise of the readings of `READING_NOISES`, as the recording has it [SI].
+        Standard deviation of the white noise of the readings of `READING_NOISES` in the recording [SI].
     """
 
     start: Array
@@ -126,7 +126,7 @@ class Windows:
 
     @classmethod
     def of(cls, rows: Sequence[Mapping[str, Any]]) -> Windows:
-        """Return windows given one by one, each by the names of the attributes; there may be none."""
+        """Return windows from mappings of the attributes, one per window; there may be none."""
         names = [item.name for item in fields(cls)]
         if rows:
             return cls(**{name: np.array([row[name] for row in rows]) for name in names})
@@ -176,16 +176,16 @@ class Windows:
 
     @property
     def moving(self) -> NDArray[np.bool_]:
-        """Whether the tilt moves (a cone) or the speed does (a sweep), beyond the settling of a hold."""
+        """Whether the tilt moves (a cone) or the speed changes (a sweep), beyond the settling of a hold."""
         return (np.abs(self.mean_tilt_rate) > 0.5 * DEG) | (np.abs(self.mean_spin_acceleration) > 1.0)
 
 
 def without_noise(windows: Windows) -> Windows:
-    """Return the windows without those harmonics and accelerations that are not well above the noise of the readings.
+    """Return the windows without the harmonics and accelerations that are not well above the noise of the readings.
 
-    Where one of them is noise, so is every torque reckoned from it, and whatever multiplies such a torque (a gain, a
-    scale, a damping, a moment of inertia) would be fitted to the noise. An inertia would come out too small by the
-    share of the noise in the mean square of the accelerations (errors in variables), and all other scales with it.
+    A torque computed from noise is noise, and whatever multiplies it (a gain, a scale, a damping, a moment of inertia)
+    would be fitted to noise. An inertia would be too small by the share of noise in the mean square of the
+    accelerations (errors in variables), and so would all other scales.
     """
     v, n = windows.noise, windows.samples
     modulation = np.array([[MEAN[j + k] for k in range(MODULATION)] for j in range(MODULATION)])
@@ -207,7 +207,7 @@ def without_noise(windows: Windows) -> Windows:
         windows,
         spin=spin,
         tilt_harmonics=kept(windows.tilt_harmonics, v("tilt_noise")),
-        # of a real reading both signs of a harmonic share the noise
+        # the two signs of a harmonic of a real reading share its noise
         current_harmonics=kept(windows.current_harmonics, math.sqrt(0.5) * v("motor_current_noise")),
         spin_ripple=above(windows.spin_ripple, v("spin_rate_noise")),
         current_ripple=above(windows.current_ripple, v("motor_current_noise")),
@@ -221,7 +221,7 @@ def concatenate(parts: Sequence[Windows]) -> Windows:
 
 
 def attitude(environment: Environment) -> dict[str, Any]:
-    """Return the columns that say how the rig stands."""
+    """Return the columns that describe the attitude of the rig."""
     first, second = environment.home
     return {
         "up": environment.up,
