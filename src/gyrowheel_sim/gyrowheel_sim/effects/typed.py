@@ -17,8 +17,9 @@ from gyrowheel_sim.effects.declaration import Effect
 from gyrowheel_sim.effects.dimensions import MissingUnitError, Unit, check_unit
 from gyrowheel_sim.effects.formula import Formula, read
 from gyrowheel_sim.effects.grammar import MAX_LENGTH, NAME, shortened, unknown_names
+from gyrowheel_sim.effects.schema import LAW_FIELDS
 from gyrowheel_sim.effects.targets import TARGETS
-from gyrowheel_sim.effects.user import LAW_FIELDS, effect_from_mapping, effect_to_mapping
+from gyrowheel_sim.effects.user import effect_from_mapping, effect_to_mapping
 
 _FORM = "expected NAME: TARGET = FORMULA; COEFFICIENT [UNIT]; ..."
 _PREFIX = re.compile(rf"\s*({NAME.pattern})\s*:(.*)", re.DOTALL)

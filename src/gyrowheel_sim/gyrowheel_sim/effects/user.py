@@ -12,42 +12,26 @@ A declaration in a model file::
 from __future__ import annotations
 
 import contextlib
-import difflib
 import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 import sympy as sp
 
 from gyrowheel_core.errors import InputError
-from gyrowheel_sim.effects.declaration import Category, Coefficient, Effect, Law
+from gyrowheel_core.schema import check
+from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law
 from gyrowheel_sim.effects.dimensions import MissingUnitError, Unit, check_unit
 from gyrowheel_sim.effects.formula import Formula, read
-from gyrowheel_sim.effects.grammar import NAME, RESERVED
+from gyrowheel_sim.effects.grammar import NAME
 from gyrowheel_sim.effects.parts import ComplexArgumentError, is_real
 from gyrowheel_sim.effects.printing import to_text
 from gyrowheel_sim.effects.quantities import theta, theta_rate
+from gyrowheel_sim.effects.schema import LAW_FIELDS, CoefficientEntry, Declaration
 from gyrowheel_sim.effects.targets import TARGETS
-
-#: Names that a law may have in a declaration, and the targets that they mean.
-LAW_FIELDS: dict[str, str] = {"torque": "rotor_torque", **{target: target for target in TARGETS}}
-_TEXTS = ("title", "sentence", "validity", "source")
-_FIELDS = (*LAW_FIELDS, "coefficients", "category", "look_alikes", *_TEXTS)
-_COEFFICIENT_FIELDS = (
-    "unit",
-    "description",
-    "usual",
-    "bounds",
-    "signed",
-    "value",
-    "uncertainty",
-    "source",
-)
-_LONGEST_TEXT = 300
-_MOST_COEFFICIENTS = 12
 
 #: Where a law is tried: at rest on the axis, and tilted at speeds from 1000 to 4000 rpm.
 _SPEEDS = np.linspace(105.0, 420.0, 64)
@@ -88,11 +72,9 @@ def effect_from_mapping(name: str, mapping: object, where: str = "effect") -> Ef
     check_name(name, where)
     if not isinstance(mapping, Mapping):
         raise InputError(f"{where}: a mapping with a law and its coefficients is expected")
-    for key in mapping:
-        if key not in _FIELDS:
-            raise InputError(f"{where}.{_one_line(key, 60)}: no such field; {_nearest(str(key), _FIELDS)}")
-    entries = _coefficient_entries(mapping.get("coefficients"), f"{where}.coefficients")
-    formulas = _formulas(mapping, list(entries), where)
+    given = check(Declaration, mapping, where, separator=".")
+    entries = given.coefficients
+    formulas = _formulas(given.laws(), list(entries), where)
     units = _units(formulas, entries, f"{where}.coefficients")
     for formula, target in formulas:
         check_unit(formula, units, TARGETS[target].unit)
@@ -107,29 +89,18 @@ def effect_from_mapping(name: str, mapping: object, where: str = "effect") -> Ef
         for key, entry in entries.items()
     ]
     drafts.sort(key=lambda c: c.shape is not None)
-    texts = {key: _text(mapping.get(key, ""), f"{where}.{key}") for key in _TEXTS}
-    category = mapping.get("category", "other")
-    if category not in get_args(Category):
-        raise InputError(
-            f"{where}.category: {_one_line(category)} is not known; allowed: {', '.join(get_args(Category))}"
-        )
-    alike = mapping.get("look_alikes") or {}
-    if not isinstance(alike, Mapping):
-        raise InputError(f"{where}.look_alikes: a mapping of effects to tests is expected")
 
     def effect(coefficients: Sequence[Coefficient]) -> Effect:
         return Effect(
             name=name,
-            title=texts["title"] or name.replace("_", " "),
-            category=category,
-            sentence=texts["sentence"] or "Declared as a formula.",
+            title=given.title or name.replace("_", " "),
+            category=given.category,
+            sentence=given.sentence or "Declared as a formula.",
             laws=laws,
             coefficients=tuple(coefficients),
-            validity=texts["validity"] or "not stated",
-            source=texts["source"] or "a user's formula",
-            look_alikes={
-                _one_line(key, 40): _text(value, f"{where}.look_alikes") for key, value in alike.items()
-            },
+            validity=given.validity or "not stated",
+            source=given.source or "a user's formula",
+            look_alikes=given.look_alikes,
         )
 
     _try(effect(drafts), where)
@@ -173,33 +144,7 @@ def check_name(name: str, where: str, taken: Mapping[str, object] | None = None)
         raise InputError(f"{where}: there is an effect named '{name}' already; choose another name")
 
 
-def _coefficient_entries(raw: object, where: str) -> dict[str, dict[str, Any]]:
-    if not isinstance(raw, Mapping) or not raw:
-        raise InputError(f"{where}: missing; an effect needs a coefficient, e.g. k: {{unit: N*m/rad}}")
-    if len(raw) > _MOST_COEFFICIENTS:
-        raise InputError(f"{where}: {len(raw)} coefficients; allowed: up to {_MOST_COEFFICIENTS}")
-    entries: dict[str, dict[str, Any]] = {}
-    for key, given in raw.items():
-        if not isinstance(key, str) or NAME.fullmatch(key) is None:
-            raise InputError(
-                f"{where}: {_one_line(repr(key))} is no name of a coefficient; letters, digits and _ are allowed"
-            )
-        if key in RESERVED:
-            raise InputError(f"{where}.{key}: the name is taken; choose another")
-        entry = {} if given is None else {"unit": given} if isinstance(given, str) else given
-        if not isinstance(entry, Mapping):
-            raise InputError(
-                f"{where}.{key}: {_one_line(given)} is not a unit or a mapping with unit, usual, bounds"
-            )
-        for item in entry:
-            if item not in _COEFFICIENT_FIELDS:
-                hint = _nearest(str(item), _COEFFICIENT_FIELDS)
-                raise InputError(f"{where}.{key}.{_one_line(item)}: no such field; {hint}")
-        entries[key] = dict(entry)
-    return entries
-
-
-def _formulas(mapping: Mapping[Any, Any], names: list[str], where: str) -> list[tuple[Formula, str]]:
+def _formulas(mapping: Mapping[str, Any], names: list[str], where: str) -> list[tuple[Formula, str]]:
     formulas: list[tuple[Formula, str]] = []
     for key, target in LAW_FIELDS.items():
         if key not in mapping:
@@ -213,16 +158,9 @@ def _formulas(mapping: Mapping[Any, Any], names: list[str], where: str) -> list[
 
 
 def _units(
-    formulas: list[tuple[Formula, str]], entries: Mapping[str, Mapping[str, Any]], where: str
+    formulas: list[tuple[Formula, str]], entries: Mapping[str, CoefficientEntry], where: str
 ) -> dict[str, str]:
-    units: dict[str, str] = {}
-    for key, entry in entries.items():
-        if "unit" in entry:
-            try:
-                Unit.of(entry["unit"])
-            except InputError as error:
-                raise InputError(f"{where}.{key}.unit: {error}") from None
-            units[key] = str(entry["unit"]).strip().replace("**", "^").replace("·", "*").replace(" ", "")
+    units = {key: entry.unit for key, entry in entries.items() if entry.unit is not None}
     missing = [key for key in entries if key not in units]
     if not missing:
         return units
@@ -251,13 +189,13 @@ def _check_target(formula: Formula, target: str) -> None:
         raise formula.error(node, f"{target} is real, but the formula is complex: use abs, re or im")
 
 
-def _amplitudes(laws: Sequence[Law], entries: Mapping[str, Mapping[str, Any]], where: str) -> set[str]:
+def _amplitudes(laws: Sequence[Law], entries: Mapping[str, CoefficientEntry], where: str) -> set[str]:
     """Return the coefficients in which all laws are linear, and without which they vanish."""
     expressions = [law.expression for law in laws]
     free = [
         key
         for key, entry in entries.items()
-        if "uncertainty" not in entry and not any(_bends(e, key) for e in expressions)
+        if entry.uncertainty is None and not any(_bends(e, key) for e in expressions)
     ]
     found: list[set[str]] = []
     for count in range(len(free), 0, -1):
@@ -310,10 +248,8 @@ def _degree(e: sp.Expr, names: set[str]) -> int | None:
     return 1 if all(degrees) else None
 
 
-def _shape(name: str, unit: str, entry: Mapping[str, Any], where: str) -> Coefficient:
-    usual = _pair(entry["usual"], f"{where}.usual") if "usual" in entry else None
-    value = _number(entry["value"], f"{where}.value") if "value" in entry else None
-    spread = _number(entry["uncertainty"], f"{where}.uncertainty") if "uncertainty" in entry else None
+def _shape(name: str, unit: str, entry: CoefficientEntry, where: str) -> Coefficient:
+    usual, value, spread = entry.usual, entry.value, entry.uncertainty
     if usual is not None:
         value = 0.5 * (usual[0] + usual[1]) if value is None else value
         spread = 0.5 * (usual[1] - usual[0]) if spread is None else spread
@@ -331,43 +267,40 @@ def _shape(name: str, unit: str, entry: Mapping[str, Any], where: str) -> Coeffi
             if value > 0.0
             else (bounds[0], min(bounds[1], 0.01 * value))
         )
-    if "bounds" in entry:
-        bounds = _pair(entry["bounds"], f"{where}.bounds")
+    bounds = entry.bounds or bounds
     if not bounds[0] <= value <= bounds[1]:
         raise InputError(f"{where}.bounds: {bounds[0]:g} .. {bounds[1]:g} leave out the value {value:g}")
-    about, source = (_text(entry.get(key, ""), f"{where}.{key}") for key in ("description", "source"))
     return Coefficient(
-        name, unit, about or "shapes the law", usual, bounds, source or "assumed",
-        signed=_flag(entry, where, default=bounds[0] < 0.0), shape=value, shape_uncertainty=spread,
+        name, unit, entry.description or "shapes the law", usual, bounds, entry.source or "assumed",
+        signed=bounds[0] < 0.0 if entry.signed is None else entry.signed, shape=value, shape_uncertainty=spread,
     )  # fmt: skip
 
 
-def _amplitude(name: str, unit: str, entry: Mapping[str, Any], where: str) -> Coefficient:
+def _amplitude(name: str, unit: str, entry: CoefficientEntry, where: str) -> Coefficient:
     usual = (0.0, 0.0)  # not known yet, see _sized
-    if "value" in entry:
-        size = abs(_number(entry["value"], f"{where}.value"))
+    if entry.value is not None:
+        size = abs(entry.value)
         if size == 0.0:
             raise InputError(f"{where}.value: 0 is no usual size")
         usual = (_rounded(size / 3.0, 3), _rounded(size * 3.0, 3))
-    if "usual" in entry:
-        usual = _pair(entry["usual"], f"{where}.usual")
+    if entry.usual is not None:
+        usual = entry.usual
         if usual[0] <= 0.0:
             raise InputError(
                 f"{where}.usual: {usual[0]:g} is out of range; allowed: > 0 (sizes; both signs with signed: true)"
             )
     bounds = (-1000.0 * usual[1], 1000.0 * usual[1])
-    if "bounds" in entry:
-        bounds = _pair(entry["bounds"], f"{where}.bounds")
+    if entry.bounds is not None:
+        bounds = entry.bounds
         if not bounds[0] <= 0.0 <= bounds[1]:
             raise InputError(
                 f"{where}.bounds: {bounds[0]:g} .. {bounds[1]:g} leave out 0, which means no effect"
             )
         if bounds[1] < math.sqrt(usual[0] * usual[1]):
             raise InputError(f"{where}.bounds: {bounds[1]:g} is below the usual size")
-    about, source = (_text(entry.get(key, ""), f"{where}.{key}") for key in ("description", "source"))
     return Coefficient(
-        name, unit, about or "size", usual, bounds, source or "assumed",
-        signed=_flag(entry, where, default="bounds" not in entry or bounds[0] < 0.0),
+        name, unit, entry.description or "size", usual, bounds, entry.source or "assumed",
+        signed=(entry.bounds is None or bounds[0] < 0.0) if entry.signed is None else entry.signed,
     )  # fmt: skip
 
 
@@ -420,41 +353,6 @@ def _rounded(value: float, digits: int = 12) -> float:
     return float(f"{value:.{digits}g}")
 
 
-def _number(raw: object, where: str) -> float:
-    if isinstance(raw, bool) or not isinstance(raw, int | float):
-        raise InputError(f"{where}: {_one_line(raw)} is not a number")
-    if not math.isfinite(raw) or abs(raw) > 1e100:
-        raise InputError(f"{where}: {_one_line(raw)} is not finite")
-    return float(raw)
-
-
-def _pair(raw: object, where: str) -> tuple[float, float]:
-    if not isinstance(raw, list | tuple) or len(raw) != 2:
-        raise InputError(f"{where}: {_one_line(raw)} is not a pair of numbers, [low, high]")
-    low, high = (_number(value, where) for value in raw)
-    if not low < high:
-        raise InputError(f"{where}: [{low:g}, {high:g}] is empty; allowed: low < high")
-    return low, high
-
-
-def _flag(entry: Mapping[str, Any], where: str, *, default: bool) -> bool:
-    raw = entry.get("signed", default)
-    if not isinstance(raw, bool):
-        raise InputError(f"{where}.signed: {_one_line(raw)} is neither true nor false")
-    return raw
-
-
-def _text(raw: object, where: str) -> str:
-    if not isinstance(raw, str) or len(raw) > _LONGEST_TEXT:
-        raise InputError(f"{where}: {_one_line(raw)} is not a text of up to {_LONGEST_TEXT} characters")
-    return _one_line(raw, _LONGEST_TEXT)
-
-
 def _one_line(raw: object, longest: int = 60) -> str:
     text = "".join(c if c.isprintable() else " " for c in " ".join(str(raw).split()))
     return text if len(text) <= longest else f"{text[: longest - 3]}..."
-
-
-def _nearest(name: str, known: Sequence[str]) -> str:
-    near = difflib.get_close_matches(name[:60], known, n=1)
-    return f"did you mean {near[0]}?" if near else f"allowed: {', '.join(known)}"
