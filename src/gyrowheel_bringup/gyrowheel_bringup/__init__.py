@@ -1,3 +1,3 @@
-"""The gyrowheel command, and what starts the nodes of the bench."""
+"""The graph of nodes: sessions that start the nodes of the bench, and what viewers need."""
 
 __version__ = "0.1.0"

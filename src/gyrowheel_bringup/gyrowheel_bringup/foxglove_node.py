@@ -1,7 +1,7 @@
-"""The node ``foxglove``: shows the topics of the bench to the viewer Foxglove while they come.
+"""The node ``foxglove``: shows the topics of the running bench in the viewer Foxglove.
 
-Messages are passed on as the bytes that they are, at the time of the bench. The server listens on this computer
-alone. Needs the package foxglove-sdk, which the extra ``foxglove`` installs.
+Messages are passed on as bytes, at the time of the bench. The server listens on this computer only.
+Needs the package foxglove-sdk, which the extra ``foxglove`` installs.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from gyrowheel_core.topics import Topic
 HOST: Final = "127.0.0.1"
 PORT: Final = 8765
 _DESCRIPTION: Final = Topic("/robot_description", "std_msgs/msg/String", 1, latched=True)
-_BACKLOG: Final = 20_000  # messages kept for a slow viewer: some seconds
+_BACKLOG: Final = 20_000  # messages kept for a slow viewer: a few seconds
 
 
 class FoxgloveNode(BenchNode):
-    """Shows the topics of the bench to the viewer Foxglove."""
+    """Shows the topics of the bench in the viewer Foxglove."""
 
     NODE_NAME = "foxglove"
     PARAMETERS = (
@@ -50,7 +50,7 @@ class FoxgloveNode(BenchNode):
             self._server = foxglove.start_server(
                 name="gyrowheel", host=HOST, port=port, context=self._sink, message_backlog_size=_BACKLOG
             )
-        except Exception as error:  # the library has no class of its own for a port that is taken
+        except Exception as error:  # the library has no class for a port that is in use
             reason = one_line(error)
             raise InputError(f"parameter port: {port} cannot be opened on {HOST}: {reason}") from None
         self.address = f"ws://{HOST}:{self._server.port}"
@@ -60,7 +60,7 @@ class FoxgloveNode(BenchNode):
         self._channels = {topic: self._channel(foxglove, topic) for topic in (*shown, _DESCRIPTION)}
         self._inputs = [self.subscription(topic, self._passer(topic), raw=True) for topic in shown]
         self._urdf = wire.pack_text(robot_description())
-        # to a viewer that connects later, too
+        # repeated for viewers that connect later
         self._describing = self.wall_timer(2.0, self._describe)
         self.get_logger().info(f"open {self.address} in Foxglove")
 

@@ -1,4 +1,4 @@
-"""A process that shows the running bench to Foxglove, for as long as a block lasts."""
+"""The node ``foxglove`` as a process that lasts as long as a block."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _START = 60.0  # [s]
 
 @contextlib.contextmanager
 def foxglove(port: int) -> Iterator[str]:
-    """Run the node `foxglove` beside the graph; give the address that the viewer opens.
+    """Run the node `foxglove` beside the graph; give the address to open in the viewer.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def foxglove(port: int) -> Iterator[str]:
     finally:
         if process.poll() is None:
             process.send_signal(signal.SIGINT)
-        # reads on, so that the process is not stopped by what it still has to say
+        # keeps reading, so that the process does not block on its output
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.communicate(timeout=20.0)
         if process.poll() is None:

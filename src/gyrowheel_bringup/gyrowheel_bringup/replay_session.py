@@ -1,4 +1,7 @@
-"""A replay in this process, shown while it goes on, with the drag estimator beside it where it is wanted."""
+"""A replay session: the node ``replay`` in this process, shown as it runs, with a drag estimator beside it if wanted.
+
+`gyrowheel_analysis.recording.playback` orders the messages; the node publishes them; this runs the node.
+"""
 
 from __future__ import annotations
 
@@ -25,32 +28,32 @@ from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import PARENT_VARIABLE, ExitCode, prepare_environment, run_node
 
-_LOOK: Final = 0.1  # time between two looks at keys and companions [s]
+_LOOK: Final = 0.1  # period at which keys and the estimator are checked [s]
 _ESTIMATOR: Final = "drag_estimator"
 
 
 @dataclass
 class Outcome:
-    """What a replay gave.
+    """Outcome of a replay.
 
     Attributes
     ----------
     code : int
-        Exit code of the node; 0 where it ended as it should.
+        Exit code of the node; 0 if it ended well.
     complete : bool
-        Whether it came to the end.
+        Whether it reached the end.
     stopped : bool
-        Whether the user ended it by a key.
+        Whether the user stopped it with a key.
     counts : dict of str to int
-        Messages given back, by topic.
+        Messages published, by topic.
     rounds : int
-        How often the end was reached.
+        Number of times the end was reached.
     wall : float
-        Seconds from the first message to the last.
+        Wall-clock time from the first message to the last [s].
     left_out : dict of str to str
-        Topics that were not given back although the recording has them, and why.
+        Recorded topics that were not published, and why.
     estimates : list of dict
-        Fields of the drag estimates made on the way; empty without the estimator.
+        Fields of the drag estimates made during the replay; empty without the estimator.
     """
 
     code: int = 0
@@ -82,14 +85,14 @@ def play(
     show : callable
         Called ten times a second with the node.
     estimator : mapping, optional
-        Parameters of a drag estimator to run beside it; none runs if not given.
+        Parameters of a drag estimator that runs beside it; by default none runs.
     logs : bool
-        Whether what the nodes log goes to stderr.
+        Whether the logs of the nodes go to stderr.
 
     Raises
     ------
     InputError
-        If the estimator says that its input is not allowed, or the executable of it is not installed.
+        If the estimator refuses its input, or its executable is not installed.
     """
     outcome = Outcome()
     prepare_environment()
@@ -102,7 +105,7 @@ def play(
         stack.enter_context(_signals_kept())
 
         class Shown(ReplayNode):
-            """Gives a recording back to the graph."""
+            """Publishes a recording."""
 
             def open_tape(self) -> Tape:
                 return tape
@@ -128,7 +131,7 @@ def play(
                 self._note()
                 if companion is None:
                     self.stop()
-                else:  # its end gives the last estimate
+                else:  # it publishes the last estimate when it ends
                     companion.send_signal(signal.SIGINT)
 
             def _look(self) -> None:
@@ -171,7 +174,7 @@ def play(
 
 @contextlib.contextmanager
 def _companion(folder: Path, parameters: Mapping[str, object], *, logs: bool) -> Iterator[Any]:
-    """Run the drag estimator as a process; it ends with the block."""
+    """Run the drag estimator as a process that ends with the block."""
     file = folder / f"{_ESTIMATOR}.yaml"
     content = {f"/{_ESTIMATOR}": {"ros__parameters": dict(parameters)}}
     file.write_text(yaml.safe_dump(content), encoding="utf-8")
@@ -197,7 +200,7 @@ def _companion(folder: Path, parameters: Mapping[str, object], *, logs: bool) ->
 
 
 def _check(process: Any, folder: Path) -> None:
-    """Raise what the estimator ended with, if that is bad input."""
+    """Raise the error that ended the estimator, if it was bad input."""
     if process.poll() == ExitCode.BAD_INPUT:
         words = (folder / f"{_ESTIMATOR}.log").read_text(encoding="utf-8", errors="replace").strip()
         raise InputError(
@@ -217,7 +220,7 @@ def _fields(data: bytes) -> dict[str, Any]:
 
 @contextlib.contextmanager
 def _keys() -> Iterator[Callable[[], str]]:
-    """Give a function that returns the keys pressed since its last call; always none without a terminal."""
+    """Give a function that returns the keys pressed since its last call; none without a terminal."""
     if not sys.stdin or not sys.stdin.isatty():
         yield lambda: ""
         return
@@ -245,7 +248,7 @@ def _keys() -> Iterator[Callable[[], str]]:
 
 @contextlib.contextmanager
 def _signals_kept() -> Iterator[None]:
-    """Put the handlers of signals back that `run_node` replaces."""
+    """Restore the signal handlers that `run_node` replaces."""
     before = {n: signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
     try:
         yield

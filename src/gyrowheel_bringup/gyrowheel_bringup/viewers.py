@@ -1,4 +1,4 @@
-"""What viewers are given: the model of the wheel, and layouts of RViz, PlotJuggler and Foxglove."""
+"""Files for viewers: the model of the wheel, and layouts of RViz, PlotJuggler and Foxglove."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ _PACKAGE: Final = "gyrowheel_bringup"
 
 
 def share_file(name: str) -> Path:
-    """Return a file of the package's share folder, as it was installed; else that of the source tree.
+    """Return a file of the package's share folder as installed, else that of the source tree.
 
     Raises
     ------
     InputError
-        If it is not there.
+        If it does not exist.
     """
     prefixes = [sys.prefix, *filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))]
     folders = [Path(prefix) / "share" / _PACKAGE for prefix in prefixes]

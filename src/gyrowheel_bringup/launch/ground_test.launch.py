@@ -1,4 +1,4 @@
-"""The bench as `gyrowheel up` starts it, for those who have ros2 launch.
+"""The bench as `gyrowheel up` starts it, for ros2 launch.
 
 ros2 launch gyrowheel_bringup ground_test.launch.py plan:=quick record:=runs/monday rviz:=true
 """
@@ -23,15 +23,15 @@ ARGUMENTS = (
     ("plan", "", "Test plan to run; empty: none"),
     ("record", "", "New directory to record into; empty: no recording"),
     ("bench", "gyrowheel", "Bench, or its file"),
-    ("scenario", "", "File of what the machine really is; empty: as the bench file says"),
-    ("realtime", "false", "Pace the bench by the clock on the wall"),
+    ("scenario", "", "File of the true machine; empty: that of the bench file"),
+    ("realtime", "false", "Run the bench in wall-clock time"),
     ("viewable", "true", "Publish the model of the wheel and its frames for viewers"),
     ("rviz", "false", "Start RViz"),
 )
 
 
 def _typed(value: object) -> object:
-    # launch_ros would read a text as YAML
+    # launch_ros would parse a text as YAML
     return ParameterValue(value, value_type=str) if isinstance(value, str) else value
 
 

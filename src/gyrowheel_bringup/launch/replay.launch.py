@@ -1,4 +1,4 @@
-"""A recording given back to the graph, with the model of the wheel for viewers.
+"""Replay of a recording, with the model of the wheel for viewers.
 
 ros2 launch gyrowheel_bringup replay.launch.py recording:=runs/monday rate:=0.5 rviz:=true estimate:=true
 """
@@ -15,12 +15,12 @@ from launch import LaunchContext, LaunchDescription
 
 #: Name, default and description of the arguments.
 ARGUMENTS = (
-    ("recording", None, "Recording to give back"),
-    ("rate", "1.0", "Recorded seconds per second; 0: as fast as the readers take"),
-    ("start", "0.0", "From when on [s from the first sample]"),
-    ("end", "0.0", "Until when [s]; 0: to the end"),
-    ("loop", "false", "Begin again at the end"),
-    ("paused", "false", "Stand still at first"),
+    ("recording", None, "Recording to replay"),
+    ("rate", "1.0", "Recorded seconds per second; 0: as fast as the subscribers take"),
+    ("start", "0.0", "Start [s from the first sample]"),
+    ("end", "0.0", "End [s from the first sample]; 0: that of the recording"),
+    ("loop", "false", "Start again at the end"),
+    ("paused", "false", "Start paused"),
     ("estimate", "false", "Run the drag estimator on it"),
     ("viewable", "true", "Publish the model of the wheel and its frames for viewers"),
     ("rviz", "false", "Start RViz"),

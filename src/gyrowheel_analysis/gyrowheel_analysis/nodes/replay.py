@@ -100,7 +100,7 @@ class ReplayNode(BenchNode):
                 continue
             self._outlets[topic] = self.publisher(topic)
         if not self._outlets:
-            raise InputError(f"{self._tape.path}: no topic is left to give back")
+            raise InputError(f"{self._tape.path}: no topic is left to replay")
         self._clock_outlet = self.publisher(topics.CLOCK) if self.parameter("clock") else None
         missing = topics.MEASUREMENT in self._outlets and topics.JOINT_STATES not in self._tape.topics
         self._joint_outlet = (

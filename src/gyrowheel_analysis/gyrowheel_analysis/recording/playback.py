@@ -92,7 +92,7 @@ class Tape:
                 raise InputError(f"{self.path}: no messages on '{name}'; there are: {there}")
         names = [name for name in sorted(counts) if (not only or name in only) and name not in without]
         if not names:
-            raise InputError(f"{self.path}: no topic is left to give back")
+            raise InputError(f"{self.path}: no topic is left to replay")
         self._reader = _opened(self.path)
         try:
             connections = [c for c in self._reader.connections if c.topic in names]

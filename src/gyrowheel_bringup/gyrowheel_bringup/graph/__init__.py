@@ -1,4 +1,4 @@
-"""Starts the nodes of the bench as processes of their own, runs a test plan in them and ends them again.
+"""Starts each node of the bench as a process, runs test plans in the graph, and ends the nodes again.
 
 >>> with Graph("quick", record="run1") as graph:          # doctest: +SKIP
 ...     result = graph.run(progress=lambda p: print(f"{p.elapsed:.0f} of {p.duration:.0f} s"))

@@ -1,4 +1,4 @@
-"""The processes of the nodes, and what is left of those that were killed."""
+"""The processes of the nodes, and the removal of what killed ones leave behind."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ class Child:
     name: str
     process: subprocess.Popen[bytes]
     log: Path
-    expected: bool = False  # whether it was told to end
-    shown: int = 0  # bytes of its log that were shown
-    memory: set[str] = field(default_factory=set)  # shared memory that it was seen to use
+    expected: bool = False  # whether it was asked to end
+    shown: int = 0  # bytes of its log that were shown so far
+    memory: set[str] = field(default_factory=set)  # shared memory that it was found to use
 
     def note_memory(self) -> None:
-        """Note which shared memory of the middleware it uses, for `remove_left` if it is killed."""
+        """Note which shared memory of the middleware the process uses, for `remove_left` if it is killed."""
         process = Path(f"/proc/{self.process.pid}")
         with contextlib.suppress(OSError):
             lines = (process / "maps").read_text(encoding="utf-8", errors="replace").splitlines()
@@ -37,7 +37,7 @@ class Child:
             self.memory |= {name.removesuffix(" (deleted)") for name in found}
 
     def show_log(self) -> None:
-        """Copy to stderr what it has written since the last time."""
+        """Copy to stderr what the process has written since the last call."""
         with contextlib.suppress(OSError), self.log.open("rb") as log:
             log.seek(self.shown)
             new = log.read()
@@ -46,20 +46,20 @@ class Child:
 
     @property
     def last_words(self) -> str:
-        """The end of what it wrote to stderr."""
+        """The last lines that the process wrote to stderr."""
         with contextlib.suppress(OSError):
             return self.log.read_text(encoding="utf-8", errors="replace")[-4000:].strip()
         return ""
 
     @property
     def ended_well(self) -> bool:
-        """Whether it ended as it should; before a node handles signals, SIGINT is what ends it."""
+        """Whether the process ended well; until a node handles signals, SIGINT ends it."""
         code = self.process.returncode
         return code == 0 or (self.expected and code == -signal.SIGINT)
 
     @property
     def ending(self) -> str:
-        """How it ended, in words."""
+        """How the process ended, in words."""
         code = self.process.returncode
         if code is not None and code < 0:
             return f"killed by {signal.Signals(-code).name}"
@@ -68,7 +68,7 @@ class Child:
 
 @contextlib.contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Let nothing but SIGKILL come in between; only the main thread gets signals."""
+    """Block every signal except SIGKILL; only the main thread gets signals."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -81,7 +81,7 @@ def uninterrupted() -> Iterator[None]:
 
 
 def remove_left(names: Collection[str]) -> None:
-    """Remove shared memory of Fast DDS that no process holds any more.
+    """Remove shared memory of Fast DDS that no process holds any longer.
 
     A process that is killed leaves its segments behind, and the ports that it listened to: megabytes that stay until
     the computer is restarted. Whoever uses one holds a lock on a file beside it, which ends with the process.
@@ -89,7 +89,7 @@ def remove_left(names: Collection[str]) -> None:
     Parameters
     ----------
     names : collection of str
-        Files below ``/dev/shm``; what is in use or gone is left alone.
+        Files below ``/dev/shm``; those in use or already gone are left alone.
     """
     for name in names:
         if any(_is_locked(_SHARED / f"{name}{suffix}") for suffix in _LOCKS):
@@ -103,7 +103,7 @@ def _is_locked(path: Path) -> bool:
     try:
         handle = os.open(path, os.O_RDWR)
     except OSError as error:
-        return not isinstance(error, FileNotFoundError)  # of another user: none of ours
+        return not isinstance(error, FileNotFoundError)  # belongs to another user
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

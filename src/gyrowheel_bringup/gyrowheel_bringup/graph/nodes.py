@@ -1,4 +1,4 @@
-"""The nodes that make the graph: their executables and the parameters with which they work together."""
+"""The nodes of the graph: their executables, and the parameters with which they work together."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ EXECUTABLES: Mapping[str, tuple[str, str]] = {
     "drag_estimator": ("gyrowheel_analysis", "drag_estimator_node"),
 }
 
-#: Of those that the loop needs, where the system allows it.
+#: Priority of the nodes of the loop in real time, where the system allows it.
 REALTIME_PRIORITY = 10
-#: How far the setpoints run ahead of the bench [s].
+#: Time by which the setpoints precede their samples [s].
 LOCKSTEP_LEAD, REALTIME_LEAD = 0.5, 1.0
 
 
@@ -38,22 +38,22 @@ def node_parameters(
     realtime: bool = False,
     nodes: Collection[str] = tuple(EXECUTABLES),
 ) -> dict[str, dict[str, object]]:
-    """Return the parameters with which nodes run a plan together: {node: {parameter: value}}.
+    """Return the parameters with which the nodes run a plan together: {node: {parameter: value}}.
 
-    Every node waits until those that it has to reach listen, so that no sample is lost.
+    Every node waits for its subscribers, so that no sample is lost.
 
     Parameters
     ----------
     plan : Plan or None
-        The bench starts at its spin rate and in its first environment; at rest and upright without a plan.
+        The bench starts at the plan's initial spin rate and environment; without a plan at rest and upright.
     bench : str
         Name of a shipped bench, or path of a bench file.
     scenario, record : str
         Scenario file, and directory to record into; empty: none.
     hold_after_plan : bool
-        Whether the bench goes on running after the plan; in real time the loop is closed until the plant stops.
+        Whether the bench keeps running after the plan; in real time the loop stays closed until the plant stops.
     realtime : bool
-        Whether the plant goes by the clock on the wall instead of lock-step.
+        Whether the plant runs in wall-clock time instead of lock-step.
     nodes : collection of str
         The nodes that take part.
     """
@@ -87,7 +87,7 @@ def node_parameters(
 def find_executable(package: str, executable: str) -> Path:
     """Return the path of a node's executable.
 
-    Looked for in the environment of this Python first, then in the prefixes of ``AMENT_PREFIX_PATH``.
+    Searches the environment of this Python first, then the prefixes of ``AMENT_PREFIX_PATH``.
 
     Raises
     ------

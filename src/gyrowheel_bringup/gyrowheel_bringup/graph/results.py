@@ -1,4 +1,4 @@
-"""What a graph tells of itself: how far a plan is, what came of it, what went wrong."""
+"""Progress, result and errors of a graph."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from pathlib import Path
 
 
 class GraphError(RuntimeError):
-    """A node failed, or the graph does not get on.
+    """A node failed, or the graph makes no progress.
 
     Attributes
     ----------
     node : str
-        The node that failed; empty if it was none of them alone.
+        The node that failed; empty if it was not a single node.
     fault : str
-        Name of what happened: the fault or the state of a guard that the node itself named (``controller_silent``,
+        Name of the failure: the fault or guard state that the node itself named (``controller_silent``,
         ``tilt_stop``, ``clock_jump`` ...), ``node_died``, ``start_timeout``, ``stalled``, ``samples_lost``,
         ``plan_refused`` or ``plan_aborted``.
     report : str
-        Exit code and last words of every node that ended otherwise than it should, in several lines.
+        Exit code and last log lines of every node that did not end well, in several lines.
     """
 
     def __init__(self, fault: str, message: str, *, node: str = "", report: str = "") -> None:
@@ -31,12 +31,12 @@ class GraphError(RuntimeError):
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a plan is.
+    """Progress of a plan.
 
     Attributes
     ----------
     segment, segments : int
-        The current segment, counted from 0, and how many there are.
+        Number of the current segment, from 0, and number of segments.
     label : str
         Label of the current segment.
     elapsed, duration : float
@@ -52,7 +52,7 @@ class Progress:
 
 @dataclass(frozen=True)
 class GraphResult:
-    """What a run of a plan gave.
+    """Result of a run of a plan.
 
     Attributes
     ----------
@@ -61,17 +61,17 @@ class GraphResult:
     segments : int
         Segments completed.
     simulated_seconds, wall_seconds : float
-        Simulated time that the plan took, and real time from its acceptance to its end [s].
+        Simulated time of the plan, and wall-clock time from its acceptance to its end [s].
     recording : Path or None
         Directory of the recording.
     samples : int
         Samples recorded; 0 without a recording.
     counts : dict of str to int
-        Messages recorded, by topic; empty without a recording, and while it goes on.
+        Messages recorded, by topic; empty without a recording, and while it is in progress.
     pids : dict of str to int
         Process ids of the nodes.
     pace : dict of str to float
-        In real time, what the plant counted: ``late_commands``, ``missing_commands``, ``held_samples``,
+        In real time, the counts of the plant: ``late_commands``, ``missing_commands``, ``held_samples``,
         ``late_samples``, ``worst_delay_ms``, ``behind_s``; empty in lock-step.
     """
 
@@ -87,5 +87,5 @@ class GraphResult:
 
     @property
     def ratio(self) -> float:
-        """Simulated seconds per second of real time."""
+        """Simulated seconds per second of wall-clock time."""
         return self.simulated_seconds / self.wall_seconds

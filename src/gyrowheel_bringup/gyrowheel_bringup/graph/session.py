@@ -1,4 +1,4 @@
-"""The graph as a context manager: starts the nodes, runs plans in them, ends them."""
+"""A session of the graph, as a context manager: starts the nodes, runs plans, ends the nodes."""
 
 from __future__ import annotations
 
@@ -40,39 +40,39 @@ from gyrowheel_core.node import PARENT_VARIABLE, ExitCode, make_executor, prepar
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.plant.scenario import Scenario
 
-_STOP_TIMEOUT = 20.0  # for a node to end by itself [s]
-_SETTLE_TIMEOUT = 30.0  # for a node to take what was sent to it [s]
-_FINISH_TIMEOUT = 120.0  # for the recorder to complete its files [s]
-_CLOCK_PERIOD_NS = 10_000_000  # plans end at whole multiples of it
-_LISTEN = 4.0  # for what nodes of another graph say [s]
-_EXPLAIN = 3.0  # for a node to end, or to say why a plan was aborted [s]
-_WIND_DOWN = 60.0  # for the guard to bring the motor to rest [s]
+_STOP_TIMEOUT = 20.0  # time for a node to end by itself [s]
+_SETTLE_TIMEOUT = 30.0  # time for a node to take what was sent to it [s]
+_FINISH_TIMEOUT = 120.0  # time for the recorder to complete its files [s]
+_CLOCK_PERIOD_NS = 10_000_000  # plans end at whole multiples of this
+_LISTEN = 4.0  # time to listen for nodes of another graph [s]
+_EXPLAIN = 3.0  # time for a node to end, or to report why a plan was aborted [s]
+_WIND_DOWN = 60.0  # time for the guard to stop the motor [s]
 _PACE = ("late_commands", "missing_commands", "held_samples", "late_samples", "worst_delay_ms", "behind_s")
 
 
 class Graph:
-    """The nodes of the bench, each in a process of its own; use it as a context manager.
+    """The nodes of the bench, each in its own process; a context manager.
 
     Parameters
     ----------
     plan : Plan, str or Path, optional
-        The test plan that `run` walks: a plan, a shipped name, a path or the text of a plan file. The bench
+        The test plan that `run` executes: a plan, a shipped name, a path or the text of a plan file. The bench
         starts at its initial spin rate and in its first environment.
     bench : str or Path
         Name of a shipped bench, or path of a bench file.
     scenario : Scenario, str or Path, optional
-        What the simulated machine really is, or a file of that; the machine of the bench file if not given.
+        The true simulated machine, or a file of it; by default the machine of the bench file.
     record : str or Path, optional
-        Directory to record into; must not exist. No recording if not given.
+        Directory to record into; must not exist. By default nothing is recorded.
     initial_spin_rate : float, optional
-        Spin rate at the start [rad/s]; that of the plan if not given, 0 without a plan.
+        Spin rate at the start [rad/s]; by default that of the plan, 0 without a plan.
     hold_after_plan : bool
-        Whether the bench goes on running after a plan, until the graph is closed. If not (the default), the
+        Whether the bench keeps running after a plan, until the graph is closed. If not (the default), the
         end of the plan ends the graph and completes the recording.
     realtime : bool
-        Whether the bench goes by the clock on the wall instead of lock-step.
+        Whether the bench runs in wall-clock time instead of lock-step.
     domain_id : int, optional
-        ROS domain, 0 .. 101; that of the environment if not given.
+        ROS domain, 0 .. 101; by default that of the environment.
     parameters : mapping, optional
         Further node parameters: {node: {parameter: value}}.
     remap : mapping, optional
@@ -82,12 +82,12 @@ class Graph:
     show_logs : bool
         Whether the nodes' own logs go to stderr.
     start_timeout : float
-        How long the nodes may take to become active [s]; much of it is compiling where nothing is cached yet.
+        Longest time for the nodes to become active [s]; it includes compilation where nothing is cached yet.
     stall_timeout : float
-        How long a plan may go on without any progress [s].
+        Longest time of a plan without any progress [s].
     on_trouble : callable, optional
-        Called with the name of a node and one line when the node says on ``/diagnostics`` that something is not as it
-        should be; once for each kind of trouble.
+        Called with the name of a node and one line when the node reports a warning or an error on ``/diagnostics``;
+        once for each kind.
 
     Raises
     ------
@@ -140,9 +140,9 @@ class Graph:
         self._children: dict[str, Child] = {}
         self._pids: dict[str, int] = {}
         self._diagnoses: dict[str, str] = {}
-        self._values: dict[str, dict[str, str]] = {}  # what came with the last diagnosis of an active node
+        self._values: dict[str, dict[str, str]] = {}  # values of the last diagnosis of an active node
         self._troubles: set[tuple[str, str]] = set()
-        self._alarm: GraphError | None = None  # a guard that has tripped
+        self._alarm: GraphError | None = None  # guards that have tripped
         self._active: set[str] = set()
         self._starting = True
         self._strangers: dict[str, str] = {}  # nodes of the same name that are not of this graph
@@ -155,7 +155,7 @@ class Graph:
         try:
             self._start()
         except BaseException:
-            with contextlib.suppress(GraphError, InputError):  # the first error is the one that tells
+            with contextlib.suppress(GraphError, InputError):  # the first error tells the cause
                 self.close()
             raise
         return self
@@ -176,17 +176,17 @@ class Graph:
         return dict(self._pids)
 
     def close(self) -> None:
-        """End the nodes, the recording after everything has reached it; does nothing a second time.
+        """End the nodes, the recorder last, once everything has reached it; a second call does nothing.
 
         Raises
         ------
         GraphError, InputError
-            If a node did not end as it should.
+            If a node did not end well.
         """
         with uninterrupted():
             try:
                 if self._children:
-                    if not self._strangers:  # who would answer, too
+                    if not self._strangers:  # which would answer too
                         self._wind_down()
                         self._settle()
                     self._stop()
@@ -210,21 +210,21 @@ class Graph:
     def run(
         self, plan: Plan | str | Path | None = None, *, progress: Callable[[Progress], None] | None = None
     ) -> GraphResult:
-        """Walk a plan to its end.
+        """Execute a plan to its end.
 
         Parameters
         ----------
         plan : Plan, str or Path, optional
-            Another plan than that of the graph; only in a graph that holds after a plan.
+            A plan other than that of the graph; only in a graph that holds after a plan.
         progress : callable, optional
             Called at each change of segment and each simulated second.
 
         Raises
         ------
         InputError
-            If the plan is not allowed, or a node says that its input is not.
+            If the plan is not allowed, or a node refuses its input.
         GraphError
-            If a node fails, the plan is refused or aborted, or nothing goes on any more.
+            If a node fails, the plan is refused or aborted, or there is no progress.
         """
         chosen = self._plan if plan is None else self._checked(plan)
         if chosen is None:
@@ -256,7 +256,7 @@ class Graph:
         Raises
         ------
         GraphError, InputError
-            Why it ended.
+            The reason why it ended.
         """
         while True:
             self._spin()
@@ -298,7 +298,7 @@ class Graph:
         self._wait_until_active()
 
     def _connect(self) -> None:
-        """Create the node through which this process takes part."""
+        """Create the node of this process."""
         context = Context()
         rclpy.init(
             args=["--ros-args", "--disable-external-lib-logs"],
@@ -349,8 +349,8 @@ class Graph:
         deadline = began + self._start_timeout
         while True:
             waiting = [name for name in self._names if name not in self._active]
-            # nodes of another graph are known by what they say once a second, and by their names, which may be seen
-            # sooner: listen for a while before the domain counts as free
+            # nodes of another graph show in their diagnoses, once a second, and in their names, which may come sooner:
+            # listen for a while before the domain counts as free
             if not waiting and time.monotonic() - began > _LISTEN:
                 self._starting = False
                 share_core(self._pids, self._node.context.get_domain_id())
@@ -369,7 +369,7 @@ class Graph:
                 raise GraphError("start_timeout", f"not active after {self._start_timeout:g} s ({states})")
 
     def _look_for_strangers(self) -> None:
-        """Note nodes of the bench on this domain beyond our own."""
+        """Note nodes of the bench on this domain that are not ours."""
         seen = self._node.get_node_names()
         for name in EXECUTABLES:
             if seen.count(name) > (name in self._names):
@@ -391,7 +391,7 @@ class Graph:
                 return
             try:
                 progress(Progress(f.segment, f.segments, f.label, f.elapsed, f.duration))
-            except BaseException as error:  # the executor would end the process over it
+            except BaseException as error:  # the executor would end the process for it
                 raised.append(error)
 
         def wait(future: Any) -> Any:
@@ -411,7 +411,9 @@ class Graph:
                 self._plans.send_goal_async(RunPlan.Goal(plan=plan.to_yaml()), feedback_callback=report)
             )
             if not goal.accepted:
-                raise GraphError("plan_refused", "the conductor refused the plan: it walks another one")
+                raise GraphError(
+                    "plan_refused", "the conductor refused the plan: it is executing another one"
+                )
             answer = wait(goal.get_result_async())
             if not answer.result.success:
                 self._explain(plan, answer.result.message)
@@ -420,7 +422,7 @@ class Graph:
             walking = False
 
     def _explain(self, plan: Plan, message: str) -> NoReturn:
-        """Raise the error that tells why a plan was aborted: that of a node, where there is one."""
+        """Raise the error why a plan was aborted: that of a node, if there is one."""
         end = time.monotonic() + _EXPLAIN
         while "aborted" in message and "clock_jump" not in message and time.monotonic() < end:
             self._spin()
@@ -429,7 +431,7 @@ class Graph:
         raise GraphError(fault, f"plan {plan.name}: {message}", node="conductor")
 
     def _spin(self, seconds: float = 0.05) -> None:
-        """Take part in the graph for a moment; raise if a node has ended."""
+        """Serve this process's node for a moment; raise if a node has ended."""
         end = time.monotonic() + seconds
         while (rest := end - time.monotonic()) > 0.0:
             self._executor.spin_once(timeout_sec=rest)
@@ -446,7 +448,7 @@ class Graph:
                 child.show_log()
 
     def _call(self, name: str, client: Any, request: Any, *, timeout: float) -> Any:
-        """Call a service of a node; return None if the node has ended or no answer comes in time."""
+        """Call a service of a node; return None if the node has ended or does not answer in time."""
         if name not in self._children or not client.service_is_ready():
             return None
         future = client.call_async(request)
@@ -478,7 +480,7 @@ class Graph:
                     )
 
     def _note_trouble(self, status: DiagnosticStatus) -> None:
-        """Pass on what a node says when all is not well, each kind once."""
+        """Pass on the warnings and errors of a node, each kind once."""
         if status.level == DiagnosticStatus.OK or self._on_trouble is None:
             return
         trouble = (status.name, status.message.partition(":")[0])
@@ -489,7 +491,7 @@ class Graph:
     # ---- ending
 
     def _wind_down(self) -> None:
-        """In real time, when the loop is broken: let the guard of the plant bring the motor to rest, recorded."""
+        """In real time with a broken loop, let the guard of the plant stop the motor, and record it."""
         broken = self._alarm or any(c.process.poll() is not None for c in self._children.values())
         if not self._realtime or not broken or "plant" not in self._active:
             return
@@ -497,17 +499,17 @@ class Graph:
         self._values.pop("plant", None)  # up to a second old
         plant = self._children["plant"].process
         while plant.poll() is None and time.monotonic() < end:
-            # where nothing was commanded yet, nothing is lost, and the motor goes on
+            # before the first command nothing is lost, and the motor keeps turning
             values = self._values.get("plant", {})
             if values.get("outputs") == "off" or values.get("guard") in ("waiting", "stopped"):
                 return
             self._executor.spin_once(timeout_sec=0.05)
 
     def _settle(self) -> None:
-        """Bring the flow of messages to its end, so that every node has what was sent to it.
+        """End the flow of messages, so that every node has received what was sent to it.
 
-        A node answers a service after it has taken what came before: the plant stops, the estimator gives its last
-        estimate, then the recorder completes its files.
+        A node answers a service after it has taken all earlier messages: the plant stops, the estimator publishes its
+        last estimate, then the recorder completes its files.
         """
         deactivate = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_DEACTIVATE))
         for name in ("plant", "drag_estimator"):
@@ -516,7 +518,7 @@ class Graph:
             self._call("recorder", self._stop_recording, StopRecording.Request(), timeout=_FINISH_TIMEOUT)
 
     def _stop(self) -> None:
-        """Tell the nodes to end, and wait until they have; kill those that do not."""
+        """Ask the nodes to end, wait for them, and kill those that do not."""
         for child in self._children.values():
             if child.process.poll() is None:
                 child.expected = True
@@ -530,7 +532,7 @@ class Graph:
                 child.process.wait()
 
     def _failure(self, children: Collection[Child]) -> Exception:
-        """Return the error that tells why nodes ended; a fault that a node names comes first."""
+        """Return the error why nodes ended; a fault that a node names takes precedence."""
         ranks = (ExitCode.BAD_INPUT, ExitCode.FAULT)
         first = min(children, key=lambda c: (*ranks, c.process.returncode).index(c.process.returncode))
         report = "\n".join(f"{c.name}: {c.ending}\n{c.last_words}" for c in children)
