@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -102,9 +103,8 @@ def measure(progress: Callable[[float], None]) -> list[Report]:
     with one_thread():
         given = problem()
         progress(0.4)
-        contestants: dict[str, Callable[[], object]] = {"ours": lambda: ours(given)}
-        for method in _PEERS:
-            contestants[method] = lambda method=method: scipys(given, method)
+        contestants: dict[str, Callable[[], object]] = {"ours": partial(ours, given)}
+        contestants |= {method: partial(scipys, given, method) for method in _PEERS}
         times = by_turns(contestants, _ROUNDS, progress=lambda done: progress(0.4 + 0.6 * done))
         fit = ours(given)
         found = {method: scipys(given, method) for method in _PEERS}
