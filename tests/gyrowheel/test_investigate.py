@@ -20,8 +20,8 @@ from gyrowheel.investigation import (
 )
 from gyrowheel.text.sentences.investigation import end_sentence, learned
 from gyrowheel_analysis.diagnosis.diagnose import Diagnosis, Estimate, NextTest
-from gyrowheel_analysis.diagnosis.discrimination import Telling
-from gyrowheel_analysis.diagnosis.precision import Sharpening, relative_error
+from gyrowheel_analysis.diagnosis.discrimination import Discrimination
+from gyrowheel_analysis.diagnosis.precision import PrecisionTest, relative_error
 from gyrowheel_analysis.model import Model
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError
@@ -64,7 +64,7 @@ def scripted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[..., t
             return plain if averages and not done.averages else left.pop(0)
 
         monkeypatch.setattr("gyrowheel_analysis.diagnosis.diagnose.diagnose", diagnose)
-        monkeypatch.setattr("gyrowheel_analysis.diagnosis.precision.sharpening", lambda *_, **__: sharper)
+        monkeypatch.setattr("gyrowheel_analysis.diagnosis.precision.precision_test", lambda *_, **__: sharper)
         done, listener = Investigation("m.yaml", options.pop("budget", 15.0)), Silent()
         done.averages = options.pop("averages", False)
         plans = [Plan.load(name) for name in options.pop("plans", ["check"])]
@@ -129,7 +129,7 @@ def test_an_unknown_effect_is_looked_at_more_broadly_once(scripted: Any):
 
 
 def test_an_uncertain_coefficient_is_sharpened(scripted: Any):
-    sharper = Sharpening("aero_cross", "cone", 0.25, 0.06, 0.55)
+    sharper = PrecisionTest("aero_cross", "cone", 0.25, 0.06, 0.55)
     done, listener = scripted([PRECISE, PRECISE, PRECISE], sharper=sharper)
     assert listener.begun[1] == (["cone"], "knows aero_cross to 6 % instead of 25 %")
     assert [step.plans for step in done.steps] == [["check"], ["cone"], ["cone"]]
@@ -175,14 +175,14 @@ def test_runs_are_counted_on_from_the_recordings_at_hand(scripted: Any, tmp_path
 
 
 def test_what_averages_would_leave_open_is_explained(scripted: Any, monkeypatch: pytest.MonkeyPatch):
-    told = [Telling("tilt_2n", "the torque of the coils twice a revolution", 1990.0)]
+    told = [Discrimination("tilt_2n", "the torque of the coils twice a revolution", 1990.0)]
     asked: list[tuple[str, str]] = []
 
-    def telling(_recordings: Any, _model: Any, name: str, rival: str) -> list[Telling]:
+    def telling(_recordings: Any, _model: Any, name: str, rival: str) -> list[Discrimination]:
         asked.append((name, rival))
         return told
 
-    monkeypatch.setattr("gyrowheel_analysis.diagnosis.discrimination.telling_channels", telling)
+    monkeypatch.setattr("gyrowheel_analysis.diagnosis.discrimination.discriminating_channels", telling)
     done, _ = scripted([PRECISE], plain=SEPARATING)
     assert asked == [("aero_cross", "flexure_damping")]
     (said,) = (text for text in done.steps[0].learned if "Averages" in text)

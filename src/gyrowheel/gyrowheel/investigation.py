@@ -319,9 +319,9 @@ def _next(
             return Wanted(BROAD, "shows whether the formula holds at other speeds and tilts")
         return True, "no known effect explains it, at any speed and tilt tried; the formula describes it"
     if found.verdict == "effect":
-        from gyrowheel_analysis.diagnosis.precision import sharpening
+        from gyrowheel_analysis.diagnosis.precision import precision_test
 
-        sharper = sharpening(recordings, model, found, averages=done.averages, progress=progress)
+        sharper = precision_test(recordings, model, found, averages=done.averages, progress=progress)
         if sharper is not None and fresh(sharper.plan):
             return Wanted(
                 sharper.plan,
@@ -344,7 +344,7 @@ def _why_so_soon(
         return []
     from gyrowheel.text.sentences.investigation import settled_by
     from gyrowheel_analysis.diagnosis.diagnose import diagnose
-    from gyrowheel_analysis.diagnosis.discrimination import telling_channels
+    from gyrowheel_analysis.diagnosis.discrimination import discriminating_channels
 
     (finding,) = found.effects
     progress("comparing with averages over revolutions alone")
@@ -357,7 +357,7 @@ def _why_so_soon(
     if len(others) != len(plain.effects[0].ties):
         return []  # averages lead elsewhere
     rival = others[0]
-    first, *_ = telling_channels(recordings, model, finding.name, rival)
+    first, *_ = discriminating_channels(recordings, model, finding.name, rival)
     return [settled_by([finding.name, *others], first.title, first.delta_chi2, rival)]
 
 

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from gyrowheel_analysis.diagnosis.diagnose import Estimate, nuisance_estimates
+from gyrowheel_analysis.diagnosis.diagnose import Estimate, estimates, nuisance_estimates
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.preparation import Progress, one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem
@@ -24,9 +24,9 @@ from gyrowheel_sim.effects.user import check_name
 
 #: Stands for all effects that a model of the air has: ``aero:MODEL``.
 AIR = "aero"
-_HARDLY = 3.0  # standard errors from zero below which an effect is hardly there
-_MOVED = 4.0  # standard errors by which a coefficient of the model hardly moves by chance
-_TOLD = 0.9  # of an uncertainty: a recording that leaves more of it has told nothing
+_HARDLY = 3.0  # standard errors from zero below which an effect is doubtful
+_MOVED = 4.0  # standard errors; a coefficient of the model rarely moves farther by chance
+_TOLD = 0.9  # of an uncertainty: where more of it is left, the recordings have not reduced it
 
 
 @dataclass(frozen=True)
@@ -94,8 +94,8 @@ def add_effect(
     names : sequence of str or Effect
         Effects, or errors of bench parameters (``stiffness_error`` and the like), to add. One that the model has is
         fitted anew. An `Effect` that is not registered goes into the model with its declaration. ``aero:MODEL`` stands
-        for the effects that a model of the air has (`gyrowheel_sim.air.MODELS`); sizes and exponents are fitted from
-        what the model says, within its uncertainties.
+        for the effects that a model of the air has (`gyrowheel_sim.air.MODELS`); their coefficients are fitted
+        within the uncertainties that it states.
     fit : sequence of Recording
         Recordings on which coefficients and bench parameters are fitted.
     validate : sequence of Recording
@@ -107,19 +107,82 @@ def add_effect(
         If an effect is unknown, the name of a formula is in the model already, the bench states as exact what is
         to have an error, or the recordings have too little steady motion.
     """
+    air = _air(model, [item for item in names if isinstance(item, str)])
+    start = _with_air(model, air)
+    terms, declared = _asked(model, start, names)
+    if not terms and not air:
+        raise InputError("no effect given")
+    prepared = prepare(fit, start, validate=validate, progress=progress)
+    if progress:
+        progress("fitting")
+    first = prepared.problem.fit(terms)
+    if declared:
+        prepared = replace(prepared, problem=prepared.problem.with_drift_estimated(first))
+    else:
+        prepared = prepared.reweighed(first)
+    problem = prepared.problem
+    before, after = _before(model, problem, air), problem.refined(problem.fit(terms))
+    errors = errors_of(before, after, prepared)
+    coefficients = {term.name: estimates(term, after) for term in terms}
+    doubts = [
+        Doubt("weak", term.name, size=after.significance(term.name))
+        for term in terms
+        if after.significance(term.name) < _HARDLY
+    ]
+    doubts += [
+        Doubt("moved", name, key, abs(far))
+        for (name, key), far in problem.unknowns.moved(after.nuisance).items()
+        if abs(far) > _MOVED and name not in air
+    ]
+    model_effects = problem.unknowns.effects(replace(after.point, coefficients={}))
+    effects = {active.effect.name: dict(active.values) for active in model_effects}
+    effect_errors = {name: dict(model.effect_errors.get(name, {})) for name in effects}
+    for name, found, own_doubts in _found_air(problem, after, air):
+        coefficients[name] = found
+        doubts += own_doubts
+    for name, found in coefficients.items():
+        if name not in ERRORS:
+            effects[name] = {key: e.value for key, e in found.items()}
+            effect_errors[name] = {key: e.standard_error for key, e in found.items()}
+    overrides = {
+        name: Override(n.value, n.standard_error) for name, n in nuisance_estimates(problem, after).items()
+    }
+    entry: dict[str, Any] = {
+        "time": datetime.now(UTC).isoformat(timespec="seconds"),
+        "what": _what([n for n in names if isinstance(n, str) and is_air(n)], terms, model),
+        "fit": [str(r.path) for r in fit],
+        "validate": [str(r.path) for r in validate],
+        "error": errors.table.to_json(),
+    }
+    if restated := _restated(problem, terms, overrides):
+        entry["restated"] = restated
+    changed = model.changed(
+        entry, overrides=overrides, effects=effects, effect_errors=effect_errors, declared=declared
+    )
+    return Added(changed, coefficients, errors.table, errors.residuals, doubts)
+
+
+def _with_air(model: Model, air: Mapping[str, Mapping[str, tuple[float, float]]]) -> Model:
+    """Return the model with the effects of the air as a model of the air states them."""
+    if not air:
+        return model
+    return replace(
+        model,
+        effects={**model.effects, **{n: {k: v for k, (v, _) in own.items()} for n, own in air.items()}},
+        effect_errors={
+            **model.effect_errors,
+            **{n: {k: e for k, (_, e) in own.items()} for n, own in air.items()},
+        },
+    )
+
+
+def _asked(model: Model, start: Model, names: Sequence[str | Effect]) -> tuple[list[Term], dict[str, Effect]]:
+    """Return the terms that are to be added to a model, and the declarations of those that are not registered.
+
+    `start` is the model with the effects of the air that are added as well.
+    """
     terms: list[Term] = []
     declared: dict[str, Effect] = {}
-    air = _air(model, [item for item in names if isinstance(item, str)])
-    start = model
-    if air:
-        start = replace(
-            model,
-            effects={**model.effects, **{n: {k: v for k, (v, _) in own.items()} for n, own in air.items()}},
-            effect_errors={
-                **model.effect_errors,
-                **{n: {k: e for k, (_, e) in own.items()} for n, own in air.items()},
-            },
-        )
     uncertain = model.reference_bench.groups()
     for item in names:
         name = item.name if isinstance(item, Effect) else item
@@ -142,72 +205,23 @@ def add_effect(
             if name in ERRORS
             else Term(name, get(name, declared={**model.declared, **declared}, bench=model.stated_bench))
         )
-    if not terms and not air:
-        raise InputError("no effect given")
-    prepared = prepare(fit, start, validate=validate, progress=progress)
-    if progress:
-        progress("fitting")
-    first = prepared.problem.fit(terms)
-    if declared:
-        prepared = replace(prepared, problem=prepared.problem.with_drift_estimated(first))
-    else:
-        prepared = prepared.reweighed(first)
-    problem = prepared.problem
-    before, after = _before(model, problem, air), problem.refined(problem.fit(terms))
-    errors = errors_of(before, after, prepared)
-    coefficients: dict[str, dict[str, Estimate]] = {}
-    doubts = []
-    for term in terms:
-        units = {c.name: c.unit for c in term.effect.coefficients} if term.effect else {"relative_error": "1"}
-        coefficients[term.name] = {
-            key: Estimate(
-                after.coefficients[term.name][key], after.standard_error(term.name, key), units[key]
-            )
-            for key in term.coefficients
-        }
-        if after.significance(term.name) < _HARDLY:
-            doubts.append(Doubt("weak", term.name, size=after.significance(term.name)))
-    doubts += [
-        Doubt("moved", name, key, abs(far))
-        for (name, key), far in problem.unknowns.moved(after.nuisance).items()
-        if abs(far) > _MOVED and name not in air
-    ]
-    model_effects = problem.unknowns.effects(replace(after.point, coefficients={}))
-    effects = {active.effect.name: dict(active.values) for active in model_effects}
-    effect_errors = {name: dict(model.effect_errors.get(name, {})) for name in effects}
-    for name, estimates, own_doubts in _found_air(problem, after, air):
-        coefficients[name] = estimates
-        doubts += own_doubts
-    for name, estimates in coefficients.items():
-        if name not in ERRORS:
-            effects[name] = {key: e.value for key, e in estimates.items()}
-            effect_errors[name] = {key: e.standard_error for key, e in estimates.items()}
-    overrides = {
-        name: Override(n.value, n.standard_error) for name, n in nuisance_estimates(problem, after).items()
-    }
-    entry: dict[str, Any] = {
-        "time": datetime.now(UTC).isoformat(timespec="seconds"),
-        "what": _what([n for n in names if isinstance(n, str) and is_air(n)], terms, model),
-        "fit": [str(r.path) for r in fit],
-        "validate": [str(r.path) for r in validate],
-        "error": errors.table.to_json(),
-    }
-    wrong = {group for term in terms if term.effect is None for group in ERRORS[term.name]}
-    restated = {
+    return terms, declared
+
+
+def _restated(
+    problem: Problem, terms: Sequence[Term], overrides: Mapping[str, Override]
+) -> dict[str, dict[str, float]]:
+    """Return the bench parameters whose errors were added, with what the model has of them from now on."""
+    groups = {group for term in terms if term.effect is None for group in ERRORS[term.name]}
+    return {
         p.name: {
             "value": float(overrides[p.name].value),
             "standard_error": float(overrides[p.name].standard_error),
         }
         for group, parameters in problem.unknowns.nuisances
-        if group in wrong
+        if group in groups
         for p in parameters
     }
-    if restated:
-        entry["restated"] = restated
-    changed = model.changed(
-        entry, overrides=overrides, effects=effects, effect_errors=effect_errors, declared=declared
-    )
-    return Added(changed, coefficients, errors.table, errors.residuals, doubts)
 
 
 def _what(air: Sequence[str], terms: Sequence[Term], model: Model) -> str:

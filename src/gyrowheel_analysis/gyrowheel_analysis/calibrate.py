@@ -1,13 +1,12 @@
-"""Calibration in place: what a volt of the coils and an ampere of the motor mean in N m.
+"""Calibration in place: torque per volt of the coils and per ampere of the motor.
 
-For the coils the ruler is angular momentum. Turning the tilt at a known rate takes a torque H times the rate, and H
-follows from the rotor's inertia alone. So everything that pulls on a rotor that stands still in the case (flexures,
-gimbal, friction, air that the model does not know) is left free to be what it is, the coils' constant is not believed
-at all, and the inertias and the scale of the tilt sensors keep their stated uncertainty: they are the ruler.
+The reference for the coils is angular momentum. Precession at a known rate takes the torque H times the rate, and H
+follows from the rotor's inertia. So all torques on a rotor at rest in the case (flexures, gimbal, friction, unmodelled
+air) are left free, the stated constant of the coils gets no weight, and the inertias and the scale of the tilt
+sensors keep their stated uncertainty: they are the reference.
 
-The motor's constant is volts over speed, which is newton metres over amperes as well: V = R i + k Omega, averaged over
-whole revolutions, gives it, and the resistance with it where the current changes enough, as it does where the speed
-is swept. No torque enters.
+The motor's constant in V s/rad equals that in N m/A. V = R i + k Omega, averaged over whole revolutions, gives it
+without any torque. It gives the resistance as well where the current varies enough, as in a speed sweep.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ from gyrowheel_analysis.residuals.error_table import channel_parts
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
 
-#: What is calibrated, and what a recording must have in it for that.
+#: What is calibrated, and what a recording must contain for it.
 CONSTANTS = {
     "coil_constant": "cones or other slow turns of the tilt (plan cone, plan survey)",
     "motor_constant": "several speeds (plan coast_down, plan survey)",
@@ -40,7 +39,7 @@ CONSTANTS = {
 }
 _COIL = "coil_constant"
 _MOTOR = ("motor_constant", "motor_resistance")
-#: Relative uncertainty of a constant before the recordings are seen: none of the stated value is believed.
+#: Relative prior uncertainty of a constant: the stated value has practically no weight.
 _OPEN = 0.3
 #: Parameters that act on a rotor at rest in the case get this many times their stated uncertainty.
 _FREED = 10.0
@@ -59,10 +58,10 @@ _STATIC = frozenset(
 )
 #: A constant less certain than this part of its value is not determined.
 _USELESS = 0.02
-_UNUSED = 1.0e4  # times the noise: a reading that says nothing
+_UNUSED = 1.0e4  # factor of the noise that removes a reading from the fit
 _MOST_PASSES = 6
 _SETTLED = 0.05  # standard errors
-#: From this mean square of the residuals on the model lacks something that matters here.
+#: From this mean square of the residuals on the model lacks something that matters for the calibration.
 _LACKING = 2.0
 
 
@@ -99,9 +98,9 @@ class Calibration:
     Attributes
     ----------
     constants : dict of str to Constant
-        What was determined.
+        The constants that were determined.
     undetermined : dict of str to str
-        What was not, and what the recordings would need.
+        Those that were not, and what the recordings would need.
     chi2_per_n : float
         Mean square of the residuals of the tilt in units of their noise; the standard error of the coils' constant is
         widened by its root if above 1.
@@ -148,7 +147,7 @@ def calibrate(
     """
     say = progress or (lambda text: None)
     stated = model.stated_bench
-    # without its history: what was calibrated before is not believed either
+    # without its history: earlier calibrations get no weight either
     bare = replace(model, stated_bench=_opened(stated, {}), history=())
     prepared = prepare(recordings, bare, progress=progress)
     say("fitting the motor")
@@ -199,7 +198,7 @@ def _widened(chi2: float) -> float:
 
 
 def _opened(stated: Bench, found: Mapping[str, Override]) -> Bench:
-    """Return the bench with the constants as found, nothing believed of the others, and statics free to be anything."""
+    """Return the bench with the constants as found, no weight on the others, and all static torques left free."""
     parameters = dict(stated.parameters)
     for name, p in stated.parameters.items():
         if name in CONSTANTS:
@@ -211,8 +210,8 @@ def _opened(stated: Bench, found: Mapping[str, Override]) -> Bench:
         elif p.group in _STATIC:
             parameters[name] = replace(p, uncertainty=_FREED * p.uncertainty)
         elif name.startswith(("motor_voltage_", "motor_current_")):
-            # the tilt alone is to tell the coils' constant: while the speed still settles, the noise of its slope
-            # makes the inertia look smaller than it is
+            # the constant of the coils is to follow from the tilt alone: while the speed still settles, the noise of
+            # its slope biases the inertia towards zero
             parameters[name] = replace(p, value=_UNUSED * p.value)
     return replace(stated, parameters=parameters)
 
@@ -237,8 +236,8 @@ def _motor(recordings: Sequence[Windows], bench: Bench) -> tuple[Override, Overr
     def best(resistance: float) -> tuple[float, float, float]:
         """Return chi-squared for a resistance, and constant and its error that belong to it.
 
-        The noise of the current counts in volts, so the weights go with the resistance: fixed weights would make
-        it too small.
+        The noise of the current enters in volts, so the weights depend on the resistance; fixed weights would bias it
+        towards zero.
         """
         rows = []
         for w, (volts, amperes) in zip(recordings, covariances, strict=True):
@@ -270,7 +269,7 @@ def _limit(problem: Problem, fit: Fit) -> str:
     names = [group for group, _ in problem.unknowns.nuisances]
     own = names.index(_COIL)
     variance = float(fit.covariance[own, own])
-    # what knowing a parameter exactly would take away from the variance
+    # part of the variance that exact knowledge of a parameter would remove
     shares = {
         group: float(fit.covariance[own, k]) ** 2 / (float(fit.covariance[k, k]) * variance)
         for k, group in enumerate(names)

@@ -44,7 +44,7 @@ class Channel:
         Reading whose slow drift it carries, ``coil_voltage``, ``motor_current`` or ``motor_voltage``; empty for an
         amplitude, which carries none. Channels of one reading share one scale of the drift.
     by_axis : bool
-        Whether the error table lists its rows apart.
+        Whether the error table lists its rows separately.
     subject : str
         The channel in a sentence, as what is beyond the model.
     measured : str

@@ -1,4 +1,4 @@
-"""Compare a model with recordings: how large the error is, how it is made up, and where it sits."""
+"""Compare a model with recordings: the magnitude of the error, its parts, and where it is largest."""
 
 from __future__ import annotations
 
@@ -49,13 +49,13 @@ class ChannelMetrics:
     rms : float
         Root mean square of the residual, of an amplitude its modulus [unit of the channel, see `channels.LISTED`].
     noise_floor_rms : float
-        What a complete model would leave [the same unit].
+        Residual that a complete model would leave [the same unit].
     fit_percent : float
         100 (1 - |residual| / |measured - mean|); 100 is perfect.
     theil : float
         Theil's inequality coefficient, 0 (perfect) .. 1.
     theil_bias, theil_variance, theil_covariance : float
-        Its parts: wrong mean, wrong swing, everything else; they sum to 1.
+        Its parts: difference of means, difference of standard deviations, everything else; they sum to 1.
     chi2_per_n : float
         Mean square of the residual in units of its noise.
     """

@@ -1,7 +1,7 @@
-"""The wheel as a two-axis rate sensor: how fast the case turns, from the torque that holds the rotor in it.
+"""The wheel as a two-axis rate sensor: rate of the case from the torque that holds the rotor in it.
 
-A rotor with the angular momentum H needs the torque of the coils to turn with its case. What the model does not explain
-of that torque is the rate of the case across the spin axis, about i/H times it.
+A rotor with the angular momentum H turns with its case only if the coils precess it. The torque that the model does not
+explain, times about i/H, is the rate of the case across the spin axis.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from gyrowheel_sim.effects import registry
 
 Array = NDArray[np.float64]
 
-_STEP = 1.0e-4  # rad/s, of the derivatives; the torque is as good as linear in the rate
+_STEP = 1.0e-4  # rad/s, of the derivatives; the torque is practically linear in the rate
 _FEWEST = 4  # windows with different rates that a line needs
 
 
@@ -39,7 +39,7 @@ class Line:
     bias, bias_error : float
         Estimate at rest and its standard error [rad/s].
     rms : float
-        Root mean square of what the line leaves [rad/s].
+        Root mean square of the residual [rad/s].
     """
 
     scale: float
@@ -60,9 +60,9 @@ class Rates:
     rate, standard_error : ndarray (n, 2)
         Rate about case x and y in inertial space and its standard error from noise and drift [rad/s].
     reference : ndarray (n, 2)
-        Rate about the same axes that the table was told [rad/s].
+        Commanded rate of the table about the same axes [rad/s].
     lines : tuple of Line or None
-        Calibration of each axis against the table; None where the table hardly turned about it.
+        Calibration of each axis against the table; None where the table hardly turned about that axis.
     """
 
     time: Array
@@ -110,9 +110,9 @@ def rates(
     Parameters
     ----------
     recordings : sequence of Recording
-        Recordings of one machine. What the table was told is used for the calibration alone.
+        Recordings of one machine. The commanded rate of the table is used for the calibration only.
     model : Model
-        The model whose torques are taken away: bench, overrides and effects.
+        The model whose torques are subtracted: bench, overrides and effects.
 
     Raises
     ------

@@ -86,8 +86,8 @@ class Balance:
     def cleared(self, values: Mapping[str, float], effects: Sequence[ActiveEffect]) -> Balance:
         """Return the balance with what noise in the motion needs taken from the measured rows, on a given machine.
 
-        The prediction leaves out harmonics and accelerations that are no clearer than noise. Some of them are real,
-        and what they need depends on the machine: the bench as stated gives it only roughly where the machine differs.
+        The prediction leaves out harmonics and accelerations that do not exceed the noise. Some of them are real, and
+        the torque that they need depends on the machine. Until it is known, the stated bench gives an estimate.
 
         Parameters
         ----------

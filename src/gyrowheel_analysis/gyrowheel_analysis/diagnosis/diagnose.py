@@ -387,7 +387,7 @@ def _report(fitted: Prepared, finding: Finding, best: Fit, planner: Planner) -> 
         name=term.name,
         effect_title=term.effect.title if term.effect else "",
         effect_sentence=term.effect.sentence if term.effect else "",
-        coefficients=_estimates(term, best),
+        coefficients=estimates(term, best),
         delta_chi2=finding.delta_chi2,
         formula=term.effect.formula
         if term.effect
@@ -413,7 +413,8 @@ def _in_model(term: Term, problem: Problem) -> dict[str, Estimate] | None:
     }
 
 
-def _estimates(term: Term, fit: Fit) -> dict[str, Estimate]:
+def estimates(term: Term, fit: Fit) -> dict[str, Estimate]:
+    """Return the coefficients of a term as fitted."""
     units = {c.name: c.unit for c in term.effect.coefficients} if term.effect else {"relative_error": "1"}
     return {
         name: Estimate(fit.coefficients[term.name][name], fit.standard_error(term.name, name), units[name])
@@ -427,7 +428,7 @@ def _free_form(proposal: Proposal) -> FreeForm:
     return FreeForm(
         effect_to_line(effect),
         proposal.gain,
-        _estimates(proposal.term, proposal.fit),
+        estimates(proposal.term, proposal.fit),
         effect.sentence,
         effect.name,
         effect_to_mapping(effect),

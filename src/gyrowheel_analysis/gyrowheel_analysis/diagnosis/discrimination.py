@@ -1,4 +1,4 @@
-"""Which rows of a recording tell two explanations apart."""
+"""Which channels of a recording separate two explanations."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from gyrowheel_analysis.residuals.error_table import channel_values
 
 
 @dataclass(frozen=True)
-class Telling:
-    """How much one kind of row tells two explanations apart.
+class Discrimination:
+    """How much one channel separates two explanations.
 
     Attributes
     ----------
     part : str
-        Which rows, see `channels.CHANNELS`.
+        The channel, see `channels.CHANNELS`.
     title : str
         The same in words.
     delta_chi2 : float
@@ -37,24 +37,26 @@ class Telling:
 
 
 @one_thread()
-def telling_channels(recordings: Sequence[Recording], model: Model, name: str, rival: str) -> list[Telling]:
-    """Return which rows tell an effect from another, those that tell most first.
+def discriminating_channels(
+    recordings: Sequence[Recording], model: Model, name: str, rival: str
+) -> list[Discrimination]:
+    """Return how much each channel separates an effect from another, the most separating channel first.
 
     Parameters
     ----------
     recordings : sequence of Recording
-        Recordings that tell them apart.
+        Recordings that separate the two.
     model : Model
         The model without them.
     name, rival : str
         The effect, or error of a bench parameter, that explains the recordings, and the one that does not.
     """
     problem = prepare(recordings, model).problem
-    # a rival that may move the very parameter would meet the rows by it, at the price of its stated uncertainty
+    # a rival that may move the very parameter would explain the rows by it, at the price of its stated uncertainty
     others = _with_known(problem, ERRORS.get(name, ()))
     best, worse = problem.fit([problem.unknowns.term(name)]), others.fit([others.unknowns.term(rival)])
     found = [
-        Telling(part, kind.measured, _chi2(problem, worse, part) - _chi2(problem, best, part))
+        Discrimination(part, kind.measured, _chi2(problem, worse, part) - _chi2(problem, best, part))
         for part, kind in CHANNELS.items()
         if all(row in b.rows for row in kind.rows for b in problem.balances)
     ]

@@ -1,4 +1,4 @@
-"""How well what was found is known, and which test would sharpen it most."""
+"""Precision of what was found, and the test that improves it most."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.recording import Recording
 from gyrowheel_sim.effects import registry
 
-#: An effect whose size is known to this part of itself needs no further test.
+#: Relative standard error of an effect from which on no further test is needed.
 PRECISE = 0.1
-#: A test that takes away less than this part of an error is not worth its time.
+#: A test that reduces an error by less than this part is not worth its time.
 _WORTHWHILE = 0.3
 
 
 @dataclass(frozen=True)
-class Sharpening:
-    """A test that would sharpen a finding.
+class PrecisionTest:
+    """A test that would improve the precision of a finding.
 
     Attributes
     ----------
     effect : str
-        What would be known better.
+        The effect.
     plan : str
         The test.
     now, expected : float
-        Relative standard error of the effect's size, now and after the test.
+        Relative standard error of its best known amplitude, now and after the test.
     minutes : float
         Length of the plan.
     """
@@ -47,7 +47,7 @@ class Sharpening:
 
 
 def relative_error(finding: EffectFinding) -> float:
-    """Return the relative standard error of an effect's size: that of its best known amplitude."""
+    """Return the relative standard error of an effect's best known amplitude."""
     effect = registry().get(finding.name)
     shapes = {c.name for c in effect.shapes} if effect else set()
     return min(
@@ -61,7 +61,7 @@ def relative_error(finding: EffectFinding) -> float:
 
 
 @one_thread()
-def sharpening(
+def precision_test(
     recordings: Sequence[Recording],
     model: Model,
     diagnosis: Diagnosis,
@@ -69,13 +69,13 @@ def sharpening(
     wanted: float = PRECISE,
     averages: bool = False,
     progress: Progress | None = None,
-) -> Sharpening | None:
-    """Return the test that brings the least certain finding to the wanted precision soonest; None if none helps.
+) -> PrecisionTest | None:
+    """Return the shortest test that brings the least certain finding to the wanted precision; None if none helps.
 
     Parameters
     ----------
     recordings : sequence of Recording
-        The recordings at hand.
+        The recordings that were diagnosed.
     model : Model
         The model that was diagnosed.
     diagnosis : Diagnosis
@@ -91,7 +91,7 @@ def sharpening(
     weakest = max(loose, key=relative_error)
     problem = prepare(recordings, model, harmonics=not averages, progress=progress).problem
     if progress:
-        progress("judging which test would sharpen what was found")
+        progress("finding the test that improves the precision most")
     fit = problem.fit([problem.unknowns.term(f.name) for f in diagnosis.effects])
     now = _relative(fit, weakest.name, fit.covariance)
     tests = []
@@ -100,7 +100,7 @@ def sharpening(
         if found is not None:
             covariance, minutes = found
             tests.append(
-                Sharpening(weakest.name, plan, now, _relative(fit, weakest.name, covariance), minutes)
+                PrecisionTest(weakest.name, plan, now, _relative(fit, weakest.name, covariance), minutes)
             )
     enough = [t for t in tests if t.expected <= wanted]
     if enough:
@@ -121,7 +121,7 @@ def _relative(fit: Fit, term: str, covariance: NDArray[np.float64]) -> float:
 
 
 def _with_plan(problem: Problem, fit: Fit, name: str) -> tuple[NDArray[np.float64], float] | None:
-    """Return the covariance that a plan, added to the recordings at hand, would leave, and its minutes."""
+    """Return the covariance after a plan in addition to the present recordings, and its length in minutes."""
     found = planned(problem, name)
     if found is None or not len(found[0].measured):
         return None

@@ -1,4 +1,4 @@
-"""Which terms a recording asks for: forward selection with swaps and elimination, cross-validation, ties."""
+"""Selection of missing terms: forward selection with swaps and elimination, cross-validation, ties."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from gyrowheel_analysis.reduction.groups import direction_groups, masks, speed_g
 
 Array = NDArray[np.float64]
 
-#: Evidence asked for: gain in chi-squared for the first amplitude, and for each further one.
+#: Gain in chi-squared that is required for the first amplitude of a term, and for each further one.
 THRESHOLD = 30.0
 THRESHOLD_FURTHER = 12.0
 #: Alternatives within this of the best are ties.
 TIE = 14.0
 #: A bench parameter is a finding of its own beyond this many stated uncertainties.
 ERROR_LIMIT = 5.0
-#: What else could explain a finding is named from here on: stated uncertainties are at times too small.
+#: As a tie of a finding it is named from here on: stated uncertainties are at times too small.
 ERROR_TIE = 3.0
 _MOST_TERMS = 4
-#: Worsening of a cross-validation (in chi-squared) that chance alone explains.
+#: Increase of chi-squared in cross-validation that chance alone explains.
 _WORSENING = 4.0
 _SHORTLIST = 5
-#: Parts that there must be of each kind to leave one out.
+#: Number of groups of each kind from which on one can be left out.
 _FEWEST_PARTS = {"speed": 3, "azimuth": 3, "recording": 2}
-_NEGATIVE = 2.0  # standard errors below zero that an effect of one sign may come out by chance
+_NEGATIVE = 2.0  # standard errors below zero at which an effect of one sign may be estimated by chance
 
 Progress = Callable[[str], None]
 
@@ -46,18 +46,18 @@ class Tie:
 
 @dataclass(frozen=True)
 class Finding:
-    """A term that the recording asks for.
+    """A term that is missing in the model by the evidence of the recording.
 
     Attributes
     ----------
     term : Term
         The term.
     delta_chi2 : float
-        By how much leaving it out worsens the fit, everything else fitted again.
+        Increase of chi-squared without it, everything else fitted again.
     ties : tuple of Tie
-        Terms that could stand in its place.
+        Terms that explain the rows as well.
     rivals : tuple of Tie
-        The nearest terms that could not.
+        The next best terms.
     without : Fit
         The fit without it.
     """
@@ -85,9 +85,9 @@ def threshold(term: Term, inflation: float) -> float:
 
 
 def expected_chi2(problem: Problem) -> float:
-    """Return chi-squared that a complete model would leave on average: rows minus fitted freedom.
+    """Return the expected chi-squared of a complete model: rows less fitted degrees of freedom.
 
-    Parameters with a prior take freedom away only as far as the rows determine them.
+    A parameter with a prior counts as a degree of freedom as far as the rows determine it.
     """
     design = problem.noise.whiten(problem.base_jacobian)
     singular = np.linalg.svd(design, compute_uv=False)
@@ -95,14 +95,15 @@ def expected_chi2(problem: Problem) -> float:
 
 
 def select(problem: Problem, *, progress: Progress | None = None) -> Selection:
-    """Find the terms that the rows ask for.
+    """Select the terms that are missing in the model.
 
-    A term is taken if it brings the threshold in chi-squared and, for the error of a bench parameter, if the
-    parameter then lies beyond five of its stated uncertainties. An effect that the model has is a candidate like any
-    other: it may be of another size than the model says. Every term that was taken is tried against every other (swaps)
-    and against none (elimination). When nothing more is asked for, each term must stand the test that the
-    prediction of a speed, a tilt direction or a recording that was left out does not worsen by it; one that fails goes,
-    and the search continues without it. (Earlier this test would judge a term by what is still missing beside it.)
+    A term is selected if it lowers chi-squared by the threshold and, for the error of a bench parameter, if the
+    parameter then lies beyond five of its stated uncertainties. An effect of the model is a candidate like any other:
+    its coefficients may differ from those of the model. Every selected term is tried against every other (swaps) and
+    against none (elimination). When no further term reaches the threshold, each term must pass cross-validation: with
+    it, the prediction of a speed, a tilt direction or a recording that was left out must not become worse. A term that
+    fails is removed, and the search continues without it. (Cross-validation comes last: earlier it would judge a term
+    by what is still missing beside it.)
     """
     say = progress or (lambda text: None)
     pool = problem.unknowns.candidates()
@@ -123,7 +124,7 @@ def select(problem: Problem, *, progress: Progress | None = None) -> Selection:
 
 
 def _extended(problem: Problem, current: Fit, pool: Sequence[Term], dof: float, say: Progress) -> Fit:
-    """Add terms until no further one brings the threshold."""
+    """Add terms until no further one reaches the threshold."""
     while len(current.terms) < _MOST_TERMS:
         tried = []
         for gain, term in rank(problem, current, [t for t in pool if t not in current.terms])[:_SHORTLIST]:
@@ -134,7 +135,7 @@ def _extended(problem: Problem, current: Fit, pool: Sequence[Term], dof: float, 
         if not tried:
             break
         fit, term = min(tried, key=lambda pair: pair[0].chi2 + threshold(pair[1], 0.0))
-        # the noise is judged with the term in: what the term explains is not noise
+        # the noise is judged with the term: what the term explains is not noise
         inflation = fit.chi2_rows / dof
         if current.chi2 - fit.chi2 < threshold(term, inflation):
             break
@@ -155,11 +156,11 @@ def _fails_cross_validation(problem: Problem, fit: Fit) -> Term | None:
 
 
 def _plausible(problem: Problem, fit: Fit, limit: float = ERROR_LIMIT) -> bool:
-    """Whether every term of a fit can be what it says.
+    """Whether every term of a fit is physically plausible.
 
-    The error of a bench parameter must lie more than `limit` stated uncertainties from its stated value; an effect that
-    can only brake, push back or heat must not come out clearly negative, which is how two effects make up for a third
-    that is not among them.
+    The error of a bench parameter must be more than `limit` stated uncertainties. An effect of one sign (it can only
+    brake, push back or heat) must not be estimated clearly negative: that happens where two effects make up for a third
+    one that is not in the fit.
     """
     for term in fit.terms:
         if term.effect is None:
@@ -188,14 +189,10 @@ def relative_deviation(problem: Problem, fit: Fit, term: Term) -> float:
 def rank(problem: Problem, current: Fit, pool: Sequence[Term]) -> list[tuple[float, Term]]:
     """Return the linear gain in chi-squared of every candidate, best first.
 
-    A candidate whose rows the fit reproduces already is left out.
+    A candidate that is linearly dependent on the fit is left out.
     """
-    inverse, _ = problem.unknowns.prior(current.terms)
-    design = np.vstack([problem.noise.whiten(current.jacobian), np.diag(inverse)])
-    size = np.linalg.norm(design, axis=0)
-    size[size == 0.0] = 1.0
-    basis, _ = np.linalg.qr(design / size)
-    padding = len(inverse)
+    basis = problem.basis(current)
+    padding = len(current.pull)
     white = np.concatenate([problem.noise.whiten(current.residual), -current.pull])
     white = white - basis @ (basis.T @ white)
     at = problem.measured - current.residual
@@ -206,7 +203,7 @@ def rank(problem: Problem, current: Fit, pool: Sequence[Term]) -> list[tuple[flo
         total = np.linalg.norm(columns, axis=0)
         columns = columns - basis @ (basis.T @ columns)
         norm = np.linalg.norm(columns, axis=0)
-        # a column that the others reproduce to a part in ten thousand carries nothing of its own
+        # a column that the others reproduce to a part in ten thousand adds nothing
         if np.any(norm <= 1.0e-4 * np.maximum(total, 1e-300)):
             continue
         columns = columns / norm
@@ -216,7 +213,7 @@ def rank(problem: Problem, current: Fit, pool: Sequence[Term]) -> list[tuple[flo
 
 
 def _swapped(problem: Problem, fit: Fit, pool: Sequence[Term]) -> Fit:
-    """Replace terms by others as long as that lowers chi-squared."""
+    """Replace terms by others while that lowers chi-squared."""
     for _ in range(3):
         improved = False
         for term in fit.terms:
@@ -285,18 +282,18 @@ def groups(problem: Problem) -> dict[str, list[NDArray[np.bool_]]]:
 
 
 def _inverse(normal: Array) -> Array:
-    """Return the inverse of a normal matrix whose parameters are of very different size."""
+    """Return the inverse of a normal matrix whose parameters differ by orders of magnitude."""
     scale = np.sqrt(np.diag(normal))
     scale[scale == 0.0] = 1.0
     return np.asarray(np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale))
 
 
 def _survives_cross_validation(problem: Problem, without: Fit, with_: Fit, term: Term) -> bool:
-    """Whether a term does not worsen the prediction of a speed, a tilt direction or a recording that was left out.
+    """Whether the prediction of a speed, a tilt direction or a recording that was left out is no worse with a term.
 
     The prediction is judged by its own uncertainty (the predictive density of the part given the rest). A part is
-    passed over where the rest cannot tell the term's size: there is then nothing to validate. Nor is there
-    where the rows are met as well without the term, by bench parameters too far from their stated values.
+    skipped where the rest does not determine the term's coefficients, for there is then nothing to validate. The same
+    holds where bench parameters far from their stated values explain the rows as well as the term does.
     """
     if without.chi2_rows - with_.chi2_rows < 0.5 * (without.chi2 - with_.chi2):
         return True
@@ -326,7 +323,7 @@ def _survives_cross_validation(problem: Problem, without: Fit, with_: Fit, term:
                 covariance = _inverse(kept)
                 # the residual belongs to the full fit, whose pulls balance its gradient
                 left_out = residual[mask] + part @ (covariance @ (part.T @ residual[mask]))
-                # what the rest does not know of the parameters is no fault of the prediction
+                # the prediction is not blamed for what the rest leaves undetermined
                 slope = part.T @ left_out
                 error = left_out @ left_out - slope @ _inverse(kept + part.T @ part) @ slope
                 found.append((float(error), covariance))

@@ -1,4 +1,4 @@
-"""What a test plan would show before it is run: detection limits, and the test that separates two terms."""
+"""Experiment design: detection limits of recordings, and the plan that separates two terms best per minute."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ VARIED_PLANS = tuple(
         "tilt_ratio=1.3",
     )
 )
-#: How much more a minute a variation must separate than the best plan as it is.
+#: Factor by which a variation must separate more per minute than the best plan as it is.
 _CLEARLY = 1.5
 #: A separation that settles a tie.
 SETTLED = 25.0
@@ -55,7 +55,7 @@ SETTLED = 25.0
 
 @dataclass(frozen=True)
 class Separation:
-    """How well a plan, added to the recordings at hand, would tell two terms apart.
+    """How well a plan, in addition to the present recordings, would separate two terms.
 
     Attributes
     ----------
@@ -73,12 +73,12 @@ class Separation:
 
     @property
     def rate(self) -> float:
-        """What is expected a minute."""
+        """Expected separation per minute."""
         return self.expected / self.minutes
 
 
 def _best(found: Sequence[Separation]) -> Separation | None:
-    """Return the one that separates most a minute among those that settle a tie; else the strongest."""
+    """Return the one that separates most per minute among those that settle a tie; else the one that separates most."""
     settling = [s for s in found if s.expected >= SETTLED]
     if settling:
         return max(settling, key=lambda s: s.rate)
@@ -103,12 +103,12 @@ def planned(problem: Problem, name: str) -> tuple[Problem, float] | None:
 
 
 class Planner:
-    """Predicts what plans would show, given the recordings at hand.
+    """Predicts what plans would show in addition to the present recordings.
 
     Parameters
     ----------
     problem : Problem
-        The recordings at hand.
+        The present recordings.
     fit : Fit
         What they say so far.
     """
@@ -119,12 +119,12 @@ class Planner:
         self._planned: dict[str, tuple[Problem, float] | None] = {}
 
     def separation(self, truth: Fit, rival: Fit, plan: str) -> Separation | None:
-        """Return by how much a plan, added to the recordings at hand, would make `rival` worse than `truth`.
+        """Return by how much a plan, in addition to the present recordings, would make `rival` worse than `truth`.
 
         Parameters
         ----------
         truth, rival : Fit
-            Two fits to the recordings at hand. If the first is right, the second is fitted again to everything.
+            Two fits to the present recordings. If the first is right, the second is fitted again to everything.
         plan : str
             Name of a plan; of the bench's own one where there is one, say ``dtg_cone`` for ``cone``.
         """
@@ -156,7 +156,7 @@ class Planner:
         return Separation(plan, max(expected, 0.0), minutes)
 
     def revealing(self, name: str) -> Separation | None:
-        """Return the plan that would show a registered effect of the middle usual size most clearly a minute."""
+        """Return the plan that would show a registered effect of a middle usual magnitude best per minute."""
         term = self._problem.unknowns.term(name)
         assert term.effect is not None  # the registry holds effects only
         coefficients = {**self._fit.coefficients, name: term.effect.defaults()}
@@ -170,7 +170,7 @@ class Planner:
         return max(settling or found, key=lambda s: s.rate, default=None)
 
     def best(self, truth: Fit, rival: Fit) -> Separation | None:
-        """Return the plan that separates two fits best a minute, among those that settle it; else the strongest.
+        """Return the plan that separates two fits best per minute among those that settle a tie; else the strongest.
 
         A variation of a plan is taken where it is clearly better than every plan as it is.
         """
@@ -188,7 +188,7 @@ class Planner:
 
 @dataclass(frozen=True)
 class Limit:
-    """The smallest size of an effect that the recordings could have shown.
+    """The smallest magnitude of an effect that the recordings could have shown.
 
     Attributes
     ----------
@@ -197,7 +197,7 @@ class Limit:
     coefficient : str
         Its coefficient.
     value : float
-        Size at which it would have been found [unit of the coefficient].
+        Magnitude at which it would have been found [unit of the coefficient].
     """
 
     term: Term
@@ -207,18 +207,14 @@ class Limit:
 
 def detection_limits(problem: Problem, fit: Fit, terms: Sequence[Term], inflation: float) -> list[Limit]:
     """Return the detection limit of every term that is not in the fit, all else fitted along."""
-    inverse, _ = problem.unknowns.prior(fit.terms)
-    design = np.vstack([problem.noise.whiten(fit.jacobian), np.diag(inverse)])
-    size = np.linalg.norm(design, axis=0)
-    size[size == 0.0] = 1.0
-    basis, _ = np.linalg.qr(design / size)
+    basis = problem.basis(fit)
     at = problem.measured - fit.residual
     limits = []
     for term in terms:
         if term.effect is None or term in fit.terms:
             continue
         own = problem.term_jacobian(term, fit, at, term.amplitudes)
-        columns = np.vstack([problem.noise.whiten(own), np.zeros((len(inverse), own.shape[1]))])
+        columns = np.vstack([problem.noise.whiten(own), np.zeros((len(fit.pull), own.shape[1]))])
         columns = columns - basis @ (basis.T @ columns)
         needed = math.sqrt(threshold(term, inflation))
         for index, name in enumerate(term.amplitudes):

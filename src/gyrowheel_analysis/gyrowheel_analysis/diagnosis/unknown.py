@@ -1,8 +1,8 @@
-"""Forms that no declaration contains: what an unknown effect might look like, offered as a formula.
+"""Free forms: formulas for an effect that no declaration describes.
 
-The family: torques that turn with any multiple of the tilt's direction and grow with any power of tilt and speed,
-bumps at one speed, dead zones in the tilt, torques that fade with time. It answers two questions: is there something
-that the registered effects do not describe, and which formula describes it.
+The family has torques that depend on any multiple of the tilt's azimuth and any power of tilt and speed, bumps at one
+speed, dead zones in the tilt, and torques that decay with time. It answers two questions: is there an effect that the
+registered ones do not describe, and which formula describes it.
 """
 
 from __future__ import annotations
@@ -28,22 +28,22 @@ from gyrowheel_sim.effects.sizes import for_bench
 
 Array = NDArray[np.float64]
 
-#: How much likelier (minus twice the log) a free form must make the recording before the library is doubted.
+#: Gain in minus twice the log likelihood that a free form must bring to be preferred to the library.
 UNKNOWN = 30.0
-_IN_PLACE_OF_SEVERAL = 12.0  # how much likelier a single form must be than several effects that it replaces
-_AS_LIKELY = 12.0  # less likely that a single form may be than effects that cancel each other
-_SUPERFLUOUS = 6.0  # likelier that an effect must make a recording to be kept beside a form
+_IN_PLACE_OF_SEVERAL = 12.0  # the same for a single form that replaces several effects
+_AS_LIKELY = 12.0  # loss that is accepted for a single form that replaces effects that cancel each other
+_SUPERFLUOUS = 6.0  # the gain that an effect must bring to be kept beside a form
 #: Linear gain in chi-squared from which a form is fitted.
 _PROMISING = 6.0
-#: Part of what a start lacks that exponents and edges may give, which the linear gain does not show.
+#: Part of the missing gain that exponents and edges may bring, which the linear gain does not include.
 _BY_SHAPE = 0.5
-#: Square of a drift's scale from which the drift may have covered what is missing.
+#: Square of a drift's scale from which on the drift may conceal what is missing.
 _COVERING = 2.0
 _TRIED = 8
 _TRIED_OF_A_KIND = 2
 
 _EXPONENT = 1.0  # prior deviation of an exponent
-_TINY = sp.Float(1e-9)  # keeps a power of the tilt finite where there is none
+_TINY = sp.Float(1e-9)  # keeps powers of a vanishing tilt finite
 
 _a, _b, _p, _w, _k, _q, _s = (sp.Symbol(name, real=True) for name in ("a", "b", "p", "w", "k", "q", "s"))
 _t = QUANTITIES["t"].symbol
@@ -64,7 +64,7 @@ class Proposal:
     fit : Fit
         The fit with it.
     gain : float
-        How much likelier it makes the recording (minus twice the log of the likelihood).
+        Gain in minus twice the log likelihood of the recordings.
     """
 
     term: Term
@@ -200,10 +200,10 @@ def forms() -> tuple[Term, ...]:
 def search(problem: Problem, selection: Selection, *, progress: Progress | None = None) -> Proposal | None:
     """Look for a free form that describes the rows better than the selected effects; None if there is none.
 
-    A form is compared by marginal likelihood with the size of the drifts left free, so that a misfit that an
-    enlarged drift had covered is seen, and a real drift is not taken for a form. It may stand beside the selected
-    effects, in the place of one of them, or of all. A single form in the place of several effects need not be so much
-    likelier than they are, and where they cancel each other only about as likely.
+    Forms are compared by marginal likelihood with the drifts left free. So a misfit is seen even where an enlarged
+    drift concealed it, and a real drift is not mistaken for a form. A form may stand beside the selected
+    effects or replace one or all of them. A single form that replaces several effects needs a smaller gain, and only
+    about the same likelihood where these effects cancel each other.
     """
     if progress:
         progress("comparing with forms that no declared effect has")
@@ -223,7 +223,7 @@ def search(problem: Problem, selection: Selection, *, progress: Progress | None 
         ]
     cancels = cancelling(problem, selection.best)
     beside = rank(problem, selection.best, family)
-    # in the place of an effect a form cannot explain more than beside it
+    # a form that replaces an effect cannot explain more than beside it
     able = [term for gain, term in beside if _worth(problem, gain)]
     best: Proposal | None = None
     for start in starts:
@@ -245,10 +245,10 @@ def search(problem: Problem, selection: Selection, *, progress: Progress | None 
 
 
 def _hopeless(problem: Problem, best: Fit, start: Fit, gain: float) -> bool:
-    """Whether the linear gain in chi-squared of a form beside `start` rules it out before it is fitted.
+    """Whether the linear gain in chi-squared of a form beside `start` rules it out without a fit.
 
-    Its exponents and edges are still to be fitted, which gives it a part of what `start` lacks beside the best fit.
-    What an enlarged drift covers counts more once the form explains it, so that this cannot be relied on then.
+    Fitting its exponents and edges can still bring a part of what `start` lacks compared with the best fit. Where a
+    drift was enlarged this bound does not hold: what the drift conceals counts more once the form explains it.
     """
     if not _worth(problem, gain):
         return True
@@ -261,12 +261,12 @@ def _worth(problem: Problem, gain: float) -> bool:
 
 
 def _covered(problem: Problem) -> float:
-    """Return by how much the enlarged drifts may have made a gain in chi-squared smaller."""
+    """Return the factor by which enlarged drifts may have reduced a gain in chi-squared."""
     return max(problem.noise.scales.values(), default=1.0) ** 2
 
 
 def _foremost(ranked: Sequence[tuple[float, Term]]) -> list[tuple[float, Term]]:
-    """Return the forms that explain most, with their gains, but few of a kind."""
+    """Return the forms with the largest gains, few of each kind."""
     kinds: Counter[str] = Counter()
     result = []
     for gain, term in ranked:
@@ -280,7 +280,7 @@ def _foremost(ranked: Sequence[tuple[float, Term]]) -> list[tuple[float, Term]]:
 
 
 def _simplest(problem: Problem, proposal: Proposal, base: float) -> Proposal:
-    """Drop effects that the form makes superfluous."""
+    """Drop effects that are superfluous beside the form."""
     while len(proposal.fit.terms) > 1:
         trials = []
         for term in proposal.fit.terms:
@@ -295,7 +295,7 @@ def _simplest(problem: Problem, proposal: Proposal, base: float) -> Proposal:
 
 
 def cancelling(problem: Problem, fit: Fit) -> bool:
-    """Whether two terms of a fit act against each other, so that much of either makes up for the other."""
+    """Whether two terms of a fit cancel each other to a large part."""
     columns: dict[str, Array] = {}
     for index, (term, name) in enumerate(fit.columns):
         value = fit.coefficients[term][name]

@@ -1,9 +1,8 @@
-"""White noise on top of a slow drift, in a time that grows with the number of rows and no faster.
+"""Covariance of white noise and a slow drift, in a time proportional to the number of rows.
 
-The drift of a reading is an Ornstein-Uhlenbeck process, and that is Markov: what it will do depends on where it is
-now, not on how it came there. The Cholesky factor of its covariance with a diagonal one added need then not be written
-down. Its inverse is the recursion of a Kalman filter with a state of one number, exactly: the innovations over their
-deviations are the rows divided by the square root of their covariance.
+The drift of a reading is an Ornstein-Uhlenbeck process, which is Markov. The Cholesky factor of its covariance plus a
+diagonal therefore need not be formed: its inverse is exactly the recursion of a Kalman filter with one state. The
+innovations over their standard deviations are the rows divided by the square root of their covariance.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from scipy.linalg import solve_triangular
 
 Array = NDArray[np.float64]
 
-_KEPT = 8  # scales of which what they give is kept: an optimiser moves one at a time
+_KEPT = 8  # scales whose results are kept: an optimiser moves one at a time
 
 
 class DriftCovariance:
@@ -66,8 +65,8 @@ class DriftCovariance:
     def whiten(self, rows: Array, scale: float) -> Array:
         """Return rows (n, ...) divided by the square root of their covariance.
 
-        For rows in the order of time that root is the lower Cholesky factor; for others it is the one of the rows in
-        that order, and each row stays in its place.
+        For rows ordered by time that root is the lower Cholesky factor. Other rows are taken in the order of time, and
+        each result is put in the place of its row.
         """
         gain, deviation = self._filter(scale)
         shape = np.shape(rows)
@@ -93,11 +92,11 @@ class DriftCovariance:
 
 
 class MarginalCost:
-    """Minus twice the log of the likelihood of rows that regressors of unknown size and drifts of unknown size explain.
+    """Minus twice the log likelihood of rows that regressors and drifts of unknown magnitude explain.
 
     The rows are normal with the covariance ``blockdiag(C_1(s), C_2(s), ...) + X Xᵀ``, where X are the regressors, each
-    column scaled to one prior standard deviation. By the lemmas of Woodbury and of the determinant that takes no matrix
-    larger than X has columns.
+    column scaled to one prior standard deviation. By the Woodbury identity and the matrix determinant lemma no larger
+    matrix is needed than X has columns.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Covariance of the rows of a balance, white noise and slow drift, and how large the drift is."""
+"""Covariance of the rows of a balance: white noise and slow drift, and the estimate of the drift's magnitude."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from gyrowheel_sim.bench import Bench
 
 Array = NDArray[np.float64]
 
-#: A drift below the stated one is not believed: few windows show little of a slow drift by chance.
+#: A drift smaller than stated is not accepted: a few windows may show little of a slow drift by chance.
 _SCALE_BOUNDS = (1.0, 8.0)
 _SCALE_SPREAD = 0.7  # of the logarithm of a drift's scale before the recording is seen
-_OTHER = 0.25  # change of the logarithm of a standard deviation that makes a noise another one
+_OTHER = 0.25  # change of the logarithm of a standard deviation from which on the noise counts as different
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Noise:
     amplitudes : tuple of ndarray
         For each recording the standard deviations of its further rows, which carry no drift.
     scales : dict of str to float
-        Size of each drift over the stated one.
+        Magnitude of each drift over the stated one.
     """
 
     averages: tuple[tuple[tuple[DriftCovariance, str], ...], ...]
@@ -67,7 +67,7 @@ class Noise:
         return cls(averages, amplitudes, dict.fromkeys(DRIFTS, 1.0))
 
     def with_scales(self, scales: Mapping[str, float]) -> Noise:
-        """Return the noise with drifts of other sizes."""
+        """Return the noise with other magnitudes of the drifts."""
         return replace(self, scales=dict(scales))
 
     def on_bench_of(
@@ -124,8 +124,8 @@ class Noise:
         residual : ndarray (N,)
             Rows measured minus predicted by the model as it stands.
         regressors : ndarray (N, p)
-            Everything that may explain them, each column scaled to one prior standard deviation: what they can
-            explain is not taken for drift.
+            Everything that may explain them, each column scaled to one prior standard deviation. What they can explain
+            does not count as drift.
         """
         names = list(DRIFTS)
         blocks: list[tuple[DriftCovariance, str]] = []
@@ -138,7 +138,7 @@ class Noise:
                 kept.append(np.arange(start, start + n))
                 start += n
             start += len(deviation)
-        # the drift shows in the averages alone; the harmonics narrow what the regressors may explain there
+        # only the averages show the drift; the amplitudes narrow what the regressors may explain there
         averages = np.concatenate(kept) if kept else np.zeros(0, dtype=int)
         turning = np.setdiff1d(np.arange(start), averages)
         residual, regressors, turning_cost = _narrowed(
@@ -162,11 +162,11 @@ class Noise:
 def _narrowed(
     residual: Array, regressors: Array, averages: Any, turning: Any, white: Sequence[Array]
 ) -> tuple[Array, Array, float]:
-    """Return the averages' residual and regressors once the rows of the harmonics have been taken into account.
+    """Return residual and regressors of the averages, given the rows of the amplitudes.
 
-    The regressors stand for coefficients of unit prior deviation. The harmonics, whose noise is known, turn that
-    prior into another; its mean is taken from the residual, and its deviation scales the regressors. The number is
-    minus twice the log of the likelihood of the harmonics themselves, but for a constant.
+    The regressors belong to coefficients of unit prior deviation. The amplitudes, whose noise is known, turn this prior
+    into a posterior: its mean is subtracted from the residual, and its deviation scales the regressors. The number is
+    minus twice the log likelihood of the amplitudes themselves, up to a constant.
     """
     if not len(turning):
         return residual[averages], regressors[averages], 0.0

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 _KEPT_STATES = 6
 _NUISANCE_STEP = 0.1  # stated uncertainties
-_COEFFICIENT_STEP = 1.0e-3  # of the generous size of a coefficient
+_COEFFICIENT_STEP = 1.0e-3  # of `Unknowns.scale`
 
 _State = tuple[dict[str, float], list[Instants], Array]
 
@@ -86,7 +86,7 @@ class Prediction:
 
     def _state(self, point: Point) -> _State:
         """Return bench parameters, states of the balances and predicted rows."""
-        # within a problem the name of an effect of the library stands for it
+        # the name of an effect of the library identifies it; any other effect is part of the key
         foreign = tuple(t.effect for t in point.terms if t.name not in self.unknowns.library)
         key = repr((point.nuisance.tolist(), point.coefficients)), foreign
         if key in self._states:
@@ -114,7 +114,7 @@ class Prediction:
         return self._stepped(point, changed) if found is None else found
 
     def _moved(self, point: Point, nuisance: Array) -> Array:
-        """Return the predicted rows for `nuisance`, a small step away; quick where the motion stays as it is."""
+        """Return the predicted rows for `nuisance`, a small step away; quickly where the motion does not change."""
         moved = Point(point.terms, nuisance, point.coefficients)
         parameters = len(self.unknowns.nuisances)
         if not np.array_equal(nuisance[parameters:], point.nuisance[parameters:]):

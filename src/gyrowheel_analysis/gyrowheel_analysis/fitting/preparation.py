@@ -22,19 +22,19 @@ from gyrowheel_sim.bench import Bench
 
 Progress = Callable[[str], None]
 
-#: Fewer windows than this show nothing.
+#: With fewer windows nothing can be said.
 FEWEST_WINDOWS = 6
-#: Parameters that tell one machine from another, and by which factor they must lie apart for that. Stated uncertainties
-#: would not do: a better figure for the same machine often lies tens of them from the first one, while a factor of
-#: two in an inertia, a flexure or the sample period is no matter of knowing it better.
-_TELLING = (
+#: Parameters by which machines are distinguished, and the factor by which one of them must differ. Stated uncertainties
+#: would not do: a better value for the same machine often lies tens of them from the first one, while nobody mistakes
+#: an inertia, a flexure or the sample period by a factor of two.
+_DISTINGUISHING = (
     "rotor_inertia_x",
     "rotor_inertia_z",
     "flexure_stiffness_x",
     "flexure_stiffness_y",
     "sample_period",
 )
-_APART = 2.0
+_FACTOR = 2.0
 
 
 def too_few_windows(windows: int, coverage: Coverage) -> str:
@@ -65,7 +65,7 @@ class Prepared:
     Attributes
     ----------
     problem : Problem
-        What can be fitted, with the sizes of the drifts as the recordings show them.
+        What can be fitted, with the magnitudes of the drifts estimated from the recordings.
     names : list of str
         The recordings in it, in order.
     windows : int
@@ -85,7 +85,7 @@ class Prepared:
     def reweighed(self, fit: Fit) -> Prepared:
         """Return the same with the noise of the machine that a fit describes (`Problem.reweighed`).
 
-        It is this very object where that noise hardly differs.
+        The same object is returned where that noise hardly differs.
         """
         problem = self.problem.reweighed(fit)
         if problem is self.problem:
@@ -98,7 +98,7 @@ class Prepared:
 
 @contextlib.contextmanager
 def one_thread() -> Iterator[None]:
-    """Keep linear algebra on one thread: its matrices are small, and threads would only wait for one another."""
+    """Keep linear algebra on one thread: the matrices are small, and several threads would only wait for each other."""
     with threadpool_limits(limits=1, user_api="blas"):
         yield
 
@@ -147,7 +147,7 @@ def prepare(
     harmonics : bool
         Whether to use what happens within a revolution, or averages alone.
     drift_scales : dict of str to float, optional
-        Sizes of the drifts where they are known already.
+        Magnitudes of the drifts over the stated ones, where they are known already.
     progress : callable, optional
         Called with a line of text now and then.
 
@@ -201,12 +201,11 @@ def _reduced(
 
 
 def require_one_bench(recordings: Sequence[Recording], model: Model) -> None:
-    """Refuse recordings that are plainly of another bench than the model, or than one another.
+    """Refuse recordings of another bench than that of the model, or of different benches.
 
-    Benches are taken to be different if both their names and their machines are: one of some telling parameters is more
-    than twice that of the other. A bench file of one's own under another name for the same machine passes, and so does
-    a machine that differs from its bench, which it is the model's business to find. A recording that does not say of
-    which bench it is goes unchecked.
+    Two benches are different if their names differ and one of the distinguishing parameters is more than twice that of
+    the other. So a bench file under another name for the same machine passes, and so does a machine that differs from
+    its bench: finding that is what the diagnosis is for. A recording that does not name its bench is not checked.
 
     Raises
     ------
@@ -222,10 +221,10 @@ def require_one_bench(recordings: Sequence[Recording], model: Model) -> None:
         for other, its_name, its_values in known:
             if name == its_name:
                 continue
-            for key in _TELLING:
+            for key in _DISTINGUISHING:
                 own, its = values.get(key, math.nan), its_values.get(key, math.nan)
                 # false for what is not a number
-                if max(own, its) > _APART * min(own, its) > 0.0:
+                if max(own, its) > _FACTOR * min(own, its) > 0.0:
                     raise InputError(
                         f"{recording.path}: is of bench {name}, {other} of bench {its_name}: {key} is {own:.4g} and "
                         f"{its:.4g} {stated.parameters[key].unit}; allowed: the same machine"
@@ -234,7 +233,7 @@ def require_one_bench(recordings: Sequence[Recording], model: Model) -> None:
 
 
 def _check(windows: Windows, bench: Bench, where: str) -> None:
-    """Refuse readings that no test on this bench can give: wrong units are the usual cause."""
+    """Refuse readings that no test on this bench can give; the usual cause is wrong units."""
     if not len(windows):
         return
     tilt = float(np.abs(windows.mean_tilt).max())

@@ -106,7 +106,7 @@ class Problem:
         return replace(self, noise=noise)
 
     def with_scales(self, scales: Mapping[str, float]) -> Problem:
-        """Return the problem with drifts of other sizes."""
+        """Return the problem with other magnitudes of the drifts."""
         return replace(self, noise=self.noise.with_scales(scales))
 
     def fit(self, terms: Sequence[Term], start: Fit | None = None, *, iterations: int = 12) -> Fit:
@@ -152,9 +152,9 @@ class Problem:
     def refined(self, fit: Fit) -> Fit:
         """Return a fit with every derivative taken at the solution itself.
 
-        While terms are compared, the derivatives by the bench parameters are those without any of them. That finds
-        the terms, but a coefficient that shows far above the noise needs them exactly: there the uncertainty of a
-        resistance or of a heat capacity is what limits it.
+        While terms are compared, the derivatives by the bench parameters are those without any term. That is enough to
+        find the terms. A coefficient far above the noise needs exact derivatives: its error is then limited by that of
+        a resistance or a heat capacity.
         """
         fresh = self.prediction.nuisance_jacobian(fit, self.predict(fit))
         return self.fit(fit.terms, replace(fit, jacobian=np.hstack([fresh, fit.jacobian[:, self.count :]])))
@@ -162,8 +162,8 @@ class Problem:
     def fit_within(self, bound: float = STATED_RANGE) -> Fit:
         """Fit the nuisance unknowns alone, none further than `bound` stated uncertainties from its stated value.
 
-        This is the best that the model as it stands can do: an unbounded fit would bend a parameter as far as it
-        takes to make up for an effect that is missing.
+        This is the best that the model as it stands can do. Without bounds a parameter would move as far as it takes to
+        make up for a missing effect.
         """
         free = self.fit(())
         if np.abs(free.nuisance).max(initial=0.0) <= bound:
@@ -179,11 +179,23 @@ class Problem:
         rows = float(white @ white)
         return replace(free, nuisance=x, chi2=rows + float(x @ x), chi2_rows=rows, residual=residual, pull=x)
 
-    def evidence(self, fit: Fit) -> float:
-        """Return minus twice the log of the marginal likelihood of a fit, the sizes of the drifts left free.
+    def basis(self, fit: Fit) -> Array:
+        """Return an orthonormal basis (N + unknowns, unknowns) of all that the unknowns of a fit can explain.
 
-        What a term explains and what a larger drift would explain are thus weighed against each other. Every
-        amplitude pays for its freedom: its prior is as wide as the generous size of `Unknowns.scale`.
+        Its rows are the whitened rows, then the priors.
+        """
+        inverse, _ = self.unknowns.prior(fit.terms)
+        design = np.vstack([self.noise.whiten(fit.jacobian), np.diag(inverse)])
+        size = np.linalg.norm(design, axis=0)
+        size[size == 0.0] = 1.0
+        basis, _ = np.linalg.qr(design / size)
+        return np.asarray(basis)
+
+    def evidence(self, fit: Fit) -> float:
+        """Return minus twice the log of the marginal likelihood of a fit, the magnitudes of the drifts left free.
+
+        This weighs what a term explains against what a larger drift would explain. The prior of every amplitude is as
+        wide as `Unknowns.scale`, so that a further amplitude has its price.
         """
         offset = np.concatenate([fit.nuisance, [fit.coefficients[t][name] for t, name in fit.columns]])
         # the rows as they would be with everything at its prior centre, to first order
@@ -191,10 +203,10 @@ class Problem:
         return self.noise.best_scales(rows, fit.jacobian * self.unknowns.widths(fit.terms))[1]
 
     def with_drift_estimated(self, fit: Fit | None = None) -> Problem:
-        """Return the problem with the sizes of the slow drifts as the rows show them.
+        """Return the problem with the magnitudes of the slow drifts estimated from the rows.
 
-        Whatever bench parameters or effects can explain is not taken for drift, nor what the terms of a fit can: forms
-        that no registered effect has.
+        What bench parameters or registered effects can explain does not count as drift, nor, given a fit, what its
+        terms can explain.
         """
         if fit is None:
             rows, own = self.measured - self.base, self.base_jacobian
@@ -205,7 +217,7 @@ class Problem:
         return self.with_scales(scales)
 
     def _candidate_columns(self) -> Array:
-        """Return the derivatives of the rows by the amplitudes of all candidates, each of its generous size."""
+        """Return the derivatives of the rows by the amplitudes of all candidates, each times its `Unknowns.scale`."""
         stated = self.unknowns.stated()
         columns: list[Array] = []
         for term in self.unknowns.candidates():

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 _FAR = 5.0  # stated uncertainties after which the derivatives by the bench parameters are taken anew
 _BOLD_STEPS = 3
-_WORTH = 5.0  # gain in chi-squared that a step must promise to be followed uphill
+_WORTH = 5.0  # predicted gain in chi-squared from which on a step is followed uphill
 #: Shares of a step that are tried, the whole one first.
 _SHORTENINGS = (1.0, 0.5, 0.2, 0.05, 0.01)
 _GAIN = 1.0e-3  # in chi-squared: a step that gains less is the last one
@@ -126,13 +126,13 @@ class Objective:
 
 @dataclass(frozen=True)
 class _Step:
-    """A linear problem solved: derivatives, whitened design, size of its columns, step, and promised gain."""
+    """A solved linear problem: derivatives, whitened design, norms of its columns, step, and predicted gain."""
 
     jacobian: Array
     design: Array
     size: Array
     step: Array
-    promised: float
+    predicted_gain: float
 
 
 def solve(objective: Objective, x: Array, nuisance_jacobian: Array, *, iterations: int = 12) -> Fit:
@@ -165,13 +165,13 @@ def solve(objective: Objective, x: Array, nuisance_jacobian: Array, *, iteration
             there = objective.at(trial)
             if there.chi2 <= at.chi2:
                 break
-            if bold and linear.promised > _WORTH and np.abs(linear.step[:count]).max() > 1.0:
+            if bold and linear.predicted_gain > _WORTH and np.abs(linear.step[:count]).max() > 1.0:
                 bold = False
                 trial, there = _boldly(objective, trial, there)
                 if there.chi2 <= at.chi2:
                     break
         else:
-            break  # no step along this direction helps: x is the best there is
+            break  # no step along this direction lowers chi-squared
         gain, x, at = at.chi2 - there.chi2, trial, there
         if gain < _GAIN * max(1.0, 1e-3 * at.chi2):
             break
@@ -192,7 +192,7 @@ def solve(objective: Objective, x: Array, nuisance_jacobian: Array, *, iteration
 
 
 def _linear(objective: Objective, at: Evaluated, nuisance_jacobian: Array) -> _Step:
-    """Return the step to the minimum if all were linear, and the gain in chi-squared that it then promises."""
+    """Return the Gauss-Newton step and the gain in chi-squared that the linear model predicts for it."""
     jacobian = objective.jacobian(at, nuisance_jacobian)
     design = objective.design(jacobian)
     # columns of very different size: scale before solving
@@ -207,8 +207,8 @@ def _linear(objective: Objective, at: Evaluated, nuisance_jacobian: Array) -> _S
 def _boldly(objective: Objective, x: Array, at: Evaluated) -> tuple[Array, Evaluated]:
     """Go on from where a whole step has led, uphill though it was, by whole steps with new derivatives.
 
-    A scale that is far off moves everything else along: a whole step lands beside the valley and the next ones lead
-    into it, while steps short enough to go downhill would hardly move.
+    Where a scale factor is far off, chi-squared has a narrow curved valley. A whole step lands beside it and the next
+    ones lead into it, while steps that are short enough to go downhill make no progress.
     """
     for _ in range(_BOLD_STEPS):
         if not np.isfinite(at.chi2):

@@ -21,7 +21,7 @@ ERRORS: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class Term:
-    """Something beyond the uncertain bench parameters that a fit may use: an effect, or the error of a parameter."""
+    """A term of a fit beside the nuisance parameters: an effect, or the error of a bench parameter."""
 
     name: str
     effect: Effect | None = None
@@ -44,6 +44,6 @@ def parameter_errors(bench: Bench) -> list[str]:
 
 
 def candidate_terms(bench: Bench) -> list[Term]:
-    """Return every registered effect, in its sizes on a bench, and every parameter error that can be a finding."""
+    """Return every registered effect, as usual on a bench, and every parameter error that can be a finding."""
     effects = [Term(name, for_bench(effect, bench)) for name, effect in registry().items()]
     return effects + [Term(name) for name in parameter_errors(bench)]

@@ -41,7 +41,7 @@ NUISANCE_GROUPS = (
     "tilt_bias_y",
     "tilt_scale",
 )
-_HELD = 1.0e4  # inverse prior deviation of an unknown that is held
+_HELD = 1.0e4  # inverse prior deviation of an unknown that is held at its prior value
 _RELATIVE_ERROR_BOUNDS = (-0.9, 10.0)
 
 
@@ -62,7 +62,7 @@ class Unknowns:
     Attributes
     ----------
     library : mapping of str to Effect
-        The registered effects, in the sizes that they have on the bench, and those declared. Effects that are neither
+        The registered effects, with the magnitudes that are usual on the bench, and those declared. All other effects
         come with the terms of a `Point`.
     nuisances : list of (str, list of Parameter)
         The groups of uncertain bench parameters.
@@ -148,10 +148,10 @@ class Unknowns:
         return self._known_at(point.nuisance).get(term.name)
 
     def candidates(self) -> list[Term]:
-        """Return what the rows may ask for: every registered effect, every parameter error that is a finding.
+        """Return every term that may be missing: registered effects, and errors of parameters that can be a finding.
 
-        An effect that the model has is among them: its coefficients may be wrong. As a term it stands in the place of
-        what the model has of it.
+        An effect of the model is among them, for its coefficients may be wrong. As a term it replaces what the model
+        has of it.
         """
         own = [Term(name, self.library[name]) for name in self.known if name not in registry()]
         return candidate_terms(self.bench) + own
@@ -164,7 +164,7 @@ class Unknowns:
 
     @staticmethod
     def scale(term: Term, name: str) -> float:
-        """Return a generous size of a coefficient: several times the usual amplitude, the uncertainty of a shape."""
+        """Return a generous magnitude of a coefficient: five times the usual amplitude, the uncertainty of a shape."""
         if term.effect is None:
             return 1.0
         c = next(c for c in term.effect.coefficients if c.name == name)
@@ -180,8 +180,8 @@ class Unknowns:
     def prior(self, terms: Sequence[Term]) -> tuple[Array, list[tuple[str, str]]]:
         """Return the inverse prior deviations of all unknowns and the list of the coefficients among them.
 
-        A parameter error frees its parameter: the relative error has no prior, and the parameter's own deviation is
-        held at zero, where the two are the same thing. Shapes keep the uncertainty that their declaration states.
+        The error of a parameter has no prior. Where it is the error of one group alone, the deviation of that group
+        means the same and is held at zero. Shapes keep the uncertainty that their declaration states.
         """
         columns = [(t.name, name) for t in terms for name in t.coefficients]
         inverse = [1.0] * self.count

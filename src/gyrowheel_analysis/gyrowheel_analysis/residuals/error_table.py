@@ -1,4 +1,4 @@
-"""How large the error of a model is, as tables and as residuals of every window."""
+"""The error of a model on fitted and validation recordings, as a table and as residuals of every window."""
 
 from __future__ import annotations
 
@@ -70,12 +70,12 @@ class ErrorTable:
     Attributes
     ----------
     before, after : ErrorRow
-        On the recordings that were fitted: without and with what was added. Before, the bench's parameters stay
-        within their stated uncertainties, as far as a model may be bent that lacks something.
+        On the fitted recordings: without and with what was added. Without it, the bench parameters stay within their
+        stated uncertainties.
     validation_before, validation_after : ErrorRow or None
         The same on recordings that were not used to fit.
     noise_floor, validation_noise_floor : ErrorRow
-        What a complete model would leave: noise, drift and the accuracy of the balance.
+        Error of a complete model: noise, drift and the accuracy of the balance.
     """
 
     before: ErrorRow

@@ -1,4 +1,4 @@
-"""Laws fitted to a residual: an amplitude at every speed, one that changes with a variable, a power of the speed."""
+"""Laws fitted to a residual: an amplitude at every speed, one that varies with a variable, a power of the speed."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ class BySpeed:
     amplitude : ndarray (k,)
         Amplitude at each, complex for a kind of two rows [unit of the kind, over that of the pattern].
     weight : ndarray (k,)
-        What each counts in the sum of squares: the inverse variance of white noise.
+        Weight of each in the sum of squares: the inverse variance of white noise.
     explained : float
-        What the pattern explains of the sum of squares.
+        Part of the sum of squares that the pattern explains.
     sure : ndarray (k,)
         Inverse variance of the amplitudes: `weight`, but for averages, which may drift together at a speed.
     """
@@ -127,7 +127,7 @@ def by_speed(name: str, part: Part, w: Windows, speeds: Speeds) -> BySpeed | Non
 
 
 def where_usual(found: BySpeed, part: Part, w: Windows) -> BySpeed:
-    """Return amplitudes as they are where nothing but the speed is changed, if every speed has such windows."""
+    """Return the amplitudes in windows in which only the speed varies, if every speed has such windows."""
     usual = _usual(w)
     if usual.all():
         return found
@@ -136,7 +136,7 @@ def where_usual(found: BySpeed, part: Part, w: Windows) -> BySpeed:
 
 
 def _usual(w: Windows) -> NDArray[np.bool_]:
-    """Return which windows have the air, the attitude and the warmth that most have."""
+    """Return which windows have the median air pressure, attitude and coil temperature."""
     air, up = float(np.median(w.air_pressure)), float(np.median(w.up))
     same = (np.abs(w.air_pressure / air - 1.0) < 0.2) & (np.abs(w.up - up) < 0.5)
     return same & (np.abs(w.coil_temperature - np.median(w.coil_temperature)) < 8.0)
@@ -163,7 +163,7 @@ def linear(name: str, part: Part, w: Windows) -> Iterator[Change]:
 
 
 def along_variable(best: BySpeed, part: Part, w: Windows, speeds: Speeds) -> Change | None:
-    """Return with which variable the amplitude changes at a given speed, where that explains much of the residual."""
+    """Return the variable with which the amplitude varies at a given speed, if that explains much of the residual."""
     total = float(np.sum(part.squares))
     p, weight = pattern(best.pattern, w, part.load), part.weight
     level = best.mean
@@ -198,9 +198,9 @@ def along_variable(best: BySpeed, part: Part, w: Windows, speeds: Speeds) -> Cha
 
 
 def _variables(w: Windows, part: Part) -> dict[str, Array]:
-    """Return what an amplitude may change with, where it has a range here.
+    """Return the variables that vary enough in these windows.
 
-    The motor's warmth follows the plan, and matters to the motor alone.
+    The temperatures of the motor follow the plan and matter to the motor only.
     """
     values = {
         "coils": w.coil_temperature,
@@ -222,7 +222,7 @@ def _direction(amplitude: complex, part: Part) -> complex:
 
 
 def exponent(speed: Array, sizes: Array, weight: Array) -> tuple[float, float] | None:
-    """Return exponent and its error of a power law of the speed; None where that does not describe it.
+    """Return the exponent of a power law of the speed and its error; None where a power law does not fit.
 
     Parameters
     ----------
@@ -254,7 +254,7 @@ def exponent(speed: Array, sizes: Array, weight: Array) -> tuple[float, float] |
     design = slopes(speed, *found)
     covariance = np.linalg.pinv(design.T @ (weight[:, None] * design), hermitian=True)
     left = float(np.sum(weight * (sizes - law(speed, *found)) ** 2))
-    # where it scatters more than the noise says, it is as uncertain as it scatters
+    # where the scatter exceeds the noise, the scatter gives the uncertainty
     error = float(np.sqrt(covariance[1, 1] * max(1.0, left / max(len(speed) - 2, 1))))
     if left > 0.05 * float(np.sum(weight * sizes**2)):
         return None

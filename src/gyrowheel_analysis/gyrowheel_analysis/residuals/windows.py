@@ -1,4 +1,4 @@
-"""What a model leaves, window by window: the residual of coils and motor in kinds that are spoken of apart."""
+"""Residuals of a model, window by window and channel by channel."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Part:
-    """The residual of one kind in every window.
+    """The residual of one channel in every window.
 
     Attributes
     ----------
     kind : Channel
-        What it is.
+        The channel.
     values : ndarray (n,)
         Residual, complex for a kind of two rows: the averages in case axes x + i y, amplitudes in axes that turn.
     sigma : ndarray (n,)

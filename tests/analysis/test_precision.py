@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
-from gyrowheel_analysis.diagnosis.precision import PRECISE, relative_error, sharpening
+from gyrowheel_analysis.diagnosis.precision import PRECISE, precision_test, relative_error
 from gyrowheel_analysis.model import Model
 
 from .machines import hidden_machine, record
@@ -21,7 +21,7 @@ def test_the_test_named_sharpens_as_it_was_said(tmp_path: Path):
     first = diagnose(recordings, Model.new())
     (found,) = first.effects
     assert relative_error(found) > PRECISE
-    test = sharpening(recordings, Model.new(), first, wanted=0.05)
+    test = precision_test(recordings, Model.new(), first, wanted=0.05)
     assert test is not None
     assert test.now == pytest.approx(relative_error(found), rel=0.05)
     assert test.expected < 0.7 * test.now
@@ -35,6 +35,6 @@ def test_what_is_known_well_needs_no_test(tmp_path: Path):
     recordings = [record(tmp_path, "fit", machine, "quick")]
     found = diagnose(recordings, Model.new())
     assert [e.name for e in found.effects] == ["aero_cross"]
-    assert sharpening(recordings, Model.new(), found) is None
-    test = sharpening(recordings, Model.new(), found, wanted=1e-6)
+    assert precision_test(recordings, Model.new(), found) is None
+    test = precision_test(recordings, Model.new(), found, wanted=1e-6)
     assert test is None or test.expected < 0.7 * test.now
