@@ -20,11 +20,13 @@ import sympy as sp
 from PIL import Image
 from sympy.printing.latex import LatexPrinter
 
-from gyrowheel.plots.momentum import body_png, caps_png
-from gyrowheel.plots.signature import Signature, signature, to_svg
+from gyrowheel.plots.effect_signature import to_svg
+from gyrowheel.plots.figure import png_bytes
+from gyrowheel.plots.momentum_envelope import body_figure, caps_figure
 from gyrowheel.text.formulas import in_words, pretty
 from gyrowheel.text.quantities import quantity, span
 from gyrowheel_analysis.fitting.terms import ERRORS
+from gyrowheel_analysis.signature import Signature, signature
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.bench import Bench
@@ -409,8 +411,8 @@ def made() -> Pages:
     pages[DOCS / "momentum.csv"] = momentum.to_csv()
     pages[DOCS / "images" / "house.svg"] = house.to_svg()
     shown = json.dumps(momentum.to_json())
-    pages[DOCS / "images" / "momentum_caps.png"] = caps_png(bench, shown)
-    pages[DOCS / "images" / "momentum_body.png"] = body_png(bench, shown)
+    pages[DOCS / "images" / "momentum_caps.png"] = png_bytes(caps_figure(bench), shown)
+    pages[DOCS / "images" / "momentum_body.png"] = png_bytes(body_figure(bench), shown)
     return pages
 
 

@@ -8,9 +8,11 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from PIL import Image
 
-from gyrowheel.plots.momentum import body_png, caps_png
+from gyrowheel.plots.figure import png_bytes
+from gyrowheel.plots.momentum_envelope import body_figure, caps_figure
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.mechanics.momentum import envelope, speeds_of
@@ -67,9 +69,9 @@ def test_other_speeds_can_be_asked_for() -> None:
 
 
 @EACH_BENCH
-@pytest.mark.parametrize("draw", [caps_png, body_png], ids=["caps", "body"])
-def test_pictures_are_drawn_with_their_numbers(bench: Bench, draw: Callable[[Bench, str], bytes]) -> None:
-    with Image.open(io.BytesIO(draw(bench, '{"a": 1}'))) as image:
+@pytest.mark.parametrize("draw", [caps_figure, body_figure], ids=["caps", "body"])
+def test_pictures_are_drawn_with_their_numbers(bench: Bench, draw: Callable[[Bench], Figure]) -> None:
+    with Image.open(io.BytesIO(png_bytes(draw(bench), '{"a": 1}'))) as image:
         assert image.info["Description"] == '{"a": 1}'
         assert image.size[0] > 1000
         pixels = np.asarray(image.convert("L"))

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gyrowheel.plots.picture import save_picture
+from gyrowheel.plots.error_fall import error_figure
+from gyrowheel.plots.figure import write_figure
 from gyrowheel_analysis.residuals.error_table import ErrorRow, ErrorTable, Residuals
 from gyrowheel_core.errors import InputError
 
@@ -49,7 +50,7 @@ ZERO = ErrorTable(row(0.0), row(0.0), row(0.0))
 )
 def test_a_picture_of_1600_by_1000(tmp_path: Path, parts: list[Residuals], table: ErrorTable):
     file = tmp_path / "new" / "picture.png"
-    save_picture(file, parts, table, title=TITLE, subtitle="w = 1.02 ± 0.05 mN·m")
+    write_figure(error_figure(parts, table, title=TITLE, subtitle="w = 1.02 ± 0.05 mN·m"), file)
     content = file.read_bytes()
     assert content[:8] == b"\x89PNG\r\n\x1a\n"
     assert struct.unpack(">II", content[16:24]) == (1600, 1000)
@@ -60,8 +61,8 @@ def test_a_picture_of_1600_by_1000(tmp_path: Path, parts: list[Residuals], table
 def test_nothing_is_left_of_a_picture_that_cannot_be_written(tmp_path: Path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written"):
-        save_picture(tmp_path / "file" / "picture.png", [FIT], FIT_ONLY, title=TITLE)
+        write_figure(error_figure([FIT], FIT_ONLY, title=TITLE), tmp_path / "file" / "picture.png")
     (tmp_path / "folder").mkdir()
     with pytest.raises((InputError, OSError)):
-        save_picture(tmp_path / "folder", [FIT], FIT_ONLY, title=TITLE)
+        write_figure(error_figure([FIT], FIT_ONLY, title=TITLE), tmp_path / "folder")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "folder"]

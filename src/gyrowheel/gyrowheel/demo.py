@@ -287,20 +287,21 @@ def _validate(
 def _draw(diagnosis: Diagnosis, added: Added | None, place: Place, stage: Stage) -> None:
     from rich.text import Text
 
-    from gyrowheel.plots.picture import save_picture
+    from gyrowheel.plots.error_fall import error_figure
+    from gyrowheel.plots.figure import write_figure
     from gyrowheel.text.diagnosis import coefficients_line
     from gyrowheel.text.sentences.diagnosis import verdict_sentence
 
     stage.step("Report")
     found = diagnosis if added is None else added
     if found.error is not None:
-        save_picture(
-            place.picture,
+        figure = error_figure(
             found.residuals,
             found.error,
             title=verdict_sentence(diagnosis).rstrip("."),
             subtitle="   ".join(f"{f.name}: {coefficients_line(f)}" for f in diagnosis.effects),
         )
+        write_figure(figure, place.picture)
         stage.show([Text(f"picture: {place.picture}")])
 
 

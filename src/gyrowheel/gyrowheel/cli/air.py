@@ -348,14 +348,16 @@ def pictures(
     ] = "gyrowheel",
 ) -> None:
     """Draw torques, mesh and flow as in the paper's Figs 5 to 12."""
-    from gyrowheel.plots.air import draw_all
+    from gyrowheel.plots.air_flow import air_figures
+    from gyrowheel.plots.figure import write_figure
     from gyrowheel_core.files import disk_errors
     from gyrowheel_sim.air.table import TorqueTable
 
     with disk_errors(output):
         output.mkdir(parents=True, exist_ok=True)
-        made = draw_all(TorqueTable.load(table), output, study)
-    for path, sentence in made.items():
+    for name, figure, sentence in air_figures(TorqueTable.load(table), study):
+        path = output / f"{name}.png"
+        write_figure(figure, path)
         out().print(f"{path}: {sentence}", soft_wrap=True)
 
 

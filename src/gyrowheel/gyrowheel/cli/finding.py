@@ -72,9 +72,10 @@ def compare(
             comparison(result, None if over is None else [residual_map(result.data, own) for own in over])
         )
     if picture is not None:
-        from gyrowheel.plots.failure import save_failures
+        from gyrowheel.plots.figure import write_figure
+        from gyrowheel.plots.where_it_fails import figure_of_failure
 
-        save_failures(picture, result)
+        write_figure(figure_of_failure(result), picture)
         if json != "-":
             out().print(f"\npicture: {picture}", soft_wrap=True)
     worst = max(metrics.chi2_per_n for metrics in result.channels.values())

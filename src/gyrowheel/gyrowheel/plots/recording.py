@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel.plots.figure import Picture
+from gyrowheel.plots.figure import Picture, finished
+from gyrowheel.plots.style import BLUE, FAINT, VERMILION, style
 from gyrowheel_core.units import DEG, RPM
 
 if TYPE_CHECKING:
@@ -15,9 +16,8 @@ if TYPE_CHECKING:
 
     from gyrowheel_analysis.recording import Recording
 
-_SIZE = (11.0, 8.0)  # inches, of 100 dots
 _MOST_POINTS = 4000  # of a line; more do not show
-_LINES = ("#0072B2", "#D55E00")
+_LINES = (BLUE, VERMILION)
 #: Panels: title of the axis, unit, fields of the measurement with their labels.
 _PANELS: tuple[tuple[str, float, dict[str, str]], ...] = (
     ("tilt, °", DEG, {"tilt_x": "about x", "tilt_y": "about y"}),
@@ -34,18 +34,22 @@ def recording_figure(recording: Recording) -> Figure:
     A sample in a hundred or so is drawn of a long recording, and with it the range of those between: nothing that
     sticks out is lost.
     """
-    figure = Picture(figsize=_SIZE, dpi=100, facecolor="white", layout="constrained")
+    with style(10.0):
+        return finished(_draw(recording))
+
+
+def _draw(recording: Recording) -> Figure:
+    figure = Picture(11.0, 8.0, layout="constrained")
     panels = figure.subplots(len(_PANELS), 1, sharex=True)
     for axes, (title, unit, fields) in zip(panels, _PANELS, strict=True):
         for (name, label), colour in zip(fields.items(), _LINES, strict=False):
             time, values = _envelope(recording.time, recording.measurement[name] / unit)
             axes.plot(time, values, color=colour, linewidth=0.9, label=label)
         axes.set_ylabel(title)
-        axes.grid(color="#E4E4E4", linewidth=0.6)
-        axes.spines[["top", "right"]].set_visible(False)
+        axes.grid(color=FAINT, linewidth=0.6)
         if len(fields) > 1:
-            axes.legend(loc="upper right", frameon=False, ncols=2)
-    panels[0].set_title(recording.name, loc="left", fontweight="bold")
+            axes.legend(loc="upper right", ncols=2)
+    panels[0].set_title(recording.name)
     panels[-1].set_xlabel("time, s")
     return figure
 

@@ -91,7 +91,7 @@ class Addition(Result):
 
     def plot(self) -> Figure:
         """Return the picture of the error before and after as a matplotlib figure."""
-        from gyrowheel.plots.picture import error_figure
+        from gyrowheel.plots.error_fall import error_figure
 
         names = ", ".join(self.details.coefficients)
         return error_figure(self.details.residuals, self.error, title=f"The error falls with {names}")

@@ -123,6 +123,6 @@ class Comparison(Result):
 
     def plot(self) -> Figure:
         """Return the picture of where the model fails as a matplotlib figure."""
-        from gyrowheel.plots.failure import failure_figure
+        from gyrowheel.plots.where_it_fails import figure_of_failure
 
-        return failure_figure(self.details)
+        return figure_of_failure(self.details)

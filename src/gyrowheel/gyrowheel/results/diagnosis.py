@@ -159,7 +159,7 @@ class Diagnosis(Result):
         InputError
             If the recordings had too little steady motion to find anything.
         """
-        from gyrowheel.plots.picture import error_figure
+        from gyrowheel.plots.error_fall import error_figure
         from gyrowheel.text.diagnosis import coefficients_line
 
         if self.error is None:

@@ -1,13 +1,11 @@
-"""The signature of an effect: what it asks of coils and motor at every tilt and speed, as data and as a picture."""
+"""The signature of an effect: what it asks of coils and motor at every tilt and speed."""
 
 from __future__ import annotations
 
-import io
 import math
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,58 +17,35 @@ from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import Effect
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 Array = NDArray[np.float64]
 
 _SPEEDS = 9
 _TILTS = 8
-_RINGS, _SPOKES = 2, 12
+#: Rings of tilts, from the upright on.
+RINGS = 2
+_SPOKES = 12
 #: What no bench could see: a part of the torque of the flexures at the reference tilt, and of the supply.
 _NOTHING = 1e-4
 _ROUNDING = 1e-10  # what computing leaves of zero
 _WARM = 20.0  # of coils and motor above the air [K]
 _PERIOD, _GLIMPSE = 2.5, 0.2  # of the cone, and what of it is looked at [s]
-_VISIBLE = {"N·m": 1e-8, "V": 1e-5}  # less is not drawn
 #: States in which an effect is looked for, one after the other, in words.
 _STATES = {
     "held": "",
     "warm": f"Coils and motor are {_WARM:.0f} K warmer than the air.",
     "cone": f"The tilt turns about the case axis once in {_PERIOD} s.",
 }
-_MILLI = 1e-3
-#: Rows that are shown, with their units and colours: of the palette of Okabe and Ito, which people tell apart whatever
-#: their colour vision.
-_ROWS = (
-    ("coils, in phase with the tilt", "N·m", "#0072B2"),
-    ("coils, across the tilt", "N·m", "#D55E00"),
-    ("motor", "N·m", "#009E73"),
-    ("coils, once a turn", "N·m", "#E69F00"),
-    ("coils, twice a turn", "N·m", "#56B4E9"),
-    ("ripple on the shaft", "N·m", "#444444"),
-    ("motor voltage beyond that of its torque", "V", "#CC79A7"),
-    ("ripple of the motor voltage", "V", "#444444"),
+#: Rows of the balance in a signature, with their units.
+ROWS = (
+    ("coils, in phase with the tilt", "N·m"),
+    ("coils, across the tilt", "N·m"),
+    ("motor", "N·m"),
+    ("coils, once a turn", "N·m"),
+    ("coils, twice a turn", "N·m"),
+    ("ripple on the shaft", "N·m"),
+    ("motor voltage beyond that of its torque", "V"),
+    ("ripple of the motor voltage", "V"),
 )
-_INK, _FAINT = "#222222", "#E4E4E4"
-_STYLE: Any = {  # typed by matplotlib key by key
-    "font.family": "sans-serif",
-    "font.size": 9.5,
-    "axes.edgecolor": "#888888",
-    "axes.labelcolor": _INK,
-    "axes.linewidth": 0.8,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "text.color": _INK,
-    "xtick.color": "#555555",
-    "ytick.color": "#555555",
-    "axes.titlesize": 10,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
-    "svg.fonttype": "none",  # text stays text: smaller files, the same on every machine
-    "svg.hashsalt": "gyrowheel",
-}
 
 
 @dataclass(frozen=True)
@@ -175,7 +150,7 @@ def _signature(effect: Effect, bench: Bench, state: str, at: float) -> Signature
     low, high = bench.value("spin_rate_minimum"), bench.value("spin_rate_maximum")
     held = 0.6 * limit
     ring = np.exp(2j * np.pi * np.arange(_SPOKES) / _SPOKES)
-    grid = np.concatenate([[0j], *(limit * k / _RINGS * ring for k in range(1, _RINGS + 1))])
+    grid = np.concatenate([[0j], *(limit * k / RINGS * ring for k in range(1, RINGS + 1))])
     speeds, tilts = np.linspace(low, high, _SPEEDS), np.linspace(0.0, limit, _TILTS)
     plan = _plan([(at, grid), *((speed, [held]) for speed in speeds), (at, tilts)])
     windows = _put_into(state, planned_windows(plan, bench), bench)
@@ -202,7 +177,7 @@ def _signature(effect: Effect, bench: Bench, state: str, at: float) -> Signature
     )  # fmt: skip
 
     def curves(part: slice) -> tuple[Curve, ...]:
-        return tuple(Curve(name, unit, v[part]) for (name, unit, _), v in zip(_ROWS, shown, strict=True))
+        return tuple(Curve(name, unit, v[part]) for (name, unit), v in zip(ROWS, shown, strict=True))
 
     a, b = len(grid), len(grid) + len(speeds)
     return Signature(
@@ -243,114 +218,3 @@ def _plan(states: Sequence[tuple[float, Any]]) -> Plan:
         pairs = [[float(np.real(z)) / DEG, float(np.imag(z)) / DEG] for z in tilts]
         blocks.append(f"  - {{spin_rpm: {float(speed) / RPM!r}, tilt_deg: {pairs}}}")
     return Plan.load("schema: 1\nname: signature\nhold_s: 2.0\nsegments:\n" + "\n".join(blocks) + "\n")
-
-
-# --- drawing ---
-
-
-def to_svg(found: Signature, description: str = "") -> str:
-    """Return the picture of a signature as an SVG document, 760 wide; `description` goes into its metadata."""
-    import matplotlib as mpl
-
-    with mpl.rc_context(_STYLE):
-        figure = draw(found)
-        stream = io.StringIO()
-        metadata: Mapping[str, Any] = {"Date": None, "Creator": None, "Description": description}
-        figure.savefig(stream, format="svg", metadata=metadata)
-    # a hundredth of a dot is fine enough
-    text = re.sub(r"(?<=[\d ])\.?\d*\.\d{3,}(?=[\s\")])", lambda m: f"{float(m[0]):.2f}", stream.getvalue())
-    return "\n".join(line.rstrip() for line in text.splitlines()) + "\n"
-
-
-def draw(found: Signature) -> Figure:
-    """Return the figure of `to_svg`: the torque over the tilts, and rows over speed and tilt."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(7.6, 2.75), dpi=100, facecolor="white")
-    grid = figure.add_gridspec(
-        1, 3, left=0.045, right=0.985, top=0.80, bottom=0.20, wspace=0.36, width_ratios=(1.0, 1.25, 1.25)
-    )
-    _arrows(figure.add_subplot(grid[0]), found)
-    rpm, tilt = found.speed_held / RPM, found.tilt_held / DEG
-    shown = _visible(found)
-    volts = bool(shown) and all(row.unit == "V" for row, _ in shown)
-    for place, title, label, x, rows in (
-        (1, f"at a tilt of {tilt:.0f}°", "speed, rpm", found.speed / RPM, found.by_speed),
-        (2, f"at {rpm:.0f} rpm", "tilt, deg", found.tilt / DEG, found.by_tilt),
-    ):
-        axes = figure.add_subplot(grid[place])
-        _lines(axes, x, [rows[index] for _, index in shown], [index for _, index in shown])
-        axes.set_title(title)
-        axes.set_xlabel(label)
-        axes.set_ylabel("V" if volts else "mN·m", labelpad=2)
-    handles = figure.axes[1].get_legend_handles_labels()
-    figure.legend(
-        *handles,
-        loc="upper left",
-        bbox_to_anchor=(0.0, 1.0),
-        ncols=4,
-        frameon=False,
-        fontsize=9.5,
-        handlelength=1.4,
-    )
-    return figure
-
-
-def _visible(found: Signature) -> list[tuple[Curve, int]]:
-    """Return the rows that are more than a hundredth of the largest of their unit; volts only where nothing else is."""
-    sizes = [
-        max(float(np.abs(a.values).max()), float(np.abs(b.values).max()))
-        for a, b in zip(found.by_speed, found.by_tilt, strict=True)
-    ]
-    for unit in ("N·m", "V"):
-        rows = [(row, k) for k, row in enumerate(found.by_speed) if row.unit == unit]
-        largest = max(sizes[k] for _, k in rows)
-        if largest > _VISIBLE[unit]:
-            return [(row, k) for row, k in rows if sizes[k] > 0.01 * largest]
-    return []
-
-
-def _lines(axes: Axes, x: Array, rows: Sequence[Curve], colours: Sequence[int]) -> None:
-    axes.axhline(0.0, color="#BBBBBB", linewidth=0.8, zorder=1)
-    for row, colour in zip(rows, colours, strict=True):
-        scale = _MILLI if row.unit == "N·m" else 1.0
-        axes.plot(x, row.values / scale, color=_ROWS[colour][2], linewidth=1.8, label=row.name, zorder=3)
-    axes.margins(x=0.03, y=0.12)
-    axes.grid(axis="y", color=_FAINT, linewidth=0.8)
-    axes.set_axisbelow(True)
-    low, high = axes.get_ylim()
-    if low > -0.05 * high and high > 0.0:
-        axes.set_ylim(min(low, 0.0), high)
-    axes.locator_params(axis="y", nbins=5)
-
-
-def _arrows(axes: Axes, found: Signature) -> None:
-    """Draw the torque of the coils as an arrow at every tilt."""
-    from matplotlib.patches import Circle
-
-    z, longest = found.tilts / DEG, float(np.abs(found.torques).max())
-    limit = float(np.abs(z).max())
-    for k in range(1, _RINGS + 1):
-        axes.add_patch(
-            Circle((0.0, 0.0), limit * k / _RINGS, fill=False, color=_FAINT, linewidth=0.8, zorder=1)
-        )
-    text = "no steady torque of the coils"
-    rows = [row for row in (*found.by_speed, *found.by_tilt) if row.unit == "N·m"]
-    if longest > max(_VISIBLE["N·m"], 0.01 * max(float(np.abs(row.values).max()) for row in rows)):
-        arrow = found.torques / longest * 0.46 * limit
-        axes.quiver(
-            z.real, z.imag, arrow.real, arrow.imag, angles="xy", scale_units="xy", scale=1.0, color=_INK, width=0.011,
-            headwidth=4.0, headlength=4.5, headaxislength=4.0, zorder=3,
-        )  # fmt: skip
-        text = f"longest: {_short(longest / _MILLI)} mN·m"
-    axes.set_aspect("equal")
-    axes.set_xlim(-1.5 * limit, 1.5 * limit)
-    axes.set_ylim(-1.5 * limit, 1.5 * limit)
-    axes.set_axis_off()
-    axes.set_title("torque over the tilt", loc="center")
-    axes.text(0.5, -0.1, text, transform=axes.transAxes, ha="center", va="center", color="#555555")
-
-
-def _short(value: float) -> str:
-    places = max(1 - math.floor(math.log10(value)), 0)
-    return f"{value:.{places}f}"

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel.plots.figure import Picture, finished
+from gyrowheel.plots.style import BLUE, FAINT, GREEN, INK, PINK, SOFT, TICK, VERMILION, style
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.air import get_model
 from gyrowheel_sim.air.cfd.case import Case, Result, last_time
@@ -24,86 +26,61 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
-_INK, _FAINT = "#222222", "#E4E4E4"
-# of the palette of Okabe and Ito, which people tell apart whatever their colour vision
-_BLUE, _ORANGE, _GREEN, _PINK, _GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#777777"
 _MODEL_LOOK = {
-    "correlation": (_GREEN, "--"),
-    "vorticity": (_PINK, "-."),
-    "table": (_BLUE, "-"),
-    "surrogate": (_ORANGE, ":"),
+    "correlation": (GREEN, "--"),
+    "vorticity": (PINK, "-."),
+    "table": (BLUE, "-"),
+    "surrogate": (VERMILION, ":"),
 }
 _TURBULENCE_LOOK = {
-    "sst": (_BLUE, "o", "SST, wall layer resolved"),
-    "paper": (_ORANGE, "s", "k-ε, wall functions (as the paper)"),
-    "laminar": (_GREEN, "^", "laminar"),
-}
-_STYLE: Any = {  # typed by matplotlib key by key
-    "font.family": "sans-serif",
-    "font.size": 11,
-    "axes.edgecolor": "#888888",
-    "axes.labelcolor": _INK,
-    "axes.linewidth": 0.8,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "text.color": _INK,
-    "xtick.color": "#555555",
-    "ytick.color": "#555555",
-    "axes.titlesize": 12,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
-    "legend.frameon": False,
-    "figure.dpi": 110,
+    "sst": (BLUE, "o", "SST, wall layer resolved"),
+    "paper": (VERMILION, "s", "k-ε, wall functions (as the paper)"),
+    "laminar": (GREEN, "^", "laminar"),
 }
 _NAMES = ("T1, back to the case axis", "T2, across", "T3, brakes the spin")
 
 
-def draw_all(table: TorqueTable, folder: Path, study: Path | None = None) -> dict[Path, str]:
-    """Draw every picture for which there is something, as PNG.
+def air_figures(table: TorqueTable, study: Path | None = None) -> Iterator[tuple[str, Figure, str]]:
+    """Draw everything for which there is something.
 
     Parameters
     ----------
     table : TorqueTable
         Torques.
-    folder : Path
-        Where the pictures go; it must exist.
     study : Path, optional
         Folder of a study whose solutions are still there: for the pictures of mesh and flow.
 
-    Returns
-    -------
-    dict of Path to str
-        What was drawn, with a sentence that says what to see.
+    Yields
+    ------
+    tuple of str, Figure and str
+        Name of the picture, the picture, and a sentence that says what to see.
 
     Raises
     ------
     InputError
         If the study cannot be read.
     """
-    import matplotlib as mpl
-
-    made: dict[Path, str] = {}
-
-    def draw(name: str, function: Callable[[], tuple[Figure, str] | None]) -> None:
-        with mpl.rc_context(_STYLE):
-            result = function()
-            if result is not None:
-                figure, sentence = result
-                path = folder / f"{name}.png"
-                figure.savefig(path, format="png", facecolor="white")
-                made[path] = sentence
-
-    draw("mesh_dependence", lambda: mesh_dependence(table))
-    draw("reynolds", lambda: numbers(table))
-    draw("torque_by_tilt", lambda: by_tilt(table))
-    draw("torque_by_speed", lambda: by_speed(table))
+    drawings: dict[str, Callable[[], tuple[Figure, str] | None]] = {
+        "mesh_dependence": lambda: mesh_dependence(table),
+        "reynolds": lambda: numbers(table),
+        "torque_by_tilt": lambda: by_tilt(table),
+        "torque_by_speed": lambda: by_speed(table),
+    }
     if study is not None:
         cases = _flow_cases(study)
-        draw("mesh", lambda: mesh_section(cases))
-        draw("pressure", lambda: pressure(cases))
-        draw("axial_velocity", lambda: section(cases, "axial"))
-        draw("radial_velocity", lambda: section(cases, "radial"))
-    return made
+        drawings |= {
+            "mesh": lambda: mesh_section(cases),
+            "pressure": lambda: pressure(cases),
+            "axial_velocity": lambda: section(cases, "axial"),
+            "radial_velocity": lambda: section(cases, "radial"),
+        }
+    for name, draw in drawings.items():
+        with style():
+            result = draw()
+            if result is not None:
+                finished(result[0])
+        if result is not None:
+            yield name, *result
 
 
 # ---- from the table
@@ -157,7 +134,7 @@ def mesh_dependence(table: TorqueTable) -> tuple[Figure, str] | None:
                     )
         if i == 2:
             expected = drag(_geometry(table), table.air, speed, regime="II")
-            panel.axhline(1e3 * expected.total, color=_GREY, linestyle="--", linewidth=1)
+            panel.axhline(1e3 * expected.total, color=SOFT, linestyle="--", linewidth=1)
             panel.annotate(
                 "disc II + Bilgen & Boulos",
                 (0.98, 1e3 * expected.total),
@@ -165,12 +142,12 @@ def mesh_dependence(table: TorqueTable) -> tuple[Figure, str] | None:
                 ha="right",
                 va="bottom",
                 fontsize=9,
-                color=_GREY,
+                color=SOFT,
             )
         panel.set_title(_NAMES[i])
         panel.set_xlabel("thousand cells")
         panel.set_ylim(bottom=0.0)
-    axes[0].set_ylabel("size of the torque, mN·m")
+    axes[0].set_ylabel("magnitude of the torque, mN·m")
     _legend(figure, axes[0])
     _headline(
         figure,
@@ -191,14 +168,14 @@ def numbers(table: TorqueTable) -> tuple[Figure, str]:
     change = np.array([density_change(table.air, geometry.rotor_radius, w) for w in speeds])
     figure, axes = _figure(1, 2, (10.0, 4.2))
     left, right = axes
-    left.plot(speeds / RPM, re / 1e3, color=_BLUE)
-    left.axhline(158.0, color=_GREY, linestyle="--", linewidth=1)
-    left.annotate("end faces turn turbulent (II to IV)", (100.0, 161.0), fontsize=9, color=_GREY)
+    left.plot(speeds / RPM, re / 1e3, color=BLUE)
+    left.axhline(158.0, color=SOFT, linestyle="--", linewidth=1)
+    left.annotate("end faces turn turbulent (II to IV)", (100.0, 161.0), fontsize=9, color=SOFT)
     left.set_title("Reynolds number, thousands (eq 9)")
-    right.plot(speeds / RPM, 100.0 * change, color=_BLUE)
+    right.plot(speeds / RPM, 100.0 * change, color=BLUE)
     right.set_title("change of density, % (eq 10)")
     for panel in axes:
-        panel.axvspan(table.speeds[0] / RPM, table.speeds[-1] / RPM, color=_FAINT, alpha=0.6, zorder=0)
+        panel.axvspan(table.speeds[0] / RPM, table.speeds[-1] / RPM, color=FAINT, alpha=0.6, zorder=0)
         panel.set_xlabel("spin rate, rpm")
         panel.set_ylim(bottom=0.0)
         panel.set_xlim(0.0, 5000.0)
@@ -271,7 +248,7 @@ def _torques(
                 at,
                 1e3 * abs(row.torque.mean[i]),
                 1e3 * row.torque.scatter[i],
-                color=_BLUE,
+                color=BLUE,
                 marker="o",
                 markersize=5,
                 capsize=3,
@@ -280,7 +257,7 @@ def _torques(
         panel.set_title(_NAMES[i])
         panel.set_xlabel(label)
         panel.set_ylim(bottom=0.0)
-    axes[0].set_ylabel("size of the torque, mN·m")
+    axes[0].set_ylabel("magnitude of the torque, mN·m")
     _legend(figure, *axes)
     _headline(
         figure,
@@ -307,13 +284,13 @@ def mesh_section(cases: Sequence[Solved]) -> tuple[Figure, str] | None:
     figure = _blank((11.0, 4.9))
     left = figure.add_axes((0.06, 0.06, 0.46, 0.74))
     quads = 1e3 * mesh.points[mesh.faces[_section_faces(mesh)]][:, :, 1:]
-    left.add_collection(PolyCollection(list(quads), facecolors="white", edgecolors=_BLUE, linewidths=0.25))
+    left.add_collection(PolyCollection(list(quads), facecolors="white", edgecolors=BLUE, linewidths=0.25))
     _frame_section(left, quads)
     left.set_title("section through the axes")
     right: Any = figure.add_axes((0.54, -0.02, 0.46, 0.84), projection="3d")
     faces = mesh.faces[mesh.patches["rotor"]]
     right.add_collection3d(
-        Poly3DCollection(1e3 * mesh.points[faces], facecolors="#DCE9F3", edgecolors=_BLUE, linewidths=0.3)
+        Poly3DCollection(1e3 * mesh.points[faces], facecolors="#DCE9F3", edgecolors=BLUE, linewidths=0.3)
     )
     right.set(xlim=(-50, 50), ylim=(-50, 50), zlim=(-50, 50))
     right.set_box_aspect((1, 1, 1), zoom=1.35)
@@ -357,7 +334,7 @@ def pressure(cases: Sequence[Solved]) -> tuple[Figure, str] | None:
         patches.set_clim(-limit, limit)
         axes.add_collection(patches)
         axes.set(xlim=(-55, 55), ylim=(-55, 55), aspect="equal")
-        axes.axhline(0.0, color=_INK, linewidth=0.5, linestyle=":")
+        axes.axhline(0.0, color=INK, linewidth=0.5, linestyle=":")
         axes.set_title(_place(result.case))
         axes.set_xlabel("along the tilt's axis, mm")
         if i == 0:
@@ -477,9 +454,7 @@ def _geometry(table: TorqueTable) -> Geometry:
 
 
 def _blank(size: tuple[float, float]) -> Figure:
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=size)
+    return Picture(*size, dots=110)
 
 
 def _figure(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, list[Axes]]:
@@ -487,7 +462,7 @@ def _figure(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure,
     grid = figure.add_gridspec(rows, columns, left=0.065, right=0.98, top=0.74, bottom=0.13, wspace=0.2)
     axes = [figure.add_subplot(grid[row, column]) for row in range(rows) for column in range(columns)]
     for panel in axes:
-        panel.grid(axis="y", color=_FAINT, linewidth=0.8)
+        panel.grid(axis="y", color=FAINT, linewidth=0.8)
         panel.set_axisbelow(True)
     return figure, axes
 
@@ -495,7 +470,7 @@ def _figure(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure,
 def _headline(figure: Figure, title: str, text: str) -> None:
     height = figure.get_figheight()
     figure.text(0.012, 1.0 - 0.32 / height, title, fontsize=15, fontweight="bold", va="center")
-    figure.text(0.012, 1.0 - 0.64 / height, text, fontsize=10, color="#555555", va="center")
+    figure.text(0.012, 1.0 - 0.64 / height, text, fontsize=10, color=TICK, va="center")
 
 
 def _legend(figure: Figure, *axes: Axes) -> None:

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel.plots.files import write_figure
+from gyrowheel.plots.figure import Picture, finished
+from gyrowheel.plots.style import DARK, FAINT, GROUND, SOFT, TICK, style
+from gyrowheel.text.variables import TITLES
 from gyrowheel_analysis.channels import CHANNELS
 from gyrowheel_analysis.reduction.groups import speed_groups
 from gyrowheel_analysis.residuals.maps import VARIABLES, Cell, ResidualMap, Span, residual_map
@@ -23,78 +25,46 @@ if TYPE_CHECKING:
 
     from gyrowheel_analysis.compare import Comparison
 
-_SIZE = (16.0, 10.0)  # inches, of 100 dots
-_INK, _SOFT, _FAINT = "#222222", "#777777", "#E4E4E4"
 _MOST_SPEEDS = 4
 _WORST = 1.0e3  # χ²/N at the end of the colours
-_STYLE: Any = {
-    "font.family": "sans-serif",
-    "font.size": 11.0,
-    "text.color": _INK,
-    "axes.edgecolor": "#888888",
-    "axes.labelcolor": _INK,
-    "axes.linewidth": 0.8,
-    "xtick.color": "#555555",
-    "ytick.color": "#555555",
-}
-_TITLES = {
-    "tilt": "size of the tilt, °",
-    "azimuth": "direction of the tilt, °",
-    "speed": "spin rate, rpm",
-    "time": "time in the recording, s",
-    "temperature": "coils, °C",
-}
+_UNITS = {"tilt": "°", "azimuth": "°", "speed": "rpm", "time": "s", "temperature": "°C"}
 
 
-def save_failures(path: str | Path, result: Comparison, *, title: str = "") -> None:
-    """Draw where a model fails, and write it as PNG of 1600 by 1000 dots.
+def figure_of_failure(result: Comparison, *, title: str = "") -> Figure:
+    """Draw where a model fails, 1600 by 1000 dots.
 
-    Above, for every speed, the tilts that were held with the torque of the coils that is beyond the model as an arrow;
-    below, χ²/N of every part of the residual over each variable.
+    Above, for every speed, the tilts that were held, with the residual torque of the coils as an arrow; below, χ²/N of
+    every part of the residual over each variable.
 
     Parameters
     ----------
-    path : str or Path
-        File to write; it is whole or as it was before.
     result : Comparison
         The comparison.
     title : str
         What stands above; the names of the recordings if not given.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
     """
-    write_figure(failure_figure(result, title=title), Path(path))
+    names = ", ".join(Path(name).name for name in result.recordings)
+    return residual_figure(result.data, title=title or f"Where the model fails: {names}")
 
 
-def failure_figure(result: Comparison, *, title: str = "") -> Figure:
-    """Return the figure of `save_failures`."""
-    import matplotlib as mpl
-
-    from gyrowheel.plots.figure import finished
-
-    with mpl.rc_context(_STYLE):
-        names = ", ".join(Path(name).name for name in result.recordings)
-        return finished(draw_failures(result.data, title=title or f"Where the model fails: {names}"))
+def residual_figure(data: WindowResiduals, *, title: str) -> Figure:
+    """Return the figure of `figure_of_failure` of residuals alone."""
+    with style(framed=True):
+        return finished(_draw(data, title))
 
 
-def draw_failures(data: WindowResiduals, *, title: str) -> Figure:
-    """Return a figure of residuals; see `failure_figure`."""
+def _draw(data: WindowResiduals, title: str) -> Figure:
     from matplotlib.colors import LogNorm
 
-    from gyrowheel.plots.figure import Picture
-
-    figure = Picture(figsize=_SIZE, dpi=100, facecolor="white")
+    figure = Picture(16.0, 10.0)
     size = min(22.0, 22.0 * 88.0 / max(len(title), 1))
     figure.text(0.045, 0.955, title, fontsize=size, fontweight="bold", va="center")
     figure.text(
         0.045,
         0.915,
-        "Arrows: torque of the coils beyond the model, from the tilt at which it acts. Colours: χ²/N, 1 is noise.",
+        "Arrows: residual torque of the coils, from the tilt at which it acts. Colours: χ²/N (1: noise).",
         fontsize=12.5,
-        color=_SOFT,
+        color=SOFT,
         va="center",
     )
     norm = LogNorm(vmin=1.0, vmax=_WORST)
@@ -142,39 +112,33 @@ def _plane(
     reach = 1.75 * max(float(np.abs(w.mean_tilt).max()) / DEG, 1.0)
     for radius in range(2, math.ceil(reach), 2):
         axes.add_patch(_circle(radius))
-    axes.axhline(0.0, color=_FAINT, linewidth=0.8, zorder=0)
-    axes.axvline(0.0, color=_FAINT, linewidth=0.8, zorder=0)
+    axes.axhline(0.0, color=FAINT, linewidth=0.8, zorder=0)
+    axes.axvline(0.0, color=FAINT, linewidth=0.8, zorder=0)
     axes.quiver(
         z.real, z.imag, r.real * scale, r.imag * scale, angles="xy", scale_units="xy", scale=1.0, width=0.007,
-        color="#444444", alpha=0.8, zorder=3,
+        color=DARK, alpha=0.8, zorder=3,
     )  # fmt: skip
     axes.scatter(
-        z.real, z.imag, c=np.maximum(chi2, 1.0), norm=norm, cmap=_colours(), s=55, edgecolors="#555555",
+        z.real, z.imag, c=np.maximum(chi2, 1.0), norm=norm, cmap=_colours(), s=55, edgecolors=TICK,
         linewidths=0.6, zorder=4,
     )  # fmt: skip
     axes.set_xlim(-reach, reach)
     axes.set_ylim(-reach, reach)
     axes.set_aspect("equal")
-    axes.set_title(
-        f"{round(float(w.mean_spin[group].mean()) / RPM, -1):.0f} rpm", fontsize=13, fontweight="bold"
-    )
+    axes.set_title(f"{round(float(w.mean_spin[group].mean()) / RPM, -1):.0f} rpm", fontsize=13, loc="center")
     axes.set_xlabel("tilt about x, °")
     if first:
         axes.set_ylabel("tilt about y, °")
     length = _round_down(0.4 * reach / scale)
     name, unit = unit_for(length, "N·m")
-    axes.plot(
-        [-0.92 * reach, -0.92 * reach + length * scale], [-0.9 * reach] * 2, color="#444444", linewidth=2.0
-    )
-    axes.text(
-        -0.92 * reach, -0.86 * reach, f"{number(length / unit, 1)} {name}", fontsize=10, color="#444444"
-    )
+    axes.plot([-0.92 * reach, -0.92 * reach + length * scale], [-0.9 * reach] * 2, color=DARK, linewidth=2.0)
+    axes.text(-0.92 * reach, -0.86 * reach, f"{number(length / unit, 1)} {name}", fontsize=10, color=DARK)
 
 
 def _circle(radius: float) -> Any:
     from matplotlib.patches import Circle
 
-    return Circle((0.0, 0.0), radius, fill=False, edgecolor=_FAINT, linewidth=0.8, zorder=0)
+    return Circle((0.0, 0.0), radius, fill=False, edgecolor=FAINT, linewidth=0.8, zorder=0)
 
 
 def _strip(axes: Axes, shown: ResidualMap, data: WindowResiduals, norm: Any, *, first: bool) -> Any:
@@ -187,16 +151,20 @@ def _strip(axes: Axes, shown: ResidualMap, data: WindowResiduals, norm: Any, *, 
         dark = values[i, j] > math.sqrt(_WORST)
         text = f"{values[i, j]:.0f}" if values[i, j] >= 9.95 else f"{values[i, j]:.1f}"
         if values.shape[1] <= 9:
-            axes.text(j, i, text, ha="center", va="center", fontsize=8, color="white" if dark else "#444444")
+            axes.text(j, i, text, ha="center", va="center", fontsize=8, color="white" if dark else DARK)
     axes.set_xticks(range(len(shown.cells)), [_label(variable, cell) for cell in shown.cells], fontsize=9)
     if any(len(_label(variable, cell)) > 4 for cell in shown.cells) or len(shown.cells) > 6:
         axes.tick_params(axis="x", rotation=45)
     axes.set_yticks(range(len(names)), [CHANNELS[name].title for name in names] if first else [])
-    axes.set_title(_TITLES[variable], fontsize=11.5, fontweight="bold")
+    axes.set_title(_axis_title(variable), fontsize=11.5, loc="center")
     axes.tick_params(length=0)
     for side in axes.spines.values():
         side.set_visible(False)
     return image
+
+
+def _axis_title(variable: str) -> str:
+    return f"{TITLES[variable]}, {_UNITS[variable]}"
 
 
 def _label(variable: str, cell: Cell) -> str:
@@ -215,7 +183,7 @@ def _colours() -> Any:
     """Return the colours, from white for noise on."""
     from matplotlib import colormaps
 
-    return colormaps["OrRd"].with_extremes(under="#FFFFFF")
+    return colormaps["OrRd"].with_extremes(under=GROUND)
 
 
 def _round_down(value: float) -> float:

@@ -1,17 +1,17 @@
-"""One picture of an error that falls: residuals window by window, and their size beside the noise floor."""
+"""The error that falls: residuals before and after window by window, and their RMS beside the noise floor."""
 
 from __future__ import annotations
 
 import itertools
 import math
 from collections.abc import Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel.plots.files import write_figure
+from gyrowheel.plots.figure import Picture, finished
+from gyrowheel.plots.style import AFTER, BEFORE, FAINT, INK, NOISE, SHADE, SOFT, TICK, ZERO, style
 from gyrowheel_analysis.channels import LISTED, TORQUES
 from gyrowheel_analysis.residuals.error_table import (
     ErrorRow,
@@ -28,11 +28,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _MILLI = 1e-3
-_SIZE = (16.0, 10.0)  # inches, of 100 dots
-_DOTS = 100
-# of the palette of Okabe and Ito, which people tell apart whatever their colour vision
-_BEFORE, _AFTER = "#D55E00", "#0072B2"
-_NOISE, _INK, _FAINT = "#9A9A9A", "#222222", "#E4E4E4"
 _ROLES = {"fit": "fitted", "validation": "not used to fit"}
 _SAME_SPEED = 0.04  # relative
 _WIDE = 12.0  # range of sizes from which on an axis is logarithmic
@@ -40,75 +35,34 @@ _LONG = 7  # letters of a name that needs two lines
 _WORTH_A_NUMBER = 1.3  # noise floors
 _CLEAR = 1.5  # noise floors that the error of a further channel must have to be drawn window by window
 _GAP = 2.0  # between two recordings in one panel [s]
-_STYLE: Any = {  # typed by matplotlib key by key
-    "font.family": "sans-serif",
-    "font.size": 11.5,
-    "axes.edgecolor": "#888888",
-    "axes.labelcolor": _INK,
-    "axes.linewidth": 0.8,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "text.color": _INK,
-    "xtick.color": "#555555",
-    "ytick.color": "#555555",
-    "axes.titlesize": 13,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
-}
 
 
-def save_picture(
-    path: str | Path,
-    residuals: Sequence[Residuals],
-    error: ErrorTable,
-    *,
-    title: str,
-    subtitle: str = "",
-) -> None:
-    """Draw a picture of the error before and after, and write it as PNG of 1600 by 1000 dots.
+def error_figure(
+    residuals: Sequence[Residuals], error: ErrorTable, *, title: str, subtitle: str = ""
+) -> Figure:
+    """Draw the error before and after a change, 1600 by 1000 dots.
 
     Parameters
     ----------
-    path : str or Path
-        File to write; it is whole or as it was before.
     residuals : sequence of Residuals
         Residuals of every recording, fitted and for validation.
     error : ErrorTable
         The table of errors.
     title, subtitle : str
         The result in words, and what else to say in one line.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
     """
-    write_figure(error_figure(residuals, error, title=title, subtitle=subtitle), Path(path))
+    with style(11.5, title=13.0):
+        return finished(_draw(residuals, error, title, subtitle))
 
 
-def error_figure(
-    residuals: Sequence[Residuals], error: ErrorTable, *, title: str, subtitle: str = ""
-) -> Figure:
-    """Return the figure of `save_picture`."""
-    import matplotlib as mpl
-
-    from gyrowheel.plots.figure import finished
-
-    with mpl.rc_context(_STYLE):
-        return finished(draw(residuals, error, title=title, subtitle=subtitle))
-
-
-def draw(residuals: Sequence[Residuals], error: ErrorTable, *, title: str, subtitle: str = "") -> Figure:
-    """Return the figure of `error_figure`, in the style in force."""
-    from gyrowheel.plots.figure import Picture
-
-    figure = Picture(figsize=_SIZE, dpi=_DOTS, facecolor="white")
+def _draw(residuals: Sequence[Residuals], error: ErrorTable, title: str, subtitle: str) -> Figure:
+    figure = Picture(16.0, 10.0)
     figure.text(0.045, 0.955, title, fontsize=_title_size(title), fontweight="bold", va="center")
     if subtitle:
-        figure.text(0.045, 0.913, subtitle, fontsize=13, color="#555555", va="center")
+        figure.text(0.045, 0.913, subtitle, fontsize=13, color=TICK, va="center")
     roles = [role for role in _ROLES if any(r.role == role for r in residuals)]
     widths = [math.sqrt(sum(r.time[-1] for r in residuals if r.role == role) + 5.0) for role in roles]
-    shown = [*TORQUES, *_telling(error)]
+    shown = [*TORQUES, *_clearest(error)]
     left = figure.add_gridspec(
         len(shown),
         len(roles),
@@ -151,7 +105,7 @@ def draw(residuals: Sequence[Residuals], error: ErrorTable, *, title: str, subti
     return figure
 
 
-def _telling(error: ErrorTable) -> list[str]:
+def _clearest(error: ErrorTable) -> list[str]:
     """Return the channel beyond the averaged torques in which the error was largest, where it was clearly there."""
     floors = {
         name: before.rms / floor.rms
@@ -179,22 +133,22 @@ def _residual_panel(
 ) -> None:
     """Draw residuals over time, the noise about zero, and where which speed was."""
     offset = 0.0
-    axes.axhline(0.0, color="#BBBBBB", linewidth=0.8, zorder=1)
+    axes.axhline(0.0, color=ZERO, linewidth=0.8, zorder=1)
     for residual in residuals:
         order = np.argsort(residual.time)
         time = residual.time[order] + offset
         before, after, sigma = (np.asarray(part)[order] / scale for part in _rows(residual, channel))
         _speeds(axes, time, residual.spin_rate[order], named=named)
-        axes.fill_between(time, -sigma, sigma, color=_NOISE, alpha=0.45, linewidth=0.0, zorder=2, step="mid")
+        axes.fill_between(time, -sigma, sigma, color=NOISE, alpha=0.45, linewidth=0.0, zorder=2, step="mid")
         if changed:
-            axes.vlines(time, before, after, color=_BEFORE, linewidth=1.2, alpha=0.3, zorder=3)
-            axes.plot(time, before, "o", markersize=7.0, color=_BEFORE, markeredgewidth=0.0, zorder=4)
-        axes.plot(time, after, "D", markersize=4.6, color=_AFTER, markeredgewidth=0.0, zorder=5)
+            axes.vlines(time, before, after, color=BEFORE, linewidth=1.2, alpha=0.3, zorder=3)
+            axes.plot(time, before, "o", markersize=7.0, color=BEFORE, markeredgewidth=0.0, zorder=4)
+        axes.plot(time, after, "D", markersize=4.6, color=AFTER, markeredgewidth=0.0, zorder=5)
         offset = float(time[-1]) + _GAP
     axes.margins(x=0.02, y=0.12)
     if len(LISTED[channel].rows) > 1:
         axes.set_ylim(bottom=0.0)
-    axes.grid(axis="y", color=_FAINT, linewidth=0.8)
+    axes.grid(axis="y", color=FAINT, linewidth=0.8)
     axes.set_axisbelow(True)
 
 
@@ -206,7 +160,7 @@ def _speeds(axes: Axes, time: Array, spin_rate: Array, *, named: bool) -> None:
         low = time[start] if start == 0 else 0.5 * (time[start - 1] + time[start])
         high = time[-1] if stop == len(time) else 0.5 * (time[stop - 1] + time[stop])
         if index % 2:
-            axes.axvspan(low, high, color="#F4F4F4", linewidth=0.0, zorder=0)
+            axes.axvspan(low, high, color=SHADE, linewidth=0.0, zorder=0)
         if named:
             rpm = np.median(spin_rate[start:stop]) / RPM
             axes.text(
@@ -217,7 +171,7 @@ def _speeds(axes: Axes, time: Array, spin_rate: Array, *, named: bool) -> None:
                 ha="center",
                 va="bottom",
                 fontsize=10,
-                color="#666666",
+                color=SOFT,
             )
 
 
@@ -243,12 +197,12 @@ def _size_panels(figure: Figure, error: ErrorTable, *, changed: bool) -> None:
         change = f"χ²/N {_short(before.chi2_per_n)} → " if changed else "χ²/N "
         change += _short(after.chi2_per_n)
         axes.set_title(f"RMS, {name}", pad=10)
-        axes.set_title(change, pad=10, loc="right", fontsize=11.5, fontweight="normal", color="#555555")
+        axes.set_title(change, pad=10, loc="right", fontsize=11.5, fontweight="normal", color=TICK)
         if logarithmic:
             axes.set_yscale("log")
             axes.minorticks_off()
         axes.set_ylim(low, high)
-        _bars(axes, [(before, _BEFORE), (after, _AFTER)] if changed else [(after, _AFTER)], floor, low)
+        _bars(axes, [(before, BEFORE), (after, AFTER)] if changed else [(after, AFTER)], floor, low)
         axes.set_ylabel("noise floors")
 
 
@@ -287,7 +241,7 @@ def _bars(axes: Axes, rows: Sequence[tuple[ErrorRow, str]], floor: ErrorRow, low
                 color=colour,
                 fontweight="bold",
             )
-    axes.axhline(1.0, color=_INK, linewidth=1.8, zorder=3)
+    axes.axhline(1.0, color=INK, linewidth=1.8, zorder=3)
     labels = []
     for name in names:
         level = _size(floor, name)
@@ -298,7 +252,7 @@ def _bars(axes: Axes, rows: Sequence[tuple[ErrorRow, str]], floor: ErrorRow, low
     axes.set_xticks(range(len(names)), labels, fontsize=9.5)
     axes.tick_params(axis="x", length=0)
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    axes.grid(axis="y", color=_FAINT, linewidth=0.8)
+    axes.grid(axis="y", color=FAINT, linewidth=0.8)
     axes.set_axisbelow(True)
 
 
@@ -312,12 +266,12 @@ def _legend(figure: Figure, *, changed: bool) -> None:
     from matplotlib.patches import Patch
 
     handles = [
-        Line2D([], [], marker="D", linestyle="", color=_AFTER, markersize=6.5, label="model after"),
-        Patch(color=_NOISE, alpha=0.45, linewidth=0.0, label="noise, ±1σ"),
-        Line2D([], [], color=_INK, linewidth=1.8, label="noise floor (its size below)"),
+        Line2D([], [], marker="D", linestyle="", color=AFTER, markersize=6.5, label="model after"),
+        Patch(color=NOISE, alpha=0.45, linewidth=0.0, label="noise, ±1σ"),
+        Line2D([], [], color=INK, linewidth=1.8, label="noise floor (its size below)"),
     ]
     if changed:
-        before = Line2D([], [], marker="o", linestyle="", color=_BEFORE, markersize=8, label="model before")
+        before = Line2D([], [], marker="o", linestyle="", color=BEFORE, markersize=8, label="model before")
         handles.insert(0, before)
     else:
         handles[0].set_label("model")

@@ -5,12 +5,13 @@ The exact momentum of the rotor stands beside the approximation of the paper, so
 
 from __future__ import annotations
 
-import io
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel.plots.figure import Picture, finished
+from gyrowheel.plots.style import BLUE, FAINT, GREEN, GROUND, SOFT, VERMILION, style
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.mechanics import kinematics as k
@@ -24,45 +25,21 @@ Array = NDArray[np.float64]
 
 #: The caps are flat: their heights are drawn this much too large.
 STRETCH = 12.0
+_DOTS = 110
 _BOX = 0.8  # height of a box over its width
-_INK, _FAINT, _GREY = "#222222", "#E4E4E4", "#8A8A8A"
-# of the palette of Okabe and Ito, which people tell apart whatever their colour vision
-_EXACT, _LAST, _MIDDLE = "#0072B2", "#D55E00", "#009E73"
-_STYLE: Any = {  # typed by matplotlib key by key
-    "font.family": "sans-serif",
-    "font.size": 10.5,
-    "axes.edgecolor": "#888888",
-    "axes.labelcolor": _INK,
-    "axes.linewidth": 0.8,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "text.color": _INK,
-    "xtick.color": "#555555",
-    "ytick.color": "#555555",
-    "axes.titlesize": 11.5,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
-    "legend.frameon": False,
-}
+_EXACT, _LAST, _MIDDLE = BLUE, VERMILION, GREEN
 
 
-def caps_png(bench: Bench, description: str = "") -> bytes:
-    """Return Fig. 3 as PNG: the caps at three speeds, and the exact form beside the approximations."""
-    return _png(_draw_caps, bench, description)
+def caps_figure(bench: Bench) -> Figure:
+    """Draw Fig. 3: the caps at three speeds, and the exact form beside the approximations."""
+    with style(10.5):
+        return finished(_draw_caps(bench))
 
 
-def body_png(bench: Bench, description: str = "") -> bytes:
-    """Return Fig. 4 as PNG: the body of all momenta, cut open, and its section."""
-    return _png(_draw_body, bench, description)
-
-
-def _png(drawing: Any, bench: Bench, description: str) -> bytes:
-    import matplotlib as mpl
-
-    with mpl.rc_context(_STYLE):
-        stream = io.BytesIO()
-        drawing(bench).savefig(stream, format="png", dpi=110, metadata={"Description": description})
-    return stream.getvalue()
+def body_figure(bench: Bench) -> Figure:
+    """Draw Fig. 4: the body of all momenta, cut open, and its section."""
+    with style(10.5):
+        return finished(_draw_body(bench))
 
 
 def _cap(bench: Bench, speed: float, turn: Array, tilts: int = 12) -> Array:
@@ -73,9 +50,7 @@ def _cap(bench: Bench, speed: float, turn: Array, tilts: int = 12) -> Array:
 
 
 def _draw_caps(bench: Bench) -> Figure:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(11.5, 7.4), facecolor="white")
+    figure = Picture(11.5, 7.4, dots=_DOTS)
     speeds = speeds_of(bench)
     unit, scale = _unit(bench.value("rotor_inertia_z") * float(speeds[-1]))
     turn = np.linspace(0.0, 2.0 * np.pi, 49)
@@ -84,7 +59,7 @@ def _draw_caps(bench: Bench) -> Figure:
     for place, (speed, height) in enumerate(zip(speeds, heights, strict=True)):
         axes: Any = figure.add_axes((0.005 + 0.325 * place, 0.49, 0.32, 0.46), projection="3d")
         x, y, z = np.moveaxis(_cap(bench, speed, turn) / scale, -1, 0)
-        axes.plot_surface(x, y, z, cmap="viridis", linewidth=0.2, edgecolor="#FFFFFF", rcount=12, ccount=48)
+        axes.plot_surface(x, y, z, cmap="viridis", linewidth=0.2, edgecolor=GROUND, rcount=12, ccount=48)
         tall = 2.0 * wide * _BOX / STRETCH
         _box(axes, wide, height - 0.65 * tall, height + 0.35 * tall, unit, heights=3)
         axes.set_title(
@@ -101,10 +76,9 @@ def _draw_caps(bench: Bench) -> Figure:
 
 
 def _draw_body(bench: Bench) -> Figure:
-    from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-    figure = Figure(figsize=(11.5, 5.0), facecolor="white")
+    figure = Picture(11.5, 5.0, dots=_DOTS)
     speeds = speeds_of(bench)
     unit, scale = _unit(bench.value("rotor_inertia_z") * float(speeds[-1]))
     limit, inertia = bench.value("tilt_limit"), bench.value("rotor_inertia_z") / scale
@@ -120,14 +94,12 @@ def _draw_body(bench: Bench) -> Figure:
         one = np.array([angle])
         sides = [_cap(bench, speed, one)[:, 0] / scale for speed in (speeds[0], speeds[-1])]
         faces.append(np.concatenate([sides[0], sides[1][::-1]]))
-    axes.plot_surface(
-        *np.moveaxis(bottom, -1, 0), color="#4E79A7", linewidth=0.1, edgecolor="#FFFFFF", zorder=1
-    )
-    axes.plot_surface(*np.moveaxis(rim, -1, 0), color="#A0CBE8", linewidth=0.1, edgecolor="#FFFFFF", zorder=2)
+    axes.plot_surface(*np.moveaxis(bottom, -1, 0), color="#4E79A7", linewidth=0.1, edgecolor=GROUND, zorder=1)
+    axes.plot_surface(*np.moveaxis(rim, -1, 0), color="#A0CBE8", linewidth=0.1, edgecolor=GROUND, zorder=2)
     axes.add_collection3d(
         Poly3DCollection(faces, facecolor="#F1CE63", edgecolor="#7A6520", linewidth=0.6, zorder=3)
     )
-    axes.plot_surface(*np.moveaxis(top, -1, 0), color="#86BC86", linewidth=0.1, edgecolor="#FFFFFF", zorder=4)
+    axes.plot_surface(*np.moveaxis(top, -1, 0), color="#86BC86", linewidth=0.1, edgecolor=GROUND, zorder=4)
     wide = inertia * float(speeds[-1]) * np.sin(limit)
     low, high = inertia * float(speeds[0]) * np.cos(limit), inertia * float(speeds[-1])
     _box(axes, wide, low - 0.02 * high, 1.01 * high, unit)
@@ -163,7 +135,7 @@ def _draw_body(bench: Bench) -> Figure:
     section.set_xlabel(f"across the case axis, {unit}")
     section.set_ylabel(f"along the case axis, {unit}")
     section.set_title("section")
-    section.grid(color=_FAINT, linewidth=0.8)
+    section.grid(color=FAINT, linewidth=0.8)
     section.margins(y=0.12)
     section.set_axisbelow(True)
     return figure
@@ -208,7 +180,7 @@ def _revolution(axes: Axes, bench: Bench, scale: float, unit: str) -> None:
     low, high = axes.get_ylim()
     axes.set_ylim(low, high + 0.55 * (high - low))
     axes.legend(loc="upper center", ncols=2, fontsize=9, columnspacing=1.0, handlelength=1.4)
-    axes.grid(axis="y", color=_FAINT, linewidth=0.8)
+    axes.grid(axis="y", color=FAINT, linewidth=0.8)
     axes.set_axisbelow(True)
 
 
@@ -234,7 +206,7 @@ def _error_panel(axes: Axes, bench: Bench) -> None:
     axes.set_xlabel("tilt, deg")
     axes.set_ylabel("% of the momentum")
     axes.set_title("largest error of eq (1)")
-    axes.grid(color=_FAINT, linewidth=0.8)
+    axes.grid(color=FAINT, linewidth=0.8)
     axes.set_axisbelow(True)
 
 
@@ -251,7 +223,7 @@ def _paths(axes: Axes, bench: Bench, scale: float, unit: str) -> None:
     axes.plot(
         case[:, 0], case[:, 1], color=_EXACT, linewidth=5.0, solid_capstyle="round", label="exact, case axes"
     )
-    axes.plot(0.0, 0.0, "+", color=_GREY)
+    axes.plot(0.0, 0.0, "+", color=SOFT)
     size = float(np.abs(motor[:, :2]).max())
     axes.set_xlim(-1.25 * size, 1.25 * size)
     axes.set_ylim(-1.25 * size, 1.75 * size)
@@ -260,5 +232,5 @@ def _paths(axes: Axes, bench: Bench, scale: float, unit: str) -> None:
     axes.set_ylabel(f"Hy, {unit}")
     axes.set_title(f"across the axis, tilt {limit / DEG:.0f}°")
     axes.legend(loc="upper center", fontsize=9, handlelength=1.4)
-    axes.grid(color=_FAINT, linewidth=0.8)
+    axes.grid(color=FAINT, linewidth=0.8)
     axes.set_axisbelow(True)
