@@ -48,9 +48,11 @@ def _draw(recording: Recording) -> Figure:
         axes.set_ylabel(title)
         axes.grid(color=FAINT, linewidth=0.6)
         if len(fields) > 1:
-            axes.legend(loc="upper right", ncols=2)
+            # above the panel, where no line runs
+            axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.96), borderaxespad=0.0, ncols=2)
     panels[0].set_title(recording.name)
     panels[-1].set_xlabel("time, s")
+    figure.align_ylabels(panels)
     return figure
 
 

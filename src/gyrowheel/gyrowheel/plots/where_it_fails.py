@@ -156,7 +156,7 @@ def _strip(axes: Axes, shown: ResidualMap, data: WindowResiduals, norm: Any, *, 
     if any(len(_label(variable, cell)) > 4 for cell in shown.cells) or len(shown.cells) > 6:
         axes.tick_params(axis="x", rotation=45)
     axes.set_yticks(range(len(names)), [CHANNELS[name].title for name in names] if first else [])
-    axes.set_title(_axis_title(variable), fontsize=11.5, loc="center")
+    axes.set_title(_axis_title(variable), fontsize=10.5, loc="center")
     axes.tick_params(length=0)
     for side in axes.spines.values():
         side.set_visible(False)
