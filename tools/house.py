@@ -56,7 +56,7 @@ HOUSE = (
             ("exchange", "reduction"),
             ("balance",),
             ("fitting", "drag"),
-            ("residuals", "drag_stream"),
+            ("residuals", "drag_stream", "signature"),
             ("diagnosis", "compare", "rate_sensor"),
             ("add", "calibrate", "nodes"),
         ),
