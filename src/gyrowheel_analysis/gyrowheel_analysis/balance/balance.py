@@ -21,7 +21,6 @@ from gyrowheel_analysis.balance.quadrature import mean
 from gyrowheel_analysis.balance.ripple import RippleResponse
 from gyrowheel_analysis.balance.rows import measured_rows, predicted_rows
 from gyrowheel_analysis.balance.torques import (
-    TORQUE_PARAMETERS,
     Instants,
     Torques,
     bench_torques,
@@ -33,6 +32,7 @@ from gyrowheel_analysis.channels import GROUPS, in_groups
 from gyrowheel_analysis.reduction import MOTOR_THERMAL, Windows, without_noise
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.declaration import Effect
+from gyrowheel_sim.effects.targets import TORQUE_PARAMETERS, added
 
 __all__ = ["ActiveEffect", "Balance", "Instants"]
 
@@ -40,7 +40,7 @@ Array = NDArray[np.float64]
 
 #: Bench parameters that leave the motion as it is: those that act as a torque, those that turn torques into readings,
 #: and the motor's heat, which acts through effects that know its warmth, if at all.
-_QUICK = TORQUE_PARAMETERS | {"coil_constant", "motor_resistance", *MOTOR_THERMAL}
+_QUICK = {*TORQUE_PARAMETERS, "coil_constant", "motor_resistance", *MOTOR_THERMAL}
 
 
 class Balance:
@@ -198,7 +198,7 @@ class Balance:
             None if the effect changes the motion itself, so that the state must be computed anew.
         """
         targets = {law.target for law in effect.laws}
-        if targets & (laws.READING | laws.AHEAD):
+        if targets & laws.ANEW:
             return None
         new, old = (
             {}
@@ -239,9 +239,12 @@ class Balance:
             return None
         if by.keys() & set(MOTOR_THERMAL) and laws.know_warmth_of_motor(effects):
             return None
-        if by.keys() & TORQUE_PARAMETERS:
+        if by.keys() & set(TORQUE_PARAMETERS):
             # they act in proportion, so that their changes act like them
-            changes = {name: by.get(name, 0.0) for name in TORQUE_PARAMETERS}
+            changes = {
+                name: by.get(name, 0.0) * added(at.laws, before, "relative", name, start=1.0)
+                for name in TORQUE_PARAMETERS
+            }
             at = self._pushed(at, bench_torques(changes, at.quantities["Omega"], at.joint))
         return self.rows_at(at, after)
 

@@ -14,7 +14,7 @@ import numpy as np
 from gyrowheel_sim.effects.code import array_law
 from gyrowheel_sim.effects.declaration import Effect, Law
 from gyrowheel_sim.effects.quantities import T_motor, T_winding
-from gyrowheel_sim.effects.targets import TARGETS, TORQUE_PLACES
+from gyrowheel_sim.effects.targets import INERTIAS, TARGETS, TORQUE_PARAMETERS, TORQUE_PLACES
 from gyrowheel_sim.mechanics.dynamics import Joint
 
 #: Sum of the laws of every target that has one; of a target with a law for each flexure, a pair.
@@ -25,24 +25,18 @@ NO_JOINT = {"theta": 0.0, "theta_rate": 0.0, "axis": 1.0}
 #: What stands for the motion in laws that must not depend on it.
 AT_REST = {"z": 0.0j, "z_rate": 0.0j}
 
-#: Bench parameters that the inverse dynamics takes, in its order.
-INERTIAS = (
-    "rotor_inertia_x",
-    "rotor_inertia_y",
-    "rotor_inertia_z",
-    "gimbal_inertia_x",
-    "gimbal_inertia_y",
-    "gimbal_inertia_z",
-    "shaft_inertia",
+#: Targets that change the tilt readings, and those that the inverse dynamics needs; all others are evaluated after it,
+#: with the motion known.
+READING = frozenset(
+    t.name for t in TARGETS.values() for e in t.enters if (e.place, e.of) == ("reading", "tilt")
 )
-#: Targets that change the readings, and those that the inverse dynamics needs; all others are evaluated after it, with
-#: the motion known.
-READING = frozenset(t.name for t in TARGETS.values() if t.changes("reading"))
 AHEAD = frozenset(
     t.name for t in TARGETS.values() for e in t.enters if e.place == "case_rate" or e.of in INERTIAS
 )
 AFTER = frozenset(TARGETS) - READING - AHEAD
 TORQUES = frozenset(t.name for t in TARGETS.values() for e in t.enters if e.place in TORQUE_PLACES)
+#: Targets of laws whose change makes the state of the balance another one.
+ANEW = READING | AHEAD | {t.name for t in TARGETS.values() for e in t.enters if e.of in TORQUE_PARAMETERS}
 _WARM = frozenset((T_winding, T_motor))
 
 

@@ -15,7 +15,7 @@ from gyrowheel_analysis.balance.torques import Instants
 from gyrowheel_analysis.channels import Channel, Quantity
 from gyrowheel_analysis.reduction import FORWARD, Windows
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.effects.targets import added
+from gyrowheel_sim.effects.targets import added, changed
 
 Array = NDArray[np.float64]
 
@@ -90,7 +90,8 @@ class _Predicted:
         """Voltages of the coils, times the constant of the model's bench [N m]."""
         laws, values = self.at.laws, self.values
         gain = added(laws, values, "relative", "coil_constant", start=1.0)
-        coil = self.at.coil / gain * (self.bench.value("coil_constant") / values["coil_constant"])
+        constant = added(laws, values, "offset", "coil_constant", start=values["coil_constant"])
+        coil = self.at.coil / gain * (self.bench.value("coil_constant") / constant)
         mirror = added(laws, values, "mirror")
         if np.any(mirror):
             coil = (coil - mirror * np.conj(coil)) / (1.0 - np.abs(mirror) ** 2)
@@ -105,14 +106,17 @@ class _Predicted:
     @cached_property
     def constant(self) -> Any:
         """Constant of the motor [N m/A]."""
-        change = added(self.at.laws, self.values, "relative", "motor_constant", start=1.0)
-        return self.values["motor_constant"] * change
+        return changed(self.at.laws, self.values, "motor_constant")
 
     @cached_property
     def resistance(self) -> Any:
         """Resistance of the motor's winding [ohm]."""
-        change = added(self.at.laws, self.values, "relative", "motor_resistance", start=1.0)
-        return self.values["motor_resistance"] * change
+        return changed(self.at.laws, self.values, "motor_resistance")
+
+    def error(self, *readings: str) -> Any:
+        """Return what the laws add to a reading, or to two as x + i y [V, A]."""
+        parts = [added(self.at.laws, self.values, "reading", reading) for reading in readings]
+        return parts[0] if len(parts) == 1 else parts[0] + 1j * parts[1]
 
     @cached_property
     def mean_current(self) -> Any:
@@ -131,32 +135,45 @@ class _Predicted:
         """Amplitude of the change of the motor's constant at the order of its ripple [N m/A]."""
         return amplitude(self.constant - self.values["motor_constant"], self.motion.ripple_weights)
 
+    def mean_of(self, error: Any) -> Any:
+        """Return the mean of the error of a reading; without laws it is a number."""
+        return mean(error, self.at.weights) if np.ndim(error) else error
+
+    def ripple_of(self, reading: str) -> Any:
+        """Return the amplitude of the error of a reading at the order of the motor's ripple."""
+        return amplitude(self.error(reading), self.motion.ripple_weights)
+
     def coil_torque(self, channel: Channel) -> list[Array]:
         """Return the torque that the voltages of the coils stand for, averaged or at an order of the spin rate."""
+        error = self.bench.value("coil_constant") * self.error("coil_voltage_x", "coil_voltage_y")
         if channel.group == "average":
             average = mean(self.coil, self.at.weights)
             # what the torque gains from the beginning to the end is missing in the mean of what follows with a lag
             average = average + self.lag * (self.coil.mean(axis=2) @ ACROSS) / self.windows.duration
-            return _components(average)
+            return _components(average + self.mean_of(error))
         lagging = 1.0 + 1j * channel.order * self.windows.mean_spin * self.lag
-        return _components(amplitude(self.coil, self.motion.order_weights[channel.order]) * lagging)
+        weights = self.motion.order_weights[channel.order]
+        return _components(amplitude(self.coil, weights) * lagging + amplitude(error, weights))
 
     def motor_torque(self, channel: Channel) -> list[Array]:
         """Return the torque that the current of the motor stands for."""
-        return [self.bench.value("motor_constant") * self.mean_current]
+        read = self.mean_current + self.mean_of(self.error("motor_current"))
+        return [self.bench.value("motor_constant") * read]
 
     def motor_voltage(self, channel: Channel) -> list[Array]:
         """Return the voltage of the motor."""
         weights = self.at.weights
         current = self.at.motor / self.constant
         current = current + (self.mean_current - mean(current, weights))[:, None, None]
-        return [mean(self.resistance * current + self.constant * self.at.rate, weights)]
+        voltage = mean(self.resistance * current + self.constant * self.at.rate, weights)
+        return [voltage + self.mean_of(self.error("motor_voltage"))]
 
     def shaft_torque(self, channel: Channel) -> list[Array]:
         """Return the torque that accelerates the shaft: the ripple of the speed follows from that of the torque."""
         values = self.values
         shaft = (
-            values["motor_constant"] * self.windows.current_ripple + self.constant_ripple * self.mean_current
+            values["motor_constant"] * (self.windows.current_ripple - self.ripple_of("motor_current"))
+            + self.constant_ripple * self.mean_current
         )
         shaft = shaft - amplitude(self.at.motor, self.motion.ripple_weights)
         inertia = values["rotor_inertia_z"] + values["gimbal_inertia_z"] + values["shaft_inertia"]
@@ -169,7 +186,9 @@ class _Predicted:
             w.voltage_ripple - values["motor_constant"] * w.spin_ripple - self.constant_ripple * w.mean_spin
         )
         volts = volts - amplitude(self.resistance, self.motion.ripple_weights) * self.mean_current
-        return _components(volts * (self.bench.value("motor_resistance") / values["motor_resistance"]))
+        volts = volts - self.ripple_of("motor_voltage")
+        own = self.bench.value("motor_resistance")
+        return _components(volts * (own / values["motor_resistance"]) + own * self.ripple_of("motor_current"))
 
 
 _MEASURED: dict[Quantity, Callable[[Windows, Bench, Channel], list[Array]]] = {

@@ -8,28 +8,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gyrowheel_analysis.balance.laws import AFTER, AHEAD, AT_REST, INERTIAS, ActiveEffect, Laws, evaluated
+from gyrowheel_analysis.balance.laws import AFTER, AHEAD, AT_REST, ActiveEffect, Laws, evaluated
 from gyrowheel_analysis.balance.motion import Motion
 from gyrowheel_analysis.balance.sensor import tilt_reading_error
 from gyrowheel_sim.compiled import compile_kernels
-from gyrowheel_sim.effects.targets import TARGETS, added
+from gyrowheel_sim.effects.targets import INERTIAS, TARGETS, TORQUE_PARAMETERS, added, changed
 from gyrowheel_sim.mechanics.dynamics import Joint, generalised_forces
 from gyrowheel_sim.mechanics.inverse import N_POINT
 
 _KERNELS = (("gyrowheel_sim", "mechanics/dynamics.py"), ("gyrowheel_sim", "mechanics/inverse.py"))
-#: Bench parameters that act as a torque, in proportion to their values.
-TORQUE_PARAMETERS = frozenset(
-    (
-        "flexure_stiffness_x",
-        "flexure_stiffness_y",
-        "flexure_damping_x",
-        "flexure_damping_y",
-        "bearing_coulomb",
-        "bearing_viscous",
-        "fixed_torque_x",
-        "fixed_torque_y",
-    )
-)
 
 
 class SpinAxis(NamedTuple):
@@ -123,7 +110,7 @@ def required_torques(
         inertial=(points.inertial_x, points.inertial_y, points.inertial_z),
     )
     laws = {**evaluated(effects, q, AFTER, joint), **ahead}
-    own = bench_torques(values, rate, joint)
+    own = bench_torques({name: changed(laws, values, name) for name in TORQUE_PARAMETERS}, rate, joint)
     forces = _forces(
         joint,
         axis,
@@ -158,7 +145,7 @@ def bench_torques(values: Mapping[str, float], rate: Any, joint: Joint) -> Torqu
         -values["flexure_stiffness_y"] * joint.theta_y - values["flexure_damping_y"] * joint.theta_y_rate,
     )
     shaft = -values["bearing_coulomb"] * np.sign(rate) - values["bearing_viscous"] * rate
-    return Torques(complex(values["fixed_torque_x"], values["fixed_torque_y"]), 0.0, shaft, flexures)
+    return Torques(values["fixed_torque_x"] + 1j * values["fixed_torque_y"], 0.0, shaft, flexures)
 
 
 def law_torques(laws: Laws, values: Mapping[str, float]) -> Torques:
@@ -248,16 +235,7 @@ def _inverse(
         if turning
         else (nothing, nothing, nothing)
     )
-    inertias = [
-        added(
-            laws,
-            values,
-            "offset",
-            name,
-            start=values[name] * added(laws, values, "relative", name, start=1.0),
-        )
-        for name in INERTIAS
-    ]
+    inertias = [changed(laws, values, name) for name in INERTIAS]
     out = np.empty((N_POINT, motion.angle.size))
     compile_kernels(*_KERNELS).inverse_points(
         *(flat(part.astype(complex)) for part in phi), motion.sines, motion.cosines, flat(rate), flat(acceleration),

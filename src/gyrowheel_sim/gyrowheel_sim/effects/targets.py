@@ -13,9 +13,9 @@ place               what is added there
 ``case_rate``       rate of the case about its x and y axes [rad/s]
 ``mirror``          part of the coils' torque that is mirrored
 ``coil_lag``        time constant with which the coils' torque follows their voltage [s]
-``relative``        relative change of a bench parameter, named by `Entry.of`
-``offset``          change of a bench parameter, named by `Entry.of`
-``reading``         error of a reading, named by `Entry.of`; ``tilt`` means both tilt readings, x + i y
+``offset``          change of a bench parameter, one of `PARAMETERS`, named by `Entry.of`
+``relative``        relative change of such a parameter, after its offset
+``reading``         error of a reading, one of `READINGS`, named by `Entry.of`; ``tilt`` takes x + i y
 ==================  ==========================================================================================
 
 A new target that enters at such a place needs its entry here and nothing else: simulation, torque balance, formulas,
@@ -28,13 +28,38 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from gyrowheel_sim.instruments.readings import Reading
-
 Place = Literal[
     "across", "along", "shaft", "flexure", "case_rate", "mirror", "coil_lag", "relative", "offset", "reading"
 ]
 #: Places that take a complex number, x + i y.
 COMPLEX_PLACES = frozenset(("across", "case_rate", "mirror"))
+#: Bench parameters that act as a torque, in proportion to their values.
+TORQUE_PARAMETERS = (
+    "flexure_stiffness_x",
+    "flexure_stiffness_y",
+    "flexure_damping_x",
+    "flexure_damping_y",
+    "bearing_coulomb",
+    "bearing_viscous",
+    "fixed_torque_x",
+    "fixed_torque_y",
+)
+#: Moments of inertia, in the order in which the inverse dynamics takes them; laws that change them are constant.
+INERTIAS = (
+    "rotor_inertia_x",
+    "rotor_inertia_y",
+    "rotor_inertia_z",
+    "gimbal_inertia_x",
+    "gimbal_inertia_y",
+    "gimbal_inertia_z",
+    "shaft_inertia",
+)
+#: Bench parameters that a law can change.
+PARAMETERS = (
+    *TORQUE_PARAMETERS, *INERTIAS, "coil_constant", "motor_constant", "motor_resistance", "supply_voltage",
+)  # fmt: skip
+#: Readings to which a law can add an error.
+READINGS = ("tilt", "coil_voltage_x", "coil_voltage_y", "motor_voltage", "motor_current")
 #: Places that are torques.
 TORQUE_PLACES = frozenset(("across", "along", "shaft", "flexure"))
 
@@ -97,10 +122,13 @@ class LawTarget:
     def __post_init__(self) -> None:
         """Refuse an entry that contradicts itself."""
         for entry in self.enters:
-            if (entry.place in ("relative", "offset", "reading")) != bool(entry.of):
-                raise ValueError(f"target {self.name}: {entry.place} with of={entry.of!r}")
-            if entry.place == "reading" and entry.of != "tilt" and entry.of not in Reading.__members__:
-                raise ValueError(f"target {self.name}: there is no reading {entry.of}")
+            known = {"relative": PARAMETERS, "offset": PARAMETERS, "reading": READINGS}.get(
+                entry.place, ("",)
+            )
+            if entry.of not in known:
+                raise ValueError(
+                    f"target {self.name}: {entry.place} of {entry.of!r}; allowed: {', '.join(known) or 'none'}"
+                )
             two = entry.place in COMPLEX_PLACES or (entry.place, entry.of) == ("reading", "tilt")
             if two != self.complex:
                 raise ValueError(
@@ -233,7 +261,7 @@ def added(
     return start
 
 
-def changed_parameters(targets: Mapping[str, LawTarget] = TARGETS) -> tuple[str, ...]:
-    """Return the bench parameters that laws can change."""
-    found = (e.of for target in targets.values() for e in target.enters if e.place in ("relative", "offset"))
-    return tuple(dict.fromkeys(found))
+def changed(laws: Mapping[str, Any], values: Mapping[str, Any], name: str) -> Any:
+    """Return a bench parameter as the laws change it; see `added`."""
+    value = added(laws, values, "offset", name, start=values[name])
+    return value * added(laws, values, "relative", name, start=1.0)
