@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import subprocess
@@ -31,7 +32,9 @@ def test_columns_are_the_fields_of_the_message(layout: type[columns.Column], mes
     assert columns.names(layout) == message.fields
 
 
-@pytest.mark.parametrize("layout", [State, Surroundings, Drift, Reading, ControllerState], ids=lambda c: c.__name__)
+@pytest.mark.parametrize(
+    "layout", [State, Surroundings, Drift, Reading, ControllerState], ids=lambda c: c.__name__
+)
 def test_every_place_says_what_it_is(layout: type[columns.Column]) -> None:
     assert columns.names(layout) == tuple(layout.__members__)
     for place in layout:
@@ -51,7 +54,7 @@ def test_places_that_leave_a_gap_are_refused() -> None:
         first = 0, "1", "first"
         third = 2, "1", "third"
 
-    with pytest.raises(ValueError, match="not 0 .. 1"):
+    with pytest.raises(ValueError, match=r"not 0 \.\. 1"):
         columns.names(Gap)
 
 
@@ -81,11 +84,14 @@ def test_laws_are_added_where_their_targets_enter() -> None:
     np.testing.assert_allclose(changed(laws, values, "supply_voltage"), [18.0, 16.0])
     assert changed(laws, values, "motor_constant") == 1.5
     assert added({}, values, "shaft") == 0.0
-    assert {target.name for target, _ in entering("relative", "coil_constant")} == {"coil_gain", "supply_drop"}
+    assert {target.name for target, _ in entering("relative", "coil_constant")} == {
+        "coil_gain",
+        "supply_drop",
+    }
     assert all(target.enters for target in TARGETS.values())
 
 
-NEW_TARGETS = '''
+NEW_TARGETS = """
     LawTarget(
         "bearing_change", "1", "relative change of the bearing friction", "relative change of the Coulomb friction",
         (0.05, 0.5), (Entry("relative", "bearing_coulomb"),),
@@ -94,7 +100,7 @@ NEW_TARGETS = '''
         "current_offset", "A", "error of the current reading", "added to the reading of the motor current",
         (1e-3, 1e-2), (Entry("reading", "motor_current"),), once_a_sample=True,
     ),
-'''
+"""
 NEW_EFFECT = '''
 """An effect on two new targets."""
 
@@ -118,13 +124,14 @@ WEAR = Effect(
 )
 '''
 #: Simulates a hold with and without the new effect, and fits it; prints what coils and motor show of it.
-SCRIPT = '''
+SCRIPT = """
 import json
 import numpy as np
-from gyrowheel_analysis.balance import ActiveEffect, Balance
-from gyrowheel_analysis.reduction import windows_of
+from gyrowheel_analysis.balance.balance import ActiveEffect, Balance
+from gyrowheel_analysis.reduction import Samples, reduce
 from gyrowheel_control.loops.closed_loop import simulate
 from gyrowheel_control.plans import Plan
+from gyrowheel_core.readings import Readings
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import get, registry
 from gyrowheel_sim.effects.typed import typed_effect
@@ -140,7 +147,8 @@ wear = get("wear")
 for effects in ({}, {"wear": values}):
     run = simulate(bench, Scenario(values=quiet, effects=effects), plan)
     currents.append(run.measurement[20000:, Reading.motor_current].mean())
-    windows = WINDOWS
+    time, stamps = np.arange(len(run.measurement)) * bench.sample_period, run.setpoints["stamp_ns"] * 1e-9
+    windows = reduce(Samples(time, Readings(run.measurement), stamps, run.setpoints), bench)
     active = [ActiveEffect(wear, values)] if effects else []
     balance = Balance(windows, bench, clean=False, harmonics=False)
     known, without = balance.predicted(bench.values(), active), balance.predicted(bench.values(), [])
@@ -155,4 +163,37 @@ print(json.dumps({
     "expected": values["o"] + values["b"] * bench.value("bearing_coulomb") / bench.value("motor_constant"),
     "rows": rows,
 }))
-'''
+"""
+
+
+@pytest.mark.slow
+def test_a_target_and_an_effect_take_one_file_each(tmp_path: Path) -> None:
+    """In a copy of the package: entries in the table, and a module in the library. All else follows."""
+    here = Path(gyrowheel_sim.__file__).parent
+    package = tmp_path / "gyrowheel_sim"
+    shutil.copytree(here, package, ignore=shutil.ignore_patterns("__pycache__"))
+    table = package / "effects" / "targets.py"
+    before, begin, after = table.read_text(encoding="utf-8").partition("_ALL = (\n")
+    table.write_text(before + begin + NEW_TARGETS + after, encoding="utf-8")
+    (package / "effects" / "library" / "wear.py").write_text(NEW_EFFECT, encoding="utf-8")
+    root = Path(__file__).parents[2]
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join((str(tmp_path), str(root)))},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["known"]
+    assert found["typed"] == "bearing_change = w*t"
+    assert found["page"]
+    assert found["table"]
+    # the motor works against the friction, and its current is read with the offset
+    assert found["current"] == pytest.approx(found["expected"], rel=0.02)
+    # the balance with the effect fits the simulated machine as well as that without it fits the machine without it
+    (clean, _), (known, unknown) = found["rows"]
+    assert known < 2.0 * clean + 1e-7
+    assert unknown > 100.0 * known
