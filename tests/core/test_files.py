@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.files import new_directory, new_file, require_writable, write_bytes, write_text
+from gyrowheel_core.files import new_directory, new_file, read_json, require_writable, write_bytes, write_text
 
 
 @pytest.fixture(params=[0o022, 0o077, 0o002])
@@ -73,3 +73,22 @@ def test_a_long_name_is_no_obstacle(tmp_path: Path) -> None:
     file = tmp_path / ("n" * 255)
     write_text(file, "x")
     assert file.read_text() == "x"
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"{", r"not valid JSON \(line 1, column 2\)"),
+        (b"[" * 100_000, "not valid JSON: "),
+        (b"1" * 5000, "not valid JSON: "),
+        (b"\xff\xfe", "not a text file"),
+    ],
+)
+def test_what_is_no_json_is_refused_in_one_line(tmp_path: Path, content: bytes, said: str) -> None:
+    file = tmp_path / "a.json"
+    file.write_bytes(content)
+    with pytest.raises(InputError, match=rf"^{file}: {said}") as caught:
+        read_json(file)
+    assert "\n" not in str(caught.value)
+    with pytest.raises(InputError, match="cannot be read: "):
+        read_json(tmp_path / "none.json")

@@ -121,7 +121,7 @@ def assert_refused(result: Result, *words: str) -> None:
         (["simulate", "--plan", "survey@hold_s=3600", "-o", "x"], ["long", "allowed: up to 86400 s"]),
         (
             ["simulate", "--plan", "quick", "-o", "x", "--blind", "new.yaml"],
-            ["new.yaml", "not a key file: it is no JSON"],
+            ["new.yaml", "not valid JSON", "name a new file"],
         ),
         (["investigate", "--model", "new.yaml", "--budget", "-1"], ["--budget", "-1", ">= 0"]),
         (["compare", "x", "--model", "new.yaml", "--fail-above", "-1"], ["--fail-above", "-1", ">= 0"]),

@@ -15,9 +15,9 @@ from gyrowheel_sim.blind.draw import reuse_or_draw
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("{}", ["values and effects"]),
+        ("{}", ["values: missing", "name a new file"]),
         ("[]", ["values and effects"]),
-        ("schema: 1\n", ["it is no JSON"]),
+        ("schema: 1\n", ["not valid JSON (line 1, column 1)", "name a new file"]),
         ('{"values": {}, "effects": {"windage": 3}}', ["effects.windage", "3"]),
         ('{"values": {}, "effects": {"windage": {"w": "a"}}}', ["effects.windage.w", "'a'"]),
         ('{"values": {}, "effects": {"windge": {}}}', ["effects", "windge", "windage"]),

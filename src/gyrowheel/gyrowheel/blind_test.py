@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from gyrowheel_core.errors import InputError
+from gyrowheel_core.files import read_json
+from gyrowheel_core.schema import check
 from gyrowheel_sim.effects import EffectValues
+from gyrowheel_sim.plant.scenario import KeyFile
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.diagnosis.diagnose import Diagnosis
@@ -46,15 +47,9 @@ def hidden_effects(key: Path) -> EffectValues:
     Raises
     ------
     InputError
-        If the file is missing or no key file.
+        If the file is missing or is not a key file.
     """
-    try:
-        effects = json.loads(key.read_text(encoding="utf-8"))["effects"]
-        return {str(name): {str(k): float(v) for k, v in values.items()} for name, values in effects.items()}
-    except OSError as error:
-        raise InputError(f"{key}: cannot be read: {error.strerror}") from None
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise InputError(f"{key}: not a key file ({error})") from None
+    return dict(check(KeyFile, read_json(key), str(key), kind="key file").effects)
 
 
 def judge(diagnosis: Diagnosis, truth: EffectValues) -> Judgement:

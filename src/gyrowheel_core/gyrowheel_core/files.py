@@ -87,6 +87,23 @@ def read_text(file: Path) -> str:
         raise InputError(f"{file}: not a text file") from None
 
 
+def read_json(file: Path) -> Any:
+    """Return the content of a JSON file.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or is no JSON.
+    """
+    text = read_text(file)
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError as error:
+        raise InputError(f"{file}: not valid JSON (line {error.lineno}, column {error.colno})") from None
+    except (ValueError, RecursionError) as error:  # numbers of too many digits, brackets in too many brackets
+        raise InputError(f"{file}: not valid JSON: {one_line(error)}") from None
+
+
 @contextlib.contextmanager
 def new_file(file: Path, *, private: bool = False) -> Iterator[Path]:
     """Give a place for a file; it replaces `file` when the block has ended well, and goes when it has not.

@@ -8,14 +8,46 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Literal
+
+from pydantic import Field
 
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.schema import Name, Names, Number, Section, check
 from gyrowheel_core.units import DEG
 from gyrowheel_core.yaml_text import read_yaml
 
-SCHEMA = 1
-LENGTHS = ("rotor_radius", "rotor_height", "case_radius", "case_height")
+
+class LengthEntry(Section):
+    """A length as a geometry file states it [m]."""
+
+    value: Annotated[Number, Field(ge=1e-4, le=10.0)]
+    unit: Literal["m"]
+    uncertainty: Annotated[Number, Field(ge=0.0, le=10.0)]
+    source: Name
+    description: Name = ""
+
+
+class Lengths(Section):
+    """The lengths of rotor and case."""
+
+    rotor_radius: LengthEntry
+    rotor_height: LengthEntry
+    case_radius: LengthEntry
+    case_height: LengthEntry
+
+
+class GeometryFile(Section):
+    """A geometry file."""
+
+    schema_: Literal[1] = Field(alias="schema")
+    name: Name = "geometry"
+    title: Name = ""
+    references: Names[Name] = Field(default_factory=dict)
+    lengths: Lengths
+
+
+LENGTHS = tuple(Lengths.model_fields)
 
 
 @dataclass(frozen=True)
@@ -75,25 +107,12 @@ class Geometry:
     @classmethod
     def from_text(cls, text: str, *, origin: str) -> Geometry:
         """Read a geometry from the text of a file (see `load`)."""
-        raw = read_yaml(text, origin)
-        if not isinstance(raw, dict) or not isinstance(raw.get("lengths"), dict):
-            raise InputError(f"{origin}: not a geometry file (a mapping with 'lengths' is expected)")
-        if raw.get("schema") != SCHEMA:
-            raise InputError(f"{origin}: schema: {raw.get('schema')!r} is not known; allowed: {SCHEMA}")
-        unknown = sorted(set(map(str, raw["lengths"])) - set(LENGTHS))
-        if unknown:
-            raise InputError(f"{origin}: lengths.{unknown[0]}: no such length; allowed: {', '.join(LENGTHS)}")
-        lengths = {}
-        for name in LENGTHS:
-            if name not in raw["lengths"]:
-                raise InputError(f"{origin}: lengths.{name}: missing")
-            lengths[name] = _length(raw["lengths"][name], f"{origin}: lengths.{name}")
-        return cls(
-            name=str(raw.get("name", "geometry")),
-            title=str(raw.get("title", "")),
-            lengths=lengths,
-            references={str(k): str(v) for k, v in (raw.get("references") or {}).items()},
-        ).checked(origin)
+        content = check(GeometryFile, read_yaml(text, origin), origin, kind="geometry file")
+        lengths = {
+            name: Length(entry.value, entry.uncertainty, entry.source, entry.description)
+            for name, entry in content.lengths
+        }
+        return cls(content.name, content.title, lengths, content.references).checked(origin)
 
     def checked(self, origin: str = "geometry") -> Geometry:
         """Return itself if the rotor fits into the case.
@@ -167,28 +186,3 @@ class Geometry:
     def to_dict(self) -> dict[str, float]:
         """Return the four lengths by name [m]."""
         return {name: self.lengths[name].value for name in LENGTHS}
-
-
-def _length(entry: Any, where: str) -> Length:
-    if not isinstance(entry, dict):
-        raise InputError(f"{where}: {entry!r} is not a mapping with value, unit, uncertainty and source")
-    unknown = sorted(set(map(str, entry)) - {"value", "unit", "uncertainty", "source", "description"})
-    if unknown:
-        raise InputError(f"{where}.{unknown[0]}: no such field")
-    for needed in ("value", "unit", "uncertainty", "source"):
-        if needed not in entry:
-            raise InputError(f"{where}.{needed}: missing")
-    if entry["unit"] != "m":
-        raise InputError(f"{where}.unit: {entry['unit']!r}; allowed: m")
-    numbers = {}
-    for name, low in (("value", 1e-4), ("uncertainty", 0.0)):
-        try:
-            number = float(entry[name])
-        except (TypeError, ValueError):
-            raise InputError(f"{where}.{name}: {entry[name]!r} is not a number") from None
-        if isinstance(entry[name], bool) or not low <= number <= 10.0:
-            raise InputError(f"{where}.{name}: {entry[name]!r} m is out of range; allowed: {low:g} .. 10 m")
-        numbers[name] = number
-    return Length(
-        numbers["value"], numbers["uncertainty"], str(entry["source"]), str(entry.get("description", ""))
-    )

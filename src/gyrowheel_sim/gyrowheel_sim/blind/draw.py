@@ -5,7 +5,6 @@ Only the key file knows what was drawn; a recording of the machine carries none 
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,13 +14,14 @@ from typing import Literal
 import numpy as np
 
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.files import json_text, write_text
+from gyrowheel_core.files import json_text, read_json, write_text
+from gyrowheel_core.schema import check
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.declaration import Effect
 from gyrowheel_sim.effects.registry import EffectValues, registry, validated
 from gyrowheel_sim.effects.sizes import for_bench
 from gyrowheel_sim.plant.outside import OUTSIDE
-from gyrowheel_sim.plant.scenario import Scenario
+from gyrowheel_sim.plant.scenario import KeyFile, Scenario
 
 Kind = Literal["none", "single", "pair", "outside"]
 #: How often each kind is drawn.
@@ -94,22 +94,13 @@ def reuse_or_draw(bench: Bench, key: Path, seed: int, *, kinds: Sequence[Kind] =
 def _read_key(bench: Bench, key: Path) -> Scenario:
     """Return the machine of a key file."""
     try:
-        raw = json.loads(key.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{key}: cannot be read: {error.strerror or error}") from None
-    except (ValueError, RecursionError):
-        raise InputError(f"{key}: not a key file: it is no JSON; name a new file") from None
-    for name in ("values", "effects"):
-        if not isinstance(raw, dict) or not isinstance(raw.get(name), dict):
-            raise InputError(
-                f"{key}: not a key file: a JSON object with the objects values and effects is expected; "
-                "name a new file"
-            )
-    bench.with_values(raw["values"], where=f"{key}: values")
+        content = check(KeyFile, read_json(key), str(key), kind="key file")
+    except InputError as error:
+        raise InputError(f"{error}; or name a new file, to have a key drawn") from None
+    bench.with_values(content.values, where=f"{key}: values")
     outside = {effect.name: effect for effect in OUTSIDE}
-    effects: EffectValues = {}
-    for name, given in raw["effects"].items():
-        if not isinstance(given, dict):
-            raise InputError(f"{key}: effects.{name}: {given!r:.60} is not an object of coefficients")
-        effects[name] = validated(name, given, where=f"{key}: effects", declared=outside, bench=bench)
-    return Scenario(values=raw["values"], effects=effects)
+    effects = {
+        name: validated(name, given, where=f"{key}: effects", declared=outside, bench=bench)
+        for name, given in content.effects.items()
+    }
+    return Scenario(values=content.values, effects=effects)

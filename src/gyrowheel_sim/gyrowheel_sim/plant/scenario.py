@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
-from gyrowheel_core.errors import InputError
-from gyrowheel_core.files import json_text, write_text
+from pydantic import BaseModel, ConfigDict, Field
+
+from gyrowheel_core.files import json_text, read_json, write_text
+from gyrowheel_core.schema import Name, Names, Number, Section, Whole, check
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import (
     Effect,
@@ -19,6 +21,24 @@ from gyrowheel_sim.effects import (
     validated,
 )
 from gyrowheel_sim.effects.user import check_name
+
+
+class KeyFile(BaseModel):
+    """A key file: what is hidden in a machine; a campaign writes more into it, which is for people."""
+
+    model_config = ConfigDict(frozen=True)
+
+    values: dict[Name, Number]
+    effects: dict[Name, dict[Name, Number]]
+
+
+class ScenarioFile(Section):
+    """A scenario file: what the node of the plant is told about its machine."""
+
+    values: dict[Name, Number]
+    effects: dict[Name, dict[Name, Number]]
+    noise_seed: Whole
+    declared: Names[Any] = Field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -56,30 +76,21 @@ class Scenario:
         InputError
             If the file is missing or not a scenario, or a name or value is not allowed.
         """
-        file = Path(path)
-        try:
-            raw = json.loads(file.read_text(encoding="utf-8"))
-            values, effects, seed = raw["values"], raw["effects"], int(raw["noise_seed"])
-            declared = {}
-            for name, mapping in raw.get("declared", {}).items():
-                check_name(name, f"{file}: declared", registry())
-                declared[name] = effect_from_mapping(name, mapping, f"{file}: declared.{name}")
-            known = {**registry(), **declared}
-            checked = {
-                # an effect for blind tests is not in the registry; the plant itself checks that it knows the name
-                name: validated(name, given, where=f"{file}: effects", declared=declared)
-                if name in known
-                else dict(given)
-                for name, given in effects.items()
-            }
-            bench.with_values(values, where=f"{file}: values")
-        except InputError:
-            raise
-        except OSError as error:
-            raise InputError(f"{file}: cannot be read: {error.strerror}") from None
-        except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
-            raise InputError(f"{file}: not a scenario file ({error})") from None
-        return cls({k: float(v) for k, v in values.items()}, checked, seed, declared)
+        content = check(ScenarioFile, read_json(Path(path)), str(path), kind="scenario file")
+        declared = {}
+        for name, mapping in content.declared.items():
+            check_name(name, f"{path}: declared", registry())
+            declared[name] = effect_from_mapping(name, mapping, f"{path}: declared.{name}")
+        known = {**registry(), **declared}
+        effects = {
+            # an effect for blind tests is not in the registry; the plant itself checks that it knows the name
+            name: validated(name, given, where=f"{path}: effects", declared=declared)
+            if name in known
+            else given
+            for name, given in content.effects.items()
+        }
+        bench.with_values(content.values, where=f"{path}: values")
+        return cls(content.values, effects, content.noise_seed, declared)
 
     def save(self, path: str | Path) -> None:
         """Write a scenario file that is whole or as it was before; only its owner may read it."""
