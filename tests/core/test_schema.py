@@ -60,7 +60,7 @@ def test_what_is_allowed_is_read() -> None:
 @pytest.mark.parametrize(
     ("raw", "said"),
     [
-        (5, "FILE: not a file of parts (a mapping with schema and name is expected)"),
+        (5, "FILE: not a file of parts (a mapping with schema, name is expected)"),
         (content(schema=2, colour=1), "FILE: schema: 2 is not known; allowed: 1"),
         (content(schema=...), "FILE: schema: missing; allowed: 1"),
         (content(name=...), "FILE: name: missing"),

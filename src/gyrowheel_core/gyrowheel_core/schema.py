@@ -10,7 +10,6 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from pydantic_core import PydanticCustomError
 
 from gyrowheel_core.errors import InputError, nearest, one_line
-from gyrowheel_core.quantities import listed
 
 _LONGEST: Final = 60  # characters of a value that a message repeats
 #: What is said about a value by the type of pydantic's error; what is not here is said in pydantic's words.
@@ -120,7 +119,7 @@ def check(schema: type[S], content: Any, where: str, *, kind: str = "", separato
     """
     if kind and not isinstance(content, Mapping):
         needed = [field.alias or name for name, field in schema.model_fields.items() if field.is_required()]
-        raise InputError(f"{where}: not a {kind} (a mapping with {listed(needed, 'and')} is expected)")
+        raise InputError(f"{where}: not a {kind} (a mapping with {', '.join(needed)} is expected)")
     try:
         return schema.model_validate(content)
     except ValidationError as error:
