@@ -19,13 +19,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gyrowheel.campaign import hiding, workers
-from gyrowheel.campaign.cases import Campaign, Case, cases
-from gyrowheel.campaign.hiding import LARGEST, Secret, Yardstick, hide, yardstick
-from gyrowheel.campaign.job import run_case
-from gyrowheel.campaign.judge import Interval, Judged, judge
-from gyrowheel.campaign.outside import declared, outside_forms
-from gyrowheel.campaign.summary import Rate, Summary, covered
+from gyrowheel.campaigns import hiding, workers
+from gyrowheel.campaigns.cases import Campaign, Case, cases
+from gyrowheel.campaigns.hiding import LARGEST, Secret, Yardstick, hide, yardstick
+from gyrowheel.campaigns.job import run_case
+from gyrowheel.campaigns.judge import Interval, Judged, judge
+from gyrowheel.campaigns.outside import declared, outside_forms
+from gyrowheel.campaigns.summary import Rate, Summary, covered
 from gyrowheel.text.campaign import campaign_page, case_line
 from gyrowheel.text.layout import show
 from gyrowheel_analysis.fitting.terms import ERRORS
@@ -431,7 +431,7 @@ def test_a_finder_that_fails_is_a_case_that_is_not_right(monkeypatch: pytest.Mon
     def fail(*_: object) -> None:
         raise np.linalg.LinAlgError("singular matrix")
 
-    monkeypatch.setattr("gyrowheel.campaign.job.find", fail)
+    monkeypatch.setattr("gyrowheel.campaigns.job.find", fail)
     judged = run_case(case_of("none"))
     assert (judged.outcome, judged.error, judged.right) == ("failed", "LinAlgError: singular matrix", False)
 

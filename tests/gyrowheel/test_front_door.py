@@ -322,3 +322,50 @@ def test_table_and_back(drag: gw.Recording, tmp_path: Path) -> None:
     again = gw.read_table(tmp_path / "drag.parquet", tmp_path / "map.yaml")
     for name in ("tilt_x", "spin_rate", "coil_voltage_y"):
         assert np.array_equal(again.measurement[name], drag.measurement[name])
+
+
+@pytest.mark.parametrize("path", sorted(CLI.glob("*.py")), ids=lambda path: path.stem)
+def test_command_line_uses_the_api_and_nothing_below_it(path: Path) -> None:
+    below = ("gyrowheel_", "matplotlib", "numpy", "rclpy")
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+        names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+        assert not [name for name in names if name.startswith(below)]
+
+
+def test_investigation_ends_with_a_diagnosis_and_keeps_its_recordings(tmp_path: Path) -> None:
+    said: list[str] = []
+    done = gw.investigate(
+        gw.Model(),
+        plans=[DRAG_PLAN],
+        budget=1.0,
+        effects={"windage": {"w": 0.0013}},
+        folder=tmp_path / "all",
+        progress=said.append,
+    )
+    assert done.steps
+    assert done.diagnosis is not None
+    assert [f.name for f in done.diagnosis.effects] == ["windage"]
+    assert done.to_dict()["named"] == ["windage"]
+    assert gw.Recording.open(done.recordings[0]).duration > 1.0
+    assert said
+    assert done.reason in str(done)
+    assert "windage" in Page(done._repr_html_()).words
+
+
+def test_campaign_counts_its_cases(tmp_path: Path) -> None:
+    told: list[int] = []
+    result = gw.campaign(
+        DRAG_PLAN,
+        cases=2,
+        only=[0],
+        kinds=["none", "single"],
+        validation_plan=OTHER_PLAN,
+        progress=lambda done, total: told.append(len(done)),
+    )
+    assert told == [0, 1]
+    assert result.to_dict()["cases"] == 1
+    assert len(result.to_columns()["case"]) == 1
+    assert not result.interrupted
+    with pytest.raises(gw.InputError, match="kinds: 'double'"):
+        gw.campaign(kinds=["double"])

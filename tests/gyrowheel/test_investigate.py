@@ -16,7 +16,7 @@ from gyrowheel.investigation import (
     BROAD,
     Investigation,
     Step,
-    investigate,
+    pursue,
 )
 from gyrowheel.text.sentences.investigation import end_sentence, learned
 from gyrowheel_analysis.diagnosis.diagnose import Diagnosis, Estimate, NextTest
@@ -45,6 +45,10 @@ class Silent:
     def working(self, title: str) -> Iterator[Callable[[str], None]]:
         yield lambda text: None
 
+    @contextlib.contextmanager
+    def advancing(self, title: str) -> Iterator[Callable[[float], None]]:
+        yield lambda part: None
+
     def learned(self, step: Step) -> None:
         self.steps.append(step)
 
@@ -69,7 +73,7 @@ def scripted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[..., t
         done.averages = options.pop("averages", False)
         plans = [Plan.load(name) for name in options.pop("plans", ["check"])]
         run = options.pop("run", lambda plan, path, number: path.mkdir(exist_ok=True))
-        investigate(done, Model.new(), tmp_path, run, listener, plans=plans, **options)
+        pursue(done, Model.new(), tmp_path, run, listener, plans=plans, **options)
         return done, listener
 
     return go

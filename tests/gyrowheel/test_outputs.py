@@ -191,7 +191,7 @@ def test_an_interruption_before_anything_is_done_writes_and_promises_nothing(
     def stop(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("gyrowheel.campaign.workers.judged_cases", stop)
+    monkeypatch.setattr("gyrowheel.campaigns.workers.judged_cases", stop)
     cases = gyrowheel("campaign", "--cases", 1, "--json", bench / "cases.json")
     assert (cases.code, cases.out) == (130, "")
     assert not (bench / "cases.json").exists()

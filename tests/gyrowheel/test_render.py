@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import RenderableType
 
+from gyrowheel import Diagnosis
 from gyrowheel.cli.finding import following
 from gyrowheel.text.air import check_page, table_page
 from gyrowheel.text.bench import bench_page
@@ -285,11 +286,13 @@ def test_ties_name_the_test_or_say_that_there_is_none():
 
 def test_the_next_command_is_never_broken(tmp_path):
     folder = tmp_path / "a folder with a very long name that does not fit into eighty columns"
-    command = following(VERDICTS["effect"], [folder / "drag"], [folder / "other"], folder / "model.yaml")
+    command = following(
+        Diagnosis(VERDICTS["effect"]), [folder / "drag"], [folder / "other"], folder / "model.yaml"
+    )
     assert command is not None
     assert f"--fit '{folder}/drag' --validate '{folder}/other'" in command
     assert f"  {command}\n" in text_of(rendered(VERDICTS["effect"], following=command))
-    assert following(VERDICTS["nothing"], [folder], [], folder) is None
-    test = following(AMBIGUOUS, [folder / "drag"], [], folder / "model.yaml")
+    assert following(Diagnosis(VERDICTS["nothing"]), [folder], [], folder) is None
+    test = following(Diagnosis(AMBIGUOUS), [folder / "drag"], [], folder / "model.yaml")
     assert test is not None
     assert "gyrowheel up --plan air_density --record" in test

@@ -26,7 +26,7 @@ def test_a_recording_that_is_fitted_cannot_validate(gyrowheel: Shell, wheel: Whe
     before = wheel.model.read_bytes()
     result = gyrowheel(*arguments, "--model", wheel.model, "--validate", again)
     assert result.code == 2
-    assert f"--validate: {again}: a recording that is fitted cannot validate the fit" in result.err
+    assert f"validate: {again}: a recording that is fitted cannot validate the fit" in result.err
     assert len(result.err.strip().splitlines()) == 1
     assert wheel.model.read_bytes() == before
 

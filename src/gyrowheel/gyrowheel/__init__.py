@@ -26,13 +26,17 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from gyrowheel.analysis import calibrate, compare, diagnose, rate
+    from gyrowheel.campaigns.run import campaign
     from gyrowheel.catalogue import benches, effects, own_effect, plans
+    from gyrowheel.investigator import investigate
     from gyrowheel.model import Model
     from gyrowheel.recording import Recording, salvage
     from gyrowheel.results.addition import Addition
     from gyrowheel.results.calibration import Calibration
+    from gyrowheel.results.campaign import CampaignResult
     from gyrowheel.results.comparison import Comparison
     from gyrowheel.results.diagnosis import Diagnosis
+    from gyrowheel.results.investigation import Investigation
     from gyrowheel.results.rates import Rates
     from gyrowheel.simulation import simulate
     from gyrowheel.tables import read_table, write_table
@@ -44,17 +48,21 @@ __version__ = "0.1.0"
 _HOMES = {
     "Addition": "gyrowheel.results.addition",
     "Calibration": "gyrowheel.results.calibration",
+    "CampaignResult": "gyrowheel.results.campaign",
     "Comparison": "gyrowheel.results.comparison",
     "Diagnosis": "gyrowheel.results.diagnosis",
     "InputError": "gyrowheel_core.errors",
+    "Investigation": "gyrowheel.results.investigation",
     "Model": "gyrowheel.model",
     "Rates": "gyrowheel.results.rates",
     "Recording": "gyrowheel.recording",
     "benches": "gyrowheel.catalogue",
     "calibrate": "gyrowheel.analysis",
+    "campaign": "gyrowheel.campaigns.run",
     "compare": "gyrowheel.analysis",
     "diagnose": "gyrowheel.analysis",
     "effects": "gyrowheel.catalogue",
+    "investigate": "gyrowheel.investigator",
     "own_effect": "gyrowheel.catalogue",
     "plans": "gyrowheel.catalogue",
     "rate": "gyrowheel.analysis",
@@ -67,18 +75,22 @@ _HOMES = {
 __all__ = [
     "Addition",
     "Calibration",
+    "CampaignResult",
     "Comparison",
     "Diagnosis",
     "InputError",
+    "Investigation",
     "Model",
     "Rates",
     "Recording",
     "__version__",
     "benches",
     "calibrate",
+    "campaign",
     "compare",
     "diagnose",
     "effects",
+    "investigate",
     "own_effect",
     "plans",
     "rate",

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable, Container, Iterator, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Final, Generic, TypeVar
 
 from gyrowheel_core.errors import InputError
 
 if TYPE_CHECKING:
-    from gyrowheel_control.plans.plan import Plan
-    from gyrowheel_sim.bench import Bench
-    from gyrowheel_sim.effects import Effect
+    from gyrowheel_control.plans.plan import Plan as Plan
+    from gyrowheel_sim.bench import Bench as Bench
+    from gyrowheel_sim.effects import Effect as Effect
 
 T = TypeVar("T")
 _OWN: Final = "own"  # name of a formula that was given none
@@ -72,16 +73,35 @@ def _effect(name: str) -> Effect:
     return get(name)
 
 
+def effect_on(bench: Bench, name: str) -> Effect:
+    """Return an effect with its usual sizes on a bench; InputError if there is none of that name."""
+    from gyrowheel_sim.effects import get
+
+    return get(name, bench=bench)
+
+
 def _plan_names() -> list[str]:
     from gyrowheel_control.plans.plan import Plan
 
     return Plan.shipped()
 
 
-def _plan(name: str) -> Plan:
+def load_plan(source: str | Path) -> Plan:
+    """Return a test plan.
+
+    Parameters
+    ----------
+    source : str or Path
+        Shipped name, plan file or text of one; also varied, as ``quick@rig=inverted``.
+
+    Raises
+    ------
+    InputError
+        If there is no such plan, or a field of it is missing, unknown or out of range.
+    """
     from gyrowheel_control.plans.plan import Plan
 
-    return Plan.load(name)
+    return Plan.load(source)
 
 
 def _bench_names() -> list[str]:
@@ -90,18 +110,19 @@ def _bench_names() -> list[str]:
     return Bench.shipped()
 
 
-def _bench(name: str) -> Bench:
+def load_bench(source: str | Path = "gyrowheel") -> Bench:
+    """Return a bench: a shipped name or a bench file; InputError if there is none, or it has errors."""
     from gyrowheel_sim.bench import Bench
 
-    return Bench.load(name)
+    return Bench.load(source)
 
 
 #: Known physical effects: title, physics, formula, coefficients with units, usual sizes and sources.
 effects: Final[Catalogue[Effect]] = Catalogue("effect", _effect_names, _effect)
 #: Test plans that come with the project.
-plans: Final[Catalogue[Plan]] = Catalogue("plan", _plan_names, _plan)
+plans: Final[Catalogue[Plan]] = Catalogue("plan", _plan_names, load_plan)
 #: Benches that come with the project: every parameter with value, uncertainty and source.
-benches: Final[Catalogue[Bench]] = Catalogue("bench", _bench_names, _bench)
+benches: Final[Catalogue[Bench]] = Catalogue("bench", _bench_names, load_bench)
 
 
 def own_effect(

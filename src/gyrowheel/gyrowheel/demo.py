@@ -173,7 +173,7 @@ def _machine(seed: int, plan: str, key: Path) -> Any:
 
 def _telling_seed(bench: Bench, seed: int) -> int:
     """Return the first seed, of this one and others that follow from it, whose effect the first plan can show."""
-    from gyrowheel.campaign.hiding import Yardstick
+    from gyrowheel.campaigns.hiding import Yardstick
     from gyrowheel_control.plans.plan import Plan
     from gyrowheel_sim.blind.draw import draw
 

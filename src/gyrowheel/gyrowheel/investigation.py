@@ -38,6 +38,9 @@ class Listener(Protocol):
     def working(self, title: str) -> AbstractContextManager[Callable[[str], None]]:
         """Show that something is being done, and what."""
 
+    def advancing(self, title: str) -> AbstractContextManager[Callable[[float], None]]:
+        """Show how far a plan is."""
+
     def learned(self, step: Step) -> None:
         """Tell what a step has brought."""
 
@@ -162,7 +165,7 @@ class Investigation:
         }
 
 
-def investigate(
+def pursue(
     done: Investigation,
     model: Model,
     folder: Path,

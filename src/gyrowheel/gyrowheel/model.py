@@ -149,7 +149,7 @@ class Model:
         chosen = _chosen(what)
         for item in chosen:
             if isinstance(item, str):
-                _require_known(item)
+                require_known(item)
         fitted, unused = opened_apart(fit, validate)
         found = add_effect(self._details, chosen, data(fitted), data(unused), progress=progress)
         return Model.of(found.model, Addition(found))
@@ -262,7 +262,7 @@ def _chosen(what: Diagnosis | str | Effect | Sequence[str | Effect]) -> list[str
     return chosen
 
 
-def _require_known(name: str) -> None:
+def require_known(name: str) -> None:
     """Refuse what is neither an effect, nor an air model, nor the error of a bench parameter."""
     from gyrowheel_analysis.add import is_air
     from gyrowheel_analysis.fitting.terms import ERRORS

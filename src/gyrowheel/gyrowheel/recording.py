@@ -30,8 +30,9 @@ class Recording:
     Made by `Recording.open`, `gyrowheel.simulate`, `gyrowheel.salvage` or `gyrowheel.read_table`.
     """
 
-    def __init__(self, data: Data, keep: object = None) -> None:
-        self._data = data
+    def __init__(self, path: Path, data: Data | None = None, keep: object = None) -> None:
+        self._path = path
+        self._opened = data
         self._keep = keep  # lives as long as the recording: the folder of one that is simulated
 
     @classmethod
@@ -48,12 +49,21 @@ class Recording:
         InputError
             If it does not exist, is incomplete or damaged, or has no measurements.
         """
-        return cls(Data.open(path))
+        return cls(Path(path), Data.open(path))
 
     @classmethod
-    def opened(cls, path: Path, keep: object) -> Recording:
-        """Read a recording from a temporary folder, which lives as long as `keep` and the recording that keeps it."""
-        return cls(Data.open(path), keep)
+    def made(cls, path: Path, keep: object = None) -> Recording:
+        """Return a recording that was just written, to be read when it is used.
+
+        Its folder may be a temporary one, which lives as long as `keep` and the recording that keeps it.
+        """
+        return cls(path, keep=keep)
+
+    @property
+    def _data(self) -> Data:
+        if self._opened is None:
+            self._opened = Data.open(self._path)
+        return self._opened
 
     @property
     def data(self) -> Data:
@@ -63,12 +73,12 @@ class Recording:
     @property
     def path(self) -> Path:
         """Where it was read from; a temporary folder for one that was simulated or imported without a folder."""
-        return self._data.path
+        return self._path
 
     @property
     def name(self) -> str:
         """Name of its directory or file."""
-        return self._data.name
+        return self._path.absolute().name
 
     @property
     def duration(self) -> float:

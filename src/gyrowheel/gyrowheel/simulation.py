@@ -93,11 +93,11 @@ def simulate(
     )
     if folder is not None:
         record_simulation(Path(folder), loaded, hidden, chosen, progress=progress)
-        return Recording.open(folder)
+        return Recording.made(Path(folder))
     scratch = tempfile.TemporaryDirectory(prefix="gyrowheel-")
     place = Path(scratch.name) / chosen.name
     record_simulation(place, loaded, hidden, chosen, progress=progress)
-    return Recording.opened(place, scratch)
+    return Recording.made(place, scratch)
 
 
 def checked_plan(plan: str | Path | Plan, bench: Bench) -> Plan:

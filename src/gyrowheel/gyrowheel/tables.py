@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 from gyrowheel.recording import Recording
@@ -27,20 +28,45 @@ def read_table(file: str | Path, column_map: str | Path, folder: str | Path | No
         If a file cannot be read, a column is missing, a value is missing or cannot be meant, the times are not
         uniform at the sample period of the bench, or the folder cannot be written.
     """
-    from gyrowheel_analysis.exchange import ColumnMap, import_table
+    if folder is not None:
+        import_table(file, column_map, folder)
+        return Recording.made(Path(folder))
+    scratch = tempfile.TemporaryDirectory(prefix="gyrowheel-")
+    place = Path(scratch.name) / Path(file).stem
+    import_table(file, column_map, place)
+    return Recording.made(place, scratch)
+
+
+@dataclass(frozen=True)
+class Imported:
+    """What a table held.
+
+    Attributes
+    ----------
+    bench : str
+        Name of the bench.
+    samples : int
+        Number of samples.
+    seconds : float
+        What so many samples last [s].
+    """
+
+    bench: str
+    samples: int
+    seconds: float
+
+
+def import_table(file: str | Path, column_map: str | Path, folder: str | Path) -> Imported:
+    """Make a recording of a table, as `read_table` does, without reading it back; the folder is whole or not there."""
+    from gyrowheel_analysis.exchange import ColumnMap
+    from gyrowheel_analysis.exchange import import_table as write_recording
     from gyrowheel_core.files import new_directory, require_new
 
-    if folder is not None:
-        require_new(Path(folder))
+    require_new(Path(folder))
     loaded = ColumnMap.load(column_map)
-    if folder is None:
-        scratch = tempfile.TemporaryDirectory(prefix="gyrowheel-")
-        place = Path(scratch.name) / Path(file).stem
-        import_table(file, loaded, place)
-        return Recording.opened(place, scratch)
     with new_directory(Path(folder)) as place:
-        import_table(file, loaded, place)
-    return Recording.open(folder)
+        samples = write_recording(file, loaded, place)
+    return Imported(loaded.bench.name, samples, (samples - 1) * loaded.bench.sample_period)
 
 
 def write_table(
@@ -75,8 +101,15 @@ def write_table(
     InputError
         If the recording cannot be read, the ending of `file` is not known, or a file cannot be written.
     """
-    from gyrowheel_analysis.exchange import check_suffix, export_recording
+    from gyrowheel_analysis.exchange import export_recording
 
-    check_suffix(Path(file))
+    check_suffix(file)
     given = recording if isinstance(recording, Recording) else Recording.open(recording)
     return export_recording(given.data, file, map_file=column_map, progress=progress)
+
+
+def check_suffix(file: str | Path) -> None:
+    """Refuse a table whose ending is not known."""
+    from gyrowheel_analysis.exchange import check_suffix
+
+    check_suffix(Path(file))

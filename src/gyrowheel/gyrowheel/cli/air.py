@@ -10,13 +10,10 @@ import typer
 from gyrowheel.cli.options import Json, example
 from gyrowheel.cli.outputs import TORQUE_TABLE
 from gyrowheel.cli.shell import advancing, finding, notes, out, put_json, put_text
-from gyrowheel_core.errors import InputError
+from gyrowheel.errors import InputError
 
 if TYPE_CHECKING:
-    from gyrowheel_sim.air.cfd.case import Case, Result
-    from gyrowheel_sim.air.geometry import Geometry
-    from gyrowheel_sim.air.state import AirState
-    from gyrowheel_sim.air.table import TorqueTable
+    from gyrowheel.air import Case, Result
 
 cfd_app = typer.Typer(
     help="Compute the torque of the air with OpenFOAM: mesh, run, sweep, table, pictures.",
@@ -121,13 +118,12 @@ def air(
     json: Json = None,
 ) -> None:
     """Show the torque of the air by all models side by side, and as coefficients of the air's effects."""
+    from gyrowheel.air import Geometry, TorqueTable, air_state, compare
     from gyrowheel.text import air as render
-    from gyrowheel_core.units import DEG, RPM
-    from gyrowheel_sim.air.compare import compare
-    from gyrowheel_sim.air.table import TorqueTable
+    from gyrowheel.units import DEG, RPM
 
-    state = _air(temperature, pressure)
-    found = compare(_geometry(geometry), state, (tilt * DEG, 0.0), speed * RPM, TorqueTable.load(table))
+    state = air_state(temperature, pressure)
+    found = compare(Geometry.load(geometry), state, (tilt * DEG, 0.0), speed * RPM, TorqueTable.load(table))
     if json is not None:
         put_json(json, found.to_json())
     if json != "-":
@@ -144,13 +140,13 @@ def mesh(
     json: Json = None,
 ) -> None:
     """Make the mesh of one tilt, and check it."""
+    from gyrowheel.air import case_of, shared_mesh
+    from gyrowheel.files import disk_errors
     from gyrowheel.text import air as render
-    from gyrowheel_core.files import disk_errors
-    from gyrowheel_sim.air.cfd import case as cases
 
-    case = _case(geometry, tilt, 3500.0, mesh, None, direction=direction)
+    case = case_of(geometry, tilt, 3500.0, mesh, None, direction=direction)
     with disk_errors(output):
-        quality = cases.shared_mesh(case, output)
+        quality = shared_mesh(case, output)
     content = {"schema": 1, "mesh": mesh, "tilt": case.tilt, "folder": str(output / "meshes" / case.mesh_key)}
     if json is not None:
         put_json(json, content | quality)
@@ -175,11 +171,11 @@ def run(
     json: Json = None,
 ) -> None:
     """Compute the torque of one tilt and speed, on one core."""
+    from gyrowheel.air import case_of, run_case
+    from gyrowheel.files import disk_errors
     from gyrowheel.text import air as render
-    from gyrowheel_core.files import disk_errors
-    from gyrowheel_sim.air.cfd.case import run_case
 
-    case = _case(
+    case = case_of(
         geometry,
         tilt,
         speed,
@@ -243,14 +239,14 @@ def sweep(
     """Compute all tilts and speeds; what is finished in the folder is not computed again."""
     import os
 
+    from gyrowheel import air as sweeps
+    from gyrowheel.files import disk_errors
     from gyrowheel.text import air as render
-    from gyrowheel_core.files import disk_errors
-    from gyrowheel_core.units import DEG, RPM
-    from gyrowheel_sim.air.cfd import sweep as sweeps
+    from gyrowheel.units import DEG, RPM
 
     tilt_list, speed_list = _numbers("--tilts", tilts), _numbers("--speeds", speeds)
     cases = [
-        _case(
+        sweeps.case_of(
             geometry,
             tilt,
             speed,
@@ -312,11 +308,11 @@ def table(
     json: Json = None,
 ) -> None:
     """Show a torque table, make one of a study, check it."""
+    from gyrowheel.air import check_table, table_of
+    from gyrowheel.files import disk_errors
     from gyrowheel.text import air as render
-    from gyrowheel_core.files import disk_errors
-    from gyrowheel_sim.air.check import check_table
 
-    loaded = _table(study)
+    loaded = table_of(study)
     if output is not None:
         with disk_errors(output):
             output.parent.mkdir(parents=True, exist_ok=True)
@@ -348,10 +344,10 @@ def pictures(
     ] = "gyrowheel",
 ) -> None:
     """Draw torques, mesh and flow as in the paper's Figs 5 to 12."""
+    from gyrowheel.air import TorqueTable
+    from gyrowheel.files import disk_errors
     from gyrowheel.plots.air_flow import air_figures
     from gyrowheel.plots.figure import write_figure
-    from gyrowheel_core.files import disk_errors
-    from gyrowheel_sim.air.table import TorqueTable
 
     with disk_errors(output):
         output.mkdir(parents=True, exist_ok=True)
@@ -361,68 +357,9 @@ def pictures(
         out().print(f"{path}: {sentence}", soft_wrap=True)
 
 
-def _geometry(name: str) -> Geometry:
-    from gyrowheel_sim.air.geometry import Geometry
-
-    return Geometry.load(name)
-
-
-def _air(temperature: float | None, pressure: float | None) -> AirState:
-    from gyrowheel_sim.air.state import AirState
-
-    if temperature is None and pressure is None:
-        return AirState.paper()
-    given = 20.0 if temperature is None else temperature
-    return AirState.of(given + 273.15, 101325.0 if pressure is None else 100.0 * pressure)
-
-
-def _case(
-    geometry: str,
-    tilt: float,
-    speed: float,
-    mesh: str,
-    model: str | None,
-    *,
-    direction: float = 0.0,
-    temperature: float | None = None,
-    pressure: float | None = None,
-    iterations: int | None = None,
-    window: int | None = None,
-    settle: int = 0,
-) -> Case:
-    from gyrowheel_core.units import DEG, RPM
-    from gyrowheel_sim.air.cfd.case import Case
-
-    options = {}
-    if iterations is not None:
-        usual = iterations // 2 if iterations > Case.iterations else min(Case.window, iterations // 2)
-        options = {"iterations": iterations, "window": max(2, usual)}
-    if window is not None:
-        options["window"] = window
-    return Case.of(
-        _geometry(geometry),
-        _air(temperature, pressure),
-        tilt * DEG,
-        speed * RPM,
-        mesh=mesh,
-        model=model,
-        direction=direction * DEG,
-        settle=settle,
-        **options,
-    )
-
-
 def _numbers(option: str, text: str) -> list[float]:
     try:
         values = sorted({float(word) for word in text.split(",")})
     except ValueError:
         raise InputError(f"{option}: {text!r} is not a list of numbers like 0,1,2.5") from None
     return values
-
-
-def _table(source: str) -> TorqueTable:
-    from gyrowheel_sim.air.table import TorqueTable, collect_results
-
-    if source != "gyrowheel" and Path(source).is_dir():
-        return TorqueTable.of(collect_results(Path(source)), origin=source)
-    return TorqueTable.load(source)

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from gyrowheel import __version__
 from gyrowheel.cli import (
     air,
     calibrating,
@@ -23,7 +24,6 @@ from gyrowheel.cli import (
     viewing,
 )
 from gyrowheel.cli.outputs import guard
-from gyrowheel_bringup import __version__
 
 app = typer.Typer(
     name="gyrowheel",

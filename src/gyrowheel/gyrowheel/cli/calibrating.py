@@ -7,10 +7,9 @@ from typing import Annotated
 
 import typer
 
-from gyrowheel.cli.finding import open_all
 from gyrowheel.cli.options import Json, ModelFile, Recordings, example
 from gyrowheel.cli.shell import put_json, put_text, working
-from gyrowheel_core.files import require_writable
+from gyrowheel.files import require_writable
 
 
 def register(app: typer.Typer) -> None:
@@ -31,26 +30,24 @@ def calibrate(
     motor is volts over speed (plan coast_down). Without --write the constants
     are only shown.
     """
-    from gyrowheel_analysis.model import Model
+    import gyrowheel as gw
+    from gyrowheel.inputs import opened
 
-    loaded = Model.load(model)
-    recordings = open_all(directories)
+    loaded = gw.Model.load(model)
+    recordings = opened(directories)
     if write:
         require_writable(model)
     with working("calibrating") as say:
         from gyrowheel.text.calibration import calibration_page
-        from gyrowheel_analysis.calibrate import calibrate as run
 
-        result = run(recordings, loaded, progress=say)
+        result = gw.calibrate(recordings, loaded, progress=say)
     if write:
         result.model.save(model)
     if json is not None:
-        from gyrowheel.results.contract import calibration_json
-
-        put_json(json, calibration_json(result) | {"model": str(model), "written": write})
+        put_json(json, result.to_dict() | {"written": write})
     if json != "-":
         named = " ".join(shlex.quote(str(directory)) for directory in directories)
         following = (
             None if write else f"gyrowheel calibrate {named} --model {shlex.quote(str(model))} --write"
         )
-        put_text(calibration_page(result, following=following))
+        put_text(calibration_page(result.details, following=following))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -14,9 +14,7 @@ from gyrowheel.cli.outputs import CASE_LIST
 from gyrowheel.cli.shell import INTERRUPTED, notes, put_json, put_text
 
 if TYPE_CHECKING:
-    from gyrowheel.campaign.cases import Case
-    from gyrowheel.campaign.judge import Judged
-    from gyrowheel_sim.blind.draw import Kind
+    from gyrowheel.campaigns.judge import Judged
 
 
 def register(app: typer.Typer) -> None:
@@ -94,73 +92,45 @@ def campaign(
     two, or one that no library has, 1 to 10 times as large as the detection
     limit of the plan. Ctrl-C ends it and reports the cases that were finished.
     """
-    from gyrowheel.campaign.cases import Campaign
-    from gyrowheel.campaign.cases import cases as all_cases
-    from gyrowheel.campaign.summary import Summary
-    from gyrowheel.campaign.workers import cores
-    from gyrowheel.text.campaign import campaign_page
-    from gyrowheel_control.plans.plan import Plan
-    from gyrowheel_core.files import disk_errors
-    from gyrowheel_sim.bench import Bench
+    from gyrowheel.campaigns.run import campaign as run
+    from gyrowheel.text.campaign import campaign_page, case_line
 
-    plans = [Plan.load(name) for name in (plan, validation_plan)]
-    settings = Campaign(
-        plan=plans[0].to_yaml(),
-        validation_plan=plans[1].to_yaml(),
-        bench=Bench.load(bench),
-        seed=seed,
-        kinds=tuple(cast("Kind", kind.strip()) for kind in kinds.split(",")),  # checked there
-        noise=noise,
-        drift=drift,
-        gains=gains,
-        lost=lost,
-    )
-    wanted = all_cases(settings, cases, only or ())
-    if keep is not None:
-        with disk_errors(keep):
-            keep.mkdir(parents=True, exist_ok=True)
-    done: list[Judged] = []
-    interrupted = False
-    try:
-        _work(wanted, done, cores() if jobs is None else jobs, dask, keep)
-    except KeyboardInterrupt:
-        if not done:
-            raise  # there is nothing to report
-        interrupted = True
-    summary = Summary.of(seed, len(wanted), done)
+    with _counting() as (count, say):
+
+        def progress(done: Sequence[Judged], total: int) -> None:
+            if done and not done[-1].right:
+                say(f"not right: {case_line(done[-1])}")
+            count(len(done), sum(not case.right for case in done), total)
+
+        result = run(
+            plan,
+            cases=cases,
+            seed=seed,
+            validation_plan=validation_plan,
+            kinds=[kind.strip() for kind in kinds.split(",")],
+            noise=noise,
+            drift=drift,
+            gains=gains,
+            lost=lost,
+            bench=bench,
+            only=only or (),
+            jobs=jobs,
+            dask=dask,
+            keep=keep,
+            progress=progress,
+        )
     if json is not None:
-        put_json(json, summary.to_json())
+        put_json(json, result.to_dict())
     if list_file is not None:
-        put_json(str(list_file), [case.to_json() for case in summary.cases])
+        put_json(str(list_file), [case.to_json() for case in result.cases])
     if json != "-":
-        varied = {"noise": noise, "drift": drift, "spin gains": gains}
-        changes = [f"{name} × {value:g}" for name, value in varied.items() if value != 1.0]
-        changes += [f"{100.0 * lost:g} % of the samples lost"] if lost else []
-        title = ", ".join([f"{len(wanted)} blind cases of plan {plans[0].name}", f"seed {seed}", *changes])
-        put_text(campaign_page(summary, title))
-    if interrupted:
+        put_text(campaign_page(result.details, result.title))
+    if result.interrupted:
         raise typer.Exit(INTERRUPTED)
 
 
-def _work(wanted: Sequence[Case], done: list[Judged], jobs: int, dask: str | None, keep: Path | None) -> None:
-    """Do the cases; those finished are in `done` whatever happens."""
-    from gyrowheel.campaign.workers import judged_cases
-    from gyrowheel.text.campaign import case_line
-
-    kept = None if keep is None else str(keep.absolute())
-    with (
-        _counting(len(wanted)) as (count, say),
-        judged_cases(wanted, jobs=jobs, dask=dask, keep=kept) as results,
-    ):
-        for case in results:
-            done.append(case)
-            if not case.right:
-                say(f"not right: {case_line(case)}")
-            count(len(done), sum(not c.right for c in done))
-
-
 @contextlib.contextmanager
-def _counting(total: int) -> Iterator[tuple[Callable[[int, int], None], Callable[[str], None]]]:
+def _counting() -> Iterator[tuple[Callable[[int, int, int], None], Callable[[str], None]]]:
     """Show on stderr how many cases are done and how many of them not right; a line every tenth off a terminal."""
     console = notes()
 
@@ -170,14 +140,15 @@ def _counting(total: int) -> Iterator[tuple[Callable[[int, int], None], Callable
     if not console.is_terminal:
         shown = 0
 
-        def tell(done: int, wrong: int) -> None:
+        def tell(done: int, wrong: int, total: int) -> None:
             nonlocal shown
+            if not done:
+                say(f"{total} cases")
             tenth = 10 * done // total
             if tenth > shown:
                 shown = tenth
                 say(f"{done} of {total} cases, {wrong} not right")
 
-        say(f"{total} cases")
         yield tell, say
         return
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -190,9 +161,9 @@ def _counting(total: int) -> Iterator[tuple[Callable[[int, int], None], Callable
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=console, transient=True) as progress:
-        task = progress.add_task("none not right", total=total)
+        task = progress.add_task("none not right", total=None)
 
-        def advance(done: int, wrong: int) -> None:
-            progress.update(task, completed=done, description=f"{wrong or 'none'} not right")
+        def advance(done: int, wrong: int, total: int) -> None:
+            progress.update(task, total=total, completed=done, description=f"{wrong or 'none'} not right")
 
         yield advance, say

@@ -23,12 +23,12 @@ def effects(
     json: Json = None,
 ) -> None:
     """Show the known effects, or all about one, with its usual sizes on a bench."""
+    from gyrowheel.catalogue import effect_on, load_bench
+    from gyrowheel.catalogue import effects as known
     from gyrowheel.text import effects as render
-    from gyrowheel_sim.bench import Bench
-    from gyrowheel_sim.effects import get, registry
 
-    loaded = Bench.load(bench)
-    chosen = [get(effect, bench=loaded) for effect in (registry() if name is None else [name])]
+    loaded = load_bench(bench)
+    chosen = [effect_on(loaded, effect) for effect in (known if name is None else [name])]
     if json is not None:
         pages = [render.effect_json(effect) for effect in chosen]
         put_json(json, {"schema": 1, "effects": pages} if name is None else {"schema": 1, **pages[0]})
@@ -47,10 +47,11 @@ def plans(
     json: Json = None,
 ) -> None:
     """Show the shipped test plans, or one segment by segment."""
+    from gyrowheel.catalogue import load_plan
+    from gyrowheel.catalogue import plans as shipped
     from gyrowheel.text import plans as render
-    from gyrowheel_control.plans.plan import Plan
 
-    chosen = [Plan.load(item) for item in (Plan.shipped() if name is None else [name])]
+    chosen = [load_plan(item) for item in (shipped if name is None else [name])]
     if json is not None:
         pages = [render.plan_json(plan) for plan in chosen]
         put_json(json, {"schema": 1, "plans": pages} if name is None else {"schema": 1, **pages[0]})
@@ -62,10 +63,10 @@ def bench(bench: BenchName = "gyrowheel", json: Json = None) -> None:
     """Show every parameter of the bench with its uncertainty and source."""
     import json as text
 
+    from gyrowheel.catalogue import load_bench
     from gyrowheel.text.bench import bench_page
-    from gyrowheel_sim.bench import Bench
 
-    loaded = Bench.load(bench)
+    loaded = load_bench(bench)
     if json is not None:
         put_json(json, text.loads(loaded.describe()) | {"references": dict(loaded.references)})
     if json != "-":

@@ -37,9 +37,9 @@ def demo(
     Exits with 1 if the verdict was wrong.
     """
     from gyrowheel.demo import demonstrate, new_folder
+    from gyrowheel.files import require_new
     from gyrowheel.text.layout import words_table
     from gyrowheel.text.quantities import seconds
-    from gyrowheel_core.files import require_new
 
     folder = new_folder(seed, Path("out")) if output is None else output
     require_new(folder)

@@ -3,24 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gyrowheel.cli.finding import open_apart
 from gyrowheel.cli.options import BenchName, Json, ModelFile, Validation, example
 from gyrowheel.cli.shell import out, put_json, put_text, working
-from gyrowheel_core.errors import InputError
-from gyrowheel_core.files import require_writable
+from gyrowheel.errors import InputError
+from gyrowheel.files import require_writable
 
 if TYPE_CHECKING:
-    from gyrowheel_analysis.add import Added
-    from gyrowheel_analysis.model import Model
-    from gyrowheel_sim.effects import Effect
-
-_OWN = "own"  # name of a formula that was given none
+    from gyrowheel import Model
+    from gyrowheel.catalogue import Effect
 
 model_app = typer.Typer(
     help="Edit a model file: new, add, remove, show, undo, diff.",
@@ -37,11 +32,11 @@ def register(app: typer.Typer) -> None:
 @model_app.command(epilog=example("gyrowheel model new --model wheel.yaml"))
 def new(model: ModelFile, bench: BenchName = "gyrowheel") -> None:
     """Make a model file: a bench with nothing added."""
-    from gyrowheel_analysis.model import Model
+    from gyrowheel import Model
 
     if model.exists():
         raise InputError(f"{model}: exists; name a new file")
-    Model.new(bench).save(model)
+    Model(bench).save(model)
     out().print(f"model: {model}", soft_wrap=True)
 
 
@@ -71,7 +66,7 @@ def add(
     ] = None,
     name: Annotated[
         str | None,
-        typer.Option("--name", metavar="NAME", help="Name of the formula's effect.", show_default=_OWN),
+        typer.Option("--name", metavar="NAME", help="Name of the formula's effect.", show_default="own"),
     ] = None,
     target: Annotated[
         str | None,
@@ -81,35 +76,32 @@ def add(
     json: Json = None,
 ) -> None:
     """Add effects, known ones or formulas: fit their coefficients, show the error falling, save the model."""
-    from gyrowheel_analysis.model import Model
+    from gyrowheel import Model
+    from gyrowheel.inputs import opened_apart
+    from gyrowheel.model import require_known
 
     loaded = Model.load(model)
     chosen: list[str | Effect] = [*(effects or ()), *_typed(formula or (), name, target, loaded)]
     if not chosen:
         raise InputError("nothing to add: name an effect, or give --formula")
     for effect in effects or ():
-        _require_known(effect)
-    recordings, unused = open_apart(fit, validate or ())
+        require_known(effect)
+    recordings, unused = opened_apart(fit, validate or ())
     require_writable(model)
     with working("fitting") as say:
         from gyrowheel.text.errors import error_table
         from gyrowheel.text.layout import heading, sentences
         from gyrowheel.text.models import changes
-        from gyrowheel.text.sentences.fits import doubt_sentence
-        from gyrowheel_analysis.add import add_effect
 
-        added = add_effect(loaded, chosen, recordings, unused, progress=say)
-        added.model.save(model)
+        better = loaded.add(chosen, fit=recordings, validate=unused, progress=say)
+        better.save(model)
+    added = better.added
+    assert added is not None  # what made it
     if json is not None:
-        put_json(json, _added_json(added, model))
+        put_json(json, added.to_dict())
     if json != "-":
         put_text(
-            [
-                *changes(added.model),
-                heading("Error"),
-                error_table(added.error),
-                *sentences(map(doubt_sentence, added.doubts)),
-            ]
+            [*changes(better.details), heading("Error"), error_table(added.error), *sentences(added.notes)]
         )
         out().print(f"\nmodel: {model}", soft_wrap=True)
 
@@ -122,42 +114,40 @@ def remove(
     model: ModelFile,
 ) -> None:
     """Remove effects; the other coefficients stay as they are."""
+    from gyrowheel import Model
     from gyrowheel.text.models import difference
-    from gyrowheel_analysis.model import Model
 
-    before = after = Model.load(model)
-    now = datetime.now(UTC).isoformat(timespec="seconds")
-    for name in effects:
-        after = after.removed(name, now)
+    before = Model.load(model)
+    after = before.remove(*effects)
     after.save(model)
-    put_text(difference(before, after))
+    put_text(difference(before.details, after.details))
 
 
 @model_app.command(epilog=example("gyrowheel model show --model wheel.yaml"))
 def show(model: ModelFile, json: Json = None) -> None:
     """Show effects, learned parameters and history of a model."""
+    from gyrowheel import Model
     from gyrowheel.text.models import model_page
-    from gyrowheel_analysis.model import Model
 
     loaded = Model.load(model)
     if json is not None:
-        put_json(json, loaded.to_mapping())
+        put_json(json, loaded.to_dict())
     if json != "-":
-        put_text(model_page(loaded, str(model)))
+        put_text(model_page(loaded.details, str(model)))
 
 
 @model_app.command(epilog=example("gyrowheel model undo --model wheel.yaml"))
 def undo(model: ModelFile) -> None:
     """Take back the last change of a model."""
+    from gyrowheel import Model
     from gyrowheel.text.models import difference
-    from gyrowheel_analysis.model import Model
 
     before = Model.load(model)
-    after = before.undone()
+    after = before.undo()
     after.save(model)
     last = before.history[-1]
     out().print(f"taken back: {last.get('what', 'the last change')} ({last.get('time', 'no time')})")
-    put_text(difference(before, after))
+    put_text(difference(before.details, after.details))
 
 
 @model_app.command(epilog=example("gyrowheel model diff old.yaml new.yaml"))
@@ -167,14 +157,14 @@ def diff(
     json: Json = None,
 ) -> None:
     """Show what differs between two models."""
+    from gyrowheel import Model
     from gyrowheel.text.models import difference
-    from gyrowheel_analysis.model import Model
 
     before, after = Model.load(old), Model.load(new)
     if json is not None:
         put_json(json, {"schema": 1, "differences": before.diff(after)})
     if json != "-":
-        put_text(difference(before, after))
+        put_text(difference(before.details, after.details))
 
 
 def _typed(formulas: Sequence[str], name: str | None, target: str | None, model: Model) -> list[Effect]:
@@ -183,39 +173,10 @@ def _typed(formulas: Sequence[str], name: str | None, target: str | None, model:
         raise InputError(f"--{'name' if name else 'target'}: is for one --formula; {len(formulas)} are given")
     if not formulas:
         return []
-    from gyrowheel.text.formulas import plain
-    from gyrowheel_sim.effects import registry
-    from gyrowheel_sim.effects.typed import typed_effect
-    from gyrowheel_sim.effects.user import check_name
+    from gyrowheel import own_effect
 
     typed: list[Effect] = []
     for text in formulas:
         taken = {*model.effects, *(effect.name for effect in typed)}
-        free, number = _OWN, 2
-        while free in taken:
-            free, number = f"{_OWN}_{number}", number + 1
-        effect = typed_effect(plain(text), name=name, otherwise=free, target=target, where="--formula")
-        check_name(effect.name, "--formula", registry())
-        typed.append(effect)
+        typed.append(own_effect(text, name=name, target=target, taken=taken, where="--formula"))
     return typed
-
-
-def _require_known(name: str) -> None:
-    """Refuse what is neither an effect, nor a model of the air, nor the error of a bench parameter."""
-    from gyrowheel_analysis.add import is_air
-    from gyrowheel_analysis.fitting.terms import ERRORS
-    from gyrowheel_sim.effects import get
-
-    if name not in ERRORS and not is_air(name):
-        get(name)
-
-
-def _added_json(added: Added, model: Path) -> dict[str, Any]:
-    content = added.model.to_mapping()
-    return {
-        "schema": 1,
-        "model": str(model),
-        "effects": content["effects"],
-        "overrides": content["overrides"],
-        "error": added.error.to_json(),
-    }

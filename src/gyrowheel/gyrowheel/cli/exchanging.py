@@ -46,14 +46,10 @@ def import_(
     or leaps, a unit of something else: each is refused, with its place.
     docs/exchange.md shows a map.
     """
-    from gyrowheel_analysis.exchange import ColumnMap, import_table
-    from gyrowheel_core.files import new_directory, require_new
+    from gyrowheel.tables import import_table
 
-    require_new(output)
-    loaded = ColumnMap.load(column_map)
-    with working(f"reading {file}"), new_directory(output) as place:
-        samples = import_table(file, loaded, place)
-    duration = (samples - 1) * loaded.bench.sample_period
+    with working(f"reading {file}"):
+        made = import_table(file, column_map, output)
     if json is not None:
         put_json(
             json,
@@ -61,13 +57,13 @@ def import_(
                 "schema": 1,
                 "table": str(file),
                 "recording": str(output),
-                "bench": loaded.bench.name,
-                "samples": samples,
-                "seconds": duration,
+                "bench": made.bench,
+                "samples": made.samples,
+                "seconds": made.seconds,
             },
         )
     if json != "-":
-        out().print(f"{samples} samples, {duration:.2f} s")
+        out().print(f"{made.samples} samples, {made.seconds:.2f} s")
         out().print(f"recording: {output}", soft_wrap=True)
 
 
@@ -98,14 +94,14 @@ def export(
     setpoint in force. A Parquet file carries the units of its columns and what
     is known of bench and rig; a CSV file has the names alone.
     """
-    from gyrowheel_analysis.exchange import check_suffix, export_recording
-    from gyrowheel_analysis.recording import Recording
+    from gyrowheel import Recording
+    from gyrowheel.tables import check_suffix, write_table
 
     check_suffix(output)
     with working(f"reading {directory}"):
         recording = Recording.open(directory)
     with advancing(f"writing {output}") as advance:
-        columns = export_recording(recording, output, map_file=column_map, progress=advance)
+        columns = write_table(recording, output, column_map=column_map, progress=advance)
     if json is not None:
         put_json(
             json,
@@ -114,12 +110,12 @@ def export(
                 "recording": str(directory),
                 "table": str(output),
                 "map": None if column_map is None else str(column_map),
-                "rows": len(recording.measurement),
+                "rows": len(recording),
                 "columns": columns,
             },
         )
     if json != "-":
-        out().print(f"{len(recording.measurement)} rows, {len(columns)} columns")
+        out().print(f"{len(recording)} rows, {len(columns)} columns")
         out().print(f"table: {output}", soft_wrap=True)
         if column_map is not None:
             out().print(f"map: {column_map}", soft_wrap=True)

@@ -13,8 +13,7 @@ from gyrowheel.cli.options import Json, ModelFile, Picture, Recordings, Validati
 from gyrowheel.cli.shell import finding, out, put_json, put_text, working
 
 if TYPE_CHECKING:
-    from gyrowheel_analysis.diagnosis.diagnose import Diagnosis
-    from gyrowheel_analysis.recording import Recording
+    from gyrowheel import Diagnosis
 
 
 def register(app: typer.Typer) -> None:
@@ -52,34 +51,29 @@ def compare(
     json: Json = None,
 ) -> None:
     """Show how far a model is from recordings: where, and on what the error depends."""
-    from gyrowheel_analysis.model import Model
-    from gyrowheel_analysis.residuals.maps import residual_map, variables_of
+    import gyrowheel as gw
+    from gyrowheel.inputs import opened
+    from gyrowheel.results.comparison import map_variables
 
-    over = None if map_over is None else [variables_of(text) for text in map_over]
-    loaded = Model.load(model)
-    recordings = open_all(directories)
+    over = None if map_over is None else [map_variables(text) for text in map_over]
+    loaded = gw.Model.load(model)
+    recordings = opened(directories)
     with working("comparing") as say:
         from gyrowheel.text.comparison import comparison
-        from gyrowheel_analysis.compare import compare as run
 
-        result = run(recordings, loaded, progress=say)
+        result = gw.compare(recordings, loaded, progress=say)
     if json is not None:
-        from gyrowheel.results.contract import comparison_json
-
-        put_json(json, comparison_json(result))
+        put_json(json, result.to_dict())
     if json != "-":
-        put_text(
-            comparison(result, None if over is None else [residual_map(result.data, own) for own in over])
-        )
+        put_text(comparison(result.details, None if over is None else [result.map(*own) for own in over]))
     if picture is not None:
         from gyrowheel.plots.figure import write_figure
         from gyrowheel.plots.where_it_fails import figure_of_failure
 
-        write_figure(figure_of_failure(result), picture)
+        write_figure(figure_of_failure(result.details), picture)
         if json != "-":
             out().print(f"\npicture: {picture}", soft_wrap=True)
-    worst = max(metrics.chi2_per_n for metrics in result.channels.values())
-    finding(fail_above is not None and worst > fail_above)
+    finding(fail_above is not None and result.worst > fail_above)
 
 
 def diagnose(
@@ -99,24 +93,22 @@ def diagnose(
     json: Json = None,
 ) -> None:
     """Find what a model lacks: with evidence, with what could be mistaken for it, with what could not be seen."""
-    from gyrowheel_analysis.model import Model
+    import gyrowheel as gw
+    from gyrowheel.inputs import opened_apart
 
-    loaded = Model.load(model)
-    recordings, unused = open_apart(directories, validate or ())
+    loaded = gw.Model.load(model)
+    recordings, unused = opened_apart(directories, validate or ())
     with working("diagnosing") as say:
-        from gyrowheel.machine import bench_place
         from gyrowheel.text.diagnosis import diagnosis
-        from gyrowheel_analysis.diagnosis.diagnose import diagnose as run
 
-        result = run(recordings, loaded, validate=unused, averages=averages, progress=say)
+        result = gw.diagnose(recordings, loaded, validate=unused, averages=averages, progress=say)
     if json is not None:
-        from gyrowheel.results.contract import diagnosis_json
-
-        put_json(json, diagnosis_json(result))
+        put_json(json, result.to_dict())
     if json != "-":
-        bench = bench_place(loaded, model)
-        command = following(result, directories, validate or (), model, bench, averages=averages)
-        put_text(diagnosis(result, following=command))
+        command = following(
+            result, directories, validate or (), model, loaded.bench_source, averages=averages
+        )
+        put_text(diagnosis(result.details, following=command))
     finding(fail_on_finding and result.verdict != "nothing_missing")
 
 
@@ -125,42 +117,19 @@ def rate(directories: Recordings, model: ModelFile, json: Json = None) -> None:
 
     Where a rate table turned the rig (plan rate_table), scale and bias of both axes are calibrated against it.
     """
-    from gyrowheel_analysis.model import Model
+    import gyrowheel as gw
+    from gyrowheel.inputs import opened
 
-    loaded = Model.load(model)
-    recordings = open_all(directories)
+    loaded = gw.Model.load(model)
+    recordings = opened(directories)
     with working("estimating rates") as say:
         from gyrowheel.text.rates import rates_page
-        from gyrowheel_analysis.rate_sensor import rates
 
-        result = rates(recordings, loaded, progress=say)
+        result = gw.rate(recordings, loaded, progress=say)
     if json is not None:
-        put_json(json, result.to_json())
+        put_json(json, result.to_dict())
     if json != "-":
-        put_text(rates_page(result))
-
-
-def open_all(directories: Sequence[Path]) -> list[Recording]:
-    """Open recordings; InputError if one is missing, damaged or named twice."""
-    from gyrowheel_analysis.recording import Recording
-    from gyrowheel_core.errors import InputError
-
-    places = [directory.resolve() for directory in directories]
-    for index, place in enumerate(places):
-        if place in places[:index]:
-            raise InputError(f"{directories[index]}: is given twice")
-    return [Recording.open(directory) for directory in directories]
-
-
-def open_apart(fitted: Sequence[Path], unused: Sequence[Path]) -> tuple[list[Recording], list[Recording]]:
-    """Open recordings to fit and those to validate the fit on; InputError also if one is given as both."""
-    from gyrowheel_core.errors import InputError
-
-    places = {directory.resolve() for directory in fitted}
-    for directory in unused:
-        if directory.resolve() in places:
-            raise InputError(f"--validate: {directory}: a recording that is fitted cannot validate the fit")
-    return open_all(fitted), open_all(unused)
+        put_text(rates_page(result.details))
 
 
 def following(

@@ -15,10 +15,8 @@ from gyrowheel.cli.shell import INTERRUPTED, notes, out, put_json
 from gyrowheel.cli.stage import Terminal
 
 if TYPE_CHECKING:
-    from gyrowheel.investigation import Investigation, Run, Step
-    from gyrowheel_control.plans.plan import Plan
-    from gyrowheel_sim.bench import Bench
-    from gyrowheel_sim.plant.scenario import Scenario
+    from gyrowheel.investigation import Step
+    from gyrowheel.results.investigation import Investigation
 
 
 def register(app: typer.Typer) -> None:
@@ -83,46 +81,32 @@ def investigate(
     The machine is the simulated bench with --effect, --blind and --machine.
     What was recorded is kept, also after Ctrl-C; the model file stays as it is.
     """
-    from gyrowheel.cli.finding import open_all
-    from gyrowheel.investigation import Investigation
-    from gyrowheel.investigation import investigate as run
-    from gyrowheel_analysis.model import Model
-    from gyrowheel_control.plans.plan import Plan
-    from gyrowheel_core.files import require_new
+    from gyrowheel import Model
+    from gyrowheel.files import new_folder
+    from gyrowheel.investigator import investigate as run
 
-    loaded = Model.load(model)
-    bench = loaded.stated_bench
-    plans = [Plan.load(name) for name in plan or ([] if directories else ["quick"])]
-    for chosen in plans:
-        chosen.check(bench)
-    at_hand = list(directories or ())
-    open_all(at_hand)
-    folder = _new_folder(Path("out")) if output is None else output
-    require_new(folder)
-    beside = model.parent / loaded.bench_source
-    source = str(beside if beside.is_file() else loaded.bench_source)
-
-    def hidden(chosen: Plan, number: int) -> Scenario:
-        from gyrowheel.machine import scenario
-
-        name = f"{chosen.name} {number}"  # every run has noise of its own
-        return scenario(bench, name, effects=effect or (), blind=blind, seed=seed, machine=machine)
-
-    if plans and effect:
-        hidden(plans[0], 1)  # tells of bad effects before anything is made
     # with JSON on stdout the tour goes to stderr
     stage = Terminal(notes() if json == "-" else out())
-    runner = _simulation(stage, bench, hidden) if simulate else _graph(stage, source, hidden)
-    done = Investigation(str(model), budget, averages=averages)
-    interrupted = False
-    try:
-        run(done, loaded, folder, runner, _Teller(stage), plans=plans, at_hand=at_hand, thorough=thorough)
-    except KeyboardInterrupt:
-        interrupted = True
-    _finish(done, folder, [*at_hand, *done.recordings], model, stage)
+    at_hand = list(directories or ())
+    done = run(
+        Model.load(model),
+        at_hand,
+        plans=plan,
+        budget=budget,
+        thorough=thorough,
+        averages=averages,
+        effects=effect or (),
+        machine=machine,
+        seed=seed,
+        blind=blind,
+        nodes=not simulate,
+        folder=new_folder(Path("out"), "investigation", 1) if output is None else output,
+        listener=_Teller(stage),
+    )
+    _finish(done, [*at_hand, *done.recordings], model, stage)
     if json is not None:
-        put_json(json, done.to_json())
-    if interrupted:
+        put_json(json, done.to_dict())
+    if done.interrupted:
         raise typer.Exit(INTERRUPTED)
 
 
@@ -138,6 +122,9 @@ class _Teller:
 
     def working(self, title: str) -> AbstractContextManager[Callable[[str], None]]:
         return self._stage.working(title)
+
+    def advancing(self, title: str) -> AbstractContextManager[Callable[[float], None]]:
+        return self._stage.advancing(title)
 
     def learned(self, step: Step) -> None:
         from rich.text import Text
@@ -159,33 +146,7 @@ def _verdicts(step: Step) -> str:
     return f"verdict: still {now}" if before == now else f"verdict: {before} → {now}"
 
 
-def _simulation(stage: Terminal, bench: Bench, hidden: Callable[[Plan, int], Scenario]) -> Run:
-    def run(plan: Plan, directory: Path, number: int) -> None:
-        from gyrowheel.simulation import record_simulation
-
-        with stage.advancing(f"plan {plan.name}") as advance:
-            record_simulation(directory, bench, hidden(plan, number), plan, progress=advance)
-
-    return run
-
-
-def _graph(stage: Terminal, source: str, hidden: Callable[[Plan, int], Scenario]) -> Run:
-    def run(plan: Plan, directory: Path, number: int) -> None:
-        from gyrowheel_bringup.graph import Graph
-
-        with (
-            Graph(plan, bench=source, scenario=hidden(plan, number), record=directory) as graph,
-            stage.advancing(f"plan {plan.name}") as advance,
-        ):
-            graph.run(progress=lambda p: advance(min(p.elapsed / p.duration, 1.0)))
-            advance(1.0)
-
-    return run
-
-
-def _finish(
-    done: Investigation, folder: Path, recordings: Sequence[Path], model: Path, stage: Terminal
-) -> None:
+def _finish(done: Investigation, recordings: Sequence[Path], model: Path, stage: Terminal) -> None:
     """Show how it ended, what is known then, and the command to type next."""
     from rich.text import Text
 
@@ -194,24 +155,19 @@ def _finish(
     from gyrowheel.text.layout import Unbroken, command, heading
     from gyrowheel.text.sentences.investigation import end_sentence
 
-    if done.steps:
-        last = done.steps[-1].diagnosis
+    last = done.diagnosis
+    if last is not None:
         stage.step("What is known now")
-        stage.show([*findings(last), *detection_limits(last.detection_limits)])
+        stage.show([*findings(last.details), *detection_limits(last.details.detection_limits)])
         if done.settled and (next_command := following(last, recordings, (), model)):
             stage.show([heading("Next"), command(next_command)])
     if done.steps and not done.settled and recordings:
         again = " ".join(shlex.quote(str(path)) for path in recordings)
         more = f"gyrowheel investigate {again} --model {shlex.quote(str(model))}"
-        stage.show([heading("To go on from here"), command(more + (" --averages" if done.averages else ""))])
+        stage.show(
+            [heading("To go on from here"), command(more + (" --averages" if done.details.averages else ""))]
+        )
     colour = "green" if done.settled else "yellow"
-    stage.show([Text(f"\n{end_sentence(done)}", style=f"bold {colour}")])
-    if folder.is_dir() and any(folder.iterdir()):
-        stage.show([Unbroken(f"recordings: {folder}")])
-
-
-def _new_folder(parent: Path) -> Path:
-    number = 1
-    while (folder := parent / f"investigation-{number}").exists():
-        number += 1
-    return folder
+    stage.show([Text(f"\n{end_sentence(done.details)}", style=f"bold {colour}")])
+    if done.folder.is_dir() and any(done.folder.iterdir()):
+        stage.show([Unbroken(f"recordings: {done.folder}")])

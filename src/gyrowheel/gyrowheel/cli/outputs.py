@@ -18,8 +18,8 @@ from typing import Annotated, Any, get_args, get_origin
 
 import typer
 
-from gyrowheel_core.errors import InputError
-from gyrowheel_core.files import require_writable
+from gyrowheel.errors import InputError
+from gyrowheel.files import is_exported_map, is_exported_table, require_writable
 
 _METADATA = "metadata.yaml"
 _BAGS = ("*.mcap", "*.db3")
@@ -209,21 +209,9 @@ def _is_picture(path: Path) -> bool:
     return head.startswith(b"\x89PNG\r\n\x1a\n") and b"Matplotlib" in head
 
 
-def _is_table(path: Path) -> bool:
-    from gyrowheel_analysis.exchange import is_exported_table
-
-    return is_exported_table(path)
-
-
-def _is_map(path: Path) -> bool:
-    from gyrowheel_analysis.exchange import is_exported_map
-
-    return is_exported_map(path)
-
-
 JSON_RESULT = Output("a JSON result of an earlier command", _is_result)
 PICTURE = Output("an earlier picture of gyrowheel", _is_picture, (".png",))
 TORQUE_TABLE = Output("an earlier torque table", _is_torque_table)
 CASE_LIST = Output("an earlier list of cases", _is_case_list)
-TABLE = Output("an earlier table of gyrowheel export", _is_table)
-COLUMN_MAP = Output("an earlier map of gyrowheel export", _is_map)
+TABLE = Output("an earlier table of gyrowheel export", is_exported_table)
+COLUMN_MAP = Output("an earlier map of gyrowheel export", is_exported_map)

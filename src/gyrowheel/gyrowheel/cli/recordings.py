@@ -23,16 +23,14 @@ def info(
     json: Json = None,
 ) -> None:
     """Show what a recording holds, and whether anything is missing in it."""
-    from dataclasses import asdict
-
+    from gyrowheel import Recording
     from gyrowheel.text.recordings import info_page
-    from gyrowheel_analysis.recording import info as read
 
-    found = read(directory)
+    recording = Recording.open(directory)
     if json is not None:
-        put_json(json, {"schema": 1, **asdict(found)})
+        put_json(json, recording.to_dict())
     if json != "-":
-        put_text(info_page(found))
+        put_text(info_page(recording.info))
 
 
 def salvage(
@@ -54,8 +52,8 @@ def salvage(
     """Make a complete recording of what can be read of a broken one (MCAP), and say what is missing."""
     from dataclasses import asdict
 
+    from gyrowheel import salvage as save
     from gyrowheel.text.recordings import salvage_page
-    from gyrowheel_analysis.recording import salvage as save
 
     with advancing("salvaging") as advance:
         found = save(source, target, progress=advance)

@@ -11,10 +11,10 @@ import typer
 
 from gyrowheel.cli.options import Json, example
 from gyrowheel.cli.shell import notes, put_json, put_text
-from gyrowheel_core.errors import InputError
+from gyrowheel.errors import InputError
 
 if TYPE_CHECKING:
-    from gyrowheel_analysis.nodes.replay import ReplayNode
+    from gyrowheel.graph import Playing
 
 
 def register(app: typer.Typer) -> None:
@@ -84,9 +84,6 @@ def replay(
     """
     import math
 
-    from gyrowheel_analysis.recording.playback import Tape
-    from gyrowheel_core import topics
-
     for name, value, low, high in (
         ("--rate", rate, 1e-3, 1e6),
         ("--step-length", step_length, 0.0, 3600.0),
@@ -101,33 +98,30 @@ def replay(
         raise InputError("--model: is for the estimator; add --estimate")
     if estimate and loop:
         raise InputError("--estimate: not together with --loop, which has no end")
-    left_out = list(without or ())
     with contextlib.ExitStack() as stack:
         estimator: dict[str, object] | None = None
         if estimate:
-            from gyrowheel_analysis.model import Model
-
             estimator = {}
             if model is not None:
+                from gyrowheel import Model
+
                 Model.load(model)
                 estimator["model"] = str(model.absolute())
-            left_out += _recorded_estimates(directory, topic, left_out)
         with notes().status(f"opening {directory}") if notes().is_terminal else contextlib.nullcontext():
-            tape = Tape(
+            from gyrowheel.graph import play
+            from gyrowheel.graph import tape as open_tape
+
+            tape = open_tape(
                 directory,
                 only=topic or (),
-                without=left_out,
+                without=without or (),
                 start=start,
                 end=math.inf if end is None else end,
+                estimate=estimate,
             )
         stack.callback(tape.close)
-        if estimate and topics.MEASUREMENT not in tape.topics:
-            raise InputError(
-                f"{directory}: --estimate needs {topics.MEASUREMENT.name}, which is not given back"
-            )
 
         from gyrowheel.text.replay import replay_page
-        from gyrowheel_bringup.replay_session import play
 
         with _showing(tape.duration, tape.start) as show:
             outcome = play(
@@ -169,25 +163,14 @@ def replay(
         put_text(replay_page(outcome, tape.duration))
 
 
-def _recorded_estimates(directory: Path, chosen: list[str] | None, without: list[str]) -> list[str]:
-    """Return the topic of the drag estimates if they would be given back."""
-    from gyrowheel_analysis.recording.bags import read_bag
-    from gyrowheel_core import topics
-
-    name = topics.DRAG_ESTIMATE.name
-    found = read_bag(directory, {}).get(name)
-    wanted = not chosen or name in chosen
-    return [name] if wanted and name not in without and found is not None and found.count else []
-
-
 @contextlib.contextmanager
-def _showing(duration: float, start: float) -> Iterator[Callable[[ReplayNode], None]]:
+def _showing(duration: float, start: float) -> Iterator[Callable[[Playing], None]]:
     """Show on stderr where a replay is: one changing line on a terminal, a line every quarter elsewhere."""
     console = notes()
     if not console.is_terminal:
         told = -1
 
-        def tell(node: ReplayNode) -> None:
+        def tell(node: Playing) -> None:
             nonlocal told
             quarter = 4 * node.rounds + int(4.0 * (node.position - start) / max(duration, 1e-9) + 1e-9)
             if node.started and quarter > told:
@@ -198,7 +181,7 @@ def _showing(duration: float, start: float) -> Iterator[Callable[[ReplayNode], N
         return
     with console.status("looking for other nodes") as status:
 
-        def draw(node: ReplayNode) -> None:
+        def draw(node: Playing) -> None:
             if not node.started:
                 return
             done = (node.position - start) / max(duration, 1e-9)

@@ -24,6 +24,6 @@ def run(
     executable: Annotated[str, typer.Argument(metavar="EXE", help="Executable of it.", show_default=False)],
 ) -> None:
     """Start one node, as ros2 run does; what follows goes to the node."""
-    from gyrowheel_bringup.graph import run_executable
+    from gyrowheel.graph import run_executable
 
     run_executable(package, executable, context.args)

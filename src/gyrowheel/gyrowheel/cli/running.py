@@ -22,13 +22,11 @@ from gyrowheel.cli.options import (
 )
 from gyrowheel.cli.outputs import NewRecording
 from gyrowheel.cli.shell import advancing, notes, out, put_json, working
-from gyrowheel_core.errors import InputError
 
 if TYPE_CHECKING:
-    from gyrowheel_analysis.model import Model
-    from gyrowheel_bringup.graph import Graph, GraphResult
-    from gyrowheel_control.plans.plan import Plan
-    from gyrowheel_sim.bench import Bench
+    from gyrowheel import Model
+    from gyrowheel.catalogue import Plan
+    from gyrowheel.graph import Graph, GraphResult
 
 
 def register(app: typer.Typer) -> None:
@@ -70,35 +68,22 @@ def up(
 
     A plan that tilts further than usual says so in its file; the guards of the bench then allow it.
     """
-    from gyrowheel.machine import scenario
-    from gyrowheel_core.files import require_new
+    from gyrowheel import graph as graphs
+    from gyrowheel.catalogue import load_plan
 
-    source, loaded, truth = _bench_and_model(bench, model)
-    chosen = None if plan is None else _checked(plan, loaded)
-    if record is not None:
-        require_new(record)
-    hidden = scenario(
-        loaded,
-        "" if chosen is None else chosen.name,
-        effects=effect or (),
-        model=truth,
-        blind=blind,
-        seed=seed,
-        machine=machine,
-    )
-
-    from gyrowheel_bringup.graph import Graph
-
-    graph = Graph(
+    chosen = None if plan is None else load_plan(plan)
+    graph = graphs.up(
         chosen,
-        bench=source,
-        scenario=hidden,
+        effects=effect or (),
+        model=_model(model),
+        bench=bench,
+        machine=machine,
+        seed=seed,
+        blind=blind,
         record=record,
-        hold_after_plan=chosen is None,
         realtime=realtime,
-        show_logs=logs,
+        logs=logs,
         on_trouble=lambda node, text: notes().print(f"{node}: {text}", soft_wrap=True, highlight=False),
-        initial_spin_rate=loaded.value("spin_rate_reference") if chosen is None else None,
     )
     with contextlib.ExitStack() as stack:
         with working("starting the nodes"):
@@ -113,7 +98,7 @@ def up(
 
 
 def walk(graph: Graph, plan: Plan) -> GraphResult:
-    """Run a plan in a graph that was started, and show how far it is."""
+    """Run the plan of a graph that was started, and show how far it is."""
     with advancing(f"plan {plan.name}") as advance:
         result = graph.run(progress=lambda p: advance(min(p.elapsed / p.duration, 1.0)))
         advance(1.0)
@@ -138,25 +123,24 @@ def simulate(
     json: Json = None,
 ) -> None:
     """Make the recording that `up` would make, at once and without ROS."""
-    from gyrowheel.machine import scenario
-    from gyrowheel.simulation import record_simulation
-    from gyrowheel_core.files import require_new
+    from gyrowheel.catalogue import load_plan
+    from gyrowheel.simulation import simulate as run
 
-    _, loaded, truth = _bench_and_model(bench, model)
-    chosen = _checked(plan, loaded)
-    require_new(output)
-    hidden = scenario(
-        loaded,
-        chosen.name,
-        effects=effect or (),
-        model=truth,
-        blind=blind,
-        seed=seed,
-        machine=machine,
-    )
+    truth = _model(model)
+    chosen = load_plan(plan)
     begin = time.monotonic()
     with advancing(f"simulating plan {chosen.name}") as advance:
-        record_simulation(output, loaded, hidden, chosen, progress=advance)
+        run(
+            chosen,
+            effects=effect or (),
+            model=truth,
+            bench=bench,
+            machine=machine,
+            seed=seed,
+            blind=blind,
+            folder=output,
+            progress=advance,
+        )
     wall = time.monotonic() - begin
     if json is not None:
         put_json(json, _run_json(chosen.name, str(output), chosen.duration, wall))
@@ -167,35 +151,13 @@ def simulate(
         out().print(f"recording: {output}", soft_wrap=True)
 
 
-def _bench_and_model(bench: str | None, model: Path | None) -> tuple[str, Bench, Model | None]:
-    """Return name or path of the bench, the bench as its file describes it, and the model of the machine."""
-    from gyrowheel_sim.bench import Bench
+def _model(file: Path | None) -> Model | None:
+    """Return the model of a file, if there is one."""
+    if file is None:
+        return None
+    from gyrowheel import Model
 
-    if model is None:
-        source = bench or "gyrowheel"
-        return source, Bench.load(source), None
-    from gyrowheel.machine import bench_place
-    from gyrowheel_analysis.model import Model
-
-    truth = Model.load(model)
-    place = bench_place(truth, model)
-    if bench is not None and Bench.load(bench).parameters != truth.stated_bench.parameters:
-        raise InputError(f"--bench: {bench} is not the bench of {model}, {truth.bench_source}; leave it out")
-    return place, truth.stated_bench, truth
-
-
-def _checked(name: str, bench: Bench) -> Plan:
-    from gyrowheel_control.plans.plan import Plan
-
-    plan = Plan.load(name)
-    try:
-        plan.check(bench)
-    except InputError as error:
-        own = f"{bench.name}_{name}"
-        if own not in Plan.shipped():
-            raise
-        raise InputError(f"{error}; the bench has a plan of its own: {own}") from None
-    return plan
+    return Model.load(file)
 
 
 def _report(result: GraphResult, json: str | None) -> None:

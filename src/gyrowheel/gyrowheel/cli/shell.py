@@ -14,7 +14,7 @@ from typing import IO, TYPE_CHECKING, Any, TextIO, cast
 
 import typer
 
-from gyrowheel_core.errors import InputError, one_line
+from gyrowheel.errors import InputError, one_line
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -99,7 +99,7 @@ def put_json(target: str, content: Any) -> None:
     InputError
         If the file cannot be written.
     """
-    from gyrowheel_core.files import json_text, write_text
+    from gyrowheel.files import json_text, write_text
 
     text = json_text(content)
     if target == "-":

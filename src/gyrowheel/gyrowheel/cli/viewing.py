@@ -29,8 +29,7 @@ def live(
     """
     import time
 
-    from gyrowheel_bringup.foxglove_process import foxglove
-    from gyrowheel_bringup.viewers import share_file
+    from gyrowheel.graph import foxglove, share_file
 
     with contextlib.ExitStack() as stack:
         with working("starting the server"):

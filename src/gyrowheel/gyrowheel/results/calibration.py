@@ -36,7 +36,7 @@ class Calibration(Result):
 
     @property
     def undetermined(self) -> Mapping[str, str]:
-        """What was not determined, and what the recordings would need for it."""
+        """What was not determined, and why."""
         return MappingProxyType(self.details.undetermined)
 
     @property

@@ -76,9 +76,9 @@ class Comparison(Result):
         InputError
             If there is no such variable, or more than two are given.
         """
-        from gyrowheel_analysis.residuals.maps import residual_map, variables_of
+        from gyrowheel_analysis.residuals.maps import residual_map
 
-        return residual_map(self.details.data, variables_of(",".join(over)))
+        return residual_map(self.details.data, map_variables(",".join(over)))
 
     def __str__(self) -> str:
         """Return χ²/N of every channel, and where the model fails."""
@@ -126,3 +126,10 @@ class Comparison(Result):
         from gyrowheel.plots.where_it_fails import figure_of_failure
 
         return figure_of_failure(self.details)
+
+
+def map_variables(text: str) -> tuple[str, ...]:
+    """Return the variables of a map, given as ``speed`` or ``speed,tilt``; InputError if there is no such map."""
+    from gyrowheel_analysis.residuals.maps import variables_of
+
+    return variables_of(text)

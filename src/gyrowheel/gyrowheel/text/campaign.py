@@ -11,14 +11,14 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from gyrowheel.campaign.judge import DETECTABLE, OUTCOMES
-from gyrowheel.campaign.summary import LEVELS, WITHIN_FLOOR, WITHIN_FORMULA, Rate, covered
+from gyrowheel.campaigns.judge import DETECTABLE, OUTCOMES
+from gyrowheel.campaigns.summary import LEVELS, WITHIN_FLOOR, WITHIN_FORMULA, Rate, covered
 from gyrowheel.text.layout import figures_table, heading, sentences, words_table
 from gyrowheel.text.quantities import fixed, seconds
 
 if TYPE_CHECKING:
-    from gyrowheel.campaign.judge import Judged
-    from gyrowheel.campaign.summary import Summary
+    from gyrowheel.campaigns.judge import Judged
+    from gyrowheel.campaigns.summary import Summary
 
 _INDENT = (0, 0, 0, 2)
 _KINDS = {

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from gyrowheel.blind_test import matched
-from gyrowheel.campaign.cases import Case
-from gyrowheel.campaign.hiding import Secret
+from gyrowheel.campaigns.cases import Case
+from gyrowheel.campaigns.hiding import Secret
 from gyrowheel_analysis.diagnosis.diagnose import Diagnosis
 
 Outcome = Literal[

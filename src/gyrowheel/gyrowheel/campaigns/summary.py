@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from gyrowheel.campaign.judge import Interval, Judged
+from gyrowheel.campaigns.judge import Interval, Judged
 
 #: Levels at which the stated intervals are checked.
 LEVELS = (0.5, 0.8, 0.9, 0.95, 0.99)

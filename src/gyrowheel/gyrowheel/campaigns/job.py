@@ -9,10 +9,10 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from gyrowheel.campaign.cases import Case
-from gyrowheel.campaign.finding import find
-from gyrowheel.campaign.hiding import Secret, hide, record, yardstick
-from gyrowheel.campaign.judge import Judged, failed, judge
+from gyrowheel.campaigns.cases import Case
+from gyrowheel.campaigns.finding import find
+from gyrowheel.campaigns.hiding import Secret, hide, record, yardstick
+from gyrowheel.campaigns.judge import Judged, failed, judge
 from gyrowheel.results.contract import diagnosis_json
 from gyrowheel_analysis.model import Model
 from gyrowheel_core.errors import one_line

@@ -8,9 +8,9 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from gyrowheel.campaign.cases import Case
-from gyrowheel.campaign.job import run_case
-from gyrowheel.campaign.judge import Judged
+from gyrowheel.campaigns.cases import Case
+from gyrowheel.campaigns.job import run_case
+from gyrowheel.campaigns.judge import Judged
 from gyrowheel_core.errors import InputError, one_line
 
 _CONNECT = 20.0  # s
@@ -96,7 +96,7 @@ def _on_cluster(cases: Sequence[Case], address: str, keep: str | None) -> Iterat
         from dask.distributed import Client, as_completed
     except ImportError:
         raise InputError(
-            "--dask needs the package distributed, which is not installed: pip install 'gyrowheel-bringup[dask]'"
+            "--dask needs the package distributed, which is not installed: pip install 'gyrowheel[dask]'"
         ) from None
     try:
         client: Any = Client(address, timeout=_CONNECT, set_as_default=False)

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel.campaign.cases import Case
-from gyrowheel.campaign.outside import OutsideForm, declared, outside_forms
+from gyrowheel.campaigns.cases import Case
+from gyrowheel.campaigns.outside import OutsideForm, declared, outside_forms
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.diagnosis.selection import ERROR_LIMIT, THRESHOLD, threshold
 from gyrowheel_analysis.fitting.preparation import one_thread

@@ -1,0 +1,144 @@
+"""Sessions of nodes that talk over ROS: the bench running a plan, the replay of a recording, a viewer."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from gyrowheel.machine import simulated_bench
+from gyrowheel.model import Model
+from gyrowheel.simulation import checked_plan
+from gyrowheel_analysis.nodes.replay import ReplayNode as Playing
+from gyrowheel_analysis.recording.bags import read_bag
+from gyrowheel_analysis.recording.playback import Tape
+from gyrowheel_bringup.foxglove_process import foxglove
+from gyrowheel_bringup.graph import Graph, GraphError, GraphResult, run_executable
+from gyrowheel_bringup.replay_session import Outcome, play
+from gyrowheel_bringup.viewers import share_file
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core import topics
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.files import require_new
+
+__all__ = [
+    "Graph",
+    "GraphError",
+    "GraphResult",
+    "Outcome",
+    "Playing",
+    "Tape",
+    "foxglove",
+    "play",
+    "run_executable",
+    "share_file",
+    "tape",
+    "up",
+]
+
+
+def up(
+    plan: str | Path | Plan | None = None,
+    *,
+    effects: Sequence[str] = (),
+    model: Model | None = None,
+    bench: str | Path | None = None,
+    machine: int | None = None,
+    seed: int = 0,
+    blind: str | Path | None = None,
+    record: str | Path | None = None,
+    realtime: bool = False,
+    logs: bool = False,
+    on_trouble: Callable[[str, str], None] | None = None,
+) -> Graph:
+    """Return the bench as a graph of nodes, which ``with`` starts and ends.
+
+    The nodes are plant, controller, conductor, drag estimator and recorder, each a process of its own.
+
+    Parameters
+    ----------
+    plan : str, Path or Plan, optional
+        Test plan that `Graph.run` walks; without one the bench runs at its reference speed until it is ended.
+    effects, model, bench, machine, seed, blind
+        The simulated machine; see `gyrowheel.simulate`.
+    record : str or Path, optional
+        New directory for a recording.
+    realtime : bool
+        Pace the bench by wall-clock time instead of as fast as it can go.
+    logs : bool
+        Show what the nodes log.
+    on_trouble : callable, optional
+        Called with a node and what is wrong with it.
+
+    Raises
+    ------
+    InputError
+        If something is not known or out of range, or the directory is not new.
+    """
+    from gyrowheel.machine import scenario
+
+    source, loaded, truth = simulated_bench(bench, model)
+    chosen = None if plan is None else checked_plan(plan, loaded)
+    if record is not None:
+        require_new(Path(record))
+    hidden = scenario(
+        loaded,
+        "" if chosen is None else chosen.name,
+        effects=effects,
+        model=truth,
+        blind=None if blind is None else Path(blind),
+        seed=seed,
+        machine=machine,
+    )
+    return Graph(
+        chosen,
+        bench=source,
+        scenario=hidden,
+        record=record,
+        hold_after_plan=chosen is None,
+        realtime=realtime,
+        show_logs=logs,
+        on_trouble=on_trouble,
+        initial_spin_rate=loaded.value("spin_rate_reference") if chosen is None else None,
+    )
+
+
+def tape(
+    recording: str | Path,
+    *,
+    only: Sequence[str] = (),
+    without: Sequence[str] = (),
+    start: float = 0.0,
+    end: float = math.inf,
+    estimate: bool = False,
+) -> Tape:
+    """Return a recording opened for `play`, which closes it.
+
+    Parameters
+    ----------
+    recording : str or Path
+        The recording.
+    only, without : sequence of str
+        Topics to give back, all if empty; and topics to leave out.
+    start, end : float
+        Time span, from the first sample on [s].
+    estimate : bool
+        Whether the drag estimator runs beside it: estimates that were recorded are left out then.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or the estimator would get no measurements.
+    """
+    place, left_out = Path(recording), list(without)
+    if estimate:
+        name = topics.DRAG_ESTIMATE.name
+        found = read_bag(place, {}).get(name)
+        wanted = not only or name in only
+        if wanted and name not in left_out and found is not None and found.count:
+            left_out.append(name)
+    opened = Tape(place, only=only, without=left_out, start=start, end=end)
+    if estimate and topics.MEASUREMENT not in opened.topics:
+        opened.close()
+        raise InputError(f"{place}: --estimate needs {topics.MEASUREMENT.name}, which is not given back")
+    return opened

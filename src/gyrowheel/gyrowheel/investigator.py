@@ -1,0 +1,163 @@
+"""An investigation on a simulated machine, or on a bench of one's own."""
+
+from __future__ import annotations
+
+import contextlib
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gyrowheel.inputs import Recordings, opened
+from gyrowheel.investigation import Investigation as State
+from gyrowheel.investigation import Listener, Run, Step, pursue
+from gyrowheel.machine import scenario
+from gyrowheel.results.investigation import Investigation
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core.files import require_new
+
+if TYPE_CHECKING:
+    from gyrowheel.model import Model
+    from gyrowheel_sim.bench import Bench
+    from gyrowheel_sim.effects import Effect
+    from gyrowheel_sim.plant.scenario import Scenario
+
+
+def investigate(
+    model: Model,
+    recordings: Recordings = (),
+    *,
+    plans: Sequence[str | Path | Plan] | None = None,
+    budget: float = 15.0,
+    thorough: bool = False,
+    averages: bool = False,
+    effects: Mapping[str, Mapping[str, float]] | Sequence[str | Effect] = (),
+    machine: int | None = None,
+    seed: int = 0,
+    blind: str | Path | None = None,
+    nodes: bool = False,
+    run: Run | None = None,
+    folder: str | Path | None = None,
+    listener: Listener | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Investigation:
+    """Find out what a model lacks by running the tests that it takes, until all is settled.
+
+    Runs a plan, diagnoses, runs the test that the diagnosis names, and so on. The model stays as it is.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    recordings : Recording, path or list, optional
+        Recordings at hand, to begin with.
+    plans : sequence, optional
+        Plans to begin with; ``quick`` if there are no recordings.
+    budget : float
+        Time on the bench that may be spent [min].
+    thorough : bool
+        Go on until every known effect would have shown at a usual size.
+    averages : bool
+        Use averages over whole revolutions alone, as where filters hide what happens within one.
+    effects, machine, seed, blind
+        The simulated machine; see `gyrowheel.simulate`.
+    nodes : bool
+        Run the plans in the graph of ROS nodes instead of simulating them at once.
+    run : callable, optional
+        Runs a plan on a bench of your own and records it: takes plan, directory to create and number of the run.
+    folder : str or Path, optional
+        New directory for all recordings; a temporary one that is removed with the result if not given.
+    listener : Listener, optional
+        Is told what happens, step by step.
+    progress : callable, optional
+        Called with a line of text now and then, where there is no listener.
+
+    Returns
+    -------
+    Investigation
+        Also after Ctrl-C, with what was finished.
+
+    Raises
+    ------
+    InputError
+        If something is not known or out of range, there is nothing to begin with, or the first plans take more time
+        than there is.
+    """
+    bench = model.stated_bench
+    at_hand = [recording.path for recording in opened(recordings)]
+    named = plans if plans is not None else [] if at_hand else ["quick"]
+    first = [plan if isinstance(plan, Plan) else Plan.load(plan) for plan in named]
+    for plan in first:
+        plan.check(bench)
+    scratch = None if folder is not None else tempfile.TemporaryDirectory(prefix="gyrowheel-")
+    place = Path(scratch.name if scratch is not None else folder or "")
+    require_new(place)
+    key = None if blind is None else Path(blind)
+
+    def hidden(plan: Plan, number: int) -> Scenario:
+        name = f"{plan.name} {number}"  # every run has noise of its own
+        return scenario(bench, name, effects=effects, blind=key, seed=seed, machine=machine)
+
+    if first and effects:
+        hidden(first[0], 1)  # tells of bad effects before anything is made
+    told = listener or _Quiet(progress or (lambda text: None))
+    if run is None:
+        run = _in_nodes(told, model.bench_source, hidden) if nodes else _at_once(told, bench, hidden)
+    done = State(model.origin, budget, averages=averages)
+    interrupted = False
+    try:
+        pursue(done, model.details, place, run, told, plans=first, at_hand=at_hand, thorough=thorough)
+    except KeyboardInterrupt:
+        interrupted = True
+    return Investigation(done, place, interrupted, scratch)
+
+
+class _Quiet:
+    """A listener that gives on what it is told as lines of text."""
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self._say = say
+
+    def begin(self, number: int, plans: Sequence[str], why: str) -> None:
+        self._say(f"step {number}: {' and '.join(plans)}: {why}" if plans else f"step {number}: {why}")
+
+    @contextlib.contextmanager
+    def working(self, title: str) -> Iterator[Callable[[str], None]]:
+        yield self._say
+
+    @contextlib.contextmanager
+    def advancing(self, title: str) -> Iterator[Callable[[float], None]]:
+        self._say(title)
+        yield lambda part: None
+
+    def learned(self, step: Step) -> None:
+        for sentence in step.learned:
+            self._say(sentence)
+
+
+def _at_once(listener: Listener, bench: Bench, hidden: Callable[[Plan, int], Scenario]) -> Run:
+    """Return what simulates a plan."""
+
+    def run(plan: Plan, directory: Path, number: int) -> None:
+        from gyrowheel.simulation import record_simulation
+
+        with listener.advancing(f"plan {plan.name}") as advance:
+            record_simulation(directory, bench, hidden(plan, number), plan, progress=advance)
+
+    return run
+
+
+def _in_nodes(listener: Listener, source: str, hidden: Callable[[Plan, int], Scenario]) -> Run:
+    """Return what runs a plan in the graph of nodes."""
+
+    def run(plan: Plan, directory: Path, number: int) -> None:
+        from gyrowheel_bringup.graph import Graph
+
+        with (
+            Graph(plan, bench=source, scenario=hidden(plan, number), record=directory) as graph,
+            listener.advancing(f"plan {plan.name}") as advance,
+        ):
+            graph.run(progress=lambda p: advance(min(p.elapsed / p.duration, 1.0)))
+            advance(1.0)
+
+    return run

@@ -1,0 +1,65 @@
+"""How a campaign of blind cases went."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from gyrowheel.results.base import Result
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from gyrowheel.campaigns.judge import Judged
+    from gyrowheel.campaigns.summary import Summary
+
+
+@dataclass(frozen=True, repr=False)
+class CampaignResult(Result):
+    """Outcome of `gyrowheel.campaign`.
+
+    Attributes
+    ----------
+    details : gyrowheel.campaigns.summary.Summary
+        The figures, and every case.
+    title : str
+        What was run.
+    interrupted : bool
+        Whether Ctrl-C ended it; the cases that were finished count.
+    """
+
+    details: Summary
+    title: str
+    interrupted: bool = False
+
+    @property
+    def cases(self) -> tuple[Judged, ...]:
+        """The cases that were finished, by number."""
+        return self.details.cases
+
+    def __str__(self) -> str:
+        """Return what was run, and how many cases are right."""
+        right = sum(case.right for case in self.cases)
+        return f"{self.title}: {right} of {len(self.cases)} right"
+
+    def _page(self) -> Iterable[RenderableType]:
+        from gyrowheel.text.campaign import campaign_page
+
+        return campaign_page(self.details, self.title)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of ``gyrowheel campaign --json``."""
+        return self.details.to_json()
+
+    def to_columns(self) -> Mapping[str, Sequence[Any]]:
+        """Return the cases as columns, a row for each."""
+        return {
+            "case": [case.index for case in self.cases],
+            "kind": [case.kind for case in self.cases],
+            "hidden": [", ".join(case.truth) for case in self.cases],
+            "named": [", ".join(case.named) for case in self.cases],
+            "verdict": [case.verdict for case in self.cases],
+            "outcome": [case.outcome for case in self.cases],
+            "detectable": [case.detectable for case in self.cases],
+        }

@@ -1,0 +1,118 @@
+"""How an investigation went."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from gyrowheel.results.base import Result
+from gyrowheel.results.diagnosis import Diagnosis
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.console import RenderableType
+
+    from gyrowheel.investigation import Investigation as Details
+    from gyrowheel.investigation import Step
+
+
+@dataclass(frozen=True, repr=False)
+class Investigation(Result):
+    """Outcome of `gyrowheel.investigate`.
+
+    Attributes
+    ----------
+    details : gyrowheel.investigation.Investigation
+        Everything that was done.
+    folder : Path
+        Folder of the recordings.
+    interrupted : bool
+        Whether Ctrl-C ended it.
+    keep : object
+        What the folder lives as long as, where it is a temporary one.
+    """
+
+    details: Details
+    folder: Path
+    interrupted: bool = False
+    keep: object = None
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """What was done, step by step: ``.plans``, ``.why``, ``.diagnosis``, ``.learned`` and more."""
+        return tuple(self.details.steps)
+
+    @property
+    def settled(self) -> bool:
+        """Whether nothing is open any more."""
+        return self.details.settled
+
+    @property
+    def reason(self) -> str:
+        """Why it ended."""
+        return self.details.reason
+
+    @property
+    def minutes(self) -> float:
+        """Time on the bench that was spent [min]."""
+        return self.details.minutes
+
+    @property
+    def recordings(self) -> tuple[Path, ...]:
+        """Everything that was recorded."""
+        return tuple(self.details.recordings)
+
+    @property
+    def diagnosis(self) -> Diagnosis | None:
+        """What all recordings together say in the end; None where it was interrupted before that."""
+        return Diagnosis(self.details.steps[-1].diagnosis) if self.details.steps else None
+
+    def __str__(self) -> str:
+        """Return how it ended, and what each step has brought."""
+        from gyrowheel.text.sentences.investigation import end_sentence
+
+        lines = [end_sentence(self.details)]
+        for step in self.steps:
+            lines.append(f"  {step.number}. {' and '.join(step.plans) or 'recordings at hand'}: {step.why}")
+            lines += [f"     {sentence}" for sentence in step.learned]
+        return "\n".join(lines)
+
+    def _page(self) -> Iterable[RenderableType]:
+        from rich.panel import Panel
+        from rich.text import Text
+
+        from gyrowheel.text.diagnosis import findings
+        from gyrowheel.text.layout import words_table
+        from gyrowheel.text.sentences.investigation import end_sentence
+
+        colour = "green" if self.settled else "yellow"
+        yield Panel(Text(end_sentence(self.details), style="bold"), border_style=colour, expand=False)
+        table = words_table("plan", "why", "verdict", "learned")
+        for step in self.steps:
+            verdict = step.diagnosis.verdict.replace("_", " ")
+            table.add_row(" and ".join(step.plans), step.why, verdict, Text("\n".join(step.learned)))
+        yield table
+        if self.details.steps:
+            yield from findings(self.details.steps[-1].diagnosis)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of ``gyrowheel investigate --json``; SI units."""
+        return self.details.to_json()
+
+    def to_columns(self) -> Mapping[str, Sequence[Any]]:
+        """Return the steps as columns, a row for each."""
+        return {
+            "plans": [", ".join(step.plans) for step in self.steps],
+            "why": [step.why for step in self.steps],
+            "minutes": [step.minutes for step in self.steps],
+            "verdict": [step.diagnosis.verdict for step in self.steps],
+            "named": [", ".join(f.name for f in step.diagnosis.effects) for step in self.steps],
+        }
+
+    def plot(self) -> Figure:
+        """Return the picture of the last diagnosis as a matplotlib figure."""
+        if self.diagnosis is None:
+            return super().plot()
+        return self.diagnosis.plot()
