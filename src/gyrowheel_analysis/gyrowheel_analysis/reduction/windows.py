@@ -10,15 +10,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_analysis.channels import CHANNELS
 from gyrowheel_analysis.reduction.motor_temperature import MOTOR_THERMAL
 from gyrowheel_analysis.reduction.quality import READING_NOISES
 from gyrowheel_analysis.reduction.samples import Array
 from gyrowheel_core.units import DEG
 from gyrowheel_sim.environment import Environment
 
-HARMONICS = (-2, -1, 1, 2)
-#: Harmonics of the coil voltages that are compared: an effect that turns with the rotor acts forward.
-FORWARD = (1, 2)
+#: Harmonics of the coil voltages that are compared, as the channels ask for: an effect that turns with the rotor acts
+#: forward.
+FORWARD = tuple(sorted({channel.order for channel in CHANNELS.values() if channel.order}))
+#: Harmonics of the motion, backward and forward.
+HARMONICS = (*(-order for order in reversed(FORWARD)), *FORWARD)
 DEGREE = 5  # of the polynomials in time
 MODULATION = 3  # terms of the polynomial in time of a harmonic's amplitude
 _CLEAR = 10.0  # smallest ratio to its noise at which a harmonic or a spin acceleration counts
