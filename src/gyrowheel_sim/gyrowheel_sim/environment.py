@@ -57,7 +57,7 @@ class Environment:
         for name, low, high in (
             ("time", 0.0, math.inf),
             ("yaw", -2 * math.pi, 2 * math.pi),
-            ("air_density_ratio", 0.01, 2.0),
+            ("air_density_ratio", 0.0, 2.0),
             ("preheat", 0.0, 60.0),
             ("table_rate", -1.0, 1.0),
         ):

@@ -64,6 +64,8 @@ class Balance:
     ----------
     windows : Windows
         The windows from which it predicts.
+    motion : Motion
+        Their motion, instant by instant.
     rows : tuple of str
         Names of the rows, in their order.
     measured : ndarray (N,)
@@ -77,7 +79,7 @@ class Balance:
         self._harmonics = harmonics
         self._channels = in_groups(*(GROUPS if harmonics else ("average",)))
         self.rows = tuple(row for channel in self._channels for row in channel.rows)
-        self._motion = Motion(self.windows, bench)
+        self.motion = Motion(self.windows, bench)
         self._response: RippleResponse | None = None
         self.measured = measured_rows(self.windows, bench, self._channels)
         if clean:
@@ -143,7 +145,7 @@ class Balance:
 
     def rows_at(self, at: Instants, values: Mapping[str, float]) -> Array:
         """Return the predicted rows of a state (see `predicted`)."""
-        return predicted_rows(at, values, self.windows, self._motion, self.bench, self._channels)
+        return predicted_rows(at, values, self.windows, self.motion, self.bench, self._channels)
 
     def instants(
         self, values: Mapping[str, float], effects: Sequence[ActiveEffect], near: Instants | None = None
@@ -164,11 +166,11 @@ class Balance:
         """
 
         def torques(ripple: Any) -> Instants:
-            return required_torques(self._motion, values, effects, ripple)
+            return required_torques(self.motion, values, effects, ripple)
 
-        wanted = values["motor_constant"] * self._motion.current
+        wanted = values["motor_constant"] * self.motion.current
         if self._response is None:
-            self._response = RippleResponse.about(self._motion, self.bench.axial_inertia, wanted, torques)
+            self._response = RippleResponse.about(self.motion, self.bench.axial_inertia, wanted, torques)
         return self._response.solved(wanted, torques, near)
 
     def changed(
@@ -252,6 +254,4 @@ class Balance:
         """Return a state in which further torques act, with the ripple that belongs to them."""
         assert self._response is not None  # the state was found with it
         # the state's motor torque is settled: only what has changed needs another ripple
-        return self._response.corrected(
-            pushed(self._motion, at, torques), self._motion.harmonics_of(at.motor)
-        )
+        return self._response.corrected(pushed(self.motion, at, torques), self.motion.harmonics_of(at.motor))

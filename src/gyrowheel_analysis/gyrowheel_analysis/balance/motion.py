@@ -99,7 +99,10 @@ class Motion:
             "i_motor": w.motor_current[:, None, None] + turning,
             "T_coil": (w.coil_temperature[:, None] + w.coil_temperature_rate[:, None] * tau)[:, :, None],
             "T_air": w.air_temperature[:, None, None],
-            "rho": (w.air_pressure / (bench.value("gas_constant") * w.air_temperature))[:, None, None],
+            # the reading of a vacuum may be below zero
+            "rho": (np.maximum(w.air_pressure, 0.0) / (bench.value("gas_constant") * w.air_temperature))[
+                :, None, None
+            ],
             "up": w.up[:, None, None],
             "up_across": w.up_across[:, None, None],
             "home_x": w.home_x[:, None, None],

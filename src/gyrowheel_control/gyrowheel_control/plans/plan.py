@@ -68,7 +68,7 @@ class Block(Section):
     shuffle_seed: Whole | None = None
     rig: Literal["upright", "inverted", "x_up", "y_up"] | None = None
     yaw_deg: Annotated[Number, Field(ge=-360.0, le=360.0)] | None = None
-    air_density_ratio: Annotated[Number, Field(ge=0.01, le=2.0)] | None = None
+    air_density_ratio: Annotated[Number, Field(ge=0.0, le=2.0)] | None = None
     preheat_k: Annotated[Number, Field(ge=0.0, le=60.0)] | None = None
     table_rate_deg_s: Annotated[Number, Field(ge=-50.0, le=50.0)] | None = None
 
