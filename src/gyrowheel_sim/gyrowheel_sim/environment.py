@@ -6,12 +6,22 @@ import json
 import math
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Annotated, Any, Final, Literal, get_args
+
+from pydantic import Field
 
 from gyrowheel_core.errors import InputError, one_line
+from gyrowheel_core.schema import Number
 
 #: Attitudes of the rig: case z up, case z down (turned about x), case x up, case y up.
-RIGS = ("upright", "inverted", "x_up", "y_up")
+Rig = Literal["upright", "inverted", "x_up", "y_up"]
+RIGS: Final[tuple[Rig, ...]] = get_args(Rig)
+#: What files may state, in the units of people: yaw [deg], air density over the ambient one, preheat [K], rate of the
+#: table [deg/s].
+Yaw = Annotated[Number, Field(ge=-360.0, le=360.0)]
+AirDensityRatio = Annotated[Number, Field(ge=0.0, le=2.0)]
+Preheat = Annotated[Number, Field(ge=0.0, le=60.0)]
+TableRate = Annotated[Number, Field(ge=-50.0, le=50.0)]
 #: Home axes (two horizontal ones and the vertical) by the case axes that lie along them, without yaw: the columns
 #: of the turn from case axes to home axes.
 _TURNS = {
@@ -36,7 +46,7 @@ class Environment:
     yaw : float
         Turn of the rig about the vertical from its home position [rad].
     air_density_ratio : float
-        Air density over the ambient one, set by the pressure in the bell jar; in (0, 2].
+        Air density over the ambient one, set by the pressure in the bell jar; 0 is a vacuum, at most 2.
     preheat : float
         How far the coil heater keeps the coils above the air [K]; 0 switches it off.
     table_rate : float

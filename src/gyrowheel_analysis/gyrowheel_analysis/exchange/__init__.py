@@ -3,9 +3,10 @@
 A map file says which column of a table holds which reading, and in which unit; docs/exchange.md describes it.
 """
 
-from gyrowheel_analysis.exchange.column_map import ColumnMap, Source
+from gyrowheel_analysis.exchange.column_map import ColumnMap
 from gyrowheel_analysis.exchange.exporting import export_recording, is_exported_map, is_exported_table
 from gyrowheel_analysis.exchange.importing import import_table
+from gyrowheel_analysis.exchange.map_file import Source
 from gyrowheel_analysis.exchange.table import check_suffix
 
 __all__ = [

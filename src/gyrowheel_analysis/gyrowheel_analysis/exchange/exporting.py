@@ -15,8 +15,8 @@ import pyarrow.parquet as pq
 import yaml
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.exchange.column_map import KEEP, SCHEMA
 from gyrowheel_analysis.exchange.fields import COMMANDS, GROUPS, READINGS, SETPOINTS
+from gyrowheel_analysis.exchange.map_file import KEEP, SCHEMA
 from gyrowheel_analysis.exchange.table import check_suffix
 from gyrowheel_analysis.recording import Recording
 from gyrowheel_core import wire

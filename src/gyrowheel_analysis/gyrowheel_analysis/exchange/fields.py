@@ -9,7 +9,7 @@ from gyrowheel_core import wire
 
 
 @dataclass(frozen=True)
-class Field:
+class Reading:
     """What a field of a message takes: SI unit, the range of what can be meant, whether a constant will do."""
 
     unit: str
@@ -18,29 +18,29 @@ class Field:
     constant: bool = False
 
 
-_VOLTAGE = Field("V", -1000.0, 1000.0)
+_VOLTAGE = Reading("V", -1000.0, 1000.0)
 READINGS: Final = {
-    "tilt_x": Field("rad", -0.2, 0.2),
-    "tilt_y": Field("rad", -0.2, 0.2),
-    "spin_angle": Field("rad", -1e9, 1e9),
-    "spin_rate": Field("rad/s", -2000.0, 2000.0),
+    "tilt_x": Reading("rad", -0.2, 0.2),
+    "tilt_y": Reading("rad", -0.2, 0.2),
+    "spin_angle": Reading("rad", -1e9, 1e9),
+    "spin_rate": Reading("rad/s", -2000.0, 2000.0),
     "coil_voltage_x": _VOLTAGE,
     "coil_voltage_y": _VOLTAGE,
     "motor_voltage": _VOLTAGE,
-    "motor_current": Field("A", -100.0, 100.0),
-    "coil_temperature": Field("K", 150.0, 600.0, constant=True),
-    "air_temperature": Field("K", 150.0, 400.0, constant=True),
-    "air_pressure": Field("Pa", 0.0, 3e5, constant=True),
+    "motor_current": Reading("A", -100.0, 100.0),
+    "coil_temperature": Reading("K", 150.0, 600.0, constant=True),
+    "air_temperature": Reading("K", 150.0, 400.0, constant=True),
+    "air_pressure": Reading("Pa", 0.0, 3e5, constant=True),
 }
 COMMANDS: Final = dict.fromkeys(wire.COMMAND.fields, _VOLTAGE)
 SETPOINTS: Final = {
-    "segment": Field("", 0, 2**32 - 1),
-    "phase": Field("", 0, 1),
+    "segment": Reading("", 0, 2**32 - 1),
+    "phase": Reading("", 0, 1),
     "tilt_x": READINGS["tilt_x"],
     "tilt_y": READINGS["tilt_y"],
-    "tilt_rate_x": Field("rad/s", -100.0, 100.0),
-    "tilt_rate_y": Field("rad/s", -100.0, 100.0),
+    "tilt_rate_x": Reading("rad/s", -100.0, 100.0),
+    "tilt_rate_y": Reading("rad/s", -100.0, 100.0),
     "spin_rate": READINGS["spin_rate"],
-    "spin_acceleration": Field("rad/s^2", -1e4, 1e4),
+    "spin_acceleration": Reading("rad/s^2", -1e4, 1e4),
 }
 GROUPS: Final = {"columns": READINGS, "command": COMMANDS, "setpoint": SETPOINTS}

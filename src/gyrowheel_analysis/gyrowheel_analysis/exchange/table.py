@@ -14,8 +14,9 @@ import pyarrow.csv as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.exchange.column_map import TIMESTAMP, ColumnMap, Source
-from gyrowheel_analysis.exchange.fields import Field
+from gyrowheel_analysis.exchange.column_map import ColumnMap
+from gyrowheel_analysis.exchange.fields import Reading
+from gyrowheel_analysis.exchange.map_file import TIMESTAMP, Source
 from gyrowheel_core.errors import InputError, one_line
 from gyrowheel_core.units import unit_registry
 
@@ -53,7 +54,7 @@ class Table:
     def place(self, row: int) -> str:
         """Return the place of a row in words."""
         # the header is line 1 where nothing is skipped
-        return f"line {row + 2 + self._map.csv['skip_lines']}" if self._csv else f"row {row + 1}"
+        return f"line {row + 2 + self._map.csv.skip_lines}" if self._csv else f"row {row + 1}"
 
     def filled(self, sources: Mapping[str, Source]) -> NDArray[np.int64]:
         """Return the rows in which the columns of a group have values: in each row all of them or none."""
@@ -71,7 +72,7 @@ class Table:
     def values(
         self,
         source: Source,
-        field: Field,
+        field: Reading,
         what: str,
         rows: NDArray[np.int64] | None = None,
         *,
@@ -96,7 +97,7 @@ class Table:
         return result
 
     def integers(
-        self, source: Source, field: Field, what: str, rows: NDArray[np.int64] | None = None
+        self, source: Source, field: Reading, what: str, rows: NDArray[np.int64] | None = None
     ) -> NDArray[np.int64]:
         """Return the values of a source as whole numbers."""
         values = self.values(source, field, what, rows)
@@ -124,7 +125,7 @@ class Table:
             sequence, counted = np.arange(len(time)), np.ones(len(steps), dtype=np.int64)
         else:
             source = self._map.sequence
-            sequence = self.integers(source, Field("", 0, 2**53), "sequence")
+            sequence = self.integers(source, Reading("", 0, 2**53), "sequence")
             counted = np.diff(sequence)
             back = np.flatnonzero(counted < 1)
             if len(back):
@@ -173,7 +174,7 @@ class Table:
         else:
             numbers = self._numbers(source.column)
             numbers = numbers - numbers[0]
-        return to_si(numbers * source.scale, source.unit, Field("s", -math.inf, math.inf))
+        return to_si(numbers * source.scale, source.unit, Reading("s", -math.inf, math.inf))
 
     def _column(self, name: str, rows: NDArray[np.int64] | None = None, *, missing: bool = False) -> Any:
         column = self._table.column(name)
@@ -207,7 +208,7 @@ class Table:
     def _check_range(
         self,
         values: Array,
-        field: Field,
+        field: Reading,
         where: Callable[[int], str],
         source: Source,
         raw: Array | None = None,
@@ -244,8 +245,8 @@ class Table:
 
     def _read_csv(self, names: Sequence[str]) -> Any:
         settings = self._map.csv
-        read = pc.ReadOptions(skip_rows=settings["skip_lines"], encoding=settings["encoding"])
-        parse = pc.ParseOptions(delimiter=settings["delimiter"])
+        read = pc.ReadOptions(skip_rows=settings.skip_lines, encoding=settings.encoding)
+        parse = pc.ParseOptions(delimiter=settings.delimiter)
         try:
             with pc.open_csv(self.path, read_options=read, parse_options=parse) as stream:
                 self._check_columns(stream.schema.names, names)
@@ -254,7 +255,7 @@ class Table:
             raise
         except LookupError:
             raise InputError(
-                f"{self._map.origin}: csv.encoding: '{settings['encoding']}' is not known; allowed: such as utf-8"
+                f"{self._map.origin}: csv.encoding: '{settings.encoding}' is not known; allowed: such as utf-8"
             ) from None
 
         def options(kind: Any) -> Any:
@@ -262,7 +263,7 @@ class Table:
             if self._map.time.unit == TIMESTAMP and kind != pa.string():
                 types[self._map.time.column] = pa.timestamp("ns")
             return pc.ConvertOptions(
-                include_columns=list(names), column_types=types, decimal_point=settings["decimal"]
+                include_columns=list(names), column_types=types, decimal_point=settings.decimal
             )
 
         try:
@@ -287,7 +288,7 @@ class Table:
 
         # rows are counted by one thread alone
         one = pc.ReadOptions(skip_rows=read.skip_rows, encoding=read.encoding, use_threads=False)
-        parse = pc.ParseOptions(delimiter=self._map.csv["delimiter"], invalid_row_handler=note)
+        parse = pc.ParseOptions(delimiter=self._map.csv.delimiter, invalid_row_handler=note)
         with contextlib.suppress(pa.ArrowInvalid):
             pc.read_csv(self.path, read_options=one, parse_options=parse)
         if wrong and wrong[0].number is not None:
@@ -304,7 +305,7 @@ class Table:
                 continue
             for k, text in enumerate(table.column(name).to_pylist()):
                 try:
-                    float((text or "nan").replace(self._map.csv["decimal"], "."))
+                    float((text or "nan").replace(self._map.csv.decimal, "."))
                 except ValueError:
                     raise InputError(
                         f"{self.path}: column '{name}', {self.place(k)}: '{text}' is not allowed; allowed: a number"
@@ -321,7 +322,7 @@ class Table:
                 raise InputError(f"{self.path}: {count} columns are called '{name}'; allowed: one")
 
 
-def to_si(values: Array, unit: str, field: Field) -> Array:
+def to_si(values: Array, unit: str, field: Reading) -> Array:
     """Convert to the unit of a field; what has no unit stays."""
     if not field.unit:
         return values

@@ -22,7 +22,7 @@ from gyrowheel_core.schema import Number, Section, Whole, check
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_core.yaml_text import read_yaml
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.environment import Environment
+from gyrowheel_sim.environment import AirDensityRatio, Environment, Preheat, Rig, TableRate, Yaw
 
 #: Interval of the setpoints [s]; the controller continues each by its rates until the next.
 SETPOINT_PERIOD = 0.005
@@ -66,11 +66,11 @@ class Block(Section):
     sweep_to_rpm: Number | None = None
     repeat: Annotated[Whole, Field(ge=1, le=1000)] = 1
     shuffle_seed: Whole | None = None
-    rig: Literal["upright", "inverted", "x_up", "y_up"] | None = None
-    yaw_deg: Annotated[Number, Field(ge=-360.0, le=360.0)] | None = None
-    air_density_ratio: Annotated[Number, Field(ge=0.0, le=2.0)] | None = None
-    preheat_k: Annotated[Number, Field(ge=0.0, le=60.0)] | None = None
-    table_rate_deg_s: Annotated[Number, Field(ge=-50.0, le=50.0)] | None = None
+    rig: Rig | None = None
+    yaw_deg: Yaw | None = None
+    air_density_ratio: AirDensityRatio | None = None
+    preheat_k: Preheat | None = None
+    table_rate_deg_s: TableRate | None = None
 
     @model_validator(mode="after")
     def _consistent(self) -> Block:

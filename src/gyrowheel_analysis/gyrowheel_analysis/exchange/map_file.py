@@ -1,0 +1,182 @@
+"""The map file: what may stand in it."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import AfterValidator, Field, create_model, model_validator
+
+from gyrowheel_analysis.exchange.fields import GROUPS, Reading
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.schema import Number, Section, Text, Whole, check, refuse, shown
+from gyrowheel_core.units import DEG, conversion
+from gyrowheel_sim.environment import AirDensityRatio, Environment, Preheat, Rig, TableRate, Yaw
+
+SCHEMA: Final = 1
+#: Unit of time stamps written as dates, such as 2026-05-04T10:00:00.0005.
+TIMESTAMP: Final = "timestamp"
+#: What is done with readings that are missing: nothing is imported, or they stay missing in the recording.
+REFUSE: Final = "refuse"
+KEEP: Final = "keep"
+
+
+class Source(Section):
+    """Where the values of a field come from.
+
+    Attributes
+    ----------
+    column : str
+        Name of a column; empty for a constant.
+    unit : str
+        Unit of the values in the table.
+    scale, offset : float
+        A value of the table is multiplied by `scale` and increased by `offset` before its unit is converted.
+    value : float
+        The constant, in the unit.
+    """
+
+    column: Text = ""
+    unit: Text = ""
+    scale: Number = 1.0
+    offset: Number = 0.0
+    value: Number = math.nan
+
+    @model_validator(mode="after")
+    def _column_or_value(self) -> Source:
+        given = self.model_fields_set
+        if ("column" in given) == ("value" in given):
+            refuse("either column or value must be given")
+        if "value" in given and given & {"scale", "offset"}:
+            refuse("scale and offset belong to a column, not to a value")
+        if self.scale == 0.0:
+            refuse("0 is out of range; allowed: any other number", "scale")
+        return self
+
+
+def _fitting(source: Source, reading: Reading) -> Source:
+    """Refuse a source that cannot be that of a field: no column, or a unit of another kind."""
+    if not source.column and not reading.constant:
+        refuse("a constant is not allowed here; allowed: a column", "value")
+    if not reading.unit:
+        if source.unit:
+            refuse(f"{shown(source.unit)} is not allowed here; allowed: no unit", "unit")
+        return source
+    if not source.unit:
+        refuse(f"missing; allowed: such as {reading.unit}", "unit")
+    if not (reading.unit == "s" and source.unit == TIMESTAMP):
+        try:
+            conversion(source.unit, reading.unit)
+        except InputError as error:
+            refuse(str(error), "unit")
+    return source
+
+
+def _fit(reading: Reading) -> AfterValidator:
+    return AfterValidator(functools.partial(_fitting, reading=reading))
+
+
+@functools.cache
+def _schema_of(group: str) -> type[Section]:
+    """Return the schema of a group of sources: one for each field of the message, and no other."""
+    fields: dict[str, Any] = {
+        name: Annotated[Source, _fit(reading)] for name, reading in GROUPS[group].items()
+    }
+    return create_model(group, __base__=Section, **fields)
+
+
+def read_group(group: str, content: Any, origin: str) -> dict[str, Source]:
+    """Return the sources of a group of fields.
+
+    Parameters
+    ----------
+    group : str
+        A key of `GROUPS`.
+    content : object
+        What the map file `origin` has there.
+
+    Raises
+    ------
+    InputError
+        If a source is missing, unknown or not allowed, or one column stands for two quantities.
+    """
+    where = f"{origin}: {group}"
+    sources: dict[str, Source] = dict(check(_schema_of(group), content, where, separator="."))
+    owners: dict[str, str] = {}
+    for name, source in sources.items():
+        # the rates of the setpoints may all be one column of zeros, and one thermometer may stand for coils and air
+        if group == "setpoint" or GROUPS[group][name].constant:
+            continue
+        if source.column in owners:
+            raise InputError(
+                f"{where}.{name}.column: '{source.column}' is that of {owners[source.column]}, too; "
+                "allowed: a column of its own"
+            )
+        owners[source.column] = name
+    return sources
+
+
+class EnvironmentEntry(Section):
+    """What held on the rig from a time on."""
+
+    time_s: Annotated[Number, Field(ge=0.0)] = 0.0
+    rig: Rig = "upright"
+    yaw_deg: Yaw = 0.0
+    air_density_ratio: AirDensityRatio = 1.0
+    preheat_k: Preheat = 0.0
+    table_rate_deg_s: TableRate = 0.0
+
+    def in_si(self) -> Environment:
+        """Return the same in SI units."""
+        return Environment(
+            time=self.time_s,
+            rig=self.rig,
+            yaw=self.yaw_deg * DEG,
+            air_density_ratio=self.air_density_ratio,
+            preheat=self.preheat_k,
+            table_rate=self.table_rate_deg_s * DEG,
+        )
+
+
+def _ascending(entries: list[EnvironmentEntry]) -> list[EnvironmentEntry]:
+    if any(b.time_s <= a.time_s for a, b in itertools.pairwise(entries)):
+        refuse("the times must ascend")
+    return entries
+
+
+def _one_character(text: str) -> str:
+    if len(text) != 1 or not text.isascii():
+        refuse(f"{shown(text)} is not allowed; allowed: one character")
+    return text
+
+
+class CsvSettings(Section):
+    """How a CSV file is written."""
+
+    delimiter: Annotated[str, AfterValidator(_one_character)] = ","
+    decimal: Annotated[str, AfterValidator(_one_character)] = "."
+    skip_lines: Annotated[Whole, Field(ge=0, le=10_000)] = 0
+    encoding: Text = "utf-8"
+
+    @model_validator(mode="after")
+    def _differing(self) -> CsvSettings:
+        if self.delimiter == self.decimal:
+            refuse(f"'{self.decimal}' is the delimiter, too; allowed: another character", "decimal")
+        return self
+
+
+class MapFile(Section):
+    """A map file."""
+
+    schema_: Literal[1] = Field(alias="schema")
+    bench: Text = "gyrowheel"
+    time: Annotated[Source, _fit(Reading("s", -math.inf, math.inf))]
+    sequence: Annotated[Source, _fit(Reading("", 0, 2**53))] | None = None
+    missing: Literal["refuse", "keep"] = REFUSE
+    columns: dict[str, Any]
+    command: dict[str, Any] | None = None
+    setpoint: dict[str, Any] | None = None
+    environment: Annotated[list[EnvironmentEntry], AfterValidator(_ascending)] = Field(default_factory=list)
+    csv: CsvSettings = CsvSettings()
