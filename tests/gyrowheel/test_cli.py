@@ -327,7 +327,7 @@ def assert_shape(value: object, shape: object, place: str = "") -> None:
 
 def test_compare(gyrowheel: Shell, wheel: Wheel):
     shown = gyrowheel.good("compare", wheel.recording, "--model", wheel.model)
-    assert "Where it fails" in shown.out
+    assert "Where the model fails" in shown.out
     assert all(len(line) <= 80 and not line.endswith(" ") for line in shown.out.splitlines())
     result = gyrowheel.good("compare", wheel.recording, "--model", wheel.model, "--json", "-").json
     metrics = dict.fromkeys(
@@ -365,7 +365,7 @@ def test_diagnose_keeps_the_json_contract(gyrowheel: Shell, wheel: Wheel, tmp_pa
     shown = gyrowheel(*arguments, "--fail-on-finding")
     assert shown.code == 1
     assert "drag of the air on the spin" in shown.out
-    assert "What could not have been seen here" in shown.out
+    assert "Detection limits: what these recordings could not show" in shown.out
     assert f"gyrowheel model add windage --model {wheel.model} --fit {wheel.recording}" in shown.out
     result = json.loads(file.read_text())
     coefficient = {"value": float, "standard_error": float, "unit": str}
@@ -421,7 +421,7 @@ def test_the_life_of_a_model(gyrowheel: Shell, wheel: Wheel, tmp_path: Path):
     shutil.copy(model, first)
     arguments = ["--model", model, "--fit", wheel.recording, "--validate", wheel.other]
     added = gyrowheel.good("model", "add", "windage", *arguments)
-    assert "not used to fit" in added.out
+    assert "validation" in added.out
     content = gyrowheel.good("model", "show", "--model", model, "--json", "-").json
     assert content["effects"]["windage"]["w"]["value"] == pytest.approx(1.3e-3, rel=0.2)
     assert "add windage" in gyrowheel.good("model", "show", "--model", model).out
@@ -565,4 +565,4 @@ def test_catalogue_for_people(gyrowheel: Shell):
     shown = gyrowheel.good("effects", "windage").out
     assert "0.8 .. 1.3 mN·m" in shown
     assert "assumed: usual size" in shown
-    assert "Easily taken for" in shown
+    assert "Confounders" in shown

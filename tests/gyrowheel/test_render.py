@@ -225,9 +225,7 @@ def test_what_would_have_to_be_larger_than_anything_real_is_not_to_be_seen():
     ]
     words = " ".join(text_of(detection_limits([plain, *far])).split())
     assert "aero_cross c 90 mN·m/rad" in words
-    assert (
-        "Not to be seen here at any size that occurs: external_damping, runout, inertia_anisotropy." in words
-    )
+    assert "Not visible at any realistic size: external_damping, runout, inertia_anisotropy." in words
     assert "e+" not in words
 
 
@@ -241,7 +239,7 @@ def test_every_verdict_can_be_shown(name: str, width: int):
     assert verdict_sentence(found).split(":")[0] in words
     if found.detection_limits:
         assert "gravity_offset G 11 mN·m/rad 0.8 .. 6 mN·m/rad not visible" in words
-        assert "Not to be seen here at any size that occurs: tilt_bias." in words
+        assert "Not visible at any realistic size: tilt_bias." in words
         assert "coil_constant 20.600 ± 0.050 mN·m/V 20.00 ± 0.40 mN·m/V" in words
         assert "motor_constant" not in words
 

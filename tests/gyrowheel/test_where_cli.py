@@ -38,7 +38,7 @@ def test_a_map_that_is_none_is_refused_before_anything_is_read(gyrowheel: Shell,
 
 def test_the_error_of_every_channel_stands_beside_the_noise():
     text = text_of([error_table(TABLE)])
-    for words in ("fitted", "not used to fit", "before", "after", "noise", "tilt x", "spin", "χ²/N"):
+    for words in ("fitted", "validation", "before", "after", "noise", "tilt x", "spin", "χ²/N"):
         assert words in text
 
 

@@ -104,7 +104,7 @@ def test_a_sweep_becomes_a_table(gyrowheel: Shell, player: Player, tmp_path: Pat
         "cfd", "sweep", *TINY, "--tilts", "0,5", "--speeds", "2000,3500", "--jobs", 1, "-o", study
     )
     assert code == 0, err
-    assert "4 cases finished, 0 of them before; 0 failed" in out
+    assert "4 cases finished, 0 of them earlier; 0 failed" in out
     assert "4/4" in err
     code, out, _ = gyrowheel("cfd", "table", study, "-o", tmp_path / "mine.json")
     assert code == 0

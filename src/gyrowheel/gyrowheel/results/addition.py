@@ -53,9 +53,9 @@ class Addition(Result):
         e = self.error
         if e.validation_before is not None and e.validation_after is not None:
             floor = e.validation_noise_floor or e.noise_floor
-            sentence = fall(e.validation_before, e.validation_after, floor, "the validation recording")
+            sentence = fall(e.validation_before, e.validation_after, floor, "the validation recordings")
         else:
-            sentence = fall(e.before, e.after, e.noise_floor, "the fitted recording")
+            sentence = fall(e.before, e.after, e.noise_floor, "the fitted recordings")
         return "\n".join([f"Added {', '.join(self.details.coefficients)}. {sentence}", *self.notes])
 
     def _page(self) -> Iterable[RenderableType]:

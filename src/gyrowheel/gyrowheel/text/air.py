@@ -36,7 +36,7 @@ def comparison_page(found: Comparison) -> Iterator[RenderableType]:
     """Yield all models side by side."""
     tilt = math.hypot(*found.tilt) / DEG
     yield Text.assemble(
-        ("torque of the air on the rotor", "bold cyan"),
+        ("air torque on the rotor", "bold cyan"),
         f"  tilt {tilt:.4g}°, {found.spin_rate / RPM:.6g} rpm, {found.air.density:.4g} kg/m³\n"
         f"Re {found.reynolds:.3g}, density changes by {100 * found.density_change:.2g} %\n",
     )
@@ -48,8 +48,8 @@ def comparison_page(found: Comparison) -> Iterator[RenderableType]:
             *(_pair(v, e) for v, e in zip(torque.components, torque.uncertainty, strict=True)),
         )
     yield table
-    yield Text(f"\n{_AXES}; – means that the model says nothing", style="dim")
-    yield heading("As coefficients of the air's effects")
+    yield Text(f"\n{_AXES}; –: not given by the model", style="dim")
+    yield heading("As coefficients of the air effects")
     laws = words_table("model", "effect", "size", "exponent n", whole=(0, 1, 2, 3))
     for model, effects in found.coefficients.items():
         shown: str | Text = Text(model, style="cyan")
@@ -59,7 +59,7 @@ def comparison_page(found: Comparison) -> Iterator[RenderableType]:
             shown = ""
     yield laws
     if found.options:
-        yield heading("As options of simulate and up, by the table's laws")
+        yield heading("As options of simulate and up, from the torque table")
         for option in found.options:
             yield command(f"--effect {option}")
     if found.refused:
@@ -90,7 +90,9 @@ def result_page(result: Result, folder: str) -> Iterator[RenderableType]:
         (f"{case.mesh} {origin['model']}", "bold cyan"),
         f"  tilt {short(case.tilt / DEG, 4)}°, {case.spin_rate / RPM:.6g} rpm, {origin['cells']} cells\n",
     )
-    table = figures_table(f"mean of {torque.window} iterations", "torque", "scatter", "drift", "of pressure")
+    table = figures_table(
+        f"mean of {torque.window} iterations", "torque", "scatter", "drift", "pressure part"
+    )
     table.add_row("", *[Text("mN·m", style="dim")] * 3, Text("%", style="dim"))
     for i, name in enumerate(("T1 back (−)", "T2 across", "T3 along the rotor")):
         # the part of the pressure in a torque that symmetry makes zero means nothing
@@ -132,7 +134,7 @@ def sweep_line(case: Case, result: Result | str, done: int, total: int) -> str:
 def sweep_page(outcome: Outcome, folder: str) -> Iterator[RenderableType]:
     """Yield how a sweep went."""
     count = len(outcome.results)
-    yield Text(f"{count} cases finished, {outcome.reused} of them before; {len(outcome.failed)} failed")
+    yield Text(f"{count} cases finished, {outcome.reused} of them earlier; {len(outcome.failed)} failed")
     yield from sentences(f"{name}: {why}" for name, why in outcome.failed.items())
     yield heading("Next")
     yield Unbroken(f"  gyrowheel cfd table {folder} --check", style="cyan")
@@ -145,7 +147,7 @@ def table_page(table: TorqueTable) -> Iterator[RenderableType]:
     yield Text.assemble(
         (table.origin, "bold cyan"),
         f"  {len(table.grid)} cases over {len(table.tilts)} tilts and {len(table.speeds)} speeds, "
-        f"{len(table.rows) - len(table.grid)} beside\n"
+        f"{len(table.rows) - len(table.grid)} others\n"
         f"mesh {mesh} ({first.provenance['cells']} cells), {first.provenance['model']}, "
         f"OpenFOAM {first.provenance['version']}, air {table.air.density:.4g} kg/m³\n",
     )
@@ -164,7 +166,7 @@ def table_page(table: TorqueTable) -> Iterator[RenderableType]:
         yield Text("")
     beside = [r for r in table.rows if r not in table.grid]
     if beside:
-        yield Text("Beside: other meshes, models, axes", style="bold")
+        yield Text("Other meshes, models and axes", style="bold")
         part = figures_table("case", "cells", "y+", "T1", "T2", "T3")
         for row in beside:
             c = row.case

@@ -42,12 +42,13 @@ def calibration_page(result: Calibration, *, following: str | None = None) -> It
             ["as overrides with their standard errors; gyrowheel model undo takes them back"]
         )
     else:
-        yield heading("Next: nothing was written yet")
+        yield heading("Next: nothing has been written yet")
         yield command(following)
 
 
 def _table(result: Calibration) -> Table:
     table = figures_table("", "", "before", "after", "change")
+    table.columns[1].justify = "left"
     for c in result.constants.values():
         unit = unit_for(1.0, c.unit)
         before, after = (

@@ -94,10 +94,10 @@ def _kinds(summary: Summary) -> Table:
 def _remarks(summary: Summary) -> Iterator[str]:
     """Yield what the table does not say."""
     if summary.of_kind("single") or summary.of_kind("pair"):
-        yield f"≥ {DETECTABLE:g}×: at least {DETECTABLE:g} detection limits; exact, tied and wrong are of these"
+        yield f"≥ {DETECTABLE:g}×: at least {DETECTABLE:g} times the detection limit; exact, tied and wrong count these"
     if summary.of_kind("none"):
         alarms = summary.false_alarms
-        yield f"false alarms: {alarms.count} of {alarms.n}, that is {_rate(alarms)}"
+        yield f"false alarms: {alarms.count} of {alarms.n}: {_rate(alarms)}"
     outside = summary.outcomes(summary.of_kind("outside"))
     if outside:
         named = {"unknown": "called unknown", "misnamed": "absorbed by library effects"}
@@ -113,8 +113,8 @@ def _mistakes(summary: Summary) -> Iterator[RenderableType]:
     wrong = [c for c in summary.cases if not c.right]
     if not wrong:
         return
-    yield heading("Where it was not right")
-    table = words_table("case", "hidden (size / limit)", "answered", "that is")
+    yield heading("Wrong answers")
+    table = words_table("case", "hidden (size / limit)", "answered", "meaning")
     table.columns[0].justify = "right"
     for case in wrong:
         table.add_row(str(case.index), _hidden(case), _answered(case), _WORDS.get(case.outcome, case.outcome))
@@ -132,7 +132,7 @@ def _confusion(summary: Summary) -> Iterator[RenderableType]:
         rows.setdefault(case.truth_label, []).append(case)
     if len(rows) < 2:
         return
-    yield heading("What was answered" + (" (pairs apart)" if len(single) < len(summary.cases) else ""))
+    yield heading("Answers" + (" (without pairs)" if len(single) < len(summary.cases) else ""))
     table = words_table("hidden", "cases", "answered")
     table.columns[1].justify = "right"
     order = sorted(rows, key=lambda name: (list(_KINDS).index(rows[name][0].kind), name))
@@ -168,14 +168,14 @@ def _numbers(summary: Summary) -> Iterator[str]:
     good = summary.validated
     if good.n:
         yield (
-            f"on the recording that was not used the error falls to {WITHIN_FLOOR:g} noise floors or below in "
-            f"{good.count} of {good.n} cases named exactly, that is {_rate(good)}"
+            f"on the validation recording the error falls to {WITHIN_FLOOR:g} noise floors or below in "
+            f"{good.count} of {good.n} cases named exactly: {_rate(good)}"
         )
     formulas = summary.formulas_validated
     if formulas.n:
         yield (
             f"with the formula proposed for an unknown it falls to {WITHIN_FORMULA:g} or below in "
-            f"{formulas.count} of {formulas.n}, that is {_rate(formulas)}"
+            f"{formulas.count} of {formulas.n}: {_rate(formulas)}"
         )
     if not math.isnan(summary.median_seconds):
         yield f"a diagnosis takes {seconds(summary.median_seconds)} (median)"

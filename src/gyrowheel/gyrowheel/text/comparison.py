@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 _MOST_REGIONS = 5
 _NO_SIGNAL = 1.0  # FIT of a channel in which there is nothing but noise [%]
 _MAP_LEGEND = (
-    "Mean torque beyond the model: of the coils along the tilt and a quarter turn ahead of it, of the motor."
+    "Mean residual torque: of the coils along the tilt and a quarter turn ahead of it, and of the motor."
 )
 _POOR, _BAD = 2.0, 5.0  # χ²/N
 _SAME_SPEED = 0.04
@@ -41,8 +41,8 @@ _SHORT = {
 }  # fmt: skip
 _SUSPICIOUS = 1.3  # mean square of the residuals in units of their noise
 _LEGEND = (
-    "FIT: part of the signal explained. Theil: 0 perfect, 1 useless; its parts say whether the error is a constant "
-    "(bias), a wrong size (var) or a wrong shape (cov). Raw: RMS of the model file as it stands, nothing fitted."
+    "FIT: part of the signal explained. Theil: 0 perfect, 1 useless; its parts: a constant offset (bias), "
+    "a wrong amplitude (var), a wrong shape (cov). Raw: RMS of the model file as it stands, nothing fitted."
 )
 
 
@@ -56,7 +56,7 @@ def comparison(result: Comparison, maps: Iterable[ResidualMap] | None = None) ->
     maps : iterable of ResidualMap, optional
         Maps to show; one over speed and tilt where the model fails, if not given.
     """
-    yield heading("How well the model predicts, with the bench's parameters within their uncertainties")
+    yield heading("Prediction error, bench parameters fitted within their uncertainties")
     yield channel_table(result)
     yield Text(_LEGEND, style="dim")
     yield from coverage(result.coverage)
@@ -219,13 +219,16 @@ def failures(
     regions = list(where)
     if regions:
         yield heading(
-            "Where it fails" if failing else "Nowhere does it fail visibly; most of the noise is here"
+            "Where the model fails"
+            if failing
+            else "The model fails nowhere visibly; most of the noise is here"
         )
-        table = words_table("share of χ²", "where", "how")
+        table = words_table("share of χ²", "where, and what the residual looks like")
         table.columns[0].justify = "right"
         for region in regions[:_MOST_REGIONS]:
             table.add_row(
-                f"{100.0 * region.share_of_chi2:.0f} %", region_name(region), region_description(region)
+                f"{100.0 * region.share_of_chi2:.0f} %",
+                Text.assemble((region_name(region), "bold"), f"\n{region_description(region)}"),
             )
         yield table
     yield from sentences(dependence_sentences(dependence))

@@ -81,7 +81,7 @@ def findings(result: Diagnosis) -> Iterator[RenderableType]:
         yield from _free_form(form)
     if result.next_test is not None:
         test = result.next_test
-        yield heading("Test that would show more" if result.verdict in _SETTLED else "Test that would tell")
+        yield heading("Test that would show more" if result.verdict in _SETTLED else "Test that settles it")
         about = f"{test.minutes:.1f} min, expected Δχ² {test.expected_separation:.0f}"
         yield from sentences([f"plan {test.plan} ({about}): {purpose(test)}"])
 
@@ -94,8 +94,8 @@ def detection_limits(limits: list[DetectionLimit]) -> Iterator[RenderableType]:
     seen = len(limits) - len(never) - len(hidden) - len(partly)
     if not limits:
         return
-    yield heading("What could not have been seen here")
-    table = words_table("effect", "seen from", "usual size", "", whole=(0, 1, 2))
+    yield heading("Detection limits: what these recordings could not show")
+    table = words_table("effect", "visible from", "usual size", "", whole=(0, 1, 2))
     for group, remark in ((hidden, "not visible"), (partly, "only if large")):
         for limit in group:
             table.add_row(
@@ -108,7 +108,7 @@ def detection_limits(limits: list[DetectionLimit]) -> Iterator[RenderableType]:
         yield Padding(table, _INDENT)
     if never:
         names = ", ".join(dict.fromkeys(limit.effect for limit in never))
-        yield Padding(Text(f"Not to be seen here at any size that occurs: {names}."), _INDENT)
+        yield Padding(Text(f"Not visible at any realistic size: {names}."), _INDENT)
     rest = "All other known effects" if never or hidden or partly else "All known effects"
     if seen:
         yield Padding(Text(f"{rest} would show at any usual size.", style="dim"), _INDENT)
@@ -125,7 +125,6 @@ def _finding(finding: EffectFinding) -> Iterator[RenderableType]:
             shown += f"  in the model {with_error(of_model.value, of_model.standard_error, of_model.unit, pure=pure)}"
         body.add_row(name, shown)
     body.add_row("law", pretty(finding.formula))
-    body.add_row("Δχ²", f"{finding.delta_chi2:.0f} without it")
     yield Padding(body, _INDENT)
     yield from sentences([physics(finding), *evidence(finding)])
     for tie in finding.ties:
@@ -153,7 +152,7 @@ def _moved(nuisance: Mapping[str, Any]) -> Iterator[RenderableType]:
     }
     if not moved:
         return
-    yield heading("Parameters of the bench that moved more than their stated uncertainty")
+    yield heading("Bench parameters that moved by more than their stated uncertainty")
     table = words_table("parameter", "fitted", "stated", whole=(0, 1, 2))
     for name, n in moved.items():
         table.add_row(

@@ -18,10 +18,14 @@ if TYPE_CHECKING:
 
 
 def effect_list(effects: Iterable[Effect]) -> Iterator[RenderableType]:
-    """Yield all effects, a line each."""
-    table = words_table("effect", "acts through", "what it is")
-    for effect in effects:
-        table.add_row(Text(effect.name, style="cyan"), effect.category, effect.title)
+    """Yield all effects, a line each, those of a category together."""
+    table = words_table("effect", "what it is", whole=(0,))
+    shown = list(effects)
+    for category in dict.fromkeys(effect.category for effect in shown):
+        table.add_row(Text(category, style="bold"), "")
+        for effect in shown:
+            if effect.category == category:
+                table.add_row(Text(f"  {effect.name}", style="cyan"), effect.title)
     yield table
     yield Text("\nMore about one:", style="dim")
     yield command("gyrowheel effects windage")
@@ -49,7 +53,7 @@ def effect_page(effect: Effect) -> Iterator[RenderableType]:
     yield Text()
     yield facts
     if effect.look_alikes:
-        yield heading("Easily taken for")
+        yield heading("Confounders, and how to separate them")
         yield from sentences(f"{name}: {test}" for name, test in effect.look_alikes.items())
 
 

@@ -45,14 +45,14 @@ def _average(name: str) -> bool:
 
 
 def error_table(table: ErrorTable) -> RenderableType:
-    """Return the errors before and after, channel by channel, fitted and unused recordings side by side.
+    """Return the errors before and after, channel by channel, fitted and validation recordings side by side.
 
     The noise floor stands beside them: what no model gets below.
     """
     parts = [("fitted", table.before, table.after, table.noise_floor)]
     if table.validation_before is not None and table.validation_after is not None:
         floor = table.validation_noise_floor or table.noise_floor
-        parts.append(("not used to fit", table.validation_before, table.validation_after, floor))
+        parts.append(("validation", table.validation_before, table.validation_after, floor))
     titles = [f"{part[0] if not k else ''}\n{what}" for part in parts for k, what in enumerate(_COLUMNS)]
     result = figures_table("RMS of the\nresidual", "\nunit", *titles)
     result.columns[1].justify = "left"
@@ -80,7 +80,7 @@ def error_table(table: ErrorTable) -> RenderableType:
         )
     ]
     result.add_row("χ²/N", "", *chi2)
-    where = "a recording that was not used to fit" if len(parts) == 2 else "the fitted recordings"
+    where = "the validation recordings" if len(parts) == 2 else "the fitted recordings"
     return Group(result, Text(fall(*parts[-1][1:], where)))
 
 
@@ -97,9 +97,9 @@ def _rms(row: ErrorRow, name: str) -> float:
 
 def fall(before: ErrorRow, after: ErrorRow, floor: ErrorRow | None, where: str) -> str:
     """Return in a sentence how the error falls, and where it falls most; or rises, where it falls nowhere."""
-    text = f"On {where} χ²/N goes from {fixed(before.chi2_per_n)} to {fixed(after.chi2_per_n)}"
+    text = f"On {where}, χ²/N goes from {fixed(before.chi2_per_n)} to {fixed(after.chi2_per_n)}"
     if before == after:
-        return f"On {where} χ²/N is {fixed(after.chi2_per_n)}; with nothing but noise it is 1."
+        return f"On {where}, χ²/N is {fixed(after.chi2_per_n)} (1: nothing but noise)."
     names = [name for name in LISTED if _has(before, name) and _has(after, name)]
     # errors of several units are compared in noise floors
     level = {name: _rms(floor, name) if floor is not None and _has(floor, name) else 1.0 for name in names}

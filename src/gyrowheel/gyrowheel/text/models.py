@@ -39,7 +39,7 @@ def content(model: Model) -> Iterator[RenderableType]:
     """Yield what has been learned: effects, and parameters of the bench."""
     yield heading("Effects")
     yield Padding(_effects(model) if model.effects else Text("none", style="dim"), _INDENT)
-    yield heading("Bench parameters learned from recordings")
+    yield heading("Bench parameters fitted to recordings")
     yield Padding(
         _overrides(model, model.overrides) if model.overrides else Text("none", style="dim"), _INDENT
     )
@@ -56,7 +56,7 @@ def changes(model: Model) -> Iterator[RenderableType]:
         if abs(override.value - stated[name].value) > stated[name].uncertainty
     ]
     if far:
-        yield heading("Parameters of the bench that moved more than their stated uncertainty")
+        yield heading("Bench parameters that moved by more than their stated uncertainty")
         yield Padding(_overrides(model, far), _INDENT)
 
 
@@ -147,7 +147,7 @@ def _effects(model: Model) -> RenderableType:
 
 
 def _overrides(model: Model, names: Iterable[str]) -> RenderableType:
-    table = words_table("parameter", "learned", "stated", whole=(0, 1, 2))
+    table = words_table("parameter", "fitted", "stated", whole=(0, 1, 2))
     for name in names:
         override = model.overrides[name]
         p = model.stated_bench.parameters[name]
@@ -174,7 +174,7 @@ def _fall(entry: Mapping[str, Any]) -> str:
 
 def _recordings(entry: Mapping[str, Any]) -> str:
     parts = []
-    for key, words in (("fit", "fitted"), ("validate", "proven on")):
+    for key, words in (("fit", "fitted on"), ("validate", "validated on")):
         paths = entry.get(key)
         if isinstance(paths, list) and paths:
             parts.append(f"{words} {', '.join(Path(str(path)).name for path in paths)}")

@@ -84,16 +84,16 @@ def plan_json(plan: Plan) -> dict[str, Any]:
 def _turning(s: Segment) -> str:
     if s.cone_rate == 0.0:
         return ""
-    return f"turning once in {short(2.0 * math.pi / abs(s.cone_rate))} s"
+    return f"period {short(2.0 * math.pi / abs(s.cone_rate))} s"
 
 
 def _surroundings(e: Environment) -> str:
     parts = [
         "" if e.rig == "upright" else e.rig,
         f"yaw {short(e.yaw / DEG)} deg" if e.yaw else "",
-        f"table {short(e.table_rate / DEG)} deg/s" if e.table_rate else "",
-        f"air × {short(e.air_density_ratio)}" if e.air_density_ratio != 1.0 else "",
-        f"coils + {short(e.preheat)} K" if e.preheat else "",
+        f"rate table {short(e.table_rate / DEG)} deg/s" if e.table_rate else "",
+        f"air ×{short(e.air_density_ratio)}" if e.air_density_ratio != 1.0 else "",
+        f"coils +{short(e.preheat)} K" if e.preheat else "",
     ]
     return ", ".join(filter(None, parts))
 

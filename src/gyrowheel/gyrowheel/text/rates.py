@@ -22,7 +22,9 @@ _INDENT = (0, 0, 0, 2)
 def rates_page(result: Rates) -> Iterator[RenderableType]:
     """Yield the rates, window by window, and the calibration of each axis where the table turned."""
     yield heading("Rate of the case in inertial space")
-    table = figures_table("time\ns", "about x\ndeg/s", "table\ndeg/s", "about y\ndeg/s", "table\ndeg/s")
+    table = figures_table(
+        "time\ns", "about x\ndeg/s", "reference\ndeg/s", "about y\ndeg/s", "reference\ndeg/s"
+    )
     for time, rate, error, reference in zip(
         result.time, result.rate, result.standard_error, result.reference, strict=True
     ):
@@ -33,8 +35,8 @@ def rates_page(result: Rates) -> Iterator[RenderableType]:
     yield Padding(table, _INDENT)
     yield Text()
     if any(result.lines):
-        yield heading("Against the table")
-        axes = figures_table("", "scale", "at rest\ndeg/h", "left by the line\ndeg/h")
+        yield heading("Calibration against the rate table")
+        axes = figures_table("axis", "scale", "bias\ndeg/h", "residual RMS\ndeg/h")
         for name, line in zip("xy", result.lines, strict=True):
             if line is not None:
                 hour = DEG / 3600.0
@@ -48,5 +50,5 @@ def rates_page(result: Rates) -> Iterator[RenderableType]:
         yield Text()
     else:
         yield from sentences(
-            ["the table hardly turned: nothing to calibrate against (plan rate_table has the turns)"]
+            ["the rate table hardly turned: nothing to calibrate against (plan rate_table turns it)"]
         )

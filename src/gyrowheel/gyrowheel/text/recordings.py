@@ -106,7 +106,7 @@ def _loss(loss: Loss) -> str:
     if loss.messages is not None:
         text += f"; {loss.messages} messages"
     if loss.start is not None and loss.end is not None:
-        text += f" from {loss.start:.4f} to {loss.end:.4f} s"
+        text += f"{';' if loss.messages is None else ''} from {loss.start:.4f} to {loss.end:.4f} s"
     return text
 
 

@@ -24,8 +24,8 @@ def replay_page(outcome: Outcome, duration: float) -> Iterator[RenderableType]:
     total, samples = sum(outcome.counts.values()), outcome.counts.get(_MEASUREMENT, 0)
     pace = ""
     if outcome.wall > 0.0 and outcome.complete:
-        pace = f", {outcome.rounds * duration / outcome.wall:.2f} times as fast as recorded"
-    yield Text(f"{total} messages given back, {samples} of them samples, in {outcome.wall:.1f} s{pace}")
+        pace = f", {outcome.rounds * duration / outcome.wall:.2f} times real time"
+    yield Text(f"{total} messages replayed, {samples} of them samples, in {outcome.wall:.1f} s{pace}")
     yield from sentences(f"{name} left out: {why}" for name, why in outcome.left_out.items())
     settled = [estimate for estimate in outcome.estimates if estimate["settled"]]
     if settled:
@@ -38,7 +38,7 @@ def estimates_table(estimates: Sequence[Mapping[str, Any]]) -> RenderableType:
     calibrated = any(math.isfinite(value) for row in estimates for value in row["residual"])
     table = figures_table(
         "hold", "tilt x, y\ndeg", "speed\nrpm", "coils x, y\nmV", "motor\nV", "model x, y\nmN·m", "spin\nmN·m",
-        *(("beyond x, y\nmN·m", "spin\nmN·m") if calibrated else ()),
+        *(("residual x, y\nmN·m", "spin\nmN·m") if calibrated else ()),
     )  # fmt: skip
     for row in estimates:
         x, y, motor = row["dc_voltage"]

@@ -44,7 +44,7 @@ def _found(estimate: Estimate | None, limit: DetectionLimit | None, *, pure: boo
     if estimate is not None:
         return with_error(estimate.value, estimate.standard_error, estimate.unit, pure=pure)
     if limit is not None and math.isfinite(limit.value):
-        return f"nothing (seen from {quantity(limit.value, limit.unit, digits=2)})"
+        return f"nothing (visible from {quantity(limit.value, limit.unit, digits=2)})"
     return "nothing"
 
 
