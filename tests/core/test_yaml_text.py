@@ -14,7 +14,7 @@ def test_content_and_anchors_are_read() -> None:
 @pytest.mark.parametrize(
     ("text", "why"),
     [
-        ("a: 1\na: 2\n", "stands here a second time"),
+        ("a: 1\na: 2\n", "is here a second time"),
         ("a: [1, 2\n", "expected"),
         ("a: &one [*one]\n", "it refers to itself"),
         ("[" * 5000, "nested too deeply"),

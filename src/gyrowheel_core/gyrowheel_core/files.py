@@ -1,4 +1,4 @@
-"""Files and folders that appear whole or not at all."""
+"""Files and directories: read with one-line errors, written whole or not at all."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from gyrowheel_core.errors import InputError, one_line
 
 
 def require_new(directory: Path) -> None:
-    """Refuse a directory that already holds something.
+    """Refuse a directory that is not empty.
 
     Raises
     ------
     InputError
-        If the path exists and is no empty directory.
+        If the path exists and is not an empty directory.
     """
     with disk_errors(directory):
         if directory.exists() and not (directory.is_dir() and not any(directory.iterdir())):
@@ -31,7 +31,7 @@ def require_new(directory: Path) -> None:
 
 @contextlib.contextmanager
 def new_directory(directory: Path) -> Iterator[Path]:
-    """Give a place for a directory of the same name; it moves to where it belongs when the block has ended well.
+    """Yield a temporary place for a new directory; it moves to `directory` when the block ends without an error.
 
     Raises
     ------
@@ -54,18 +54,18 @@ def new_directory(directory: Path) -> Iterator[Path]:
 
 
 def require_writable(file: Path) -> None:
-    """Refuse a file that could not be written, before the work begins of which it takes the result.
+    """Refuse a file that cannot be written, before the work whose result it is to hold begins.
 
     Raises
     ------
     InputError
-        If it is no file, or the folder where it goes cannot be written to.
+        If it is not a file, or its folder cannot be written to.
     """
     with disk_errors(file):
         if file.exists() and not file.is_file():
             raise InputError(f"{file}: cannot be written: it is not a file")
         folder = file.absolute().parent
-        while not folder.exists():  # those that are missing are made with the file
+        while not folder.exists():  # missing folders are made with the file
             folder = folder.parent
         with tempfile.NamedTemporaryFile(dir=folder, prefix=f".{file.name[:40]}."):
             pass
@@ -77,7 +77,7 @@ def read_text(file: Path) -> str:
     Raises
     ------
     InputError
-        If it cannot be read, or is no text.
+        If it cannot be read, or is not text.
     """
     try:
         return file.read_text(encoding="utf-8")
@@ -93,25 +93,25 @@ def read_json(file: Path) -> Any:
     Raises
     ------
     InputError
-        If it cannot be read, or is no JSON.
+        If it cannot be read, or is not JSON.
     """
     text = read_text(file)
     try:
         return json.loads(text)
     except json.JSONDecodeError as error:
         raise InputError(f"{file}: not valid JSON (line {error.lineno}, column {error.colno})") from None
-    except (ValueError, RecursionError) as error:  # numbers of too many digits, brackets in too many brackets
+    except (ValueError, RecursionError) as error:  # numbers with too many digits, brackets nested too deeply
         raise InputError(f"{file}: not valid JSON: {one_line(error)}") from None
 
 
 @contextlib.contextmanager
 def new_file(file: Path, *, private: bool = False) -> Iterator[Path]:
-    """Give a place for a file; it replaces `file` when the block has ended well, and goes when it has not.
+    """Yield a temporary file; it replaces `file` when the block ends without an error, and is removed otherwise.
 
     Parameters
     ----------
     file : Path
-        Where the file belongs; folders that are missing are made.
+        Path of the file; missing folders are made.
     private : bool
         Whether only its owner may read it. Others get the permissions of any new file.
 
@@ -138,7 +138,7 @@ def new_file(file: Path, *, private: bool = False) -> Iterator[Path]:
 
 
 def write_bytes(file: Path, content: bytes, *, private: bool = False) -> None:
-    """Write a file that is whole or as it was before (see `new_file`).
+    """Write a file; after an error it is as it was before (see `new_file`).
 
     Raises
     ------
@@ -150,7 +150,7 @@ def write_bytes(file: Path, content: bytes, *, private: bool = False) -> None:
 
 
 def write_text(file: Path, text: str, *, private: bool = False) -> None:
-    """Write a text file that is whole or as it was before (see `new_file`).
+    """Write a text file; after an error it is as it was before (see `new_file`).
 
     Raises
     ------
@@ -180,7 +180,7 @@ def _plain(content: Any) -> Any:
 
 @contextlib.contextmanager
 def disk_errors(path: Path) -> Iterator[None]:
-    """Turn what the disk refuses into an `InputError` that names `path`."""
+    """Turn an error of the disk into an `InputError` that names `path`."""
     try:
         yield
     except OSError as error:

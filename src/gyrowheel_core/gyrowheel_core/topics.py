@@ -11,9 +11,9 @@ from gyrowheel_core import wire
 if TYPE_CHECKING:
     from rclpy.qos import QoSProfile
 
-# Reliable delivery keeps in the writer what a reader has not acknowledged, and in the reader what it has not
-# taken, up to this many messages; then the oldest are lost. At 10 000 samples per second, which is as fast as
-# the nodes can run in lock-step, a reader may be busy elsewhere for five seconds.
+# Reliable delivery keeps up to this many messages: in the writer those that a reader has not acknowledged, in the
+# reader those that it has not taken. Beyond that the oldest are lost. In lock-step the nodes reach 10 000 samples per
+# second; at that rate a reader may be busy elsewhere for five seconds.
 _HIGH_RATE: Final = 50_000
 
 
@@ -44,7 +44,7 @@ class Topic:
     @property
     def qos(self) -> QoSProfile:
         """Quality of service for publishers and subscriptions alike."""
-        # rclpy only here: names and types also serve where recordings are read without ROS.
+        # rclpy only here: recordings are read without ROS, and need names and types, too.
         from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
         return QoSProfile(

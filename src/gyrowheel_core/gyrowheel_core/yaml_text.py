@@ -1,4 +1,4 @@
-"""YAML as the files of users have it: read strictly, so that nothing in them is silently passed over."""
+"""YAML files of users, read strictly: nothing in them is silently ignored."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import yaml
 
 from gyrowheel_core.errors import InputError, one_line
 
-#: Values in a file, counted as often as anchors repeat them; more are taken for a trap.
+#: Largest number of values in a file with its anchors written out; more would exhaust the memory.
 _MOST: Final = 1_000_000
-_LONGEST: Final = 200  # characters of what the parser says
+_LONGEST: Final = 200  # characters of the parser's message
 
 
-# The loader in C is quicker, but a text that is nested deeply enough crashes it.
+# The loader in C is faster, but deep nesting crashes it.
 class _Loader(yaml.SafeLoader):
-    """Refuses a key that stands twice in a mapping, of which YAML libraries keep the last."""
+    """A loader that refuses a repeated key in a mapping; YAML libraries keep the last one."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         result = super().construct_mapping(node, deep)
@@ -27,7 +27,7 @@ class _Loader(yaml.SafeLoader):
             key = self.construct_object(key_node, deep=True)
             if key in seen:
                 raise yaml.constructor.ConstructorError(
-                    None, None, f"{key!r} stands here a second time", key_node.start_mark
+                    None, None, f"{key!r} is here a second time", key_node.start_mark
                 )
             seen.add(key)
         return result
@@ -56,13 +56,13 @@ def read_yaml(text: str, origin: str) -> Any:
     except RecursionError:
         raise InputError(f"{origin}: not valid YAML: nested too deeply") from None
     except (ValueError, OverflowError, TypeError, AttributeError, KeyError, IndexError) as error:
-        # what the constructors of dates and numbers let through
+        # errors that the constructors of dates and numbers do not catch
         raise InputError(f"{origin}: not valid YAML: {one_line(error)[:_LONGEST]}") from None
     return content
 
 
 def _expanded(content: Any, known: dict[int, int]) -> int:
-    """Return how many values there are when every anchor is written out; too many, or endless, are refused."""
+    """Return the number of values with every anchor written out; refuse too many, or an endless repetition."""
     if not isinstance(content, dict | list | set | tuple):
         return 1
     if id(content) in known:

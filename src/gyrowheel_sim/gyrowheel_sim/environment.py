@@ -1,4 +1,4 @@
-"""What the operator changes on the bench between segments of a test: attitude of the rig, air, coil heater."""
+"""What the operator sets between segments of a test: attitude of the rig, air density, coil heater, rate table."""
 
 from __future__ import annotations
 
@@ -16,8 +16,7 @@ from gyrowheel_core.schema import Number
 #: Attitudes of the rig: case z up, case z down (turned about x), case x up, case y up.
 Rig = Literal["upright", "inverted", "x_up", "y_up"]
 RIGS: Final[tuple[Rig, ...]] = get_args(Rig)
-#: What files may state, in the units of people: yaw [deg], air density over the ambient one, preheat [K], rate of the
-#: table [deg/s].
+#: Types of fields in files: yaw [deg], air density over the ambient one, preheat [K], rate of the table [deg/s].
 Yaw = Annotated[Number, Field(ge=-360.0, le=360.0)]
 AirDensityRatio = Annotated[Number, Field(ge=0.0, le=2.0)]
 Preheat = Annotated[Number, Field(ge=0.0, le=60.0)]
@@ -34,12 +33,12 @@ _TURNS = {
 
 @dataclass(frozen=True)
 class Environment:
-    """The state in which the operator has put the bench from `time` on.
+    """The state of the bench from `time` on, as the operator has set it.
 
     Attributes
     ----------
     time : float
-        From when on it holds [s since the start of the recording].
+        Time from which it holds [s since the start of the recording].
     rig : str
         ``"upright"`` or ``"inverted"`` (spin axis up or down), ``"x_up"`` or ``"y_up"`` (that axis of the case up,
         the spin axis horizontal).
@@ -48,7 +47,7 @@ class Environment:
     air_density_ratio : float
         Air density over the ambient one, set by the pressure in the bell jar; 0 is a vacuum, at most 2.
     preheat : float
-        How far the coil heater keeps the coils above the air [K]; 0 switches it off.
+        Temperature of the coils above that of the air, kept by the coil heater [K]; 0 switches it off.
     table_rate : float
         Rate at which a rate table turns the rig about the vertical [rad/s].
     """
@@ -83,7 +82,7 @@ class Environment:
         Home axes are those along which the case lies with the rig upright and not yawed: z up.
         """
         c, s = math.cos(self.yaw), math.sin(self.yaw)
-        # the yaw turns the rig about the vertical, so a fixed vector turns back
+        # the rig turns by the yaw, so a fixed vector turns back in the case
         x, y, z = c * home[0] + s * home[1], -s * home[0] + c * home[1], home[2]
         a, b, d = (axis[0] * x + axis[1] * y + axis[2] * z for axis in _TURNS[self.rig])
         return a, b, d

@@ -88,16 +88,16 @@ class Parameter:
     value : float
         Value in `unit`.
     unit : str
-        SI unit; a bench file may have any other of the same kind.
+        SI unit; a bench file may state any other unit of the same kind.
     uncertainty : float
         Standard uncertainty (1 sigma), absolute, in `unit`.
     source : str
-        Where the value comes from; ``assumed`` where nothing published gives it.
+        Source of the value; ``assumed`` where nothing is published.
     description : str
         What it is.
     group : str
-        Parameters of one group vary by one common factor; the own name where there is no group. The analysis knows
-        groups by name, so that those of the default bench hold for all.
+        Parameters of one group vary by one common factor; without a group it is the parameter's own name. The
+        analysis refers to groups by name, so every bench has those of the default bench.
     """
 
     name: str
@@ -204,7 +204,7 @@ def _parameter(name: str, entry: ParameterEntry, where: str) -> Parameter:
     stated = entry.uncertainty
     group = own if entry.group is None else entry.group
     if group != own:
-        # the analysis knows by these names which parameters err together
+        # the analysis refers to the groups by these names
         allowed = "no group" if own == name else own
         raise InputError(f"{where}.{name}.group: {group!r} is not its group; allowed: {allowed}")
     return Parameter(

@@ -1,4 +1,4 @@
-"""Tables of other programs (CSV, Parquet) become recordings, and recordings become tables.
+"""Import of tables of other programs (CSV, Parquet) as recordings, and export of recordings as tables.
 
 A map file says which column of a table holds which reading, and in which unit; docs/exchange.md describes it.
 """

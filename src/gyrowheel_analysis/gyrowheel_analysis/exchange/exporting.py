@@ -1,4 +1,4 @@
-"""Recordings become tables for other programs."""
+"""Export of recordings as tables for other programs."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from gyrowheel_core.files import new_file, write_text
 from gyrowheel_core.units import DEG
 from gyrowheel_sim import environment as environments
 
-#: How a map that was written begins.
+#: First line of a map that was written.
 _MAP_HEAD: Final = "# What the columns of the table mean, for `gyrowheel import`.\n"
 _CHUNK: Final = 200_000  # rows written at a time
 
@@ -36,7 +36,7 @@ def export_recording(
     map_file: str | Path | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> list[str]:
-    """Write a recording as a table: one row a sample, SI units.
+    """Write a recording as a table: one row per sample, SI units.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def export_recording(
     map_file : str or Path, optional
         Map file to write, with which `import_table` reads the table back.
     progress : callable, optional
-        Called now and then with the fraction done.
+        Called repeatedly with the fraction done.
 
     Returns
     -------
@@ -57,7 +57,7 @@ def export_recording(
     Raises
     ------
     InputError
-        If the name of the file has another ending, or it cannot be written.
+        If the file has another ending, or cannot be written.
     """
     path = Path(file)
     check_suffix(path)
@@ -80,7 +80,7 @@ def export_recording(
 
 
 def is_exported_table(file: Path) -> bool:
-    """Return whether a file is plainly a table of `export_recording`.
+    """Return whether a file was written by `export_recording`.
 
     Raises
     ------
@@ -98,7 +98,7 @@ def is_exported_table(file: Path) -> bool:
 
 
 def is_exported_map(file: Path) -> bool:
-    """Return whether a file is plainly a map of `export_recording`.
+    """Return whether a file is a map written by `export_recording`.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What the fields of the messages take when they come from a table."""
+"""Units and ranges of the fields of the messages in tables."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from gyrowheel_core import wire
 
 @dataclass(frozen=True)
 class Reading:
-    """What a field of a message takes: SI unit, the range of what can be meant, whether a constant will do."""
+    """A field of a message: SI unit, plausible range, whether a constant is allowed in place of a column."""
 
     unit: str
     low: float

@@ -1,4 +1,4 @@
-"""Tables of other programs become recordings."""
+"""Import of tables of other programs as recordings."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _RECORDING_CHUNK: Final = 1 << 20  # bytes
 
 
 def import_table(file: str | Path, column_map: ColumnMap, directory: str | Path) -> int:
-    """Make a recording of a table.
+    """Write a table as a recording.
 
     Parameters
     ----------
@@ -41,8 +41,8 @@ def import_table(file: str | Path, column_map: ColumnMap, directory: str | Path)
     Raises
     ------
     InputError
-        If the file cannot be read, lacks a column, has a value that is missing (unless the map keeps such readings) or
-        cannot be meant, its time is not uniform at the sample period of the bench, or the directory cannot be written.
+        If the file cannot be read or lacks a column; if a value is missing (unless the map keeps such readings) or out
+        of range; if its time is not uniform at the sample period of the bench; or if the directory cannot be written.
     """
     table = Table(Path(file), column_map)
     bench = column_map.bench
@@ -78,14 +78,14 @@ def import_table(file: str | Path, column_map: ColumnMap, directory: str | Path)
 
 
 def _check_spin(table: Table, readings: NDArray[Any], period: float) -> None:
-    """Refuse a speed that is not that of the angle: the unit of one of them is wrong."""
+    """Refuse a spin rate that disagrees with the spin angle: the unit of one of them is wrong."""
     angle, rate = np.diff(readings["spin_angle"]), readings["spin_rate"]
     turns = np.remainder(angle + math.pi, 2.0 * math.pi) - math.pi
     means = 0.5 * (rate[1:] + rate[:-1])
-    # over a gap the angle does not tell how many turns it has made
+    # the angle does not show the number of turns in a gap
     known = (np.diff(readings["sequence"].astype(np.int64)) == 1) & np.isfinite(turns) & np.isfinite(means)
     turned, expected = float(np.sum(turns[known])), float(np.sum(means[known])) * period
-    # a tenth of a turn is more than noise and the ends of the range make
+    # noise and the ends of the range make less than a tenth of a turn
     if abs(turned - expected) > max(0.02 * abs(expected), 0.2 * math.pi):
         raise InputError(
             f"{table.path}: the spin angle turns by {turned:.6g} rad where the spin rate gives {expected:.6g} rad;"

@@ -23,12 +23,12 @@ from gyrowheel_core.units import unit_registry
 Array = NDArray[np.float64]
 
 SUFFIXES: Final = (".csv", ".parquet")
-_STEP: Final = 0.1  # how much a step of time may differ from the sample period, as part of it
-_PERIOD: Final = 0.01  # how much the mean step may
+_STEP: Final = 0.1  # largest deviation of a time step, as a fraction of the sample period
+_PERIOD: Final = 0.01  # the same for the mean time step
 
 
 def check_suffix(path: Path) -> None:
-    """Refuse a file whose name ends otherwise than in one of `SUFFIXES`.
+    """Refuse a file whose ending is not one of `SUFFIXES`.
 
     Raises
     ------
@@ -52,7 +52,7 @@ class Table:
             raise InputError(f"{path}: {self._table.num_rows} rows; allowed: 2 or more")
 
     def place(self, row: int) -> str:
-        """Return the place of a row in words."""
+        """Return the name of a row for messages."""
         # the header is line 1 where nothing is skipped
         return f"line {row + 2 + self._map.csv.skip_lines}" if self._csv else f"row {row + 1}"
 
@@ -110,7 +110,7 @@ class Table:
         return values.astype(np.int64)
 
     def sequence(self) -> NDArray[np.int64]:
-        """Return the numbers of the samples, from 0 on, as time and sequence tell them."""
+        """Return the numbers of the samples, from 0 on, by their times and sequence numbers."""
         time, name = self._time(), self._map.time.column
         period = self._map.bench.sample_period
         steps = np.diff(time)
@@ -213,7 +213,7 @@ class Table:
         source: Source,
         raw: Array | None = None,
     ) -> None:
-        # NaN is neither: what must not be missing has been refused before
+        # NaN is in every range: missing values were refused earlier where they must not be
         wrong = np.flatnonzero((values < field.low) | (values > field.high))
         if len(wrong):
             k = int(wrong[0])
@@ -233,7 +233,7 @@ class Table:
         except FileNotFoundError:
             raise InputError(f"{self.path}: no such file") from None
         except OSError as error:
-            # arrow says what it finds wrong inside a file as an error of the system, too
+            # arrow raises OSError for faults inside a file, too
             raise InputError(f"{self.path}: cannot be read: {error.strerror or one_line(error)}") from None
         except (pa.ArrowException, UnicodeDecodeError) as error:
             raise InputError(f"{self.path}: cannot be read: {one_line(error)}") from None

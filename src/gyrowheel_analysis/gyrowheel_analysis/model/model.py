@@ -92,11 +92,11 @@ class Model:
 
     @property
     def reference_bench(self) -> Bench:
-        """The bench as it is to be believed before a recording is looked at.
+        """The prior: the bench as it is believed before a recording is analysed.
 
-        It is the stated bench, except for what was calibrated, which counts with its standard error, and for
-        parameters whose error was added to the model: the learned value is their new stated one, as uncertain as the
-        old. All else that was fitted along stays with its recordings, which would otherwise count twice.
+        It is the stated bench with two exceptions. A calibrated parameter has its calibrated value and standard
+        error. A parameter whose error was added to the model has the learned value, with the stated uncertainty.
+        Other fitted parameters keep their stated values; otherwise their recordings would count twice.
         """
         bench = self.stated_bench
         for index, entry in enumerate(self.history):
@@ -123,7 +123,7 @@ class Model:
         Raises
         ------
         InputError
-            If the file is missing, no YAML, or a field is missing, unknown or out of range; the message names it.
+            If the file is missing or is not YAML, or a field is missing, unknown or out of range; the message names it.
         """
         return cls.from_mapping(read_yaml(read_text(Path(path)), str(path)), str(path))
 
@@ -139,7 +139,7 @@ class Model:
             name: Override(values[name], estimate.standard_error)
             for name, estimate in content.overrides.items()
         }
-        history = tuple(raw.get("history") or ())  # as it is: what only people read is kept
+        history = tuple(raw.get("history") or ())  # unchanged: remarks of users are kept
         effects: EffectValues = {}
         errors: EffectValues = {}
         declared: dict[str, Effect] = {}

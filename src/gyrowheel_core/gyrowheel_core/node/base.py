@@ -91,15 +91,14 @@ class BenchNode(LifecycleNode):
     LINGER: ClassVar[float] = 0.0
 
     def __init__(self) -> None:
-        # Declared from the command line first: this is how a node learns of values whose type or name is
-        # wrong.
+        # Declared from the command line first: only so does the node see values of a wrong type or name.
         self._inboxes: list[Inbox] = []
         super().__init__(self.NODE_NAME, automatically_declare_parameters_from_overrides=True)
         self._service_change_state.callback = self._change_state(self._service_change_state.callback)
         self._service_get_state.callback = self._answer_when_drained(self._service_get_state.callback)
         self.stopping = False
         self.failure: BaseException | None = None
-        #: In transitions that no lifecycle manager asked for, so that none can act on their failure.
+        #: True in transitions that no lifecycle manager requested: none can act on their failure.
         self._unattended = False
         self._params = {param.name: param for param in (AUTOSTART, *self.PARAMETERS)}
         self._declare()
@@ -122,7 +121,7 @@ class BenchNode(LifecycleNode):
         """Stop working; `activate` may follow."""
 
     def cleanup(self) -> None:
-        """Give back what `configure` took."""
+        """Release what `configure` acquired."""
 
     def diagnose(self) -> Diagnosis:
         """Return the state for ``/diagnostics``; called once per second while the node is active."""
@@ -136,7 +135,7 @@ class BenchNode(LifecycleNode):
         """
 
     def check_tuning(self, values: Mapping[str, Any]) -> None:
-        """Refuse live parameters that do not go with what the node was configured with.
+        """Refuse live parameters that contradict the configuration of the node.
 
         Parameters
         ----------
@@ -150,7 +149,7 @@ class BenchNode(LifecycleNode):
         """
 
     def tune(self) -> None:
-        """Take over live parameters that were changed after `configure`."""
+        """Apply live parameters that were changed after `configure`."""
 
     def parameter(self, name: str) -> Any:
         """Return the value of a declared parameter, in its declared type."""
@@ -176,7 +175,7 @@ class BenchNode(LifecycleNode):
         return inbox
 
     def close_inbox(self, inbox: Inbox) -> None:
-        """Give up an inbox and what is left in it."""
+        """Close an inbox and drop the messages left in it."""
         self._inboxes.remove(inbox)
         self.destroy_subscription(inbox.subscription)
 
@@ -187,7 +186,7 @@ class BenchNode(LifecycleNode):
         return (found for found in super().subscriptions if found not in waiting)
 
     def deliver(self, *publishers: Publisher, timeout: float = 1.0) -> bool:
-        """Wait until every reader has what was published; before publishers are destroyed.
+        """Wait until every reader has received what was published, before publishers are destroyed.
 
         Parameters
         ----------
@@ -207,7 +206,7 @@ class BenchNode(LifecycleNode):
         )
 
     def wall_timer(self, period: float, callback: Callable[[], None]) -> Timer:
-        """Create a timer on the computer's own clock, whatever ``use_sim_time`` says.
+        """Create a timer that runs on wall-clock time, whatever ``use_sim_time`` says.
 
         Parameters
         ----------
@@ -219,11 +218,11 @@ class BenchNode(LifecycleNode):
         return self.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def prioritise(self) -> None:
-        """Take the priority that the parameter `PRIORITY` asks for, or say that the system does not allow it."""
+        """Set the priority that the parameter `PRIORITY` requests; warn if the system does not allow it."""
         wanted = self.parameter(PRIORITY.name)
         if not raise_priority(wanted):
             self.get_logger().warning(
-                f"priority {wanted} is not allowed on this system: the usual one is kept"
+                f"priority {wanted} is not allowed on this system; the process keeps its own"
             )
 
     def stop(self) -> None:
@@ -269,7 +268,7 @@ class BenchNode(LifecycleNode):
         return self._transition(self.cleanup)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Run the hooks that an orderly end needs; the process ends after it."""
+        """Run the hooks of an orderly shutdown; then the process ends."""
         if state.label == "active":
             self._say_last()
         hooks = {"active": (self.deactivate, self.cleanup), "inactive": (self.cleanup,)}.get(state.label, ())
@@ -281,7 +280,7 @@ class BenchNode(LifecycleNode):
         )
 
     def _change_state(self, handle: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-        """Return `handle` such that a transition which the current state has not is refused, not a crash."""
+        """Return `handle` with a refusal, not a crash, for a transition that the current state does not have."""
 
         def handle_safely(request: Any, response: Any) -> Any:
             try:
@@ -309,7 +308,7 @@ class BenchNode(LifecycleNode):
             else:
                 self.get_logger().error(str(error))
             return TransitionCallbackReturn.FAILURE
-        except Exception as error:  # the caller in rclpy would swallow it without a word
+        except Exception as error:  # the caller in rclpy would drop it silently
             self.failure = self.failure or error
             self.stopping = True
             return TransitionCallbackReturn.ERROR
@@ -351,7 +350,7 @@ class BenchNode(LifecycleNode):
             self.trigger_shutdown()
 
     def _say_last(self) -> None:
-        """Publish what an active node has to say before it is deactivated; that it failed was said already."""
+        """Publish the last diagnosis of an active node before it is deactivated; a failure was published already."""
         if self.failure is None:
             self._publish_diagnosis(self.diagnose())
             self.deliver(self._diagnostics, timeout=1.0)
@@ -407,7 +406,7 @@ class BenchNode(LifecycleNode):
     # ---- once per second
 
     def announce(self) -> None:
-        """Publish the diagnosis at once: a state has changed that nobody is to learn of a second late."""
+        """Publish the diagnosis at once: a state has changed, and a second would be too late."""
         active = self.state == "active"
         self._publish_diagnosis(
             self.diagnose() if active else Diagnosis(self.state, level=DiagnosticStatus.WARN)

@@ -35,7 +35,7 @@ class Inbox:
         self.subscription = subscription
 
     def take(self, most: int | None = None) -> Iterator[bytes]:
-        """Take the messages in the order in which they came.
+        """Take the messages in the order of arrival.
 
         Parameters
         ----------

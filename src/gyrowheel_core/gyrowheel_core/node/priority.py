@@ -1,4 +1,4 @@
-"""Priority of a process before the usual ones, for nodes that keep pace with the clock on the wall."""
+"""Real-time priority of a process, for nodes that keep pace with wall-clock time."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ from pathlib import Path
 
 from gyrowheel_core.node.parameters import Param
 
-#: For nodes that have to keep pace with the clock on the wall.
+#: For nodes that have to keep pace with wall-clock time.
 PRIORITY = Param(
     "priority",
     0,
-    "Priority before all usual processes (SCHED_FIFO), where the system allows it; 0: as they are",
+    "Real-time priority of the process (SCHED_FIFO), where the system allows it; 0: no change",
     low=0,
     high=99,
 )
 
 
 def raise_priority(level: int) -> bool:
-    """Put this process before all usual ones (``SCHED_FIFO``); return whether the system allows it.
+    """Give this process a real-time priority (``SCHED_FIFO``); return whether the system allows it.
 
     Parameters
     ----------
     level : int
-        1 .. 99; 0 leaves everything as it is.
+        Priority, 1 .. 99; 0 changes nothing.
     """
     if level == 0:
         return True

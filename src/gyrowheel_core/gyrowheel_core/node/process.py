@@ -58,7 +58,7 @@ def make_executor(context: Context | None = None) -> Executor:
 
 
 class StopSignals:
-    """Notes SIGINT, SIGTERM and SIGHUP instead of letting them end the process.
+    """Notes SIGINT, SIGTERM and SIGHUP; they do not end the process.
 
     Repeated signals change nothing: a terminal sends Ctrl-C to a starter and to its nodes, so that a node
     may get it twice, the second time in the middle of its cleaning up.
@@ -71,7 +71,7 @@ class StopSignals:
             signal.signal(number, self._handle)
 
     def attach(self, node: BenchNode) -> None:
-        """Stop `node` at a signal, also at one that came before."""
+        """Stop `node` at a signal, even at one that came earlier."""
         self._node = node
         if self.received:
             node.stop()
@@ -102,7 +102,7 @@ def _ros(arguments: Sequence[str]) -> Iterator[None]:
     try:
         unknown = remove_ros_args(["program", *arguments])[1:]
         rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
-    except Exception as error:  # rclpy gives a class of its own to each way in which arguments can be wrong
+    except Exception as error:  # rclpy raises a different class for each kind of wrong argument
         # what follows " Error: " are places in the source of rcl
         reason = one_line(error).split(" Error: ")[0]
         raise InputError(f"ROS arguments: {reason}") from None
@@ -159,7 +159,7 @@ def _run(node_class: type[BenchNode], signals: StopSignals) -> BaseException | N
     try:
         if node.parameter("autostart") and not node.stopping:
             node.start()
-        # What was made up to here stays: looking through it again and again would cost a sample now and then.
+        # Objects made so far are permanent; collecting among them again and again would cost a sample now and then.
         gc.collect()
         gc.freeze()
         while not node.stopping:
