@@ -1,4 +1,4 @@
-"""Limits of what the loops are asked for: setpoints beyond the tilt limit, and such as make no sense."""
+"""Limits of setpoints: those beyond the tilt limit, and invalid ones."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from gyrowheel_sim.bench import Bench
 
 #: Usual tilt limit over the largest tilt of the bench: 3 deg of 5 deg on the default one.
 USUAL_SHARE = 0.6
-#: No test comes nearer to the hard stop than this share of it: overshoot and noise need room.
+#: Largest tilt of a test, as a share of the hard stop: overshoot and noise need room.
 LARGEST_SHARE = 0.95
-#: A setpoint of the spin rate beyond so many times the largest one of the bench makes no sense.
+#: A setpoint of the spin rate beyond this multiple of the largest one of the bench is refused.
 _SPIN_MARGIN = 1.1
 
 
 def usual_tilt_limit(bench: Bench) -> float:
-    """Return the tilt limit of tests that do not say that they need more [rad]."""
+    """Return the tilt limit of tests that do not ask for more [rad]."""
     return USUAL_SHARE * bench.value("tilt_limit")
 
 
@@ -29,7 +29,7 @@ def largest_tilt_limit(bench: Bench) -> float:
 
 
 def tilt_limit(bench: Bench, wanted: float, where: str) -> float:
-    """Return the tilt limit that somebody wants [rad], or the usual one for 0.
+    """Return the requested tilt limit [rad], or the usual one for 0.
 
     Raises
     ------
@@ -46,7 +46,7 @@ def tilt_limit(bench: Bench, wanted: float, where: str) -> float:
 
 
 def plan_tilt_limit(plan: Plan, bench: Bench, usual: float) -> float:
-    """Return the tilt limit under which a plan runs [rad]: the usual one, or what the plan says that it needs.
+    """Return the tilt limit under which a plan runs [rad]: the usual one, or what the plan asks for.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def plan_tilt_limit(plan: Plan, bench: Bench, usual: float) -> float:
 
 
 class SetpointGuard:
-    """Keeps setpoints within the tilt limit and refuses those that make no sense.
+    """Keeps setpoints within the tilt limit and refuses invalid ones.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ class SetpointGuard:
     limit : float
         As given; may be changed at any time.
     limited, refused : int
-        Setpoints beyond the limit, which were brought back to it in the same direction, at rest; setpoints refused.
+        Setpoints beyond the limit, which were reduced to it in the same direction and at rest; setpoints refused.
     """
 
     def __init__(self, bench: Bench, limit: float) -> None:
@@ -101,7 +101,7 @@ class SetpointGuard:
         self.limited = self.refused = 0
 
     def admit(self, setpoint: Sequence[float]) -> tuple[float, ...] | None:
-        """Return the setpoint that the loops may follow, or None for one that makes no sense.
+        """Return the setpoint that the loops may follow, or None for an invalid one.
 
         Parameters
         ----------

@@ -2,9 +2,9 @@
 
 A sample at time t is answered once a setpoint with a stamp in (t - 5 ms, t] is known: each setpoint holds
 for one setpoint period. Where the conductor is late, at the start and at the end of a plan the loop
-therefore waits, and what it computes never depends on which message came first. Samples and setpoints that
-make no sense are not answered, and count; setpoints beyond the tilt limit are brought back to it. Where the
-samples go on without an answer, the guard of the plant brings the machine to rest.
+therefore waits, and what it computes never depends on which message came first. Invalid samples and setpoints
+are counted and not answered; setpoints beyond the tilt limit are reduced to it. Where the samples go on without
+an answer, the guard of the plant brings the machine to rest.
 """
 
 from __future__ import annotations

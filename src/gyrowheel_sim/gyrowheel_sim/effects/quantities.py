@@ -37,20 +37,20 @@ QUANTITIES: dict[str, Quantity] = {
         _real("i_motor", "A", "current of the motor at the last sample"),
         _real("T_coil", "K", "temperature of the torque coils", positive=True),
         _real(
-            "T_winding", "K", "temperature of the motor's winding, reckoned from its current", positive=True
+            "T_winding", "K", "temperature of the motor's winding, computed from its current", positive=True
         ),
-        _real("T_motor", "K", "temperature of the motor's magnets, reckoned from its current", positive=True),
-        _real("T_air", "K", "temperature of the air", positive=True),
-        _real("rho", "kg/m^3", "density of the air", positive=True),
+        _real("T_motor", "K", "temperature of the motor's magnets, computed from its current", positive=True),
+        _real("T_air", "K", "air temperature", positive=True),
+        _real("rho", "kg/m^3", "air density", positive=True),
         _real("up", "1", "component along case z of the unit vector that points up"),
-        Quantity(sp.Symbol("up_across", complex=True), "1", "its components across, x + i y in case axes"),
+        Quantity(sp.Symbol("up_across", complex=True), "1", "its components across the case axis, x + i y"),
         Quantity(
             sp.Symbol("home_x", complex=True),
             "1",
             "components across, x + i y in case axes, of the horizontal unit vector along which case x lies "
             "with the rig upright and not yawed",
         ),
-        Quantity(sp.Symbol("home_y", complex=True), "1", "the same of case y"),
+        Quantity(sp.Symbol("home_y", complex=True), "1", "the same for case y"),
         _real("t", "s", "time since the start of the recording"),
         _real("Omega_ref", "rad/s", "reference spin rate of the bench", positive=True),
         _real("rho_ref", "kg/m^3", "reference air density of the bench", positive=True),

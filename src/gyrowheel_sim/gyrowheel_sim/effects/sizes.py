@@ -1,4 +1,4 @@
-"""Usual sizes of effects on other benches than the default one, for which they are declared.
+"""Usual sizes of effects on benches other than the default one, for which they are declared.
 
 A small rotor on soft flexures has small effects. Sizes are carried over by their units: torques go with the torque that
 the flexures give at the reference tilt, angles with that tilt, rates with the reference speed.
@@ -72,7 +72,7 @@ def _factor(unit: str, scales: tuple[float, float, float, float]) -> float:
     powers = {name: float(power) for name, power in parsed.dimension.items()}
     mass, length = powers.pop("[mass]", 0.0), powers.pop("[length]", 0.0)
     time, amperes = powers.pop("[time]", 0.0), powers.pop("[current]", 0.0)
-    # neither an angle or a time, nor a torque, an inertia or made of such: no size of the bench goes with it
+    # not made of torques, inertias, angles and times: nothing of the bench scales it
     if length != 2.0 * mass or (mass == 0.0 and time < 0.0):
         return 1.0
     # kg m^2 is torque over rate squared, a second is one over the rate

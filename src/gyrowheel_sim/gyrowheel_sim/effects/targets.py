@@ -209,8 +209,8 @@ _ALL = (
         (0.01, 0.1), (Entry("relative", "motor_resistance"),),
     ),
     LawTarget(
-        "supply_drop", "V", "fall of the supply",
-        "fall of the supply: lowers the largest motor voltage, and the coils' torque in proportion",
+        "supply_drop", "V", "drop of the supply voltage",
+        "drop of the supply voltage: lowers the largest motor voltage, and the coils' torque in proportion",
         (0.1, 2.0),
         (
             Entry("offset", "supply_voltage", negative=True),

@@ -1,4 +1,4 @@
-"""Guards between the commands and the machine: limits, hard stop, watch-dog, refusal of what makes no sense.
+"""Guards between the commands and the machine: limits, hard stop, watchdog, refusal of invalid commands.
 
 The guard stands where the voltages leave for the machine. `Guard.take` judges each command, `Guard.output` gives the
 voltages of the next sample, `Guard.observe` looks at each sample. It knows no ROS and no clock: time is counted in
@@ -17,9 +17,9 @@ from dataclasses import dataclass
 
 from gyrowheel_core.errors import InputError
 
-#: A command beyond so many times a limit is no command that a loop in working order gives: it is refused.
+#: A working loop never commands more than this multiple of a limit: beyond it a command is refused.
 NONSENSE = 2.0
-#: So many samples in a row must be beyond the hard stop: one wrong reading stops no test.
+#: Consecutive samples beyond the hard stop that trip the guard: one wrong reading does not stop a test.
 STOP_SAMPLES = 4
 
 
@@ -57,13 +57,13 @@ class GuardLimits:
     Attributes
     ----------
     coil_voltage, motor_voltage : float
-        Largest voltages [V]. Commands beyond are held at them; beyond `NONSENSE` times them they are refused.
+        Largest voltages [V]. Commands beyond them are limited; beyond `NONSENSE` times them they are refused.
     tilt_stop : float
         Hard stop: tilt beyond which the coils are switched off and the motor spins down [rad].
     watchdog : int
-        Samples in a row without a new command that mean the loss of the controller.
+        Consecutive samples without a new command after which the controller counts as lost.
     oldest : int
-        How many samples old the one may be that a command answers.
+        Age, in samples, up to which a sample may still be answered.
     spin_down : float
         How fast the motor voltage goes to zero at a spin-down [V per sample].
     """
@@ -94,7 +94,7 @@ class Guard:
     limits : GuardLimits
         What is allowed; may be replaced at any time.
     motor_voltage : float
-        Voltage of the motor until the first command [V]: that at which the machine is found.
+        Voltage of the motor until the first command [V]: the one at which the machine is started.
 
     Attributes
     ----------
@@ -105,8 +105,8 @@ class Guard:
     reason : str
         One line about the trip; empty without one.
     taken, late, missing, held, limited : int
-        Commands taken; those of them that came after the next sample; samples that were passed over, by
-        their numbers; samples for which the last voltages were held; commands beyond a voltage limit.
+        Commands taken; commands taken that came after the next sample; samples that no command answered, by
+        sequence number; samples for which the last voltages were held; commands beyond a voltage limit.
     refused : dict of Refusal to int
         Commands refused, by the reason.
     """
@@ -212,7 +212,7 @@ class Guard:
         return self._voltages
 
     def observe(self, tilt_x: float, tilt_y: float) -> None:
-        """Look at the tilt of a sample [rad]; one that is no number counts as beyond the hard stop."""
+        """Check the tilt of a sample [rad]; a tilt that is not a number counts as beyond the hard stop."""
         if tilt_x * tilt_x + tilt_y * tilt_y <= self.limits.tilt_stop**2:
             self._beyond = 0
         elif self._running:
@@ -246,7 +246,7 @@ class Guard:
         return (self.held - self._told[2]) / max(self._samples - self._told[3], 1)
 
     def report(self) -> GuardState:
-        """Return the state, and begin anew to note what happens."""
+        """Return the state, and start a new interval for the counts."""
         state = self.state
         self._told = (self.limited, sum(self.refused.values()), self.held, self._samples)
         return state

@@ -83,7 +83,7 @@ class Machine:
             self.state[place] = true.value(start) if isinstance(start, str) else start
         self.state[State.spin_rate] = initial_spin_rate
         self.held = np.zeros(3)
-        # the motor starts at the voltage that keeps the spin rate, so that a test does not begin with a jerk
+        # the motor starts at the voltage that keeps the spin rate, so that a test begins at a steady speed
         self.held[2] = true.value("motor_constant") * initial_spin_rate
         self.environment = np.zeros(len(Surroundings))
         self.ambient_pressure = true.value("air_pressure")

@@ -1,10 +1,10 @@
-"""The node ``plant``: the simulated bench, sample by sample, in one of two clocks.
+"""The node ``plant``: the simulated bench, sample by sample, by one of two clocks.
 
 ``lockstep``: it publishes sample 0 once enough subscribers listen and a controller is there, and from then on one
 sample for each command that answers the last one. The run is reproducible, and as fast as the two nodes can talk;
 ``/clock`` carries the simulated time.
 
-``realtime``: a sample every period of the bench by the clock on the wall, answered or not; the stamps are the time of
+``realtime``: a sample every period of the bench by the wall clock, answered or not; the stamps are the time of
 the computer. Where no command came, the last one goes on acting.
 
 In both a `Guard` stands between the commands and the machine.
@@ -51,7 +51,7 @@ _MESSAGES = {
     GuardState.WAITING: "waiting for the first command",
     GuardState.NORMAL: "running",
     GuardState.VOLTAGE_LIMITED: "voltage_limited: commands beyond the limits are held at them",
-    GuardState.COMMAND_REFUSED: "command_refused: commands that make no sense, or answer old samples",
+    GuardState.COMMAND_REFUSED: "command_refused: invalid commands, or answers to old samples",
 }
 
 
@@ -67,7 +67,7 @@ class PlantNode(BenchNode):
         Param(
             "clock",
             "lockstep",
-            "What makes the plant step: a command, or the clock on the wall",
+            "What makes the plant step: a command, or the wall clock",
             choices=("lockstep", "realtime"),
         ),
         Param(
@@ -171,7 +171,7 @@ class PlantNode(BenchNode):
         )
 
     def activate(self) -> None:
-        """Publish sample 0 as soon as all are there who must not miss it, or go on where the node was deactivated."""
+        """Publish sample 0 once everyone who needs it listens, or go on where the node was deactivated."""
         self.prioritise()
         self._guard.start()
         self._active = True
@@ -301,7 +301,7 @@ class PlantNode(BenchNode):
             self._publish_sample(self._plant.measure())
 
     def _missing(self) -> list[str]:
-        """Return what has to be there before sample 0, and is not."""
+        """Return what is still missing before sample 0 can be published."""
         missing = []
         have, need = self._measurements.get_subscription_count(), self.parameter("wait_for_subscribers")
         if have < need:
@@ -385,7 +385,7 @@ class PlantNode(BenchNode):
         guard.take(answered, self._plant.sequence, voltage_x, voltage_y, motor_voltage)
 
     def _pace(self) -> dict[str, object]:
-        """Return what the diagnosis says of the pace."""
+        """Return what the diagnosis says about timing."""
         guard, pacer = self._guard, self._pacer
         values: dict[str, object] = {
             "late_commands": guard.late,

@@ -1,14 +1,13 @@
-"""When samples are due by the clock on the wall."""
+"""When samples are due by the wall clock."""
 
 from __future__ import annotations
 
 
 class Pacer:
-    """Tells how many samples are due, from a clock that never jumps.
+    """Counts the samples that are due by a monotonic clock.
 
-    A computer that was busy elsewhere has samples made up for, at most `burst` at once. What it lost beyond is left
-    out: the bench stands still for that long, and goes on at its pace. So no sample is ever lost, and no burst of
-    samples comes that nobody can answer.
+    After a delay the missed samples are made up for, at most `burst` at once. For the rest of the delay the bench
+    stands still. So no sample is lost, and no burst is too long to be answered.
 
     Parameters
     ----------
@@ -17,7 +16,7 @@ class Pacer:
     now_ns : int
         Time of the first one by that clock [ns].
     burst : int
-        How many samples are made up for at once.
+        Largest number of samples that are made up for at once.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What several declarations share: similarity, usual sources, the tests that tell look-alikes apart."""
+"""What several declarations share: similarity, usual sources, the tests that separate look-alikes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ tilt_squared = z * sp.conjugate(z) / z_ref**2
 
 BALANCE = "average torque balance of the flex-gimbal rotor in the case frame, derived in mechanics.derivation"
 CFD = "assumed: usual size from steady CFD of the published rotor and case (Huo et al. 2016, Table 2) at 3500 rpm"
-#: Tests that tell look-alikes apart.
+#: Tests that separate look-alikes.
 LOW_PRESSURE = "change the air: repeat speeds and tilts at low pressure (plan air_density)"
 INVERT = "turn the rig upside down (plan inverted)"
 YAW = "turn the rig by 180 deg about the vertical (plan yaw)"

@@ -93,7 +93,7 @@ MOTOR_HEATING = Effect(
             signed=True,
         ),
     ),
-    validity="motor at the temperature of the air at the start; temperatures reckoned from the current, to 10 %",
+    validity="motor at air temperature at the start; temperatures computed from the current, to 10 %",
     source="temperature coefficient of remanence; heating by the winding's loss",
     look_alikes={"motor_constant_error": "long runs after a hard spin-up: the motor cools, a constant stays"},
 )
@@ -117,7 +117,7 @@ WINDING_HEATING = Effect(
             "copper: 0.0039/K",
         ),
     ),
-    validity="motor at the temperature of the air at the start; temperatures reckoned from the current, to 10 %",
+    validity="motor at air temperature at the start; temperatures computed from the current, to 10 %",
     source="temperature coefficient of resistance; heating by the winding's loss",
     look_alikes={
         "motor_heating": "changes of speed: the resistance shows with the current, the magnets with the speed"
@@ -150,7 +150,7 @@ COGGING = Effect(
     validity="one harmonic, whose order is a parameter of the bench",
     source="motor model",
     look_alikes={
-        "commutation_ripple": "the current: cogging leaves it alone but for the back-EMF of the ripple"
+        "commutation_ripple": "the current: cogging changes it only by the back-EMF of the speed ripple"
     },
 )
 

@@ -85,7 +85,7 @@ STIFFNESS_ANISOTROPY = Effect(
     name="stiffness_anisotropy",
     title="the two flexures differ in stiffness",
     category="flexure",
-    sentence="A joint that is stiffer about one of its axes pulls at a held tilt twice a revolution.",
+    sentence="At a held tilt, a joint that is stiffer about one of its axes gives a torque twice a revolution.",
     laws=(Law("flexure_torque", -_k2 * axis * theta),),
     coefficients=(
         Coefficient(
@@ -112,7 +112,7 @@ INERTIA_ANISOTROPY = Effect(
     name="inertia_anisotropy",
     title="moments of inertia of the rotor across its axis differ",
     category="inertia",
-    sentence="A rotor that is not round pulls at a held tilt twice a revolution.",
+    sentence="At a held tilt, a rotor with unequal transverse moments of inertia gives a torque twice a revolution.",
     laws=(Law("inertia_difference", _d2),),
     coefficients=(
         Coefficient(
@@ -126,7 +126,7 @@ INERTIA_ANISOTROPY = Effect(
         ),
     ),
     validity="rigid rotor",
-    source="eq (6) with Irx and Iry apart",
+    source="eq (6) with unequal Irx and Iry",
     look_alikes={
         "stiffness_anisotropy": "several speeds: the torque of the inertia grows with the square of the speed"
     },

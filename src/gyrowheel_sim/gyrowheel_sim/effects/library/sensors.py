@@ -46,7 +46,7 @@ TILT_SCALE = Effect(
     validity="tilt up to 5 deg",
     source="sensor model",
     look_alikes={
-        "coil_gain_error": "nothing on this bench: it takes an external autocollimator to measure the tilt itself"
+        "coil_gain_error": "nothing on this bench: only an external autocollimator measures the tilt itself"
     },
 )
 
@@ -57,7 +57,7 @@ TILT_ROTATION = Effect(
     name="tilt_rotation",
     title="tilt sensors turned about the case axis",
     category="sensor",
-    sentence="The sensors stand turned against the coils, so a torque about one axis seems to answer the other.",
+    sentence="The sensors are turned relative to the coils, so each reads a part of the tilt about the other axis.",
     laws=(Law("tilt_reading", sp.I * _alpha * z),),
     coefficients=(
         Coefficient(
