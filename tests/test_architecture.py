@@ -35,21 +35,21 @@ def name_of(path: Path) -> str:
 FILES = {name_of(path): path for path in MODULES}
 
 
-def statements(tree: ast.AST, *, at_import: bool) -> Iterator[ast.AST]:
-    """Yield the nodes of a module; with `at_import` only those that run when it is imported."""
+def statements(tree: ast.AST, *, at_import: bool, types: bool) -> Iterator[ast.AST]:
+    """Yield the nodes of a module; with `at_import` only those that run then, without `types` not those for types."""
     for node in ast.iter_child_nodes(tree):
         yield node
         later = isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
         for_types = isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
-        if not (at_import and (later or for_types)):
-            yield from statements(node, at_import=at_import)
+        if not ((at_import and later) or (for_types and (at_import or not types))):
+            yield from statements(node, at_import=at_import, types=types)
 
 
 @functools.cache
-def imported(path: Path, *, at_import: bool = False) -> frozenset[str]:
+def imported(path: Path, *, at_import: bool = False, types: bool = True) -> frozenset[str]:
     """Return what a file imports: ``a.b`` of ``from a import b`` where that is a module of ours, else ``a``."""
     names: set[str] = set()
-    for node in statements(ast.parse(path.read_text(encoding="utf-8")), at_import=at_import):
+    for node in statements(ast.parse(path.read_text(encoding="utf-8")), at_import=at_import, types=types):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
@@ -89,34 +89,47 @@ def test_analysis_plots_nothing_and_sees_no_truth() -> None:
         assert not {n for n in names if n.startswith(("gyrowheel_sim.plant", "gyrowheel_sim.blind"))}, path
 
 
-@pytest.mark.parametrize("package", HOUSE[:-1], ids=lambda package: package.name)
+@pytest.mark.parametrize("package", HOUSE, ids=lambda package: package.name)
 def test_inside_a_package_imports_run_downward(package: Package) -> None:
     """Also those inside functions: an import that waits is still a way up."""
     wrong = []
     for name, path in FILES.items():
         root, _, part = name.partition(".")
-        part = part.partition(".")[0]
         if root != package.name or not part:  # the package itself may show whatever is in it
             continue
-        for other in imported(path):
+        for other in imported(path, types=package is not HOUSE[-1]):
             there, _, target = other.partition(".")
-            target = target.partition(".")[0] or "__init__"
-            if there != root or (target in (part, "__init__") and target not in sum(package.floors, ())):
+            if there != root or not target:  # of the package itself its version
                 continue
-            if part != target and package.floor_of(target) >= package.floor_of(part):
+            here, at = package.floor_of(part), package.floor_of(target)
+            same_folder = part.partition(".")[0] == target.partition(".")[0]
+            if at > here or (at == here and not same_folder):
                 wrong.append(f"{name} imports {other}")
     assert wrong == []
 
 
-@pytest.mark.parametrize("package", HOUSE[:-1], ids=lambda package: package.name)
+@pytest.mark.parametrize("package", HOUSE, ids=lambda package: package.name)
 def test_every_part_has_its_place(package: Package) -> None:
     folder = SRC / package.name / package.name
-    parts = {
-        path.stem for path in folder.iterdir() if path.suffix == ".py" or (path / "__init__.py").exists()
-    }
+    parts = {p.stem for p in folder.iterdir() if p.suffix == ".py" or (p / "__init__.py").exists()}
     named = [part for floor in package.floors for part in floor]
     assert len(named) == len(set(named))
-    assert set(named) - {"__init__"} == parts - {"__init__"}
+    assert {part for part in named if "." not in part} == parts - {"__init__"}
+    assert all(f"{package.name}.{part}" in FILES for part in named)
+
+
+def test_the_command_line_knows_the_front_door_alone() -> None:
+    """What stands below the package gyrowheel is reached through it."""
+    for path in (SRC / "gyrowheel" / "gyrowheel" / "cli").rglob("*.py"):
+        assert not {n for n in imported(path) if n.split(".")[0] in LAYERS[:-1]}, path
+
+
+def test_text_and_pictures_do_not_import_the_front_door() -> None:
+    """They are given results, and know nothing of who asked for them."""
+    for folder in ("text", "plots"):
+        for path in (SRC / "gyrowheel" / "gyrowheel" / folder).rglob("*.py"):
+            assert not {n for n in imported(path, types=False) if n.startswith("gyrowheel.cli")}, path
+            assert "gyrowheel" not in imported(path, types=False), path
 
 
 def test_no_modules_import_each_other_in_a_circle() -> None:

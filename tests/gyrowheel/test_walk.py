@@ -62,7 +62,11 @@ def test_a_diagnosis_goes_down_the_house_and_each_folder_has_its_turn(tmp_path: 
     gw.simulate("quick", effects={"windage": {}}, machine=6).save(tmp_path / "run")
     model = gw.Model("gyrowheel")
     recorded = tmp_path / "run"
-    for module in ("gyrowheel_analysis.diagnosis.diagnose", "gyrowheel.results.diagnosis", "gyrowheel.text.diagnosis"):
+    for module in (
+        "gyrowheel_analysis.diagnosis.diagnose",
+        "gyrowheel.results.diagnosis",
+        "gyrowheel.text.diagnosis",
+    ):
         importlib.import_module(module)  # what runs on import is no part of the walk
     with Walk() as walk:
         shown = str(gw.diagnose(recorded, model))
