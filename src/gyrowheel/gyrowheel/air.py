@@ -1,4 +1,4 @@
-"""Torque of the air on the rotor: models side by side, torque tables, and computations with OpenFOAM."""
+"""Air torque on the rotor: models side by side, torque tables, and computations with OpenFOAM."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def case_of(
     window: int | None = None,
     settle: int = 0,
 ) -> Case:
-    """Return a case of a computation of the flow.
+    """Return a case of the flow computation.
 
     Parameters
     ----------

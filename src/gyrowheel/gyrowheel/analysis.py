@@ -1,4 +1,4 @@
-"""Functions that confront recordings with a model."""
+"""Functions that compare recordings with a model."""
 
 from __future__ import annotations
 
@@ -72,10 +72,10 @@ def diagnose(
 
 
 def calibrate(recordings: Recordings, model: Model, *, progress: Say | None = None) -> Calibration:
-    """Calibrate the constants of coils and motor: what a volt and an ampere mean.
+    """Calibrate the torque constants of coils and motor.
 
-    The reference of the coils is the angular momentum of the rotor: turning its tilt takes a torque that follows from
-    inertia and motion alone (plan ``cone``). That of the motor is voltage over speed (plan ``coast_down``).
+    The reference of the coils is the angular momentum of the rotor: its precession takes a torque that follows from
+    inertia and motion alone (plan ``cone``). The reference of the motor is voltage over speed (plan ``coast_down``).
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def calibrate(recordings: Recordings, model: Model, *, progress: Say | None = No
 
 
 def rate(recordings: Recordings, model: Model, *, progress: Say | None = None) -> Rates:
-    """Estimate how fast the case turns across the spin axis: the wheel as a two-axis rate sensor.
+    """Use the wheel as a two-axis rate sensor: estimate the angular rate of the case.
 
     Where a rate table turned the rig (plan ``rate_table``), scale and bias of both axes are calibrated against it.
 

@@ -165,7 +165,7 @@ def _machine(seed: int, plan: str, key: Path) -> Any:
     from gyrowheel_sim.bench import Bench
 
     bench = Bench.load()
-    # noise and key of a run go by one seed; what the first plan cannot show would make a dull tour
+    # noise and key of a run go by one seed; an effect that the first plan cannot show would demonstrate nothing
     drawn = seed if key.exists() else _telling_seed(bench, seed)
     hidden = scenario(bench, plan, blind=key, kinds=("single",), seed=drawn)
     return replace(hidden, noise_seed=noise_seed(seed, plan))

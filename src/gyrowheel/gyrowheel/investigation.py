@@ -21,19 +21,19 @@ if TYPE_CHECKING:
     from gyrowheel_analysis.model import Model
     from gyrowheel_analysis.recording import Recording
 
-#: Runs a plan on the bench, records it in a directory; the number tells the runs apart.
+#: Runs a plan on the bench, records it in a directory; the number distinguishes the runs.
 Run = Callable[[Plan, Path, int], None]
-#: A plan is run at most this often; more of the same hardly tells more.
+#: A plan is run at most this often; repeating it further adds little.
 MOST_RUNS = 2
 #: What shows most where nothing says which test to run.
 BROAD = "survey"
 
 
 class Listener(Protocol):
-    """Where an investigation tells what it does."""
+    """Receives what an investigation does."""
 
     def begin(self, number: int, plans: Sequence[str], why: str) -> None:
-        """Tell that a step begins."""
+        """Take notice that a step begins."""
 
     def working(self, title: str) -> AbstractContextManager[Callable[[str], None]]:
         """Show that something is being done, and what."""
@@ -42,12 +42,12 @@ class Listener(Protocol):
         """Show how far a plan is."""
 
     def learned(self, step: Step) -> None:
-        """Tell what a step has brought."""
+        """Take notice of what a step has brought."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """One step: plans that were run, and what all recordings together then said.
+    """One step: plans that were run, and the diagnosis of all recordings up to then.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Wanted:
-    """A test that would tell more."""
+    """A test that would show more."""
 
     plan: str
     why: str
@@ -189,7 +189,7 @@ def pursue(
     run : callable
         Runs a plan on the bench and records it.
     listener : Listener
-        Is told what happens.
+        Receives what happens.
     plans : sequence of Plan
         What is run first.
     at_hand : sequence of Path

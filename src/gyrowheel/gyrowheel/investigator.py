@@ -50,7 +50,7 @@ def investigate(
     model : Model
         The model.
     recordings : Recording, path or list, optional
-        Recordings at hand, to begin with.
+        Existing recordings to begin with.
     plans : sequence, optional
         Plans to begin with; ``quick`` if there are no recordings.
     budget : float
@@ -68,7 +68,7 @@ def investigate(
     folder : str or Path, optional
         New directory for all recordings; a temporary one that is removed with the result if not given.
     listener : Listener, optional
-        Is told what happens, step by step.
+        Receives what happens, step by step.
     progress : callable, optional
         Called with a line of text now and then, where there is no listener.
 
@@ -99,7 +99,7 @@ def investigate(
         return scenario(bench, name, effects=effects, blind=key, seed=seed, machine=machine)
 
     if first and effects:
-        hidden(first[0], 1)  # tells of bad effects before anything is made
+        hidden(first[0], 1)  # refuses bad effects before anything is made
     told = listener or _Quiet(progress or (lambda text: None))
     if run is None:
         run = _in_nodes(told, model.bench_source, hidden) if nodes else _at_once(told, bench, hidden)
@@ -113,7 +113,7 @@ def investigate(
 
 
 class _Quiet:
-    """A listener that gives on what it is told as lines of text."""
+    """A listener that passes on what happens as lines of text."""
 
     def __init__(self, say: Callable[[str], None]) -> None:
         self._say = say

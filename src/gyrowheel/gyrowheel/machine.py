@@ -1,4 +1,4 @@
-"""What the simulated machine of a run really is, from what the user asks for; the same for graph and simulation."""
+"""The simulated machine of a run, made from the user's options; the same for graph and simulation."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ AIR = "aero"
 
 
 def noise_seed(seed: int, plan: str) -> int:
-    """Return the seed of the noise of a run: another for every seed and every plan.
+    """Return the noise seed of a run, which differs for every seed and every plan.
 
     Parameters
     ----------

@@ -163,7 +163,7 @@ def record_simulation(
 
 
 def _require_memory(plan: Plan, bench: Bench) -> None:
-    """Refuse a run that would not fit: the system would end the process in the middle of it, without a word."""
+    """Refuse a run that would not fit: the operating system would kill the process without a message."""
     needed, free = _PER_SAMPLE * plan.duration / bench.sample_period, psutil.virtual_memory().available
     if needed > free:
         raise InputError(

@@ -11,7 +11,7 @@ from gyrowheel.recording import Recording
 
 
 def read_table(file: str | Path, column_map: str | Path, folder: str | Path | None = None) -> Recording:
-    """Return the recording that a table holds: one row a sample.
+    """Return the recording that a table holds: one row per sample.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def write_table(
     column_map: str | Path | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> list[str]:
-    """Write a recording as a table: one row a sample, SI units.
+    """Write a recording as a table: one row per sample, SI units.
 
     Beside the readings stand the command that answers the sample and the setpoint in force.
 

@@ -1,4 +1,4 @@
-"""Many blind cases: machines with a secret are recorded, the finder answers, a judge compares.
+"""Many blind cases: hidden machines are recorded and diagnosed, and a judge compares verdict and truth.
 
 Three parts that share nothing but the physics library and this order of events:
 

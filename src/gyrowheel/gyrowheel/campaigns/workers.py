@@ -83,7 +83,7 @@ def _in_processes(cases: Sequence[Case], jobs: int, keep: str | None) -> Iterato
 
 @contextlib.contextmanager
 def _ended(executor: Any) -> Iterator[None]:
-    """End the workers at the end of the block, whatever they are at."""
+    """End the workers at the end of the block, whatever they are doing."""
     try:
         yield
     finally:

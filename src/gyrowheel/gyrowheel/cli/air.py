@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from gyrowheel.air import Case, Result
 
 cfd_app = typer.Typer(
-    help="Compute the torque of the air with OpenFOAM: mesh, run, sweep, table, pictures.",
+    help="Compute air torques with OpenFOAM: mesh, run, sweep, table, pictures.",
     no_args_is_help=True,
     rich_markup_mode="rich",
 )
@@ -117,7 +117,7 @@ def air(
     ] = "gyrowheel",
     json: Json = None,
 ) -> None:
-    """Show the torque of the air by all models side by side, and as coefficients of the air's effects."""
+    """Show the air torque by all models side by side, and as coefficients of the air effects."""
     from gyrowheel.air import Geometry, TorqueTable, air_state, compare
     from gyrowheel.text import air as render
     from gyrowheel.units import DEG, RPM
@@ -343,7 +343,7 @@ def pictures(
         typer.Option("--table", metavar="T", help="Torque table: shipped name, or a file of 'cfd table -o'."),
     ] = "gyrowheel",
 ) -> None:
-    """Draw torques, mesh and flow as in the paper's Figs 5 to 12."""
+    """Draw torques, mesh and flow as in Figs 5 to 12 of the paper."""
     from gyrowheel.air import TorqueTable
     from gyrowheel.files import disk_errors
     from gyrowheel.plots.air_flow import air_figures

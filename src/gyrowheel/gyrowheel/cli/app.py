@@ -29,7 +29,7 @@ app = typer.Typer(
     name="gyrowheel",
     help="Test bench of a gyroscopic wheel: run it, compare recordings with the model, find what the model lacks.",
     epilog=(
-        "Exit codes: 0 done, 1 a finding that you asked to fail on, 2 bad input, 3 a node of the bench failed, "
+        "Exit codes: 0 success, 1 a finding that you asked to fail on, 2 bad input, 3 a node of the bench failed, "
         "130 interrupted."
     ),
     rich_markup_mode="rich",

@@ -23,11 +23,11 @@ def calibrate(
     write: Annotated[bool, typer.Option("--write", help="Write the constants into the model file.")] = False,
     json: Json = None,
 ) -> None:
-    """Calibrate coils and motor in place: what a volt and an ampere mean.
+    """Calibrate the torque constants of coils and motor from recordings.
 
-    The ruler of the coils is the rotor's momentum: turning its tilt takes a
-    torque known from its inertia and the motion alone (plan cone). That of the
-    motor is volts over speed (plan coast_down). Without --write the constants
+    The reference of the coils is the rotor's angular momentum: its precession takes
+    a torque known from inertia and motion alone (plan cone). The reference of the
+    motor is voltage over speed (plan coast_down). Without --write the constants
     are only shown.
     """
     import gyrowheel as gw

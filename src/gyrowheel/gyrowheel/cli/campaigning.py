@@ -85,7 +85,7 @@ def campaign(
     bench: BenchName = "gyrowheel",
     json: Json = None,
 ) -> None:
-    """Put the discovery to the test by many blind cases, each judged by its key.
+    """Test the diagnosis on many blind cases, each judged by its key.
 
     Each case is a machine of its own: parameters within their uncertainties,
     noise, drift and controller varied, and hidden in it nothing, one effect,
@@ -131,7 +131,7 @@ def campaign(
 
 @contextlib.contextmanager
 def _counting() -> Iterator[tuple[Callable[[int, int, int], None], Callable[[str], None]]]:
-    """Show on stderr how many cases are done and how many of them not right; a line every tenth off a terminal."""
+    """Show on stderr how many cases are done and how many are wrong; a line every tenth where there is no terminal."""
     console = notes()
 
     def say(text: str) -> None:

@@ -22,7 +22,7 @@ def effects(
     bench: BenchName = "gyrowheel",
     json: Json = None,
 ) -> None:
-    """Show the known effects, or all about one, with its usual sizes on a bench."""
+    """List the known effects, or show one in full, with its usual sizes on a bench."""
     from gyrowheel.catalogue import effect_on, load_bench
     from gyrowheel.catalogue import effects as known
     from gyrowheel.text import effects as render
@@ -46,7 +46,7 @@ def plans(
     ] = None,
     json: Json = None,
 ) -> None:
-    """Show the shipped test plans, or one segment by segment."""
+    """List the shipped test plans, or show one segment by segment."""
     from gyrowheel.catalogue import load_plan
     from gyrowheel.catalogue import plans as shipped
     from gyrowheel.text import plans as render

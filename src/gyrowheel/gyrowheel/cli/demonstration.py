@@ -32,7 +32,7 @@ def demo(
     ] = None,
     json: Json = None,
 ) -> None:
-    """Hide an effect in a simulated machine, run the bench, find the effect, add it, prove it; then open the key.
+    """Hide an effect in a simulated machine, find it from a recording, add it, validate it, and open the key.
 
     Exits with 1 if the verdict was wrong.
     """

@@ -31,7 +31,7 @@ def register(app: typer.Typer) -> None:
 
 @model_app.command(epilog=example("gyrowheel model new --model wheel.yaml"))
 def new(model: ModelFile, bench: BenchName = "gyrowheel") -> None:
-    """Make a model file: a bench with nothing added."""
+    """Make a model file: a bench without effects."""
     from gyrowheel import Model
 
     if model.exists():
@@ -60,7 +60,7 @@ def add(
         typer.Option(
             "--formula",
             metavar="TEXT",
-            help="Effect of your own, such as '-k*r^2*z'; docs/formulas.md tells what can be written. Repeatable.",
+            help="Effect of your own, such as '-k*r^2*z'; docs/formulas.md describes the grammar. Repeatable.",
             show_default=False,
         ),
     ] = None,
@@ -75,7 +75,7 @@ def add(
     validate: Validation = None,
     json: Json = None,
 ) -> None:
-    """Add effects, known ones or formulas: fit their coefficients, show the error falling, save the model."""
+    """Add effects or formulas: fit their coefficients, show the error before and after, save the model."""
     from gyrowheel import Model
     from gyrowheel.inputs import opened_apart
     from gyrowheel.model import require_known
@@ -138,7 +138,7 @@ def show(model: ModelFile, json: Json = None) -> None:
 
 @model_app.command(epilog=example("gyrowheel model undo --model wheel.yaml"))
 def undo(model: ModelFile) -> None:
-    """Take back the last change of a model."""
+    """Undo the last change of a model."""
     from gyrowheel import Model
     from gyrowheel.text.models import difference
 
@@ -156,7 +156,7 @@ def diff(
     new: Annotated[Path, typer.Argument(help="Model file to compare with it.", show_default=False)],
     json: Json = None,
 ) -> None:
-    """Show what differs between two models."""
+    """Show the differences between two models."""
     from gyrowheel import Model
     from gyrowheel.text.models import difference
 

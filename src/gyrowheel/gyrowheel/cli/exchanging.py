@@ -39,11 +39,11 @@ def import_(
     ],
     json: Json = None,
 ) -> None:
-    """Make a recording of a table: one row a sample.
+    """Convert a table, one row per sample, into a recording.
 
-    The map says which column holds which reading, in which unit. A value that
-    is missing (unless the map says to keep such readings), a time that repeats
-    or leaps, a unit of something else: each is refused, with its place.
+    The map says which column holds which reading, in which unit. Missing values
+    (unless the map keeps them), repeated or irregular times and units of another
+    kind are refused, each with its place in the table.
     docs/exchange.md shows a map.
     """
     from gyrowheel.tables import import_table
@@ -88,7 +88,7 @@ def export(
     ] = None,
     json: Json = None,
 ) -> None:
-    """Write a recording as a table: one row a sample, SI units.
+    """Convert a recording into a table, one row per sample, in SI units.
 
     Beside the readings stand the command that answers the sample and the
     setpoint in force. A Parquet file carries the units of its columns and what

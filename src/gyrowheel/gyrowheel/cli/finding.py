@@ -1,4 +1,4 @@
-"""Verbs that confront recordings with a model: compare, diagnose, rate."""
+"""Verbs that compare recordings with a model: compare, diagnose, rate."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def compare(
     picture: Picture = None,
     json: Json = None,
 ) -> None:
-    """Show how far a model is from recordings: where, and on what the error depends."""
+    """Compare a model with recordings: size of the error, where it is large, and what it depends on."""
     import gyrowheel as gw
     from gyrowheel.inputs import opened
     from gyrowheel.results.comparison import map_variables
@@ -92,7 +92,7 @@ def diagnose(
     ] = False,
     json: Json = None,
 ) -> None:
-    """Find what a model lacks: with evidence, with what could be mistaken for it, with what could not be seen."""
+    """Find which effect a model lacks, with the evidence, the alternatives and the detection limits."""
     import gyrowheel as gw
     from gyrowheel.inputs import opened_apart
 
@@ -113,7 +113,7 @@ def diagnose(
 
 
 def rate(directories: Recordings, model: ModelFile, json: Json = None) -> None:
-    """Estimate how fast the case turns across the spin axis: the wheel as a two-axis rate sensor.
+    """Use the wheel as a two-axis rate sensor: estimate the angular rate of the case.
 
     Where a rate table turned the rig (plan rate_table), scale and bias of both axes are calibrated against it.
     """

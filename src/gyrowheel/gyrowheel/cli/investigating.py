@@ -30,7 +30,7 @@ def investigate(
     model: ModelFile,
     directories: Annotated[
         list[Path] | None,
-        typer.Argument(metavar="DIR", help="Recordings at hand, to begin with.", show_default=False),
+        typer.Argument(metavar="DIR", help="Existing recordings to begin with.", show_default=False),
     ] = None,
     budget: Annotated[
         float,
@@ -75,11 +75,11 @@ def investigate(
     ] = None,
     json: Json = None,
 ) -> None:
-    """Find what a model lacks by the tests that it takes, until all is settled.
+    """Find what a model lacks: run a test, diagnose, run the next test, until the verdict is settled.
 
-    Runs a plan, diagnoses, runs the test that the diagnosis names, and so on.
+    Each diagnosis names the test to run next.
     The machine is the simulated bench with --effect, --blind and --machine.
-    What was recorded is kept, also after Ctrl-C; the model file stays as it is.
+    Recordings are kept, also after Ctrl-C; the model file is not changed.
     """
     from gyrowheel import Model
     from gyrowheel.files import new_folder
@@ -111,7 +111,7 @@ def investigate(
 
 
 class _Teller:
-    """Tells on a stage what an investigation does."""
+    """Shows on the terminal what an investigation does."""
 
     def __init__(self, stage: Terminal) -> None:
         self._stage = stage
@@ -138,7 +138,7 @@ class _Teller:
 
 
 def _verdicts(step: Step) -> str:
-    """Return the verdict, and what it was before."""
+    """Return the verdict and the one before it."""
     now = step.diagnosis.verdict.replace("_", " ")
     if step.before is None:
         return f"verdict: {now}"
@@ -147,7 +147,7 @@ def _verdicts(step: Step) -> str:
 
 
 def _finish(done: Investigation, recordings: Sequence[Path], model: Path, stage: Terminal) -> None:
-    """Show how it ended, what is known then, and the command to type next."""
+    """Show how the investigation ended, what is known now, and the next command."""
     from rich.text import Text
 
     from gyrowheel.cli.finding import following

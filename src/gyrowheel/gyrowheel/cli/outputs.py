@@ -1,4 +1,4 @@
-"""Files that a command writes: checked before its work begins, and never put in the place of anything else.
+"""Files that a command writes: checked before the work begins, and never overwriting anything else.
 
 A file that exists is replaced if it is plainly an earlier output of the same kind, so that a command can be repeated;
 an input of the command, a file of another kind and whatever lies in a recording stay as they are.

@@ -1,4 +1,4 @@
-"""Verbs about recordings as such."""
+"""Verbs that show and repair recordings."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def info(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="Recording.", show_default=False)],
     json: Json = None,
 ) -> None:
-    """Show what a recording holds, and whether anything is missing in it."""
+    """Show what a recording contains, and whether samples are missing."""
     from gyrowheel import Recording
     from gyrowheel.text.recordings import info_page
 
@@ -38,7 +38,7 @@ def salvage(
         Path,
         typer.Argument(
             metavar="PATH",
-            help="Broken recording, directory or .mcap file; it is not touched.",
+            help="Damaged recording, directory or .mcap file; it is not touched.",
             show_default=False,
         ),
     ],
@@ -49,7 +49,7 @@ def salvage(
     ],
     json: Json = None,
 ) -> None:
-    """Make a complete recording of what can be read of a broken one (MCAP), and say what is missing."""
+    """Make a complete recording from the readable part of a damaged one (MCAP), and report what is missing."""
     from dataclasses import asdict
 
     from gyrowheel import salvage as save

@@ -45,9 +45,7 @@ def replay(
     ] = None,
     topic: Annotated[
         list[str] | None,
-        typer.Option(
-            "--topic", metavar="T", help="Give back this topic only. Repeatable.", show_default="all"
-        ),
+        typer.Option("--topic", metavar="T", help="Publish this topic only. Repeatable.", show_default="all"),
     ] = None,
     without: Annotated[
         list[str] | None,
@@ -76,7 +74,7 @@ def replay(
     logs: Annotated[bool, typer.Option("--logs", help="Show what the nodes log.")] = False,
     json: Json = None,
 ) -> None:
-    """Give a recording back to ROS, message by message as it was recorded.
+    """Publish a recorded run again over ROS, message by message.
 
     On a terminal the space bar stops it and lets it go on, s makes one step,
     q ends it. The services /gyrowheel/replay/pause and step do the same from

@@ -23,7 +23,7 @@ def run(
     package: Annotated[str, typer.Argument(metavar="PKG", help="Package.", show_default=False)],
     executable: Annotated[str, typer.Argument(metavar="EXE", help="Executable of it.", show_default=False)],
 ) -> None:
-    """Start one node, as ros2 run does; what follows goes to the node."""
+    """Start one node, as ros2 run does; further arguments go to the node."""
     from gyrowheel.graph import run_executable
 
     run_executable(package, executable, context.args)

@@ -52,7 +52,7 @@ def up(
     realtime: Annotated[
         bool,
         typer.Option(
-            "--realtime", help="Pace the bench by the clock on the wall instead of as fast as it can go."
+            "--realtime", help="Pace the bench by wall-clock time instead of running as fast as possible."
         ),
     ] = False,
     effect: Effects = None,
@@ -64,7 +64,7 @@ def up(
     logs: Annotated[bool, typer.Option("--logs", help="Show what the nodes log.")] = False,
     json: Json = None,
 ) -> None:
-    """Start the bench: plant, controller, conductor, drag estimator and recorder as processes that talk over ROS.
+    """Run the bench as ROS nodes: plant, controller, conductor, drag estimator and recorder, a process each.
 
     A plan that tilts further than usual says so in its file; the guards of the bench then allow it.
     """
@@ -98,7 +98,7 @@ def up(
 
 
 def walk(graph: Graph, plan: Plan) -> GraphResult:
-    """Run the plan of a graph that was started, and show how far it is."""
+    """Run the plan in a started graph, and show the progress."""
     with advancing(f"plan {plan.name}") as advance:
         result = graph.run(progress=lambda p: advance(min(p.elapsed / p.duration, 1.0)))
         advance(1.0)
@@ -122,7 +122,7 @@ def simulate(
     bench: BenchOfRun = None,
     json: Json = None,
 ) -> None:
-    """Make the recording that `up` would make, at once and without ROS."""
+    """Simulate a test plan without ROS, into the same recording that `up` would make."""
     from gyrowheel.catalogue import load_plan
     from gyrowheel.simulation import simulate as run
 

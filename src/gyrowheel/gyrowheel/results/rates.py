@@ -47,7 +47,7 @@ class Rates(Result):
 
     @property
     def reference(self) -> NDArray[np.float64]:
-        """Rate about the same axes that the rate table was told [rad/s], shape (n, 2)."""
+        """Commanded rate of the rate table about the same axes [rad/s], shape (n, 2)."""
         return self.details.reference
 
     @property
