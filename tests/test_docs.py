@@ -61,15 +61,11 @@ def test_a_page_that_is_not_up_to_date_is_noticed(
     (folder / "d.md").write_text("of an effect that is gone\n", encoding="utf-8")
     assert generator.stale(pages) == [folder / "c.md", folder / "d.md"]
     (folder / "a.md").write_text("old\n", encoding="utf-8")
-    picture = generator.caps_png(generator.Bench.load(), '{"a": [1.0, 2.0]}')
-    (folder / "e.png").write_bytes(picture)
+    picture = generator.caps_figure(generator.Bench.load())
+    (folder / "e.png").write_bytes(generator.png_bytes(picture, '{"a": [1.0, 2.0]}'))
     (folder / "e.csv").write_text("a,b\n1,2\n", encoding="utf-8")
-    assert generator._same(
-        folder / "e.png", generator.caps_png(generator.Bench.load(), '{"a": [1.0, 2.0001]}')
-    )
-    assert not generator._same(
-        folder / "e.png", generator.caps_png(generator.Bench.load(), '{"a": [1.0, 2.1]}')
-    )
+    assert generator._same(folder / "e.png", generator.png_bytes(picture, '{"a": [1.0, 2.0001]}'))
+    assert not generator._same(folder / "e.png", generator.png_bytes(picture, '{"a": [1.0, 2.1]}'))
     assert generator._same(folder / "e.csv", "a,b\n1,2.0001\n")
     assert not generator._same(folder / "e.csv", "a,b\n1,2.1\n")
     (folder / "e.png").unlink()
