@@ -24,7 +24,7 @@ units, help and documentation follow from it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -229,12 +229,21 @@ TARGETS: Mapping[str, LawTarget] = {target.name: target for target in _ALL}
 HELD_OUTPUTS = tuple(output for target in _ALL if target.once_a_sample for output in target.outputs)
 
 
-def entering(place: Place, of: str = "") -> Iterator[tuple[LawTarget, Entry]]:
+#: What enters at each place; a fit asks for it many thousand times.
+_ENTERING: dict[tuple[str, str], tuple[tuple[LawTarget, Entry], ...]] = {
+    at: tuple(
+        (target, entry)
+        for target in TARGETS.values()
+        for entry in target.enters
+        if (entry.place, entry.of) == at
+    )
+    for at in {(entry.place, entry.of) for target in TARGETS.values() for entry in target.enters}
+}
+
+
+def entering(place: Place, of: str = "") -> tuple[tuple[LawTarget, Entry], ...]:
     """Return the targets that enter at a place, each with its entry there."""
-    for target in TARGETS.values():
-        for entry in target.enters:
-            if (entry.place, entry.of) == (place, of):
-                yield target, entry
+    return _ENTERING.get((place, of), ())
 
 
 def added(
