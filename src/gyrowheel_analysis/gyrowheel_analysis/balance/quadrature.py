@@ -55,7 +55,7 @@ def mean(values: Any, weights: Any) -> Any:
 def amplitude(values: Any, weights: Any) -> Any:
     """Return the sum (n,) of values (n, nodes, phases), or what broadcasts to it, times weights (nodes, phases)."""
     if np.ndim(values) == 0:
-        return values * weights.sum()
+        return values * weights.sum() if values else 0.0
     nodes, phases = weights.shape
     values = np.broadcast_to(values, (len(values), nodes, phases))
     return values.reshape(len(values), nodes * phases) @ weights.reshape(-1)

@@ -115,6 +115,8 @@ class _Predicted:
 
     def error(self, *readings: str) -> Any:
         """Return what the laws add to a reading, or to two as x + i y [V, A]."""
+        if not self.at.laws:
+            return 0.0
         parts = [added(self.at.laws, self.values, "reading", reading) for reading in readings]
         return parts[0] if len(parts) == 1 else parts[0] + 1j * parts[1]
 
