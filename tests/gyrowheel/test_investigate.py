@@ -129,7 +129,7 @@ def test_an_unknown_effect_is_looked_at_more_broadly_once(scripted: Any):
     done, _ = scripted([UNKNOWN, UNKNOWN])
     assert [step.plans for step in done.steps] == [["check"], [BROAD]]
     assert done.settled
-    assert "The formula proposed: rotor_torque = a*z^2" in done.steps[-1].learned[0]
+    assert "Proposed formula: rotor_torque = a*z^2" in done.steps[-1].learned[0]
 
 
 def test_an_uncertain_coefficient_is_sharpened(scripted: Any):

@@ -294,3 +294,20 @@ def test_the_next_command_is_never_broken(tmp_path):
     test = following(Diagnosis(AMBIGUOUS), [folder / "drag"], [], folder / "model.yaml")
     assert test is not None
     assert "gyrowheel up --plan air_density --record" in test
+
+
+def test_an_effect_beside_what_nothing_known_explains_is_named():
+    assert verdict_sentence(UNKNOWN) == (
+        "Something is missing that no known effect explains; proposed formula: It grows with the tilt squared."
+    )
+    both = replace(UNKNOWN, effects=[finding("windage")])
+    assert verdict_sentence(both).startswith(
+        "Besides drag of the air on the spin (windage), something is missing that no known effect explains"
+    )
+
+
+def test_what_a_model_file_has_wrong_is_told_from_what_it_lacks():
+    wrong = replace(finding("windage"), name="stiffness_error", effect_title="", effect_sentence="")
+    found = diagnosis("effect", wrong)
+    assert verdict_sentence(found) == "The flexure stiffness differs from the bench file (stiffness_error)."
+    assert "beyond five of its stated uncertainties" in text_of(rendered(found))

@@ -317,7 +317,7 @@ def _open_key(
     stage.step("Only now: the key")
     truth = hidden_effects(place.key)
     judgement = judge(diagnosis, truth)
-    table = words_table("", "", "hidden", "found", "apart")
+    table = words_table("", "", "hidden", "found", "distance")
     for row in truth_rows(truth, diagnosis):
         table.add_row(*row)
     colour = "green" if judgement.right else "red"

@@ -45,9 +45,10 @@ def verdict_sentence(found: Diagnosis) -> str:
     if found.verdict == "nothing_missing":
         return "Nothing is missing: the model explains the recordings within noise and stated uncertainties."
     if found.verdict == "unknown":
-        beside = f" beside {listed([named(f) for f in found.effects], 'and')}" if found.effects else ""
-        formula = f"; the formula proposed: {found.free_form[0].description}" if found.free_form else ""
-        return f"Something is missing{beside} that no known effect explains{formula.rstrip('.')}."
+        known = listed([named(f) for f in found.effects], "and") if found.effects else ""
+        what = f"Besides {known}, something" if known else "Something"
+        formula = f"; proposed formula: {found.free_form[0].description}" if found.free_form else ""
+        return f"{what} is missing that no known effect explains{formula.rstrip('.')}."
     if found.verdict == "ambiguous":
         choices = [_either([named(f), *(named(tie) for tie in f.ties)]) for f in found.effects]
         return f"Missing: {'; and '.join(choices)}. These recordings do not separate them."

@@ -1,4 +1,4 @@
-"""What a fit gives reason to doubt: effects hardly there, sizes that moved, models that lack something."""
+"""What a fit gives reason to doubt: effects that may not be there, sizes that moved, models that lack something."""
 
 from __future__ import annotations
 

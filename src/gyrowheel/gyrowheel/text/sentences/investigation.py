@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 def learned(found: Diagnosis, ruled_out: Sequence[str]) -> list[str]:
     """Return in a sentence or two what a diagnosis says, and what it has ruled out since the one before."""
     if found.verdict == "unknown":
-        formula = f" The formula proposed: {found.free_form[0].formula}." if found.free_form else ""
+        formula = f" Proposed formula: {found.free_form[0].formula}." if found.free_form else ""
         said = [f"Something acts that no known effect explains.{formula}"]
     elif found.verdict == "ambiguous":
         said = [_open(finding) for finding in found.effects]

@@ -132,14 +132,14 @@ def _probability(p: float) -> str:
 
 
 def _subject(kind: Channel, pattern: str, direction: complex) -> str:
-    """Return how a residual goes with the motion."""
+    """Return how a residual depends on the motion."""
     words = _PATTERNS["tilt" if pattern == "mirror" and kind.rows[0] == "tilt_2n_x" else pattern]
     phase = _phase(direction) if kind.rows[0] == "tilt_x" and pattern in _WITH_PHASE else ""
     return f"the residual {kind.subject} is {words}{phase}"
 
 
 def _amplitude(law: Growth, kind: Channel) -> str:
-    """Return how a residual goes with the motion, and its size."""
+    """Return how a residual depends on the motion, and its size."""
     mean = law.amplitude or 0.0
     if len(kind.rows) == 1:
         if law.pattern == "still":
@@ -156,7 +156,7 @@ def _amplitude(law: Growth, kind: Channel) -> str:
 
 
 def _with_speed(law: SpeedLaw | None, kind: Channel, pattern: str) -> str:
-    """Return how an amplitude goes with the spin rate."""
+    """Return how an amplitude depends on the spin rate."""
     if law is None:
         return ""
     if law.constant:
