@@ -1,4 +1,4 @@
-"""How fast the graph of nodes is in lock-step, and how well it keeps pace with the clock on the wall."""
+"""How fast the graph of nodes is in lock-step, and how well it keeps pace with wall-clock time."""
 
 from __future__ import annotations
 
@@ -165,7 +165,7 @@ def whole_graph(directory: Path) -> float:
 
 
 def real_time(directory: Path, progress: Callable[[float], None]) -> Report:
-    """Run the whole graph by the clock on the wall and return what it lost and what it took."""
+    """Run the whole graph by wall-clock time and return what it lost and what it took."""
     marks: list[tuple[float, dict[str, float]]] = []
 
     def note(p: Progress) -> None:

@@ -18,7 +18,7 @@ class Reading(Column):
     motor_current = 7, "A", "current of the motor"
     coil_temperature = 8, "K", "temperature of the torque coils"
     air_temperature = 9, "K", "temperature of the air in the case"
-    air_pressure = 10, "Pa", "pressure of the air in the case"
+    air_pressure = 10, "Pa", "air pressure in the case"
 
 
 class Drift(Column):

@@ -22,7 +22,7 @@ class State(Column):
     spin_angle = 4, "rad", "angle of the shaft, 0 .. 2 pi"
     spin_rate = 5, "rad/s", "spin rate of the shaft"
     coil_temperature = 6, "K", "temperature of the torque coils", "air_temperature"
-    air_pressure = 7, "Pa", "pressure of the air in the case", "air_pressure"
+    air_pressure = 7, "Pa", "air pressure in the case", "air_pressure"
     # the motor is cold at the start
     winding_temperature = 8, "K", "temperature of the motor's winding", "air_temperature"
     motor_temperature = 9, "K", "temperature of the motor's magnets", "air_temperature"
