@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from gyrowheel.analysis import calibrate, compare, diagnose, rate
     from gyrowheel.campaigns.run import campaign
     from gyrowheel.catalogue import benches, effects, own_effect, plans
+    from gyrowheel.holding import torques
     from gyrowheel.investigator import investigate
     from gyrowheel.model import Model
     from gyrowheel.recording import Recording, salvage
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from gyrowheel.results.diagnosis import Diagnosis
     from gyrowheel.results.investigation import Investigation
     from gyrowheel.results.rates import Rates
+    from gyrowheel.results.torques import Torques
     from gyrowheel.simulation import simulate
     from gyrowheel.tables import read_table, write_table
     from gyrowheel_core.errors import InputError
@@ -56,6 +58,7 @@ _HOMES = {
     "Model": "gyrowheel.model",
     "Rates": "gyrowheel.results.rates",
     "Recording": "gyrowheel.recording",
+    "Torques": "gyrowheel.results.torques",
     "benches": "gyrowheel.catalogue",
     "calibrate": "gyrowheel.analysis",
     "campaign": "gyrowheel.campaigns.run",
@@ -69,6 +72,7 @@ _HOMES = {
     "read_table": "gyrowheel.tables",
     "salvage": "gyrowheel.recording",
     "simulate": "gyrowheel.simulation",
+    "torques": "gyrowheel.holding",
     "write_table": "gyrowheel.tables",
 }
 
@@ -83,6 +87,7 @@ __all__ = [
     "Model",
     "Rates",
     "Recording",
+    "Torques",
     "__version__",
     "benches",
     "calibrate",
@@ -97,6 +102,7 @@ __all__ = [
     "read_table",
     "salvage",
     "simulate",
+    "torques",
     "write_table",
 ]
 

@@ -1,0 +1,120 @@
+"""The verb `torques`."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from gyrowheel.cli.options import Json, Picture, example
+from gyrowheel.cli.shell import advancing, out, put_json, put_text
+
+_STEPS = 6  # between the ends of a range without a step
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+    app.command(epilog=example("gyrowheel torques --tilt 3 --speed 1000..4000"))(torques)
+
+
+def torques(
+    directories: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="DIR", help="Recordings whose holds are taken apart.", show_default=False),
+    ] = None,
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            "--model",
+            metavar="M.yaml",
+            help="Model file.",
+            show_default="bench gyrowheel without effects",
+        ),
+    ] = None,
+    tilt: Annotated[
+        str,
+        typer.Option("--tilt", metavar="DEG", help="Tilts: 3, or 1,2,3, or 0..5, or 0..5:0.5. [deg]"),
+    ] = "3",
+    azimuth: Annotated[
+        float, typer.Option("--azimuth", metavar="DEG", help="Direction of the tilt from the x axis. [deg]")
+    ] = 0.0,
+    speed: Annotated[
+        str | None,
+        typer.Option(
+            "--speed",
+            metavar="RPM",
+            help="Spin rates, written like tilts. [rpm]",
+            show_default="the reference of the bench",
+        ),
+    ] = None,
+    density: Annotated[
+        float,
+        typer.Option(
+            "--density", metavar="RATIO", min=0.0, max=2.0, help="Air density over the usual one; 0: vacuum."
+        ),
+    ] = 1.0,
+    inverted: Annotated[bool, typer.Option("--inverted", help="The rig upside down.")] = False,
+    picture: Picture = None,
+    json: Json = None,
+) -> None:
+    """Show what coils and motor hold, part by part.
+
+    Springs, gimbal, ripple of the shaft, losses, air, bearing, Earth and gravity:
+    of the holds of a recording, with what the model does not explain, or of
+    simulated holds. The parts sum to the whole.
+    """
+    import gyrowheel as gw
+
+    loaded = gw.Model() if model is None else gw.Model.load(model)
+    if directories:
+        result = gw.torques(directories, loaded)
+    else:
+        tilts = [math.radians(value) for value in _values(tilt, "--tilt")]
+        rates = None if speed is None else [value * math.pi / 30.0 for value in _values(speed, "--speed")]
+        with advancing("simulating holds") as advance:
+            result = gw.torques(
+                model=loaded,
+                tilt=tilts,
+                azimuth=math.radians(azimuth),
+                spin_rate=rates,
+                air_density_ratio=density,
+                rig="inverted" if inverted else "upright",
+                progress=advance,
+            )
+    if json is not None:
+        put_json(json, result.to_dict())
+    if json != "-":
+        from gyrowheel.text.torques import torques_page
+
+        put_text(torques_page(result))
+    if picture is not None:
+        from gyrowheel.plots.figure import write_figure
+
+        write_figure(result.plot(), picture)
+        if json != "-":
+            out().print(f"picture: {picture}", soft_wrap=True)
+
+
+def _values(text: str, option: str) -> list[float]:
+    """Return the numbers of ``3``, ``1,2,3``, ``0..5`` or ``0..5:0.5``."""
+    from gyrowheel import InputError
+
+    wanted = f"{option}: '{text}' is no list of numbers; allowed: 3, or 1,2,3, or 0..5, or 0..5:0.5"
+    try:
+        ends, _, step = text.partition(":")
+        first, dots, last = ends.partition("..")
+        if not dots:
+            values = [float(part) for part in text.split(",")]
+        else:
+            low, high = float(first), float(last)
+            by = float(step) if step else (high - low) / _STEPS
+            if not by * (high - low) > 0.0 or (high - low) / by > 1000.0:
+                raise InputError(wanted)
+            values = [low + k * by for k in range(math.floor((high - low) / by + 1e-9) + 1)]
+    except ValueError:
+        raise InputError(wanted) from None
+    if not all(math.isfinite(value) for value in values):
+        raise InputError(wanted)
+    return values
