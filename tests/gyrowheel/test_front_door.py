@@ -253,6 +253,14 @@ def test_columns_have_a_row_for_each_coefficient(found: gw.Diagnosis, better: gw
     assert better.to_columns()["value"] == list(better.effects["windage"].values())
 
 
+def test_frame_has_the_columns(found: gw.Diagnosis, drag: gw.Recording) -> None:
+    frame = drag.to_frame()
+    assert list(frame.columns) == list(drag.to_columns())
+    assert len(frame) == len(drag)
+    assert np.array_equal(frame["tilt_x"], drag.measurement["tilt_x"])
+    assert list(found.to_frame()["coefficient"]) == ["w", "n"]
+
+
 def test_frame_needs_pandas(found: gw.Diagnosis, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(gw.InputError, match="pip install pandas"):
