@@ -16,7 +16,7 @@ from gyrowheel_sim.blind.draw import reuse_or_draw
     ("text", "words"),
     [
         ("{}", ["values: missing", "name a new file"]),
-        ("[]", ["values and effects"]),
+        ("[]", ["a mapping with values, effects", "name a new file"]),
         ("schema: 1\n", ["not valid JSON (line 1, column 1)", "name a new file"]),
         ('{"values": {}, "effects": {"windage": 3}}', ["effects.windage", "3"]),
         ('{"values": {}, "effects": {"windage": {"w": "a"}}}', ["effects.windage.w", "'a'"]),
