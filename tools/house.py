@@ -85,6 +85,7 @@ HOUSE = (
             ("simulation", "results.calibration", "investigation"),
             (
                 "analysis",
+                "envelope",
                 "holding",
                 "investigator",
                 "campaigns.job",

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from gyrowheel.analysis import calibrate, compare, diagnose, rate
     from gyrowheel.campaigns.run import campaign
     from gyrowheel.catalogue import benches, effects, own_effect, plans
+    from gyrowheel.envelope import momentum
     from gyrowheel.holding import torques
     from gyrowheel.investigator import investigate
     from gyrowheel.model import Model
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from gyrowheel.results.comparison import Comparison
     from gyrowheel.results.diagnosis import Diagnosis
     from gyrowheel.results.investigation import Investigation
+    from gyrowheel.results.momentum import Momentum
     from gyrowheel.results.rates import Rates
     from gyrowheel.results.torques import Torques
     from gyrowheel.simulation import simulate
@@ -56,6 +58,7 @@ _HOMES = {
     "InputError": "gyrowheel_core.errors",
     "Investigation": "gyrowheel.results.investigation",
     "Model": "gyrowheel.model",
+    "Momentum": "gyrowheel.results.momentum",
     "Rates": "gyrowheel.results.rates",
     "Recording": "gyrowheel.recording",
     "Torques": "gyrowheel.results.torques",
@@ -66,6 +69,7 @@ _HOMES = {
     "diagnose": "gyrowheel.analysis",
     "effects": "gyrowheel.catalogue",
     "investigate": "gyrowheel.investigator",
+    "momentum": "gyrowheel.envelope",
     "own_effect": "gyrowheel.catalogue",
     "plans": "gyrowheel.catalogue",
     "rate": "gyrowheel.analysis",
@@ -85,6 +89,7 @@ __all__ = [
     "InputError",
     "Investigation",
     "Model",
+    "Momentum",
     "Rates",
     "Recording",
     "Torques",
@@ -96,6 +101,7 @@ __all__ = [
     "diagnose",
     "effects",
     "investigate",
+    "momentum",
     "own_effect",
     "plans",
     "rate",

@@ -27,6 +27,7 @@ class Unit(NamedTuple):
 #: An SI unit that is not listed is shown as it is.
 _SHOWN: Final[dict[str, tuple[tuple[Unit, float], ...]]] = {
     "N*m": ((Unit("mN·m", 1e-3), 5e-5), (Unit("µN·m", 1e-6), 0.0)),
+    "N*m*s": ((Unit("N·m·s", 1.0), 0.1), (Unit("mN·m·s", 1e-3), 0.0)),
     "V": ((Unit("V", 1.0), 0.5), (Unit("mV", 1e-3), 5e-5), (Unit("µV", 1e-6), 0.0)),
     "N*m/rad": ((Unit("mN·m/rad", 1e-3), 0.0),),
     "N*m*s/rad": ((Unit("µN·m·s/rad", 1e-6), 0.0),),

@@ -8,10 +8,9 @@ from typing import Annotated
 
 import typer
 
+from gyrowheel.cli.numbers import numbers
 from gyrowheel.cli.options import Json, Picture, example
 from gyrowheel.cli.shell import advancing, out, put_json, put_text
-
-_STEPS = 6  # between the ends of a range without a step
 
 
 def register(app: typer.Typer) -> None:
@@ -71,8 +70,8 @@ def torques(
     if directories:
         result = gw.torques(directories, loaded)
     else:
-        tilts = [math.radians(value) for value in _values(tilt, "--tilt")]
-        rates = None if speed is None else [value * math.pi / 30.0 for value in _values(speed, "--speed")]
+        tilts = [math.radians(value) for value in numbers(tilt, "--tilt")]
+        rates = None if speed is None else [value * math.pi / 30.0 for value in numbers(speed, "--speed")]
         with advancing("simulating holds") as advance:
             result = gw.torques(
                 model=loaded,
@@ -95,26 +94,3 @@ def torques(
         write_figure(result.plot(), picture)
         if json != "-":
             out().print(f"picture: {picture}", soft_wrap=True)
-
-
-def _values(text: str, option: str) -> list[float]:
-    """Return the numbers of ``3``, ``1,2,3``, ``0..5`` or ``0..5:0.5``."""
-    from gyrowheel import InputError
-
-    wanted = f"{option}: '{text}' is no list of numbers; allowed: 3, or 1,2,3, or 0..5, or 0..5:0.5"
-    try:
-        ends, _, step = text.partition(":")
-        first, dots, last = ends.partition("..")
-        if not dots:
-            values = [float(part) for part in text.split(",")]
-        else:
-            low, high = float(first), float(last)
-            by = float(step) if step else (high - low) / _STEPS
-            if not by * (high - low) > 0.0 or (high - low) / by > 1000.0:
-                raise InputError(wanted)
-            values = [low + k * by for k in range(math.floor((high - low) / by + 1e-9) + 1)]
-    except ValueError:
-        raise InputError(wanted) from None
-    if not all(math.isfinite(value) for value in values):
-        raise InputError(wanted)
-    return values

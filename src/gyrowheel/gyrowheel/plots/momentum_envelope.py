@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gyrowheel.plots.figure import Picture, finished
 from gyrowheel.plots.style import BLUE, FAINT, GREEN, GROUND, SOFT, VERMILION, style
-from gyrowheel_core.units import DEG, RPM
+from gyrowheel_core.units import DEG, RPM, unit_for
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.mechanics import kinematics as k
 from gyrowheel_sim.mechanics.momentum import largest_errors, revolution, rotor_inertias, speeds_of
@@ -30,16 +30,35 @@ _BOX = 0.8  # height of a box over its width
 _EXACT, _LAST, _MIDDLE = BLUE, VERMILION, GREEN
 
 
-def caps_figure(bench: Bench) -> Figure:
-    """Draw Fig. 3: the caps at three speeds, and the exact form beside the approximations."""
+def caps_figure(bench: Bench, speeds: Array | None = None) -> Figure:
+    """Draw Fig. 3: the caps at up to three speeds, and the exact form beside the approximations.
+
+    Parameters
+    ----------
+    bench : Bench
+        Gives inertias and the largest tilt.
+    speeds : ndarray, optional
+        Spin rates [rad/s], lowest first; of more than three the lowest, the middle one and the highest are drawn.
+        Those of Fig. 3 if not given.
+    """
     with style(10.5):
-        return finished(_draw_caps(bench))
+        return finished(_draw_caps(bench, _three(bench, speeds)))
 
 
-def body_figure(bench: Bench) -> Figure:
-    """Draw Fig. 4: the body of all momenta, cut open, and its section."""
+def body_figure(bench: Bench, speeds: Array | None = None) -> Figure:
+    """Draw Fig. 4: the body of all momenta between the lowest and the highest speed, cut open, and its section."""
     with style(10.5):
-        return finished(_draw_body(bench))
+        return finished(_draw_body(bench, _three(bench, speeds)))
+
+
+def _three(bench: Bench, speeds: Array | None) -> Array:
+    """Return at most three speeds: the lowest, the middle one, the highest."""
+    given = speeds_of(bench) if speeds is None else speeds
+    return given if len(given) <= 3 else given[[0, len(given) // 2, -1]]
+
+
+def _middle(speeds: Array) -> float:
+    return float(speeds[len(speeds) // 2])
 
 
 def _cap(bench: Bench, speed: float, turn: Array, tilts: int = 12) -> Array:
@@ -49,15 +68,15 @@ def _cap(bench: Bench, speed: float, turn: Array, tilts: int = 12) -> Array:
     return k.momentum_envelope(np.full(phi.shape, speed), phi, alpha, bench.value("rotor_inertia_z"))
 
 
-def _draw_caps(bench: Bench) -> Figure:
+def _draw_caps(bench: Bench, speeds: Array) -> Figure:
     figure = Picture(11.5, 7.4, dots=_DOTS)
-    speeds = speeds_of(bench)
-    unit, scale = _unit(bench.value("rotor_inertia_z") * float(speeds[-1]))
+    unit, scale = unit_for(bench.value("rotor_inertia_z") * float(speeds[-1]), "N·m·s")
     turn = np.linspace(0.0, 2.0 * np.pi, 49)
     heights = bench.value("rotor_inertia_z") * speeds / scale
     wide = float(heights[-1]) * np.sin(bench.value("tilt_limit"))
+    left = 0.005 + 0.1625 * (3 - len(speeds))
     for place, (speed, height) in enumerate(zip(speeds, heights, strict=True)):
-        axes: Any = figure.add_axes((0.005 + 0.325 * place, 0.49, 0.32, 0.46), projection="3d")
+        axes: Any = figure.add_axes((left + 0.325 * place, 0.49, 0.32, 0.46), projection="3d")
         x, y, z = np.moveaxis(_cap(bench, speed, turn) / scale, -1, 0)
         axes.plot_surface(x, y, z, cmap="viridis", linewidth=0.2, edgecolor=GROUND, rcount=12, ccount=48)
         tall = 2.0 * wide * _BOX / STRETCH
@@ -69,18 +88,17 @@ def _draw_caps(bench: Bench) -> Figure:
         figure.add_axes((left, 0.085, width, 0.33))
         for left, width in ((0.07, 0.25), (0.40, 0.25), (0.73, 0.25))
     ]
-    _revolution(panels[0], bench, scale, unit)
-    _error_panel(panels[1], bench)
-    _paths(panels[2], bench, scale, unit)
+    _revolution(panels[0], bench, _middle(speeds), scale, unit)
+    _error_panel(panels[1], bench, _middle(speeds))
+    _paths(panels[2], bench, _middle(speeds), scale, unit)
     return figure
 
 
-def _draw_body(bench: Bench) -> Figure:
+def _draw_body(bench: Bench, speeds: Array) -> Figure:
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     figure = Picture(11.5, 5.0, dots=_DOTS)
-    speeds = speeds_of(bench)
-    unit, scale = _unit(bench.value("rotor_inertia_z") * float(speeds[-1]))
+    unit, scale = unit_for(bench.value("rotor_inertia_z") * float(speeds[-1]), "N·m·s")
     limit, inertia = bench.value("tilt_limit"), bench.value("rotor_inertia_z") / scale
     axes: Any = figure.add_axes((0.0, 0.02, 0.5, 0.92), projection="3d", computed_zorder=False)
     # a quarter towards the viewer is cut away
@@ -124,7 +142,8 @@ def _draw_body(bench: Bench) -> Figure:
     # what the exact momentum does within a revolution: to and fro along the spin axis
     for angle in (-limit, -0.5 * limit, 0.5 * limit, limit):
         size = np.linalg.norm(
-            k.held_momentum(speeds[1], abs(angle), 0.0, revolution(), rotor_inertias(bench)) / scale, axis=-1
+            k.held_momentum(_middle(speeds), abs(angle), 0.0, revolution(), rotor_inertias(bench)) / scale,
+            axis=-1,
         )
         ends = np.array([size.min(), size.max()])
         section.plot(
@@ -139,11 +158,6 @@ def _draw_body(bench: Bench) -> Figure:
     section.margins(y=0.12)
     section.set_axisbelow(True)
     return figure
-
-
-def _unit(momentum: float) -> tuple[str, float]:
-    """Return the unit in which a momentum is shown, and its size in kg m^2/s."""
-    return ("N·m·s", 1.0) if momentum > 0.1 else ("mN·m·s", 1e-3)
 
 
 def _box(axes: Any, wide: float, low: float, high: float, unit: str, *, heights: int = 4) -> None:
@@ -161,9 +175,9 @@ def _box(axes: Any, wide: float, low: float, high: float, unit: str, *, heights:
         pane.set_pane_color((0.97, 0.97, 0.97, 1.0))
 
 
-def _revolution(axes: Axes, bench: Bench, scale: float, unit: str) -> None:
+def _revolution(axes: Axes, bench: Bench, speed: float, scale: float, unit: str) -> None:
     """Draw the size of the exact momentum over a revolution at some tilts."""
-    speed, limit = float(speeds_of(bench)[1]), bench.value("tilt_limit")
+    limit = bench.value("tilt_limit")
     turn = np.linspace(0.0, 2.0 * np.pi, 145)
     shades = ("#9ECAE1", "#4292C6", "#08519C")
     for part, shade in zip((0.2, 0.6, 1.0), shades, strict=True):
@@ -184,10 +198,10 @@ def _revolution(axes: Axes, bench: Bench, scale: float, unit: str) -> None:
     axes.set_axisbelow(True)
 
 
-def _error_panel(axes: Axes, bench: Bench) -> None:
+def _error_panel(axes: Axes, bench: Bench, speed: float) -> None:
     """Draw the errors of both forms of eq (1) over the tilt."""
     tilt = np.linspace(0.02, 1.0, 50) * bench.value("tilt_limit")
-    last, middle = largest_errors(tilt, float(speeds_of(bench)[1]), rotor_inertias(bench))
+    last, middle = largest_errors(tilt, speed, rotor_inertias(bench))
     forms = (("middle expression, I·θ'", middle, _MIDDLE), ("last form", last, _LAST))
     for name, values, colour in forms:
         axes.plot(tilt / DEG, 100.0 * values, color=colour, linewidth=1.8)
@@ -210,9 +224,9 @@ def _error_panel(axes: Axes, bench: Bench) -> None:
     axes.set_axisbelow(True)
 
 
-def _paths(axes: Axes, bench: Bench, scale: float, unit: str) -> None:
+def _paths(axes: Axes, bench: Bench, speed: float, scale: float, unit: str) -> None:
     """Draw the part across the axis over a revolution: in the motor frame a circle, in the case a point."""
-    speed, limit = float(speeds_of(bench)[1]), bench.value("tilt_limit")
+    limit = bench.value("tilt_limit")
     turn = np.linspace(0.0, 2.0 * np.pi, 145)
     theta_x, theta_y = k.joint_of_azimuth(limit, -turn)
     motor = (

@@ -88,9 +88,12 @@ class Envelope:
 
 
 def speeds_of(bench: Bench) -> Array:
-    """Return the speeds of Fig. 3 on a bench [rad/s]: the reference speed, the highest, and one as far below."""
+    """Return the speeds of Fig. 3 on a bench [rad/s]: the reference speed, the highest, and one as far below.
+
+    The lowest is never below the lowest speed of the bench.
+    """
     reference, high = bench.value("spin_rate_reference"), bench.value("spin_rate_maximum")
-    return np.array([2.0 * reference - high, reference, high])
+    return np.array([max(2.0 * reference - high, bench.value("spin_rate_minimum")), reference, high])
 
 
 def envelope(bench: Bench, speeds: Sequence[float] | Array | None = None) -> Envelope:

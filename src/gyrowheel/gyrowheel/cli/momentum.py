@@ -1,0 +1,75 @@
+"""The verb `momentum`."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from gyrowheel.cli.numbers import numbers
+from gyrowheel.cli.options import BenchName, Json, example
+from gyrowheel.cli.outputs import PICTURE
+from gyrowheel.cli.shell import out, put_json, put_text
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+    app.command(epilog=example("gyrowheel momentum --bench dtg --picture caps.png"))(momentum)
+
+
+def momentum(
+    bench: BenchName = "gyrowheel",
+    speed: Annotated[
+        str | None,
+        typer.Option(
+            "--speed",
+            metavar="RPM",
+            help="Spin rates: 3000, or 3000,4000, or 2000..4000, or 2000..4000:500. [rpm]",
+            show_default="highest, reference, and as far below it",
+        ),
+    ] = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option(
+            "--picture",
+            metavar="FILE.png",
+            help="Draw the caps of up to three spin rates.",
+            show_default=False,
+        ),
+        PICTURE,
+    ] = None,
+    body: Annotated[
+        Path | None,
+        typer.Option(
+            "--body", metavar="FILE.png", help="Draw the body between all spin rates.", show_default=False
+        ),
+        PICTURE,
+    ] = None,
+    json: Json = None,
+) -> None:
+    """Show which angular momentum a wheel can reach by speed and tilt.
+
+    Eqs (1) and (2) of Huo et al. 2016 with the caps and the body of Figs 3 and 4,
+    for any bench, beside the exact momentum of the rotor.
+    """
+    import gyrowheel as gw
+
+    rates = None if speed is None else [value * math.pi / 30.0 for value in numbers(speed, "--speed")]
+    result = gw.momentum(bench, spin_rate=rates)
+    drawn = [
+        (path, result.plot(what)) for path, what in ((picture, "caps"), (body, "body")) if path is not None
+    ]
+    if json is not None:
+        put_json(json, result.to_dict())
+    if json != "-":
+        from gyrowheel.text.momentum import momentum_page
+
+        put_text(momentum_page(result))
+    for path, figure in drawn:
+        from gyrowheel.plots.figure import write_figure
+
+        write_figure(figure, path)
+        if json != "-":
+            out().print(f"picture: {path}", soft_wrap=True)
