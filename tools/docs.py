@@ -198,8 +198,8 @@ def _effect_lines(effect: Effect, picture: Signature | None, bench: Bench) -> It
     yield "\n## Where it holds\n"
     yield f"{_upper(effect.validity)}. Source: {effect.source}."
     if effect.look_alikes:
-        yield "\n## Easily taken for\n"
-        yield "| | told apart by |"
+        yield "\n## Confounders\n"
+        yield "| effect | separated by |"
         yield "|---|---|"
         for name, test in effect.look_alikes.items():
             yield f"| {_linked(name)} | {_cell(test)} |"

@@ -73,7 +73,7 @@ HOUSE = (
         "gyrowheel",
         "the front door: import gyrowheel as gw",
         (
-            ("errors", "files", "units", "blind_test"),
+            ("errors", "files", "units", "blind_trial"),
             ("campaigns",),
             ("text",),
             ("plots",),

@@ -421,7 +421,7 @@ def test_a_cluster_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch):
     pytest.importorskip("dask.distributed")
     monkeypatch.setattr(workers, "_CONNECT", 0.5)
     with (
-        pytest.raises(InputError, match=r"--dask tcp://127\.0\.0\.1:9: no scheduler answers"),
+        pytest.raises(InputError, match=r"dask: no scheduler answers at tcp://127\.0\.0\.1:9"),
         workers.judged_cases(cases(CAMPAIGN, 2), jobs=1, dask="tcp://127.0.0.1:9"),
     ):
         pass

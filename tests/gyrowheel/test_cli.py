@@ -107,9 +107,9 @@ def assert_refused(result: Result, *words: str) -> None:
         ),
         (["simulate", "--plan", "quick", "-o", "x", "--effect", "windage:q=1"], ["windage.q", "w, n"]),
         (["simulate", "--plan", "quick", "-o", "x", "--effect", "windage", "--effect", "windage"], ["twice"]),
-        (["simulate", "--plan", "quick", "-o", "x", "--effect", "windage", "--blind", "key"], ["--blind"]),
+        (["simulate", "--plan", "quick", "-o", "x", "--effect", "windage", "--blind", "key"], ["blind"]),
         (["simulate", "--plan", "quick", "-o", "x", "--model", "none.yaml"], ["none.yaml"]),
-        (["simulate", "--plan", "quick", "-o", "x", "--model", "new.yaml", "--blind", "key"], ["--blind"]),
+        (["simulate", "--plan", "quick", "-o", "x", "--model", "new.yaml", "--blind", "key"], ["blind"]),
         (["simulate", "--plan", "quick", "-o", "x", "--model", "new.yaml", "--effect", "windge"], ["windge"]),
         (["simulate", "--plan", "quick", "-o", "x", "--machine", "1.5"], ["--machine", "1.5", "whole"]),
         (

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from gyrowheel import blind_test as judging
+from gyrowheel import blind_trial as judging
 from gyrowheel import demo
 from gyrowheel.simulation import record_simulation
 from gyrowheel_analysis.model import Model

@@ -107,7 +107,7 @@ def test_a_bench_that_is_not_that_of_the_model_is_refused(gyrowheel: Shell, tmp_
     options = ["--plan", "quick", "-o", tmp_path / "run", "--model", model, "--bench", "gyrowheel"]
     result = gyrowheel("simulate", *options)
     assert result.code == 2
-    assert "--bench: gyrowheel is not the bench of" in result.err
+    assert "bench: gyrowheel is not the bench of" in result.err
 
 
 def test_effects_are_shown_in_the_sizes_of_a_bench(gyrowheel: Shell):

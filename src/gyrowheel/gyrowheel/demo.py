@@ -1,4 +1,4 @@
-"""The whole loop in one go: hide, record, compare, find, add, prove; and only then look at what was hidden."""
+"""The whole loop at once: hide an effect, record, compare, diagnose, add, validate, and only then open the key."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from gyrowheel.blind_test import Judgement, hidden_effects, judge
+from gyrowheel.blind_trial import Judgement, hidden_effects, judge
 from gyrowheel_core.files import disk_errors
 
 if TYPE_CHECKING:
@@ -25,24 +25,24 @@ _CLEAR, _TRIALS, _NEXT_SEED = 2.0, 50, 1000
 
 
 class Stage(Protocol):
-    """Where the demonstration is shown."""
+    """The display of the demonstration."""
 
     def step(self, text: str) -> None:
         """Begin the next step."""
 
     def show(self, parts: Iterable[RenderableType]) -> None:
-        """Show something of the current step."""
+        """Show a result of the current step."""
 
     def advancing(self, title: str) -> AbstractContextManager[Callable[[float], None]]:
-        """Show how far something is."""
+        """Show the progress of an operation."""
 
     def working(self, title: str) -> AbstractContextManager[Callable[[str], None]]:
-        """Show that something is being done."""
+        """Show that an operation is under way."""
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where the results go."""
+    """Paths of the results."""
 
     folder: Path
 
@@ -72,7 +72,7 @@ class Place:
         return self.folder / "key.json"
 
     def all(self) -> dict[str, Path]:
-        """Return all paths by what they are, in the order in which they came to be."""
+        """Return all paths by name, in the order in which they are written."""
         return {
             "recording": self.recording,
             "validation recording": self.validation,
@@ -84,7 +84,7 @@ class Place:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What the demonstration came to."""
+    """Outcome of the demonstration."""
 
     diagnosis: Diagnosis
     added: Added | None
@@ -119,7 +119,7 @@ def demonstrate(seed: int, folder: Path, stage: Stage) -> Outcome:
     folder : Path
         New folder for all results.
     stage : Stage
-        Where it is shown.
+        Display of the demonstration.
 
     Raises
     ------
@@ -145,13 +145,13 @@ def demonstrate(seed: int, folder: Path, stage: Stage) -> Outcome:
 def _hide_and_record(seed: int, place: Place, stage: Stage) -> None:
     from rich.text import Text
 
-    stage.step("A machine with a secret")
+    stage.step("A machine with a hidden effect")
     stage.show(
         [
             Text(
                 "A simulated wheel is drawn at random: its parameters differ from those of the bench file, and one "
-                "effect is hidden in it that the model does not have and the test can show. What was drawn is in "
-                f"{place.key.name} alone; nobody reads that until the end."
+                "effect is hidden in it, which the model lacks and the test can show. Only "
+                f"{place.key.name} says what was drawn; it is not read before the end."
             )
         ]
     )
@@ -165,13 +165,13 @@ def _machine(seed: int, plan: str, key: Path) -> Any:
     from gyrowheel_sim.bench import Bench
 
     bench = Bench.load()
-    # noise and key of a run go by one seed; an effect that the first plan cannot show would demonstrate nothing
-    drawn = seed if key.exists() else _telling_seed(bench, seed)
+    # one seed gives noise and key; an effect that the first plan cannot show would demonstrate nothing
+    drawn = seed if key.exists() else _detectable_seed(bench, seed)
     hidden = scenario(bench, plan, blind=key, kinds=("single",), seed=drawn)
     return replace(hidden, noise_seed=noise_seed(seed, plan))
 
 
-def _telling_seed(bench: Bench, seed: int) -> int:
+def _detectable_seed(bench: Bench, seed: int) -> int:
     """Return the first seed, of this one and others that follow from it, whose effect the first plan can show."""
     from gyrowheel.campaigns.hiding import Yardstick
     from gyrowheel_control.plans.plan import Plan
@@ -244,7 +244,7 @@ def _add(diagnosis: Diagnosis, place: Place, stage: Stage) -> Added | None:
     names = [finding.name for finding in diagnosis.effects]
     stage.step(f"Add {' and '.join(names)} to the model" if names else "Nothing to add to the model")
     if not names:
-        stage.show([Text("The model stays what it is: the bench as its file describes it.")])
+        stage.show([Text("The model is unchanged: the bench as its file describes it.")])
         return None
     with stage.working("fitting") as say:
         added = add_effect(Model.load(place.model), names, [Recording.open(place.recording)], progress=say)
@@ -277,7 +277,7 @@ def _validate(
         return None
     names = [finding.name for finding in diagnosis.effects]
     with stage.working("predicting") as say:
-        # the same fit again, from the model as it was: its history shall show the proof too
+        # the same fit again, from the model before it, so that the history includes the validation
         proven = add_effect(model.undone(), names, [Recording.open(place.recording)], [unused], progress=say)
     proven.model.save(place.model)
     stage.show([error_table(proven.error)])

@@ -140,5 +140,5 @@ def tape(
     opened = Tape(place, only=only, without=left_out, start=start, end=end)
     if estimate and topics.MEASUREMENT not in opened.topics:
         opened.close()
-        raise InputError(f"{place}: --estimate needs {topics.MEASUREMENT.name}, which is not given back")
+        raise InputError(f"{place}: estimate needs {topics.MEASUREMENT.name}, which is not replayed")
     return opened

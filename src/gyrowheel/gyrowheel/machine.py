@@ -1,4 +1,4 @@
-"""The simulated machine of a run, made from the user's options; the same for graph and simulation."""
+"""The simulated machine of a run, as the user describes it; the same for the graph of nodes and the simulation."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from gyrowheel.model import Model as FaceModel
     from gyrowheel_analysis.model import Model
 
-#: What ``--effect`` takes for all effects that a model of the air has.
+#: Stands for all effects of an air model, as in ``aero:table``.
 AIR = "aero"
 
 
@@ -31,7 +31,7 @@ def noise_seed(seed: int, plan: str) -> int:
     Parameters
     ----------
     seed : int
-        What the user gave; not negative.
+        Seed that the user gave; not negative.
     plan : str
         Name of the plan, so that two plans run with one seed do not share their noise.
     """
@@ -42,7 +42,7 @@ def noise_seed(seed: int, plan: str) -> int:
 
 
 def bench_place(model: Model, file: Path) -> str:
-    """Return the shipped name of a model's bench, or the path of its file: it may be named from where `file` is."""
+    """Return the shipped name of a model's bench, or the path of its file, beside that of `file` if it is there."""
     beside = file.parent / model.bench_source
     return str(beside) if beside.is_file() else model.bench_source
 
@@ -71,7 +71,7 @@ def scenario(
         that are not given take their usual size. ``aero:MODEL`` stands for all effects of an air model
         (`gyrowheel_sim.air.MODELS`).
     model : Model, optional
-        A model whose effects and learned parameters the machine has, beside `effects`.
+        A model whose effects and estimated parameters the machine has, in addition to `effects`.
     blind : Path, optional
         Key file of a hidden machine: used if it exists, else drawn and written.
     kinds : sequence of str
@@ -80,19 +80,19 @@ def scenario(
         Seed of the noise, and of what is drawn into a new key file.
     machine : int, optional
         Draw the true bench parameters within their uncertainties with this seed; without it they are as stated.
-        What the model has learned holds in both cases.
+        Parameters that the model has estimated keep their values in both cases.
 
     Raises
     ------
     InputError
-        If an effect is unknown or out of range, an effect is given twice, the key file is none, or `blind` is
-        combined with what it hides.
+        If an effect is unknown or out of range, an effect is given twice, `blind` is not a key file, or `blind` is
+        combined with `effects`, `model` or `machine`.
     """
     noise = noise_seed(seed, plan)
     if blind is not None:
         if effects or machine is not None or model is not None:
             raise InputError(
-                "--blind: cannot be combined with --effect, --model or --machine: the key file holds all of it"
+                "blind: cannot be combined with effects, model or machine: the key file holds all of it"
             )
         return replace(reuse_or_draw(bench, blind, seed, kinds=kinds), noise_seed=noise)
     if machine is not None and machine < 0:
@@ -103,9 +103,9 @@ def scenario(
     for item in items:
         for name, coefficients in _effects_of(item, declared, bench):
             if model is not None and name in model.effects:
-                raise InputError(f"--effect: {name} is in {model.origin} already")
+                raise InputError(f"effects: {name} is in {model.origin} already")
             if name in chosen:
-                raise InputError(f"--effect: {name} is given twice")
+                raise InputError(f"effects: {name} is given twice")
             chosen[name] = coefficients
     values = {} if machine is None else draw_machine(bench, np.random.default_rng(machine))
     if model is not None:
@@ -114,12 +114,12 @@ def scenario(
 
 
 def simulated_bench(bench: str | Path | None, model: FaceModel | None) -> tuple[str, Bench, Model | None]:
-    """Return name or path of the bench of a run, the bench as its file describes it, and the model of the machine.
+    """Return name or path of the bench, the bench as its file describes it, and the model of the simulated machine.
 
     Raises
     ------
     InputError
-        If there is no such bench, or it is not that of the model.
+        If there is no such bench, or the model has another one.
     """
     if model is None:
         source = str(bench or "gyrowheel")
@@ -127,7 +127,7 @@ def simulated_bench(bench: str | Path | None, model: FaceModel | None) -> tuple[
     truth = model.details
     if bench is not None and Bench.load(bench).parameters != truth.stated_bench.parameters:
         raise InputError(
-            f"--bench: {bench} is not the bench of {truth.origin}, {truth.bench_source}; leave it out"
+            f"bench: {bench} is not the bench of {truth.origin}, {truth.bench_source}; leave it out"
         )
     return model.bench_source, truth.stated_bench, truth
 

@@ -1,4 +1,4 @@
-"""A model of the wheel: a bench, the effects added to it, and how they came in."""
+"""A model of the wheel: a bench, the effects added to it, and the history of these changes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class Model:
-    """A bench with the effects and parameter values learned so far; immutable, every change gives a new model.
+    """A bench with added effects and estimated parameter values; immutable: every change makes a new model.
 
     Parameters
     ----------
@@ -47,25 +47,25 @@ class Model:
         Raises
         ------
         InputError
-            If the file is missing, is no model file, or a field is missing, unknown or out of range.
+            If the file is missing, is not a model file, or a field is missing, unknown or out of range.
         """
         return cls.of(Details.load(path))
 
     @classmethod
     def of(cls, details: Details, added: Addition | None = None) -> Model:
-        """Return the model that stands on what the analysis works on."""
+        """Return the model around one of the analysis package."""
         made = cls.__new__(cls)
         made._details, made._added = details, added
         return made
 
     @property
     def details(self) -> Details:
-        """What the analysis works on."""
+        """The model as the analysis package has it."""
         return self._details
 
     @property
     def bench(self) -> Bench:
-        """The bench with the parameter values learned from recordings."""
+        """The bench with the parameter values estimated from recordings."""
         return self._details.bench
 
     @property
@@ -92,7 +92,7 @@ class Model:
 
     @property
     def parameters(self) -> Mapping[str, Override]:
-        """Bench parameters learned from recordings [SI], each with ``.value`` and ``.standard_error``."""
+        """Bench parameters estimated from recordings [SI], each with ``.value`` and ``.standard_error``."""
         return dict(self._details.overrides)
 
     @property
@@ -107,7 +107,7 @@ class Model:
 
     @property
     def added(self) -> Addition | None:
-        """What `add` found when it made this model; None for a model that was made in another way."""
+        """Outcome of the `add` that made this model; None for a model made in another way."""
         return self._added
 
     def add(
@@ -123,9 +123,9 @@ class Model:
         Parameters
         ----------
         what : Diagnosis, str, Effect or a sequence of these two
-            A diagnosis stands for what it found missing. A name is that of an effect (`gyrowheel.effects`) or of the
-            error of a bench parameter (``stiffness_error`` and the like); ``aero:MODEL`` stands for all effects of an
-            air model. `gyrowheel.own_effect` makes an effect of a formula.
+            A diagnosis stands for all effects that it found. A name is that of an effect (`gyrowheel.effects`) or of
+            the error of a bench parameter (``stiffness_error`` and the like); ``aero:MODEL`` stands for all
+            effects of an air model. `gyrowheel.own_effect` makes an effect from a formula.
         fit : Recording, path or list
             Recordings on which coefficients and bench parameters are fitted.
         validate : Recording, path or list, optional
@@ -136,7 +136,7 @@ class Model:
         Returns
         -------
         Model
-            The new model; `added` has its errors before and after, `history` one entry more.
+            The new model; `added` has its errors before and after, `history` has one more entry.
 
         Raises
         ------
@@ -155,7 +155,7 @@ class Model:
         return Model.of(found.model, Addition(found))
 
     def remove(self, *names: str) -> Model:
-        """Return a new model without some effects; the other coefficients stay as they are.
+        """Return a new model without the named effects; the other coefficients keep their values.
 
         Raises
         ------
@@ -181,11 +181,11 @@ class Model:
         return Model.of(self._details.undone())
 
     def diff(self, other: Model) -> list[str]:
-        """Return what differs in `other`, a line for each difference."""
+        """Return the differences between this model and `other`, one line each."""
         return self._details.diff(other.details)
 
     def save(self, path: str | Path) -> None:
-        """Write the model file, which is whole or as it was before.
+        """Write the model file atomically: a failure leaves the old file.
 
         Raises
         ------
@@ -215,7 +215,7 @@ class Model:
         return data_frame(self.to_columns())
 
     def plot(self) -> Figure:
-        """Return the picture of the error that fell when `add` made this model.
+        """Return the picture of the error before and after the `add` that made this model.
 
         Raises
         ------
@@ -223,9 +223,7 @@ class Model:
             If the model was made in another way.
         """
         if self._added is None:
-            raise InputError(
-                f"{self.origin}: was not made by add: there is no error before and after to draw"
-            )
+            raise InputError(f"{self.origin}: has no error before and after to draw: it was not made by add")
         return self._added.plot()
 
     def __str__(self) -> str:
@@ -263,7 +261,7 @@ def _chosen(what: Diagnosis | str | Effect | Sequence[str | Effect]) -> list[str
 
 
 def require_known(name: str) -> None:
-    """Refuse what is neither an effect, nor an air model, nor the error of a bench parameter."""
+    """Refuse a name that is no effect, no air model and no error of a bench parameter."""
     from gyrowheel_analysis.add import is_air
     from gyrowheel_analysis.fitting.terms import ERRORS
     from gyrowheel_sim.effects import get

@@ -158,7 +158,7 @@ def test_a_sweep_runs_on_a_dask_cluster(tmp_path: Path, player: Player):
 def test_dask_that_is_missing_is_named(tmp_path: Path, player: Player, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "dask.distributed", None)
     with pytest.raises(
-        InputError, match=r"--dask needs the package distributed.*pip install 'gyrowheel-sim\[dask\]'"
+        InputError, match=r"dask: needs the package distributed.*pip install 'gyrowheel-sim\[dask\]'"
     ):
         sweep(levels_of([5], [3500]), tmp_path, dask="tcp://127.0.0.1:1", tell=lambda *_: None)
 

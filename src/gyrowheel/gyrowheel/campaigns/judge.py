@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from gyrowheel.blind_test import matched
+from gyrowheel.blind_trial import matched
 from gyrowheel.campaigns.cases import Case
 from gyrowheel.campaigns.hiding import Secret
 from gyrowheel_analysis.diagnosis.diagnose import Diagnosis

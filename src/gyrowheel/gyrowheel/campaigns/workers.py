@@ -96,14 +96,14 @@ def _on_cluster(cases: Sequence[Case], address: str, keep: str | None) -> Iterat
         from dask.distributed import Client, as_completed
     except ImportError:
         raise InputError(
-            "--dask needs the package distributed, which is not installed: pip install 'gyrowheel[dask]'"
+            "dask: needs the package distributed, which is not installed: pip install 'gyrowheel[dask]'"
         ) from None
     try:
         client: Any = Client(address, timeout=_CONNECT, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         reason = one_line(error)
         raise InputError(
-            f"--dask {address}: no scheduler answers there ({reason}); expected an address such as tcp://10.0.0.5:8786"
+            f"dask: no scheduler answers at {address} ({reason}); expected an address such as tcp://10.0.0.5:8786"
         ) from None
     with client:
         # pure=False: two campaigns on one cluster must not take each other's results for their own

@@ -26,9 +26,7 @@ def replay(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="Recording.", show_default=False)],
     rate: Annotated[float, typer.Option("--rate", metavar="R", help="Recorded seconds per second.")] = 1.0,
     fast: Annotated[bool, typer.Option("--fast", help="As fast as the readers take it.")] = False,
-    step: Annotated[
-        bool, typer.Option("--step", help="Stand still at first, and go on step by step.")
-    ] = False,
+    step: Annotated[bool, typer.Option("--step", help="Start paused, and go on step by step.")] = False,
     step_length: Annotated[
         float,
         typer.Option(

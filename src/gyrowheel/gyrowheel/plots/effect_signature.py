@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel.plots.figure import Picture, finished
+from gyrowheel.plots.figure import Picture
 from gyrowheel.plots.style import (
     BLUE,
     DARK,
@@ -40,12 +40,6 @@ _MILLI = 1e-3
 #: Of the rows of a signature, in their order.
 _COLOURS = (BLUE, VERMILION, GREEN, ORANGE, SKY, DARK, PINK, DARK)
 _LETTERS, _TITLES = 9.5, 10.0  # sizes [points]
-
-
-def signature_figure(found: Signature) -> Figure:
-    """Draw the signature of an effect, 760 by 275 dots."""
-    with style(_LETTERS, title=_TITLES):
-        return finished(_draw(found))
 
 
 def to_svg(found: Signature, description: str = "") -> str:

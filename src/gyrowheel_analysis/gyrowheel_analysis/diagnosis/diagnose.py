@@ -11,8 +11,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from gyrowheel_analysis.diagnosis.experiment_design import SETTLED, Planner, Separation, detection_limits
 from gyrowheel_analysis.diagnosis.selection import Finding, select
-from gyrowheel_analysis.diagnosis.test_design import SETTLED, Planner, Separation, detection_limits
 from gyrowheel_analysis.diagnosis.unknown import Proposal, search
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.preparation import Prepared, TooFewWindowsError, one_thread, prepare

@@ -29,7 +29,7 @@ from gyrowheel_sim.effects.user import check_name
 
 @dataclass(frozen=True)
 class Override:
-    """A bench parameter with a value learned from recordings.
+    """A bench parameter with a value estimated from recordings.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Model:
     bench_source : str
         Shipped name or path of the bench file.
     overrides : dict of str to Override
-        Parameters with values learned from recordings.
+        Parameters with values estimated from recordings.
     effects : dict
         {effect: {coefficient: value}}.
     effect_errors : dict
@@ -87,7 +87,7 @@ class Model:
 
     @property
     def bench(self) -> Bench:
-        """The bench with the values learned from recordings."""
+        """The bench with the values estimated from recordings."""
         return self.stated_bench.with_values({name: o.value for name, o in self.overrides.items()})
 
     @property

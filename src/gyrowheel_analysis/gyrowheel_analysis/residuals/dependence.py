@@ -314,8 +314,8 @@ def _patterns(
 ) -> tuple[Callable[[Any], Array], NDArray[np.int64]]:
     """Return a function from functions of a variable to columns over all rows, and the rows of the part.
 
-    A torque of the coils may stand still, or be in proportion to the tilt, in phase or across; the motor's rows have an
-    amplitude of their own. Each of these may change with the variable. None stands for no variable.
+    The coil torque may be constant, or proportional to the tilt, in phase or across; the motor's rows have an amplitude
+    of their own. Each of these may change with the variable. None stands for no variable.
     """
     w, kind = data.windows, CHANNELS[name]
     rows: dict[str, list[NDArray[np.int64]]] = {row: [] for row in kind.rows}

@@ -38,7 +38,7 @@ class Comparison:
     refused : dict of str to str
         Why the others do not.
     options : list of str
-        The surrogate as texts for ``--effect``.
+        The surrogate as effects, each as ``NAME:COEF=VALUE,...``.
     coefficients : dict
         By model: what `gyrowheel_sim.air.surrogate.coefficients` returns.
     """
@@ -113,7 +113,7 @@ def compare(
     Raises
     ------
     InputError
-        If tilt or spin rate make no sense for any model.
+        If tilt or spin rate are out of range for every model.
     """
     torques: dict[str, AirTorque] = {}
     refused: dict[str, str] = {}

@@ -28,7 +28,7 @@ class AirEffects:
 
     @property
     def options(self) -> list[str]:
-        """The effects as texts for ``--effect``."""
+        """The effects, each as ``NAME:COEF=VALUE,...``."""
         pairs = {
             effect: {name: (value, self.errors[effect][name]) for name, value in members.items()}
             for effect, members in self.values.items()
@@ -37,7 +37,7 @@ class AirEffects:
 
 
 def options_of(found: Mapping[str, Mapping[str, tuple[float, float]]]) -> list[str]:
-    """Return what `coefficients` returned as texts for ``--effect``."""
+    """Return what `coefficients` returned, each effect as ``NAME:COEF=VALUE,...``."""
     return [
         f"{effect}:{','.join(f'{name}={value:.4g}' for name, (value, _) in members.items())}"
         for effect, members in found.items()

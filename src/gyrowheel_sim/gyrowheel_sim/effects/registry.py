@@ -122,8 +122,8 @@ def parse_option(
     for item in rest.split(",") if colon else ():
         key, equals, value = (part.strip() for part in item.partition("="))
         if not equals:
-            raise InputError(f"--effect: {text!r}: expected NAME:COEF=VALUE,..., not {item!r}")
+            raise InputError(f"effects: {text!r}: expected NAME:COEF=VALUE,..., not {item!r}")
         if key in values:
-            raise InputError(f"--effect: {text!r}: {key} is given twice")
+            raise InputError(f"effects: {text!r}: {key} is given twice")
         values[key] = value
-    return name.strip(), validated(name.strip(), values, where="--effect", declared=declared, bench=bench)
+    return name.strip(), validated(name.strip(), values, where="effects", declared=declared, bench=bench)

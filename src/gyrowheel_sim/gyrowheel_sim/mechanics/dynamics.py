@@ -2,10 +2,10 @@
 
 Joint angles are (theta_x, theta_y, theta_z): case -> motor by Rz(theta_z), motor -> gimbal by Rx(theta_x),
 gimbal -> rotor by Ry(theta_y). `inertia_terms` is eq (6) of Huo et al. 2016 with Appendices A and B (every inertial
-term of which agrees with the Lagrange derivation; its potential energy lacks the factor 1/2, which is put right here).
+term of which agrees with the Lagrange derivation; its potential energy lacks the factor 1/2, which is corrected here).
 
 The bench is integrated and analysed in the case frame: at a constant tilt the joint angles swing at the spin rate,
-while the components (n_x, n_y) of the spin axis along the case axes stand still, so one step a sample suffices.
+while the components (n_x, n_y) of the spin axis along the case axes are constant, so one step per sample suffices.
 All functions take scalars inside compiled code and arrays of any equal shape outside it.
 """
 

@@ -2,7 +2,7 @@
 
 Passive rotations lead from the case to the rotor: case -> motor by Rz(theta_z), the angle of the shaft; motor ->
 gimbal by Rx(theta_x), the angle of the inner flexure; gimbal -> rotor by Ry(theta_y), the angle of the outer one. The
-tilt sensors stand in the case and read phi_x, phi_y. A tilt that stands still in the case has an amount phi and an
+tilt sensors are fixed to the case and read phi_x, phi_y. A tilt that is fixed in the case has a magnitude phi and an
 azimuth alpha: tan(phi_x) + i tan(phi_y) = tan(phi) exp(i alpha).
 
 All angles in rad and rates in rad/s. Every argument may be an array; the arguments broadcast, and vectors and matrices
@@ -82,16 +82,10 @@ def tilt_of_joint(theta_x: ArrayLike, theta_y: ArrayLike, theta_z: ArrayLike) ->
     return np.arctan2(-n[..., 1], n[..., 2]), np.arctan2(n[..., 0], n[..., 2])
 
 
-def joint_of_tilt(phi_x: ArrayLike, phi_y: ArrayLike, theta_z: ArrayLike) -> JointAngles:
-    """Return the angles of the flexures that belong to tilt readings at a shaft angle: the inverse of eq (7)."""
-    z = complex_tilt(phi_x, phi_y)
-    return joint_of_azimuth(np.arctan(np.abs(z)), np.angle(z) - np.asarray(theta_z, dtype=float))
-
-
 def joint_of_azimuth(phi: ArrayLike, beta: ArrayLike) -> JointAngles:
     """Return the angles of the flexures at a tilt phi in the direction beta of the motor frame: eq (2), exact.
 
-    A tilt that stands still in the case at azimuth alpha has beta = alpha - theta_z: seen from the shaft it turns
+    A tilt that is fixed in the case at azimuth alpha has beta = alpha - theta_z: seen from the shaft it turns
     backwards once a revolution, and both flexures bend to and fro at the spin rate.
     """
     theta_x = np.arctan(np.tan(phi) * np.cos(beta))
@@ -101,11 +95,6 @@ def joint_of_azimuth(phi: ArrayLike, beta: ArrayLike) -> JointAngles:
 def complex_tilt(phi_x: ArrayLike, phi_y: ArrayLike) -> ComplexArray:
     """Return tan(phi_x) + i tan(phi_y), in which a tilt of any direction is one number."""
     return np.tan(phi_x) + 1j * np.tan(phi_y)
-
-
-def tilt_amount(phi_x: ArrayLike, phi_y: ArrayLike) -> Array:
-    """Return the angle phi between the spin axis and the case's z axis [rad]: tan^2 phi = tan^2 phi_x + tan^2 phi_y."""
-    return np.arctan(np.hypot(np.tan(phi_x), np.tan(phi_y)))
 
 
 # --- angular velocity ---

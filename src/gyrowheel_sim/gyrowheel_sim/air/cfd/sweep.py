@@ -223,7 +223,7 @@ def _dask(address: str) -> Iterator[None]:
         from dask.distributed import Client
     except ImportError:
         raise InputError(
-            "--dask needs the package distributed, which is not installed: pip install 'gyrowheel-sim[dask]'"
+            "dask: needs the package distributed, which is not installed: pip install 'gyrowheel-sim[dask]'"
         ) from None
     import joblib
 
@@ -231,7 +231,7 @@ def _dask(address: str) -> Iterator[None]:
         client = Client(address, timeout="10s")
     except (OSError, ValueError, TimeoutError) as error:
         raise InputError(
-            f"--dask {address}: no scheduler answers there ({one_line(error)}); "
+            f"dask: no scheduler answers at {address} ({one_line(error)}); "
             "expected an address such as tcp://10.0.0.5:8786"
         ) from None
     with client, joblib.parallel_config(backend="dask", wait_for_workers_timeout=60):

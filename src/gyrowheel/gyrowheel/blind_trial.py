@@ -1,4 +1,4 @@
-"""Whether a verdict was right, once the key of a blind test is open."""
+"""Judgement of a diagnosis against the key of a blind test."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ class Judgement:
     Attributes
     ----------
     outcome : str
-        ``exact``; ``tied`` (the truth is among alternatives that the verdict names with the test that separates
-        them); ``below_limit`` (nothing found, and the truth is smaller than the detection limit that was stated);
+        ``exact``; ``tied`` (the truth is among the alternatives of the verdict, and the test that separates them is
+        named); ``below_limit`` (nothing was found, and the truth is below the stated detection limit);
         ``wrong``.
     sentence : str
-        The same in words.
+        The outcome in words.
     """
 
     outcome: Outcome
@@ -37,12 +37,12 @@ class Judgement:
 
     @property
     def right(self) -> bool:
-        """Whether the verdict stands."""
+        """Whether the verdict agrees with the key."""
         return self.outcome != "wrong"
 
 
 def hidden_effects(key: Path) -> EffectValues:
-    """Return the effects that a key file holds.
+    """Return the effects in a key file.
 
     Raises
     ------
@@ -53,42 +53,44 @@ def hidden_effects(key: Path) -> EffectValues:
 
 
 def judge(diagnosis: Diagnosis, truth: EffectValues) -> Judgement:
-    """Return whether a verdict agrees with the effects that were hidden."""
+    """Compare a verdict with the effects that were hidden."""
     named = [finding.name for finding in diagnosis.effects]
     if sorted(named) == sorted(truth) and diagnosis.verdict in ("effect", "ambiguous", "nothing_missing"):
         ties = any(finding.ties for finding in diagnosis.effects)
         return Judgement(
-            "exact", "The verdict is right" + ("; what could also be was named too." if ties else ".")
+            "exact", "The verdict is right" + ("; the alternatives were named too." if ties else ".")
         )
     tests = _tests_for(diagnosis, truth)
     if tests is not None:
-        return Judgement("tied", f"The verdict names it among what could also be; plan {tests} would tell.")
+        return Judgement(
+            "tied", f"The verdict names it among the alternatives; plan {tests} would separate them."
+        )
     if not named and diagnosis.verdict == "nothing_missing" and _below_limits(diagnosis, truth):
         return Judgement(
             "below_limit",
-            "Nothing was found, rightly: what was hidden is below the detection limit stated above.",
+            "Rightly nothing was found: the hidden effect is below the detection limit stated above.",
         )
     return Judgement("wrong", "WRONG: the verdict does not agree with the key.")
 
 
 def matched(diagnosis: Diagnosis, truth: Iterable[str]) -> tuple[set[str], list[str | None]] | None:
-    """Match what a verdict names with what was hidden.
+    """Match the effects that a verdict names with those that were hidden.
 
     Parameters
     ----------
     diagnosis : Diagnosis
         The verdict.
     truth : iterable of str
-        Names of what was hidden.
+        Names of the hidden effects.
 
     Returns
     -------
     left : set of str
-        What was hidden and is not named.
+        Hidden effects that are not named.
     tests : list of str or None
-        For everything that is named among the alternatives only, the test that separates them, if there is one.
+        For every hidden effect that is only an alternative: the test that separates it, if there is one.
 
-    None if an effect is named that is not there, and no alternative to it is.
+    None if an effect is named that was not hidden, and neither was any of its alternatives.
     """
     left = set(truth)
     tests: list[str | None] = []
@@ -105,7 +107,7 @@ def matched(diagnosis: Diagnosis, truth: Iterable[str]) -> tuple[set[str], list[
 
 
 def _tests_for(diagnosis: Diagnosis, truth: EffectValues) -> str | None:
-    """Return the tests that lead to the truth if it is what was found up to ties; None if it is not."""
+    """Return the tests that would separate the truth from its ties; None if the verdict misses the truth."""
     left, tests = matched(diagnosis, truth) or (set(truth), [])
     named = [test for test in tests if test]
     if left or len(named) < len(tests):
