@@ -112,8 +112,18 @@ _COLOURS = (
 )
 
 
-def _row(floor: tuple[str, ...]) -> list[tuple[str, float]]:
-    return [(part, 7.4 * len(part) + 2 * _PAD) for part in floor]
+def _lines(floor: tuple[str, ...]) -> list[list[tuple[str, float]]]:
+    """Return the boxes of a floor with their widths, in as many lines as they need."""
+    lines: list[list[tuple[str, float]]] = [[]]
+    room = whole = float(_WIDTH - _LEFT - 60 - _RIGHT - _PAD)
+    for part in floor:
+        width = 7.4 * len(part) + 2 * _PAD
+        if width > room and lines[-1]:
+            lines.append([])
+            room = whole
+        lines[-1].append((part, width))
+        room -= width + _GAP
+    return lines
 
 
 def to_svg() -> str:
@@ -124,7 +134,8 @@ def to_svg() -> str:
     body: list[str] = []
     y = 54.0
     for package, (fill, edge) in reversed(list(zip(HOUSE, _COLOURS, strict=True))):
-        height = len(package.floors) * (_PART_HEIGHT + _GAP) + 2 * _PAD - _GAP
+        floors = [_lines(floor) for floor in reversed(package.floors)]
+        height = sum(map(len, floors)) * (_PART_HEIGHT + _GAP) + 2 * _PAD - _GAP
         body.append(
             f'<rect x="16" y="{y:g}" width="{_WIDTH - 32}" height="{height:g}" rx="6" fill="{fill}" stroke="{edge}"/>'
         )
@@ -133,9 +144,9 @@ def to_svg() -> str:
         for line, text in enumerate(words):
             body.append(f'<text x="28" y="{y + 40 + 15 * line:g}" class="about">{text}</text>')
         line_y = y + _PAD
-        for floor in reversed(package.floors):
+        for row in (row for lines in floors for row in lines):
             x = float(_LEFT + 60)
-            for part, width in _row(floor):
+            for part, width in row:
                 body.append(
                     f'<rect x="{x:g}" y="{line_y:g}" width="{width:g}" height="{_PART_HEIGHT}" rx="4" fill="#ffffff" '
                     f'stroke="{edge}"/>'
