@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gyrowheel.cli.options import BenchName, Json, ModelFile, Validation, example
-from gyrowheel.cli.shell import out, put_json, put_text, working
+from gyrowheel.cli.options import BenchName, ErrorPicture, Json, ModelFile, Validation, example
+from gyrowheel.cli.shell import out, put_json, put_picture, put_text, working
 from gyrowheel.errors import InputError
 from gyrowheel.files import require_writable
 
@@ -73,6 +73,7 @@ def add(
         typer.Option("--target", metavar="T", help="What the formula acts on.", show_default="rotor_torque"),
     ] = None,
     validate: Validation = None,
+    picture: ErrorPicture = None,
     json: Json = None,
 ) -> None:
     """Add effects or formulas: fit their coefficients, show the error before and after, save the model."""
@@ -104,6 +105,7 @@ def add(
             [*changes(better.details), heading("Error"), error_table(added.error), *sentences(added.notes)]
         )
         out().print(f"\nmodel: {model}", soft_wrap=True)
+    put_picture(picture, added.plot, quiet=json == "-")
 
 
 @model_app.command(epilog=example("gyrowheel model remove windage --model wheel.yaml"))

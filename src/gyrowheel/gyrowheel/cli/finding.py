@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gyrowheel.cli.options import Json, ModelFile, Picture, Recordings, Validation, example
-from gyrowheel.cli.shell import finding, out, put_json, put_text, working
+from gyrowheel.cli.options import ErrorPicture, Json, ModelFile, Picture, Recordings, Validation, example
+from gyrowheel.cli.shell import finding, put_json, put_picture, put_text, working
 
 if TYPE_CHECKING:
     from gyrowheel import Diagnosis
@@ -66,13 +66,7 @@ def compare(
         put_json(json, result.to_dict())
     if json != "-":
         put_text(comparison(result.details, None if over is None else [result.map(*own) for own in over]))
-    if picture is not None:
-        from gyrowheel.plots.figure import write_figure
-        from gyrowheel.plots.where_it_fails import figure_of_failure
-
-        write_figure(figure_of_failure(result.details), picture)
-        if json != "-":
-            out().print(f"\npicture: {picture}", soft_wrap=True)
+    put_picture(picture, result.plot, quiet=json == "-")
     finding(fail_above is not None and result.worst > fail_above)
 
 
@@ -90,6 +84,7 @@ def diagnose(
     fail_on_finding: Annotated[
         bool, typer.Option("--fail-on-finding", help="Exit with 1 unless nothing is missing.")
     ] = False,
+    picture: ErrorPicture = None,
     json: Json = None,
 ) -> None:
     """Find which effect a model lacks, with the evidence, the alternatives and the detection limits."""
@@ -109,6 +104,7 @@ def diagnose(
             result, directories, validate or (), model, loaded.bench_source, averages=averages
         )
         put_text(diagnosis(result.details, following=command))
+    put_picture(picture, result.plot, quiet=json == "-")
     finding(fail_on_finding and result.verdict != "nothing_missing")
 
 

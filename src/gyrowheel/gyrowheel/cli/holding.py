@@ -10,7 +10,7 @@ import typer
 
 from gyrowheel.cli.numbers import numbers
 from gyrowheel.cli.options import Json, Picture, example
-from gyrowheel.cli.shell import advancing, out, put_json, put_text
+from gyrowheel.cli.shell import advancing, put_json, put_picture, put_text
 
 
 def register(app: typer.Typer) -> None:
@@ -88,9 +88,4 @@ def torques(
         from gyrowheel.text.torques import torques_page
 
         put_text(torques_page(result))
-    if picture is not None:
-        from gyrowheel.plots.figure import write_figure
-
-        write_figure(result.plot(), picture)
-        if json != "-":
-            out().print(f"picture: {picture}", soft_wrap=True)
+    put_picture(picture, result.plot, quiet=json == "-")

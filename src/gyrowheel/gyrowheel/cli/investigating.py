@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gyrowheel.cli.options import Blind, Effects, Json, Machine, ModelFile, Seed, example
-from gyrowheel.cli.shell import INTERRUPTED, notes, out, put_json
+from gyrowheel.cli.options import Blind, Effects, ErrorPicture, Json, Machine, ModelFile, Seed, example
+from gyrowheel.cli.shell import INTERRUPTED, notes, out, put_json, put_picture
 from gyrowheel.cli.stage import Terminal
 
 if TYPE_CHECKING:
@@ -73,6 +73,7 @@ def investigate(
             show_default="out/investigation-N",
         ),
     ] = None,
+    picture: ErrorPicture = None,
     json: Json = None,
 ) -> None:
     """Find what a model lacks: run a test, diagnose, run the next test, until the verdict is settled.
@@ -103,9 +104,18 @@ def investigate(
         folder=new_folder(Path("out"), "investigation", 1) if output is None else output,
         listener=_Teller(stage),
     )
-    _finish(done, [*at_hand, *done.recordings], model, stage)
+    recordings = [*at_hand, *done.recordings]
+    again = _again(
+        recordings,
+        model,
+        {"effect": effect, "blind": blind, "machine": machine, "seed": seed or None},
+        {"averages": averages, "simulate": simulate, "thorough": thorough},
+    )
+    _finish(done, recordings, model, stage, again=again, thorough=thorough)
     if json is not None:
         put_json(json, done.to_dict())
+    if done.diagnosis is not None:
+        put_picture(picture, done.diagnosis.plot, quiet=json == "-")
     if done.interrupted:
         raise typer.Exit(INTERRUPTED)
 
@@ -146,27 +156,50 @@ def _verdicts(step: Step) -> str:
     return f"verdict: still {now}" if before == now else f"verdict: {before} → {now}"
 
 
-def _finish(done: Investigation, recordings: Sequence[Path], model: Path, stage: Terminal) -> None:
+def _again(
+    recordings: Sequence[Path],
+    model: Path,
+    options: Mapping[str, object],
+    switches: Mapping[str, bool],
+) -> str:
+    """Return the command that goes on from recordings, on the same machine."""
+    words = ["gyrowheel", "investigate", *map(str, recordings), "--model", str(model)]
+    for name, value in options.items():
+        for item in value if isinstance(value, list) else [value]:
+            words += [] if item is None else [f"--{name}", str(item)]
+    words += [f"--{name}" for name, on in switches.items() if on]
+    return shlex.join(words)
+
+
+def _finish(
+    done: Investigation,
+    recordings: Sequence[Path],
+    model: Path,
+    stage: Terminal,
+    *,
+    again: str,
+    thorough: bool,
+) -> None:
     """Show how the investigation ended, what is known now, and the next command."""
     from rich.text import Text
 
     from gyrowheel.cli.finding import following
-    from gyrowheel.text.diagnosis import detection_limits, findings
+    from gyrowheel.text.diagnosis import detection_limits, error_section, findings
     from gyrowheel.text.layout import Unbroken, command, heading
-    from gyrowheel.text.sentences.investigation import end_sentence
+    from gyrowheel.text.sentences.investigation import end_sentence, unseen_sentence
 
     last = done.diagnosis
     if last is not None:
         stage.step("What is known now")
         stage.show([*findings(last.details), *detection_limits(last.details.detection_limits)])
+        stage.show(error_section(last.details))
         if done.settled and (next_command := following(last, recordings, (), model)):
             stage.show([heading("Next"), command(next_command)])
+        unseen = unseen_sentence(last.details)
+        if done.settled and not thorough and unseen:
+            stage.show([heading("To be thorough"), Text(unseen), command(f"{again} --thorough")])
     if done.steps and not done.settled and recordings:
-        again = " ".join(shlex.quote(str(path)) for path in recordings)
-        more = f"gyrowheel investigate {again} --model {shlex.quote(str(model))}"
-        stage.show(
-            [heading("To go on from here"), command(more + (" --averages" if done.details.averages else ""))]
-        )
+        stage.show([heading("To go on from here"), command(again)])
     colour = "green" if done.settled else "yellow"
     stage.show([Text(f"\n{end_sentence(done.details)}", style=f"bold {colour}")])
     if done.folder.is_dir() and any(done.folder.iterdir()):

@@ -11,7 +11,7 @@ import typer
 from gyrowheel.cli.numbers import numbers
 from gyrowheel.cli.options import BenchName, Json, example
 from gyrowheel.cli.outputs import PICTURE
-from gyrowheel.cli.shell import out, put_json, put_text
+from gyrowheel.cli.shell import put_json, put_picture, put_text
 
 
 def register(app: typer.Typer) -> None:
@@ -58,18 +58,14 @@ def momentum(
 
     rates = None if speed is None else [value * math.pi / 30.0 for value in numbers(speed, "--speed")]
     result = gw.momentum(bench, spin_rate=rates)
-    drawn = [
-        (path, result.plot(what)) for path, what in ((picture, "caps"), (body, "body")) if path is not None
-    ]
+    # a body that cannot be is refused before anything is written
+    solid = None if body is None else result.plot("body")
     if json is not None:
         put_json(json, result.to_dict())
     if json != "-":
         from gyrowheel.text.momentum import momentum_page
 
         put_text(momentum_page(result))
-    for path, figure in drawn:
-        from gyrowheel.plots.figure import write_figure
-
-        write_figure(figure, path)
-        if json != "-":
-            out().print(f"picture: {path}", soft_wrap=True)
+    put_picture(picture, result.plot, quiet=json == "-")
+    if solid is not None:
+        put_picture(body, lambda: solid, quiet=json == "-")

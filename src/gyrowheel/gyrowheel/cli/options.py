@@ -19,6 +19,13 @@ Picture: TypeAlias = Annotated[
     typer.Option("--picture", metavar="FILE.png", help="Draw where the model fails.", show_default=False),
     PICTURE,
 ]
+ErrorPicture: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        "--picture", metavar="FILE.png", help="Draw the error before and after.", show_default=False
+    ),
+    PICTURE,
+]
 Recordings: TypeAlias = Annotated[
     list[Path], typer.Argument(metavar="DIR...", help="Recordings.", show_default=False)
 ]

@@ -17,6 +17,7 @@ import typer
 from gyrowheel.errors import InputError, one_line
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from rich.console import Console, RenderableType
 
 OK, FINDING, BAD_INPUT, NODE_FAILED, INTERRUPTED = 0, 1, 2, 3, 130
@@ -106,6 +107,32 @@ def put_json(target: str, content: Any) -> None:
         sys.stdout.write(text)
     else:
         write_text(Path(target), text)
+
+
+def put_picture(path: Path | None, draw: Callable[[], Figure], *, quiet: bool = False) -> None:
+    """Write a picture where one was asked for, and say where it is.
+
+    Parameters
+    ----------
+    path : Path or None
+        The file; nothing is drawn without one.
+    draw : callable
+        Makes the figure.
+    quiet : bool
+        Whether stdout must hold nothing but JSON.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written, or there is nothing to draw.
+    """
+    if path is None:
+        return
+    from gyrowheel.plots.figure import write_figure
+
+    write_figure(draw(), path)
+    if not quiet:
+        out().print(f"\npicture: {path}", soft_wrap=True)
 
 
 @contextlib.contextmanager

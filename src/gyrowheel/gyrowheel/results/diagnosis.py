@@ -124,14 +124,10 @@ class Diagnosis(Result):
         return "\n".join(lines)
 
     def _page(self) -> Iterable[RenderableType]:
-        from gyrowheel.text.diagnosis import findings
-        from gyrowheel.text.errors import error_table
-        from gyrowheel.text.layout import heading
+        from gyrowheel.text.diagnosis import error_section, findings
 
         yield from findings(self.details)
-        if self.error is not None:
-            yield heading("Error before and after" if self.effects or self.free_form else "Error")
-            yield error_table(self.error)
+        yield from error_section(self.details)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of ``gyrowheel diagnose --json``; SI units."""

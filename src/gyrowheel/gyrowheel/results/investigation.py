@@ -83,7 +83,7 @@ class Investigation(Result):
         from rich.panel import Panel
         from rich.text import Text
 
-        from gyrowheel.text.diagnosis import findings
+        from gyrowheel.text.diagnosis import error_section, findings
         from gyrowheel.text.layout import words_table
         from gyrowheel.text.sentences.investigation import end_sentence
 
@@ -95,7 +95,9 @@ class Investigation(Result):
             table.add_row(" and ".join(step.plans), step.why, verdict, Text("\n".join(step.learned)))
         yield table
         if self.details.steps:
-            yield from findings(self.details.steps[-1].diagnosis)
+            last = self.details.steps[-1].diagnosis
+            yield from findings(last)
+            yield from error_section(last)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of ``gyrowheel investigate --json``; SI units."""

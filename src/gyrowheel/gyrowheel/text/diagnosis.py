@@ -59,9 +59,7 @@ def diagnosis(result: Diagnosis, *, following: str | None = None) -> Iterator[Re
         yield from failures(result.where)
     yield Text()
     yield from findings(result)
-    if result.error is not None:
-        yield heading("Error before and after" if result.effects or result.free_form else "Error")
-        yield Padding(error_table(result.error), _INDENT)
+    yield from error_section(result)
     if not result.coverage.complete:
         yield from coverage(result.coverage)
     yield from _moved(result.nuisance)
@@ -69,6 +67,13 @@ def diagnosis(result: Diagnosis, *, following: str | None = None) -> Iterator[Re
     if following:
         yield heading("Next")
         yield command(following)
+
+
+def error_section(result: Diagnosis) -> Iterator[RenderableType]:
+    """Yield the error without and with what was found; nothing where there was too little to compare."""
+    if result.error is not None:
+        yield heading("Error before and after" if result.effects or result.free_form else "Error")
+        yield Padding(error_table(result.error), _INDENT)
 
 
 def findings(result: Diagnosis) -> Iterator[RenderableType]:

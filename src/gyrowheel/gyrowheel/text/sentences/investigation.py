@@ -47,6 +47,16 @@ def end_sentence(done: Investigation) -> str:
     return f"{state} after {took} of bench time, {left} left: {done.reason or 'interrupted'}."
 
 
+def unseen_sentence(found: Diagnosis) -> str:
+    """Return which effects of a usual size would not have shown although a test can show them; empty if none."""
+    if found.next_test is None:
+        return ""
+    hidden = dict.fromkeys(limit.effect for limit in found.detection_limits if not limit.visible)
+    if not hidden:
+        return ""
+    return f"At a usual size these recordings would not have shown {listed(list(hidden), 'or')}. To look for more:"
+
+
 def _open(finding: EffectFinding) -> str:
     if not finding.ties:
         return f"Found: {named(finding)}, {_size(finding)}."

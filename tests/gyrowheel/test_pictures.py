@@ -1,0 +1,114 @@
+"""Pictures of the error that falls, of the verbs that have a before and an after."""
+
+from __future__ import annotations
+
+import io
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from gyrowheel.text.sentences.investigation import unseen_sentence
+from gyrowheel_analysis.diagnosis.diagnose import DetectionLimit, NextTest
+
+from .conftest import Wheel
+from .findings import diagnosis, finding
+from .helpers import Shell
+
+
+def colours(path: Path) -> set[object]:
+    """Return the colours of a picture that fill more than a few dots."""
+    with Image.open(io.BytesIO(path.read_bytes())) as image:
+        assert image.size == (1600, 1000)
+        found = image.convert("RGB").getcolors(1 << 24)
+    assert found is not None
+    return {colour for count, colour in found if count > 200}
+
+
+def test_diagnose_and_add_draw_the_error_before_and_after(
+    gyrowheel: Shell, wheel: Wheel, tmp_path: Path
+) -> None:
+    found, added = tmp_path / "found.png", tmp_path / "added.png"
+    options = ["--model", wheel.model, "--picture", found]
+    result = gyrowheel.good("diagnose", wheel.recording, *options)
+    assert result.out.rstrip().endswith(f"picture: {found}")
+    model = shutil.copy(wheel.model, tmp_path / "model.yaml")
+    fit = ["--model", model, "--fit", wheel.recording, "--validate", wheel.other]
+    result = gyrowheel.good("model", "add", "windage", *fit, "--picture", added, "--json", "-")
+    assert set(result.json) >= {"error", "effects"}  # nothing but JSON on stdout
+    # before and after are there, each in its colour
+    assert len(colours(found) & colours(added)) >= 4
+    assert found.read_bytes() != added.read_bytes()
+
+
+def test_investigate_ends_with_the_table_and_draws_the_last_diagnosis(
+    gyrowheel: Shell, wheel: Wheel, tmp_path: Path
+) -> None:
+    picture = tmp_path / "last.png"
+    options = ["--model", wheel.model, "--budget", 0, "--simulate", "-o", tmp_path / "run"]
+    result = gyrowheel.good("investigate", wheel.recording, *options, "--picture", picture)
+    table = result.out.partition("Error before and after")[2]
+    assert "χ²/N" in table
+    assert "Settled" in table
+    assert len(colours(picture)) >= 4
+    # recordings of eight holds do not show everything, and it is said how to go on
+    assert "To be thorough" in result.out
+    (again,) = (line for line in result.out.splitlines() if line.endswith("--thorough"))
+    words = f"  gyrowheel investigate {wheel.recording} --model {wheel.model} --simulate --thorough"
+    assert again == words
+
+
+def test_the_command_that_goes_on_is_for_the_same_machine(
+    gyrowheel: Shell, wheel: Wheel, tmp_path: Path
+) -> None:
+    machine = ["--effect", "windage:w=0.0013", "--effect", "earth_rate", "--machine", 3, "--seed", 4]
+    options = ["--model", wheel.model, "--budget", 0, "--simulate", "-o", tmp_path / "run", "--averages"]
+    out = gyrowheel.good("investigate", wheel.recording, *options, *machine).out
+    (again,) = (line for line in out.splitlines() if "gyrowheel investigate" in line)
+    for words in (
+        "--effect windage:w=0.0013 --effect earth_rate",
+        "--machine 3 --seed 4",
+        "--averages --simulate",
+    ):
+        assert words in again
+    thorough = gyrowheel.good(
+        "investigate", wheel.recording, *options[:-2], tmp_path / "other", "--averages", "--thorough"
+    ).out
+    assert "To be thorough" not in thorough
+
+
+def test_what_is_unseen_is_named_where_a_test_can_show_it() -> None:
+    limits = [
+        DetectionLimit("windage", "", "w", 1.0, "N*m", (2.0, 3.0)),
+        DetectionLimit("gravity_offset", "", "G", 9.0, "N*m", (2.0, 3.0)),
+    ]
+    found = replace(diagnosis("effect", finding("aero_cross")), detection_limits=limits)
+    assert unseen_sentence(found) == ""
+    sentence = unseen_sentence(
+        replace(found, next_test=NextTest("inverted", 60.0, 0.7, reveals="gravity_offset"))
+    )
+    assert "gravity_offset" in sentence
+    assert "windage" not in sentence
+
+
+@pytest.mark.parametrize("verb", ["diagnose", "add", "investigate"])
+def test_a_picture_never_replaces_what_is_not_one(
+    gyrowheel: Shell, wheel: Wheel, tmp_path: Path, verb: str
+) -> None:
+    notes = tmp_path / "notes.png"
+    notes.write_text(json.dumps({"mine": 1}), encoding="utf-8")
+    before = wheel.model.read_bytes()
+    arguments = {
+        "diagnose": ["diagnose", wheel.recording],
+        "add": ["model", "add", "windage", "--fit", wheel.recording],
+        "investigate": ["investigate", wheel.recording, "-o", tmp_path / "run"],
+    }[verb]
+    result = gyrowheel(*arguments, "--model", wheel.model, "--picture", notes)
+    assert result.code == 2
+    assert "--picture" in result.err
+    assert notes.read_text(encoding="utf-8") == '{"mine": 1}'
+    assert wheel.model.read_bytes() == before
+    assert not (tmp_path / "run").exists()
