@@ -88,6 +88,7 @@ HOUSE = (
                 "envelope",
                 "holding",
                 "investigator",
+                "sealed_key",
                 "campaigns.job",
                 "campaigns.run",
                 "campaigns.workers",

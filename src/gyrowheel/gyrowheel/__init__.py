@@ -39,9 +39,11 @@ if TYPE_CHECKING:
     from gyrowheel.results.comparison import Comparison
     from gyrowheel.results.diagnosis import Diagnosis
     from gyrowheel.results.investigation import Investigation
+    from gyrowheel.results.key import Key
     from gyrowheel.results.momentum import Momentum
     from gyrowheel.results.rates import Rates
     from gyrowheel.results.torques import Torques
+    from gyrowheel.sealed_key import open_key
     from gyrowheel.simulation import simulate
     from gyrowheel.tables import read_table, write_table
     from gyrowheel_core.errors import InputError
@@ -57,6 +59,7 @@ _HOMES = {
     "Diagnosis": "gyrowheel.results.diagnosis",
     "InputError": "gyrowheel_core.errors",
     "Investigation": "gyrowheel.results.investigation",
+    "Key": "gyrowheel.results.key",
     "Model": "gyrowheel.model",
     "Momentum": "gyrowheel.results.momentum",
     "Rates": "gyrowheel.results.rates",
@@ -70,6 +73,7 @@ _HOMES = {
     "effects": "gyrowheel.catalogue",
     "investigate": "gyrowheel.investigator",
     "momentum": "gyrowheel.envelope",
+    "open_key": "gyrowheel.sealed_key",
     "own_effect": "gyrowheel.catalogue",
     "plans": "gyrowheel.catalogue",
     "rate": "gyrowheel.analysis",
@@ -88,6 +92,7 @@ __all__ = [
     "Diagnosis",
     "InputError",
     "Investigation",
+    "Key",
     "Model",
     "Momentum",
     "Rates",
@@ -102,6 +107,7 @@ __all__ = [
     "effects",
     "investigate",
     "momentum",
+    "open_key",
     "own_effect",
     "plans",
     "rate",

@@ -17,7 +17,6 @@ import typer
 from gyrowheel.errors import InputError, one_line
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
     from rich.console import Console, RenderableType
 
 OK, FINDING, BAD_INPUT, NODE_FAILED, INTERRUPTED = 0, 1, 2, 3, 130
@@ -109,7 +108,7 @@ def put_json(target: str, content: Any) -> None:
         write_text(Path(target), text)
 
 
-def put_picture(path: Path | None, draw: Callable[[], Figure], *, quiet: bool = False) -> None:
+def put_picture(path: Path | None, draw: Callable[[], Any], *, quiet: bool = False) -> None:
     """Write a picture where one was asked for, and say where it is.
 
     Parameters
@@ -117,7 +116,7 @@ def put_picture(path: Path | None, draw: Callable[[], Figure], *, quiet: bool = 
     path : Path or None
         The file; nothing is drawn without one.
     draw : callable
-        Makes the figure.
+        Makes the matplotlib figure.
     quiet : bool
         Whether stdout must hold nothing but JSON.
 

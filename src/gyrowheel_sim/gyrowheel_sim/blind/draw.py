@@ -84,19 +84,25 @@ def reuse_or_draw(bench: Bench, key: Path, seed: int, *, kinds: Sequence[Kind] =
         If the key file exists and is not one.
     """
     if key.exists():
-        return replace(_read_key(bench, key), noise_seed=seed)
+        try:
+            return replace(read_key(bench, key), noise_seed=seed)
+        except InputError as error:
+            raise InputError(f"{error}; or name a new file, to have a key drawn") from None
     scenario = draw(bench, seed, kinds=kinds)
     content = {"values": dict(scenario.values), "effects": scenario.effects}
     write_text(key, json_text(content), private=True)
     return replace(scenario, noise_seed=seed)
 
 
-def _read_key(bench: Bench, key: Path) -> Scenario:
-    """Return the machine of a key file."""
-    try:
-        content = check(KeyFile, read_json(key), str(key), kind="key file")
-    except InputError as error:
-        raise InputError(f"{error}; or name a new file, to have a key drawn") from None
+def read_key(bench: Bench, key: Path) -> Scenario:
+    """Return the machine of a key file.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, is not a key file, or does not fit the bench.
+    """
+    content = check(KeyFile, read_json(key), str(key), kind="key file")
     bench.with_values(content.values, where=f"{key}: values")
     outside = {effect.name: effect for effect in OUTSIDE}
     effects = {
