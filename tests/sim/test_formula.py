@@ -542,7 +542,7 @@ def test_a_usual_size_is_found_where_none_is_given() -> None:
             {"coefficients": {"k": {"unit": "N*m", "signed": "yes"}}},
             "k.signed: 'yes' is neither true nor false",
         ),
-        ({"coefficients": {"k": "N*m", "m": "N*m"}}, "own.coefficients.m: no law has it"),
+        ({"coefficients": {"k": "N*m", "m": "N*m"}}, "own.coefficients.m: not used in any law"),
         ({"coefficients": {"z": "N*m"}}, "own.coefficients.z: the name is taken"),
         ({"coefficients": {"i": "N*m"}}, "own.coefficients.i: the name is taken"),
         ({"coefficients": {"zx": "N*m"}}, "own.coefficients.zx: the name is taken"),

@@ -1,7 +1,7 @@
-"""Python face of the gyrowheel test bench.
+"""Python API of the gyrowheel test bench.
 
-Compare a model with a recording, see where it fails, learn which physical effect is missing, add it, and watch the
-error fall::
+Compare a model with a recording, see where it fails, find the missing physical effect, add it, and see the error
+fall::
 
     import gyrowheel as gw
 

@@ -26,7 +26,7 @@ def momentum(
     Parameters
     ----------
     bench : str, Path, Bench or Model
-        Shipped name, bench file, bench, or a model, whose learned inertias hold.
+        Shipped name, bench file, bench, or a model, of which the estimated inertias are used.
     spin_rate : float or sequence, optional
         Spin rates [rad/s]; the highest of the bench, its reference and one as far below if not given.
 

@@ -25,15 +25,15 @@ if TYPE_CHECKING:
 
 
 class Recording:
-    """A recording in memory; arrays are in the order of time, in SI units, and read-only.
+    """A recording in memory; its arrays are in order of time, in SI units, and read-only.
 
-    Made by `Recording.open`, `gyrowheel.simulate`, `gyrowheel.salvage` or `gyrowheel.read_table`.
+    Returned by `Recording.open`, `gyrowheel.simulate`, `gyrowheel.salvage` or `gyrowheel.read_table`.
     """
 
     def __init__(self, path: Path, data: Data | None = None, keep: object = None) -> None:
         self._path = path
         self._opened = data
-        self._keep = keep  # lives as long as the recording: the folder of one that is simulated
+        self._keep = keep  # lives as long as the recording: the temporary folder of a simulated one
 
     @classmethod
     def open(cls, path: str | Path) -> Recording:
@@ -53,9 +53,9 @@ class Recording:
 
     @classmethod
     def made(cls, path: Path, keep: object = None) -> Recording:
-        """Return a recording that was just written, to be read when it is used.
+        """Return a recording that was just written; it is read at its first use.
 
-        Its folder may be a temporary one, which lives as long as `keep` and the recording that keeps it.
+        Its folder may be temporary: it exists as long as `keep` does, which the recording refers to.
         """
         return cls(path, keep=keep)
 
@@ -67,12 +67,12 @@ class Recording:
 
     @property
     def data(self) -> Data:
-        """What the analysis works on."""
+        """The recording as the analysis package has it."""
         return self._data
 
     @property
     def path(self) -> Path:
-        """Where it was read from; a temporary folder for one that was simulated or imported without a folder."""
+        """Path that it was read from; a temporary folder if it was simulated or imported without naming one."""
         return self._path
 
     @property
@@ -87,7 +87,7 @@ class Recording:
 
     @property
     def time(self) -> NDArray[np.float64]:
-        """Times of the samples from the first one on [s], shape (n,)."""
+        """Times of the samples since the first one [s], shape (n,)."""
         return _read_only(self._data.time)
 
     @property
@@ -102,7 +102,7 @@ class Recording:
 
     @property
     def commands(self) -> NDArray[Any]:
-        """What the controller answered, a structured array; of length 0 where it was not recorded.
+        """Commands of the controller, a structured array; of length 0 if they were not recorded.
 
         ``stamp_ns`` [ns], ``measurement_sequence``, ``coil_voltage_x``, ``coil_voltage_y``, ``motor_voltage`` [V].
         """
@@ -110,7 +110,7 @@ class Recording:
 
     @property
     def setpoints(self) -> NDArray[Any]:
-        """What the test plan asked for, a structured array; of length 0 where it was not recorded.
+        """Setpoints of the test plan, a structured array; of length 0 if they were not recorded.
 
         ``stamp_ns`` [ns], ``segment``, ``phase`` (0 ramp, 1 hold), ``tilt_x``, ``tilt_y`` [rad], ``tilt_rate_x``,
         ``tilt_rate_y`` [rad/s], ``spin_rate`` [rad/s], ``spin_acceleration`` [rad/s²].
@@ -119,17 +119,17 @@ class Recording:
 
     @property
     def environment(self) -> tuple[Environment, ...]:
-        """What was planned for the rig, with times from the first sample on; empty where unknown."""
+        """Planned air and attitude of the rig, with times since the first sample; empty if unknown."""
         return tuple(self._data.environment)
 
     @property
     def integrity(self) -> Integrity:
-        """Which samples are missing, and what else was wrong with them."""
+        """Missing, duplicate, late and non-finite samples."""
         return self._data.integrity()
 
     @cached_property
     def info(self) -> RecordingInfo:
-        """What it holds, in short: ``.bench``, ``.rate``, ``.holds``, ``.topics``, ``.integrity`` and more."""
+        """Summary of the content: ``.bench``, ``.rate``, ``.holds``, ``.topics``, ``.integrity`` and more."""
         from gyrowheel_analysis.recording import info
 
         return info(self._data)
@@ -161,17 +161,17 @@ class Recording:
         Parameters
         ----------
         folder : str or Path
-            To create; it must not exist, or be empty, and appears whole or not at all.
+            Folder to create; it must not exist, or be empty, and appears complete or not at all.
 
         Returns
         -------
         Recording
-            The same recording, at its new place.
+            The same recording at its new path.
 
         Raises
         ------
         InputError
-            If the folder is not new or cannot be written, or the recording is one file of several.
+            If the folder is not new or cannot be written, or the recording was opened from a single file.
         """
         from gyrowheel_core.files import disk_errors, new_directory
 
@@ -188,7 +188,7 @@ class Recording:
         return len(self._data.measurement)
 
     def __str__(self) -> str:
-        """Return what it holds, in a few lines."""
+        """Return a summary of the content in a few lines."""
         from gyrowheel.text.layout import plain_text
         from gyrowheel.text.recordings import info_page
 
@@ -212,27 +212,26 @@ class Recording:
 def salvage(
     source: str | Path, target: str | Path, *, progress: Callable[[float], None] | None = None
 ) -> Salvaged:
-    """Make a complete recording of what can be read of a broken one.
+    """Make a complete recording from the readable part of a damaged one.
 
     Parameters
     ----------
     source : str or Path
-        An MCAP file, or a directory with such files; it is not touched.
+        An MCAP file, or a directory with such files; it is not changed.
     target : str or Path
-        Directory to create; it must not exist, or be empty. It appears when everything is in it.
+        Directory to create; it must not exist, or be empty. It appears when it is complete.
     progress : callable, optional
         Called with the fraction done, 0 .. 1.
 
     Returns
     -------
     Salvaged
-        What was saved and what is missing.
+        What was salvaged and what is missing.
 
     Raises
     ------
     InputError
-        If there is nothing that can be saved, the recording is still being written, or the disk does not take the
-        new one.
+        If nothing can be salvaged, the recording is still being written, or the new one cannot be written.
     """
     from gyrowheel_analysis.recording import salvage as save
 

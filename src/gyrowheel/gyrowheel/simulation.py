@@ -57,7 +57,7 @@ def simulate(
         Effects that the machine has: ``{"windage": {"w": 0.0013}}``, coefficients in SI units, those not given of their
         usual size; or names, ``NAME:COEF=VALUE,...`` and effects of one's own (`gyrowheel.own_effect`).
     model : Model, optional
-        A model whose effects and learned parameters the machine has, beside `effects`.
+        A model whose effects and estimated parameters the machine has, in addition to `effects`.
     bench : str or Path, optional
         Shipped name of the bench (`gyrowheel.benches`) or bench file; if not given, that of `model`, else
         ``gyrowheel``.

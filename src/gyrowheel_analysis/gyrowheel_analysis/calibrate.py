@@ -76,7 +76,7 @@ class Constant:
     stated : Override
         Value and standard uncertainty of the bench file.
     before : Override
-        What the model held: what was learned earlier, or the stated value.
+        Value in the model before: an earlier estimate, or the stated value.
     after : Override
         What the recordings say, with its standard error.
     limited_by : str

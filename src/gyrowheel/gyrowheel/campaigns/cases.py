@@ -1,4 +1,4 @@
-"""What a campaign consists of: its settings, and the list of its cases."""
+"""A campaign: its settings, and the list of its cases."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.blind.draw import KINDS, Kind
 
-#: Most samples that may be lost: with more of them missing no window is whole.
+#: Largest fraction of samples that may be lost: with more missing no window is complete.
 MOST_LOST = 0.2
 
 
@@ -30,11 +30,11 @@ class Campaign:
     kinds : tuple of str
         What may be hidden; see `gyrowheel_sim.blind.draw.KINDS` for how often.
     noise, drift : float
-        White noise and slow drifts of the readings over those stated; every case varies about them.
+        White noise and slow drifts of the readings, as multiples of those stated; every case varies about them.
     gains : float
-        Spin gains over those of the default controller; every case varies all gains.
+        Spin gains, as multiples of those of the default controller; every case varies all gains.
     lost : float
-        Part of the samples that is lost, 0 .. 0.2.
+        Fraction of the samples that is lost, 0 .. 0.2.
     """
 
     plan: str
@@ -73,7 +73,7 @@ class Campaign:
 
 @dataclass(frozen=True)
 class Case:
-    """One case: all that a worker needs to make, find and judge it.
+    """One case: all that a worker needs to simulate, diagnose and judge it.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class Case:
     kind : str
         What is hidden.
     ordinal : int
-        How many cases of its kind come before it: effects take turns.
+        Number of earlier cases of its kind: the effects take turns.
     """
 
     campaign: Campaign
@@ -101,7 +101,7 @@ def cases(campaign: Campaign, count: int, only: Sequence[int] = ()) -> list[Case
     campaign : Campaign
         The settings.
     count : int
-        How many cases.
+        Number of cases.
     only : sequence of int
         Numbers of the cases wanted; all if empty.
 
@@ -120,7 +120,7 @@ def cases(campaign: Campaign, count: int, only: Sequence[int] = ()) -> list[Case
     made = dict.fromkeys(campaign.kinds, 0)
     result = []
     for index in range(count):
-        # whoever lags furthest behind its share is next
+        # the kind that is furthest behind its share is next
         kind = max(campaign.kinds, key=lambda k: share[k] * (index + 1) - made[k])
         result.append(Case(campaign, index, kind, made[kind]))
         made[kind] += 1

@@ -1,6 +1,6 @@
 """The finder's side of a case: recordings and the model of the bench go in, a diagnosis comes out.
 
-This module must never come to know more; a test checks what it imports.
+This module must never see more; a test checks its imports.
 """
 
 from __future__ import annotations

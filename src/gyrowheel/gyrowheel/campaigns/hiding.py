@@ -1,6 +1,6 @@
-"""The secret of a case: a machine drawn at random, its effects by the size that a recording could just show.
+"""The secret of a case: a machine drawn at random, with effects scaled to the detection limit of a recording.
 
-Nothing of this module may reach the finder; only the recordings that `record` writes do.
+The finder may use nothing of this module but the recordings that `record` writes.
 """
 
 from __future__ import annotations
@@ -39,20 +39,20 @@ Array = NDArray[np.float64]
 
 #: Sizes are drawn between these multiples of the detection limit.
 SMALLEST, LARGEST = 1.0, 10.0
-#: Outside the library from here on: less of it a library effect could pass for.
+#: The same outside the library: a smaller one could be mistaken for a library effect.
 SMALLEST_OUTSIDE = 2.0
-#: No effect is made larger than this many times the largest usual size, however little a recording shows of it.
+#: No effect is larger than this many times its largest usual size, however little a recording shows of it.
 MOST_OF_USUAL = 3.0
-#: No bench parameter is made more wrong than by this part of its value.
+#: Largest relative error of a bench parameter.
 MOST_RELATIVE = 0.5
-_VARIATION = 1.4  # of noise and drift about the level asked for, either way
+_VARIATION = 1.4  # factor of noise and drift about the requested level, up or down
 _GAIN_SPREAD = 0.2  # of the logarithm of a gain
 _VARIED_GAINS = tuple(item.name for item in fields(Gains))
 
 
 @dataclass(frozen=True)
 class Secret:
-    """What is hidden in a case.
+    """The hidden machine of a case.
 
     Attributes
     ----------
@@ -68,9 +68,9 @@ class Secret:
     gains : Gains
         The controller's.
     lost : float
-        Part of the samples that is lost.
+        Fraction of the samples that is lost.
     noise, drift : float
-        White noise and slow drifts over those stated.
+        White noise and slow drifts, as multiples of those stated.
     """
 
     scenario: Scenario
@@ -97,10 +97,10 @@ class Secret:
 
 
 class Yardstick:
-    """How much of an effect a recording of a plan shows.
+    """Measure of how well a recording of a plan shows an effect.
 
-    A recording of the bench as stated, with nothing hidden, is reduced once; against it every response is
-    measured in the noise of the readings, all bench parameters fitted along.
+    A recording of the bench as stated, with nothing hidden, is reduced once. Every response is measured against it in
+    units of the noise, with all bench parameters fitted as well.
 
     Parameters
     ----------
@@ -136,16 +136,16 @@ class Yardstick:
         values : dict
             Its coefficients.
         drift : float
-            The drifts over those stated.
+            The drifts, as multiples of those stated.
         beside : EffectValues
-            Other hidden effects: what they can explain is not taken for this one.
+            Other hidden effects: what they can explain does not count for this one.
         """
         others = [self._response(other, given) for other, given in beside.items()]
         left = self._left(np.column_stack([*others, self._response(name, values)]), drift)
         return _over_limit(_apart(left[:, -1], left[:, :-1]), threshold(self._term(name), 1.0))
 
     def size_outside(self, form: OutsideForm, values: dict[str, float], drift: float) -> float:
-        """Return the same for an effect outside the library: what no single library effect can explain counts."""
+        """Return the same for an effect outside the library: only what no single library effect can explain counts."""
         terms = [self._columns(term) for term in candidate_terms(self._problem.bench)]
         left = self._left(np.column_stack([*terms, self._response(form.effect.name, values)]), drift)
         edges = np.cumsum([0, *(columns.shape[1] for columns in terms)])
@@ -153,7 +153,7 @@ class Yardstick:
         return _over_limit(chi2, THRESHOLD)
 
     def error_limit(self, name: str, drift: float) -> float:
-        """Return the relative error of a bench parameter from which on it is a finding."""
+        """Return the smallest relative error of a bench parameter that is a finding."""
         problem = self._problem
         groups = ERRORS[name]
         stated = max(
@@ -179,9 +179,9 @@ class Yardstick:
         return self._responses[term.name]
 
     def _left(self, columns: Array, drift: float, parameters: list[bool] | None = None) -> Array:
-        """Return what of some responses the bench parameters cannot explain, in the noise of the readings."""
+        """Return the part of responses that bench parameters cannot explain, in units of the noise."""
         problem = self._problem
-        # the finder does not believe in drifts smaller than those stated
+        # the finder assumes no drift smaller than the stated one
         noise = problem.noise.with_scales(dict.fromkeys(problem.noise.scales, max(drift, 1.0)))
         keep = np.array([True] * problem.count if parameters is None else parameters)
         free = problem.base_jacobian[:, keep]
@@ -194,7 +194,7 @@ class Yardstick:
 
 
 def _apart(response: Array, others: Array) -> float:
-    """Return chi-squared of a response that other columns cannot explain."""
+    """Return the chi-squared of a response that other columns cannot explain."""
     size = np.linalg.norm(others, axis=0)
     others = others[:, size > 1.0e-9 * max(size.max(initial=0.0), 1e-300)]
     if others.shape[1]:
@@ -207,10 +207,10 @@ _made: dict[tuple[str, str], Yardstick] = {}
 
 
 def yardstick(bench: Bench, plan: str) -> Yardstick:
-    """Return the yardstick of a bench and the text of a plan; made once a process."""
+    """Return the yardstick of a bench and the text of a plan; made once per process."""
     key = (bench.describe(), plan)
     if key not in _made:
-        with one_thread():  # as the cases themselves: not a bit of a secret may depend on where it is drawn
+        with one_thread():  # as in the cases: a secret must not depend, not by a bit, on where it is drawn
             _made[key] = Yardstick(bench, Plan.load(plan))
     return _made[key]
 
@@ -258,7 +258,7 @@ def hide(case: Case, measure: Yardstick) -> Secret:
         for group, parameters in bench.groups().items():
             if group in ERRORS.get(name, ()):
                 for p in parameters:
-                    # one group alone is wrong by just this; several keep their own share of the uncertainty
+                    # a single group has exactly this error; several keep their own share of the uncertainty
                     drawn_part = values[p.name] if len(ERRORS[name]) > 1 else p.value
                     values[p.name] = drawn_part + p.value * coefficients["relative_error"]
     gains = _draw_gains(campaign.gains, rng)
@@ -314,9 +314,9 @@ def _size(
 def _scaled(
     effect: Effect, values: dict[str, float], factor: float, size: Any, *, capped: bool
 ) -> tuple[dict[str, float], float]:
-    """Return an effect's coefficients with its amplitudes made so large that its size is `factor`, and the size.
+    """Return an effect's coefficients with its amplitudes scaled so that its size is `factor`, and the size.
 
-    Where the recording shows nothing of the effect it keeps the size drawn. With `capped` no amplitude is beyond
+    An effect that the recording does not show keeps the drawn size. With `capped` no amplitude is beyond
     a multiple of the largest usual size, and none is ever beyond its bounds.
     """
     now = size(values)
@@ -336,7 +336,7 @@ def _scaled(
 
 
 def _turn(pool: tuple[Any, ...], seed: int, ordinal: int, purpose: str) -> Any:
-    """Return the member of a pool whose turn it is: all come once in random order before one comes again."""
+    """Return the next member of a pool: all come once, in random order, before any comes again."""
     round_, place = divmod(ordinal, len(pool))
     rng = np.random.default_rng([seed, round_, *purpose.encode()])
     return pool[int(rng.permutation(len(pool))[place])]

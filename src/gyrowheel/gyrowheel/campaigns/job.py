@@ -1,4 +1,4 @@
-"""One case from beginning to end: the function that workers run, here or on a cluster."""
+"""One case from beginning to end: the function that workers run, on this machine or on a cluster."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ from gyrowheel_core.files import json_text, write_text
 
 
 def run_case(case: Case, keep: str | None = None, scratch: str | None = None) -> Judged:
-    """Make a case, let it be found, judge the answer.
+    """Simulate a case, diagnose it, and judge the answer.
 
     Parameters
     ----------
     case : Case
-        The case; it alone determines the result.
+        The case; it determines the result completely.
     keep : str, optional
-        Existing folder in which recordings, key and diagnosis stay, each case in a folder of its own.
+        Existing folder that keeps recordings, key and diagnosis, in a folder for each case.
     scratch : str, optional
-        Existing folder for what is needed for a while; that of the system if not given.
+        Existing folder for temporary files; that of the system if not given.
 
     Raises
     ------
     InputError
         If recordings cannot be written.
     """
-    # for good, not for a while: several threads of one worker may be at work, and all want just this
+    # not undone: several threads of one worker may run cases, and all need this limit
     threadpool_limits(limits=1, user_api="blas")
     campaign = case.campaign
     secret = hide(case, yardstick(campaign.bench, campaign.plan))
@@ -57,7 +57,7 @@ def run_case(case: Case, keep: str | None = None, scratch: str | None = None) ->
 def _answered(case: Case, secret: Secret, recording: Path, unused: Path, folder: Path) -> Judged:
     try:
         answer = find(recording, unused, Model(case.campaign.bench))
-    except Exception as error:  # one case that cannot be answered must not take the others with it
+    except Exception as error:  # one failed case must not end the others
         write_text(folder / "error.txt", traceback.format_exc())
         return failed(case, secret, f"{type(error).__name__}: {one_line(error)}")
     write_text(folder / "diagnosis.json", json_text(diagnosis_json(answer)))

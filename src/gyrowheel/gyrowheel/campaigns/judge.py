@@ -1,4 +1,4 @@
-"""The judge of a case: compares the finder's answer with the secret. Nobody else sees both."""
+"""The judge of a case: compares the finder's answer with the secret. No other part sees both."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ OUTCOMES: dict[Outcome, str] = {
     "named_right": "outside the library: named as the library effect that is right with another exponent",
     "failed": "the finder failed",
 }
-#: From this size on, in detection limits, an effect counts as detectable.
+#: Smallest size, in detection limits, at which an effect counts as detectable.
 DETECTABLE = 2.0
-_SAME_EXPONENT = 0.15  # an exponent this near is right, if not within its own interval
+_SAME_EXPONENT = 0.15  # an exponent as near as this is right too
 
 
 @dataclass(frozen=True)
 class Interval:
-    """A number that the finder stated with its standard error, beside the truth."""
+    """A value that the finder stated with its standard error, and the true one."""
 
     name: str
     value: float
@@ -69,19 +69,19 @@ class Judged:
     named : list of str
         What it named.
     ties : list of (str, str or None)
-        What it named as alternatives, with the plans that separate them.
+        The alternatives it named, with the plans that separate them.
     outcome : str
         See `OUTCOMES`.
     intervals : list of Interval
-        Coefficients of what was named right.
+        Coefficients of the effects that were named rightly.
     parameters : list of Interval
-        Bench parameters fitted along, where nothing wrong was named.
+        Fitted bench parameters, if nothing wrong was named.
     validation : float or None
         Error on the recording that was not used, in noise floors (root of chi-squared over N).
     validation_before : float or None
-        The same of the model without what was found.
+        The same for the model without the findings.
     formula : str
-        What was proposed for something unknown.
+        Formula proposed for an unknown effect.
     seconds : float
         Time that the diagnosis took [s].
     error : str
@@ -107,7 +107,7 @@ class Judged:
 
     @property
     def right(self) -> bool:
-        """Whether the answer stands: nothing was invented, and nothing detectable missed or misnamed."""
+        """Whether the answer is right: no false finding, and nothing detectable missed or misnamed."""
         if self.kind == "outside":
             return self.outcome in ("unknown", "named_right")
         if self.outcome in ("exact", "tied"):
@@ -116,17 +116,17 @@ class Judged:
 
     @property
     def beside_unknown(self) -> bool:
-        """Whether what was named stands beside something unknown: it is no answer of its own."""
+        """Whether effects were named in addition to an unknown one: alone they are no answer."""
         return self.verdict == "unknown" and bool(self.named)
 
     @property
     def truth_label(self) -> str:
-        """What was hidden, as one word of the confusion table."""
+        """Hidden effects, as a label of the confusion table."""
         return "+".join(sorted(self.truth)) or "none"
 
     @property
     def named_label(self) -> str:
-        """What was answered, as one word of the confusion table."""
+        """The answer, as a label of the confusion table."""
         if self.outcome == "failed":
             return "failed"
         names = "+".join(sorted(self.named))
@@ -158,7 +158,7 @@ class Judged:
 
 
 def judge(case: Case, secret: Secret, answer: Diagnosis) -> Judged:
-    """Return how an answer compares with the secret."""
+    """Compare an answer with the secret."""
     named = [finding.name for finding in answer.effects]
     right = {name for name in named if name in secret.truth}
     outcome = _outcome(case, secret, answer)

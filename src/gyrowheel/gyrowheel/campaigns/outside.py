@@ -1,6 +1,6 @@
-"""What is hidden as an effect outside the library, beside the forms that the simulation has for it.
+"""Effects outside the library that are hidden, in addition to the forms that the simulation has.
 
-They travel as declarations of a scenario, so that nothing that looks for effects knows them.
+They are declared in the scenario only, so that no search for effects knows them.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class OutsideForm:
     resembles : str or None
         The library effect that becomes right with another exponent; None if there is none.
     exponent : str
-        The coefficient that is then far from its declared value.
+        The coefficient that then differs much from its declared value.
     """
 
     effect: Effect
@@ -132,5 +132,5 @@ def outside_forms() -> tuple[OutsideForm, ...]:
 
 
 def declared() -> dict[str, Effect]:
-    """Return those that the simulation does not know by itself: what a scenario must declare."""
+    """Return the forms that the simulation does not have: a scenario must declare them."""
     return {form.effect.name: form.effect for form in _OWN if form.effect.name not in _SHIPPED}

@@ -1,4 +1,4 @@
-"""A campaign from its settings to its figures."""
+"""A campaign, from its settings to its statistics."""
 
 from __future__ import annotations
 
@@ -31,17 +31,17 @@ def campaign(
     keep: str | Path | None = None,
     progress: Callable[[Sequence[Judged], int], None] | None = None,
 ) -> CampaignResult:
-    """Test the diagnosis by many blind cases, each judged by its key.
+    """Test the diagnosis on many blind cases, each judged by its key.
 
-    Each case is a machine of its own: parameters drawn within their uncertainties, noise, drift and controller varied,
-    and in it nothing hidden, one effect, two, or one that no library has.
+    Each case is another machine: its parameters are drawn within their uncertainties, noise, drift and controller vary,
+    and it hides nothing, one effect, two, or one that no library has.
 
     Parameters
     ----------
     plan, validation_plan : str or Path
         Plan that is diagnosed, and plan of the recording that is only predicted.
     cases : int
-        How many cases.
+        Number of cases.
     seed : int
         Seed of everything that is drawn.
     kinds : sequence of str
@@ -49,17 +49,17 @@ def campaign(
     noise, drift, gains : float
         White noise, slow drifts and spin gains, times the stated ones.
     lost : float
-        Part of the samples that is lost, 0 .. 0.2.
+        Fraction of the samples that is lost, 0 .. 0.2.
     bench : str or Path
         Shipped name of the bench, or bench file.
     only : sequence of int
-        Numbers of the cases that are run; all if empty.
+        Numbers of the cases to run; all if empty.
     jobs : int, optional
-        Cases at a time; one for each core if not given.
+        Cases at a time; one per core if not given.
     dask : str, optional
         Address of a Dask scheduler whose workers run the cases.
     keep : str or Path, optional
-        Folder in which recordings, keys and diagnoses stay.
+        Folder that keeps recordings, keys and diagnoses.
     progress : callable, optional
         Called at the beginning and after each case with the cases finished so far, the latest last, and how many there
         are in all.
@@ -67,12 +67,12 @@ def campaign(
     Returns
     -------
     CampaignResult
-        Also after Ctrl-C, with the cases that were finished; where there is none, KeyboardInterrupt goes on.
+        The finished cases, also after Ctrl-C; if there are none, KeyboardInterrupt is raised again.
 
     Raises
     ------
     InputError
-        If something is not known or out of range, or the folder cannot be written.
+        If a name is unknown, a value is out of range, or the folder cannot be written.
     """
     from gyrowheel.campaigns.cases import Campaign
     from gyrowheel.campaigns.cases import cases as all_cases
@@ -88,7 +88,7 @@ def campaign(
         validation_plan=unused.to_yaml(),
         bench=Bench.load(bench),
         seed=seed,
-        kinds=tuple(cast("Kind", kind) for kind in kinds),  # checked there
+        kinds=tuple(cast("Kind", kind) for kind in kinds),  # checked by Campaign
         noise=noise,
         drift=drift,
         gains=gains,

@@ -1,4 +1,4 @@
-"""What the judged cases of a campaign add up to."""
+"""Statistics of the judged cases of a campaign."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ WITHIN_FORMULA = 1.5
 
 @dataclass(frozen=True)
 class Rate:
-    """How often something happened, with its 95 % interval (Clopper and Pearson's, which holds for any number)."""
+    """A relative frequency with its 95 % interval (Clopper and Pearson, valid for any number of cases)."""
 
     count: int
     n: int
 
     @property
     def part(self) -> float:
-        """The part; NaN of nothing."""
+        """The fraction; NaN if there are no cases."""
         return self.count / self.n if self.n else math.nan
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Where the true part lies, with 95 % confidence."""
+        """Interval of the true fraction, with 95 % confidence."""
         if not self.n:
             return 0.0, 1.0
         from scipy.stats import binomtest
@@ -44,16 +44,16 @@ class Rate:
 
 @dataclass(frozen=True)
 class Summary:
-    """The figures of a campaign.
+    """The statistics of a campaign.
 
     Attributes
     ----------
     seed : int
         Seed of the campaign.
     asked : int
-        How many cases were asked for.
+        Number of cases requested.
     cases : tuple of Judged
-        Those that were finished, by number.
+        The finished cases, by number.
     """
 
     seed: int
@@ -62,7 +62,7 @@ class Summary:
 
     @classmethod
     def of(cls, seed: int, asked: int, cases: Iterable[Judged]) -> Summary:
-        """Put finished cases together; their order does not matter."""
+        """Return the summary of finished cases, in any order."""
         return cls(seed, asked, tuple(sorted(cases, key=lambda c: c.index)))
 
     def of_kind(self, kind: str) -> list[Judged]:
@@ -71,7 +71,7 @@ class Summary:
 
     @property
     def false_alarms(self) -> Rate:
-        """Of the cases with nothing hidden, those in which something was found."""
+        """Cases with nothing hidden in which something was found."""
         none = self.of_kind("none")
         return Rate(sum(c.outcome not in ("exact", "missed") for c in none), len(none))
 
@@ -85,17 +85,17 @@ class Summary:
 
     @property
     def intervals(self) -> list[Interval]:
-        """All coefficients of effects that were named right."""
+        """All coefficients of effects that were named rightly."""
         return [i for c in self.cases for i in c.intervals]
 
     @property
     def parameters(self) -> list[Interval]:
-        """All bench parameters as fitted along, of the cases in which just the truth was named."""
+        """All fitted bench parameters of the cases in which exactly the truth was named."""
         return [i for c in self.cases for i in c.parameters]
 
     @property
     def validated(self) -> Rate:
-        """Of the cases named exactly, those whose error on an unused recording falls to the noise."""
+        """Exactly named cases whose error on an unused recording falls to the noise."""
         errors = [
             c.validation for c in self.cases if c.truth and c.outcome == "exact" and c.validation is not None
         ]
@@ -103,7 +103,7 @@ class Summary:
 
     @property
     def formulas_validated(self) -> Rate:
-        """Of the unknowns rightly called so, those whose error falls with the proposed formula."""
+        """Cases rightly called unknown whose error falls to the noise with the proposed formula."""
         errors = [
             c.validation
             for c in self.of_kind("outside")
@@ -119,14 +119,14 @@ class Summary:
 
     @property
     def confusion(self) -> dict[str, dict[str, int]]:
-        """{truth: {answer: how often}}."""
+        """{truth: {answer: number of cases}}."""
         table: dict[str, Counter[str]] = {}
         for case in self.cases:
             table.setdefault(case.truth_label, Counter())[case.named_label] += 1
         return {truth: dict(counts.most_common()) for truth, counts in sorted(table.items())}
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures as a JSON object."""
+        """Return the statistics as a JSON object."""
         outside = self.of_kind("outside")
         how = self.outcomes(outside)
         return {
@@ -176,6 +176,6 @@ class Summary:
 
 
 def covered(intervals: Sequence[Interval], level: float) -> Rate:
-    """Return how many intervals of a level contain the truth."""
+    """Return the fraction of intervals of a level that contain the truth."""
     width = statistics.NormalDist().inv_cdf(0.5 + 0.5 * level)
     return Rate(sum(abs(i.pull) <= width for i in intervals), len(intervals))

@@ -1,4 +1,4 @@
-"""Who runs the cases: this process, several processes of this machine, or a Dask cluster."""
+"""Workers that run the cases: this process, several processes of this machine, or a Dask cluster."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _CONNECT = 20.0  # s
 
 
 def cores() -> int:
-    """Return how many cases this machine can run at a time."""
+    """Return the number of cases that this machine can run at a time."""
     import joblib
 
     return int(joblib.cpu_count())
@@ -27,16 +27,16 @@ def cores() -> int:
 def judged_cases(
     cases: Sequence[Case], *, jobs: int, dask: str | None = None, keep: str | None = None
 ) -> Iterator[Iterator[Judged]]:
-    """Give an iterator over judged cases in the order in which they finish; leaving the block ends all work.
+    """Yield an iterator over judged cases in the order in which they finish; leaving the block ends all work.
 
     Parameters
     ----------
     cases : sequence of Case
-        What is to be done.
+        The cases to run.
     jobs : int
-        How many processes; one works in this process.
+        Number of processes; with 1 the cases run in this process.
     dask : str, optional
-        Address of a Dask scheduler; its workers do the cases then, and need this software.
+        Address of a Dask scheduler; its workers then run the cases, and need this software.
     keep : str, optional
         See `run_case`; on a cluster a path that its workers can write to.
 
@@ -66,7 +66,7 @@ def _in_processes(cases: Sequence[Case], jobs: int, keep: str | None) -> Iterato
         n_jobs=min(jobs, len(cases)), return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs"
     )
     with (
-        # of this process: workers that are ended in the middle of a case leave their files behind
+        # owned by this process: workers that are ended within a case leave their files behind
         tempfile.TemporaryDirectory(prefix="campaign-") as scratch,
         _ended(get_reusable_executor),
         joblib.parallel_config("loky", inner_max_num_threads=1),
@@ -106,7 +106,7 @@ def _on_cluster(cases: Sequence[Case], address: str, keep: str | None) -> Iterat
             f"dask: no scheduler answers at {address} ({reason}); expected an address such as tcp://10.0.0.5:8786"
         ) from None
     with client:
-        # pure=False: two campaigns on one cluster must not take each other's results for their own
+        # pure=False: two campaigns on one cluster must not share results
         futures = client.map(run_case, cases, keep=keep, pure=False, retries=1)
         try:
             yield (future.result() for future in as_completed(futures, loop=client.loop))

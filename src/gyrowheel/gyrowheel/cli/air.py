@@ -33,7 +33,7 @@ Tilt: TypeAlias = Annotated[
 Speed: TypeAlias = Annotated[float, typer.Option("--speed", metavar="RPM", help="Spin rate, in rpm.")]
 Direction: TypeAlias = Annotated[
     float,
-    typer.Option("--direction", metavar="DEG", help="Axis of the tilt, turned from x towards y, in deg."),
+    typer.Option("--direction", metavar="DEG", help="Axis of the tilt, from x towards y, in deg."),
 ]
 MeshName: TypeAlias = Annotated[
     str,
@@ -63,7 +63,9 @@ Pressure: TypeAlias = Annotated[
 Iterations: TypeAlias = Annotated[
     int,
     typer.Option(
-        "--iterations", metavar="N", help="Iterations of the solver; a case that is there with fewer goes on."
+        "--iterations",
+        metavar="N",
+        help="Iterations of the solver; an existing case with fewer is continued.",
     ),
 ]
 Window: TypeAlias = Annotated[
@@ -71,7 +73,7 @@ Window: TypeAlias = Annotated[
     typer.Option(
         "--window",
         metavar="N",
-        help="How many of the last iterations are averaged.",
+        help="Number of last iterations to average.",
         show_default="200, or the last half of more than 420",
     ),
 ]
@@ -80,7 +82,7 @@ Settle: TypeAlias = Annotated[
     typer.Option(
         "--settle",
         metavar="N",
-        help="Go on until the torque has settled, but not beyond N iterations. 0: do not go on.",
+        help="Continue until the torque has settled, at most to N iterations. 0: do not continue.",
     ),
 ]
 Study: TypeAlias = Annotated[
@@ -117,7 +119,7 @@ def air(
     ] = "gyrowheel",
     json: Json = None,
 ) -> None:
-    """Show the air torque by all models side by side, and as coefficients of the air effects."""
+    """Show the air torque of all models side by side, and as coefficients of the air effects."""
     from gyrowheel.air import Geometry, TorqueTable, air_state, compare
     from gyrowheel.text import air as render
     from gyrowheel.units import DEG, RPM
@@ -204,7 +206,8 @@ def sweep(
         str, typer.Option("--speeds", metavar="RPM,..", help="Spin rates, in rpm.")
     ] = "1000,2000,3000,3500,4000",
     base: Annotated[
-        float, typer.Option("--base", metavar="RPM", help="Speed from which the others of a tilt start.")
+        float,
+        typer.Option("--base", metavar="RPM", help="First speed of a tilt, from which the others start."),
     ] = 3500.0,
     mesh: MeshName = "low_re",
     model: ModelName = None,
@@ -213,7 +216,8 @@ def sweep(
     checks: Annotated[
         bool,
         typer.Option(
-            "--checks", help="Also the cases that show the part of mesh, model and axes, at the largest tilt."
+            "--checks",
+            help="Also compute the cases that show the influence of mesh, model and axes, at the largest tilt.",
         ),
     ] = False,
     temperature: Temperature = None,
@@ -236,7 +240,7 @@ def sweep(
     ] = None,
     json: Json = None,
 ) -> None:
-    """Compute all tilts and speeds; what is finished in the folder is not computed again."""
+    """Compute all tilts and speeds; finished cases in the folder are kept."""
     import os
 
     from gyrowheel import air as sweeps
@@ -301,13 +305,13 @@ def table(
         ),
         TORQUE_TABLE,
     ] = None,
-    check: Annotated[bool, typer.Option("--check", help="Check what a table must reproduce.")] = False,
-    fail: Annotated[
-        bool, typer.Option("--fail", help="With --check: exit with 1 if something does not hold.")
+    check: Annotated[
+        bool, typer.Option("--check", help="Check the table against what it must reproduce.")
     ] = False,
+    fail: Annotated[bool, typer.Option("--fail", help="With --check: exit with 1 if a check fails.")] = False,
     json: Json = None,
 ) -> None:
-    """Show a torque table, make one of a study, check it."""
+    """Show a torque table, make one from a study, or check it."""
     from gyrowheel.air import check_table, table_of
     from gyrowheel.files import disk_errors
     from gyrowheel.text import air as render

@@ -30,27 +30,31 @@ def campaign(
         str,
         typer.Option("--validation-plan", metavar="P", help="Plan of the recording that is only predicted."),
     ] = "check",
-    cases: Annotated[int, typer.Option("--cases", metavar="N", help="How many cases.")] = 100,
+    cases: Annotated[int, typer.Option("--cases", metavar="N", help="Number of cases.")] = 100,
     seed: Annotated[int, typer.Option("--seed", metavar="N", help="Seed of everything that is drawn.")] = 0,
     kinds: Annotated[
         str, typer.Option("--kinds", metavar="K,K..", help="What may be hidden: none, single, pair, outside.")
     ] = "none,single,pair,outside",
     noise: Annotated[
-        float, typer.Option("--noise", metavar="X", help="White noise, times the stated one.")
+        float, typer.Option("--noise", metavar="X", help="White noise, as a multiple of the stated one.")
     ] = 1.0,
     drift: Annotated[
-        float, typer.Option("--drift", metavar="X", help="Slow drifts, times the stated ones.")
+        float, typer.Option("--drift", metavar="X", help="Slow drifts, as a multiple of the stated ones.")
     ] = 1.0,
     gains: Annotated[
-        float, typer.Option("--gains", metavar="X", help="Spin gains, times those of the default controller.")
+        float,
+        typer.Option(
+            "--gains", metavar="X", help="Spin gains, as a multiple of those of the default controller."
+        ),
     ] = 1.0,
     lost: Annotated[
-        float, typer.Option("--lost", metavar="PART", help="Part of the samples that is lost: 0.01 is 1 %.")
+        float,
+        typer.Option("--lost", metavar="PART", help="Fraction of the samples that is lost: 0.01 is 1 %."),
     ] = 0.0,
     jobs: Annotated[
         int | None,
         typer.Option(
-            "--jobs", metavar="N", help="Cases at a time on this machine.", show_default="one a core"
+            "--jobs", metavar="N", help="Cases at a time on this machine.", show_default="one per core"
         ),
     ] = None,
     dask: Annotated[
@@ -58,14 +62,14 @@ def campaign(
         typer.Option(
             "--dask",
             metavar="ADDRESS",
-            help="Scheduler of a Dask cluster that does the cases.",
+            help="Address of a Dask scheduler whose workers run the cases.",
             show_default=False,
         ),
     ] = None,
     only: Annotated[
         list[int] | None,
         typer.Option(
-            "--only", metavar="I", help="Case of this number alone. Repeatable.", show_default=False
+            "--only", metavar="I", help="Run this case only, by number. Repeatable.", show_default=False
         ),
     ] = None,
     keep: Annotated[
@@ -73,7 +77,7 @@ def campaign(
         typer.Option(
             "--keep",
             metavar="DIR",
-            help="Keep recordings, keys and diagnoses here (some ten megabytes a case).",
+            help="Keep recordings, keys and diagnoses here (tens of megabytes per case).",
             show_default=False,
         ),
     ] = None,

@@ -51,7 +51,7 @@ def add(
         list[str] | None,
         typer.Argument(
             metavar="EFFECT...",
-            help="Effects to add; aero:MODEL adds all that a model of the air has, fitted within its uncertainties.",
+            help="Effects to add; aero:MODEL adds all effects of an air model, fitted within its uncertainties.",
             show_default=False,
         ),
     ] = None,
@@ -115,7 +115,7 @@ def remove(
     ],
     model: ModelFile,
 ) -> None:
-    """Remove effects; the other coefficients stay as they are."""
+    """Remove effects; the other coefficients keep their values."""
     from gyrowheel import Model
     from gyrowheel.text.models import difference
 
@@ -127,7 +127,7 @@ def remove(
 
 @model_app.command(epilog=example("gyrowheel model show --model wheel.yaml"))
 def show(model: ModelFile, json: Json = None) -> None:
-    """Show effects, learned parameters and history of a model."""
+    """Show effects, estimated parameters and history of a model."""
     from gyrowheel import Model
     from gyrowheel.text.models import model_page
 

@@ -27,7 +27,7 @@ def import_(
     column_map: Annotated[
         Path,
         typer.Option(
-            "--map", metavar="MAP.yaml", help="What the columns mean, and their units.", show_default=False
+            "--map", metavar="MAP.yaml", help="Meaning and units of the columns.", show_default=False
         ),
     ],
     output: Annotated[
@@ -81,7 +81,7 @@ def export(
         typer.Option(
             "--map",
             metavar="MAP.yaml",
-            help="Write the map too with which import reads the table back.",
+            help="Also write the map with which import reads the table.",
             show_default=False,
         ),
         COLUMN_MAP,

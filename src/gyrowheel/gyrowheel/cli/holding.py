@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from gyrowheel.cli.numbers import numbers
-from gyrowheel.cli.options import Json, Picture, example
+from gyrowheel.cli.options import Json, TorquePicture, example
 from gyrowheel.cli.shell import advancing, put_json, put_picture, put_text
 
 
@@ -21,7 +21,7 @@ def register(app: typer.Typer) -> None:
 def torques(
     directories: Annotated[
         list[Path] | None,
-        typer.Argument(metavar="DIR", help="Recordings whose holds are taken apart.", show_default=False),
+        typer.Argument(metavar="DIR", help="Recordings with the holds to show.", show_default=False),
     ] = None,
     model: Annotated[
         Path | None,
@@ -51,18 +51,22 @@ def torques(
     density: Annotated[
         float,
         typer.Option(
-            "--density", metavar="RATIO", min=0.0, max=2.0, help="Air density over the usual one; 0: vacuum."
+            "--density",
+            metavar="RATIO",
+            min=0.0,
+            max=2.0,
+            help="Air density, as a multiple of the usual one; 0: vacuum.",
         ),
     ] = 1.0,
-    inverted: Annotated[bool, typer.Option("--inverted", help="The rig upside down.")] = False,
-    picture: Picture = None,
+    inverted: Annotated[bool, typer.Option("--inverted", help="Turn the rig upside down.")] = False,
+    picture: TorquePicture = None,
     json: Json = None,
 ) -> None:
-    """Show what coils and motor hold, part by part.
+    """Show the torque that coils and motor supply in holds, part by part.
 
     Springs, gimbal, ripple of the shaft, losses, air, bearing, Earth and gravity:
-    of the holds of a recording, with what the model does not explain, or of
-    simulated holds. The parts sum to the whole.
+    in the holds of a recording, with the part that the model does not explain, or
+    in simulated holds. The parts sum to the whole.
     """
     import gyrowheel as gw
 

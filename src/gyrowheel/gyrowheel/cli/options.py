@@ -26,6 +26,11 @@ ErrorPicture: TypeAlias = Annotated[
     ),
     PICTURE,
 ]
+TorquePicture: TypeAlias = Annotated[
+    Path | None,
+    typer.Option("--picture", metavar="FILE.png", help="Draw the parts of the torques.", show_default=False),
+    PICTURE,
+]
 Recordings: TypeAlias = Annotated[
     list[Path], typer.Argument(metavar="DIR...", help="Recordings.", show_default=False)
 ]
@@ -42,7 +47,7 @@ Effects: TypeAlias = Annotated[
         "--effect",
         metavar="NAME[:C=V,..]",
         help="Effect of the simulated machine; coefficients not given take their usual size. aero:MODEL stands for all "
-        "that a model of the air has (gyrowheel air). Repeatable.",
+        "effects of an air model (gyrowheel air). Repeatable.",
         show_default=False,
     ),
 ]
@@ -51,7 +56,7 @@ Blind: TypeAlias = Annotated[
     typer.Option(
         "--blind",
         metavar="KEY.json",
-        help="Hidden machine of this key file; drawn at random where the file is new.",
+        help="Hidden machine of this key file; drawn at random if the file is new.",
         show_default=False,
     ),
 ]
@@ -72,7 +77,7 @@ Truth: TypeAlias = Annotated[
     typer.Option(
         "--model",
         metavar="M.yaml",
-        help="Model file whose effects and learned parameters the simulated machine has, beside those of --effect.",
+        help="Model file whose effects and estimated parameters the simulated machine has, besides those of --effect.",
         show_default=False,
     ),
 ]

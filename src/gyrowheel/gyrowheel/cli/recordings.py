@@ -38,7 +38,7 @@ def salvage(
         Path,
         typer.Argument(
             metavar="PATH",
-            help="Damaged recording, directory or .mcap file; it is not touched.",
+            help="Damaged recording, directory or .mcap file; it is not changed.",
             show_default=False,
         ),
     ],

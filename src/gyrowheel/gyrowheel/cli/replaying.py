@@ -24,22 +24,26 @@ def register(app: typer.Typer) -> None:
 
 def replay(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="Recording.", show_default=False)],
-    rate: Annotated[float, typer.Option("--rate", metavar="R", help="Recorded seconds per second.")] = 1.0,
-    fast: Annotated[bool, typer.Option("--fast", help="As fast as the readers take it.")] = False,
+    rate: Annotated[
+        float, typer.Option("--rate", metavar="R", help="Speed, as a multiple of the recorded one.")
+    ] = 1.0,
+    fast: Annotated[bool, typer.Option("--fast", help="As fast as the readers can take it.")] = False,
     step: Annotated[bool, typer.Option("--step", help="Start paused, and go on step by step.")] = False,
     step_length: Annotated[
         float,
         typer.Option(
-            "--step-length", metavar="S", help="How far a step goes, in seconds; 0: to the next sample."
+            "--step-length", metavar="S", help="Length of a step, in seconds; 0: to the next sample."
         ),
     ] = 0.0,
-    loop: Annotated[bool, typer.Option("--loop", help="Begin again at the end.")] = False,
+    loop: Annotated[bool, typer.Option("--loop", help="Start again at the end.")] = False,
     start: Annotated[
-        float, typer.Option("--from", metavar="S", help="From when on, in seconds from the first sample.")
+        float, typer.Option("--from", metavar="S", help="Start, in seconds since the first sample.")
     ] = 0.0,
     end: Annotated[
         float | None,
-        typer.Option("--to", metavar="S", help="Until when, in seconds.", show_default="the end"),
+        typer.Option(
+            "--to", metavar="S", help="End, in seconds since the first sample.", show_default="the end"
+        ),
     ] = None,
     topic: Annotated[
         list[str] | None,
@@ -52,13 +56,15 @@ def replay(
     clock: Annotated[bool, typer.Option("--clock/--no-clock", help="Publish /clock.")] = True,
     wait: Annotated[
         float,
-        typer.Option("--wait", metavar="S", help="Seconds to look for other nodes before it begins."),
+        typer.Option(
+            "--wait", metavar="S", help="Time to look for other nodes before it begins, in seconds."
+        ),
     ] = 3.5,
     readers: Annotated[
         int, typer.Option("--readers", metavar="N", help="Readers of the samples to wait for.")
     ] = 0,
     estimate: Annotated[
-        bool, typer.Option("--estimate", help="Run the drag estimator on it and show what it finds.")
+        bool, typer.Option("--estimate", help="Run the drag estimator on it and show its estimates.")
     ] = False,
     model: Annotated[
         Path | None,

@@ -1,1 +1,1 @@
-"""What the functions of the Python API return: immutable results, one module each."""
+"""Results that the functions of the Python API return: immutable, one module each."""

@@ -1,4 +1,4 @@
-"""What adding effects to a model has brought."""
+"""Outcome of adding effects to a model."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Addition(Result):
     Attributes
     ----------
     details : gyrowheel_analysis.add.Added
-        Everything that the fit gave.
+        The result of the fit, in full.
     """
 
     details: Details
@@ -41,7 +41,7 @@ class Addition(Result):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the user should know, such as an effect that may not be there."""
+        """Warnings, such as an effect that may not be real."""
         from gyrowheel.text.sentences.fits import doubt_sentence
 
         return tuple(doubt_sentence(doubt) for doubt in self.details.doubts)

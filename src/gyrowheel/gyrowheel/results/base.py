@@ -1,4 +1,4 @@
-"""What all results have in common."""
+"""Base class of all results."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Result(abc.ABC):
-    """A result: a short text, a page in a notebook, columns, JSON, and a picture where there is one."""
+    """A result, as short text, as page in a notebook, as columns, as JSON, and as picture if it has one."""
 
     __slots__ = ()
 
@@ -30,7 +30,7 @@ class Result(abc.ABC):
 
     @abc.abstractmethod
     def _page(self) -> Iterable[RenderableType]:
-        """Return what a notebook shows, part by part."""
+        """Return the page that a notebook shows, part by part."""
 
     def _repr_html_(self) -> str:
         from gyrowheel.text.notebook import html
@@ -56,7 +56,7 @@ class Result(abc.ABC):
         return data_frame(self.to_columns())
 
     def plot(self) -> Figure:
-        """Return a picture as a matplotlib figure, which ``savefig`` writes and a notebook shows.
+        """Return a picture as a matplotlib figure, to be shown in a notebook or written by ``savefig``.
 
         Raises
         ------
@@ -66,7 +66,7 @@ class Result(abc.ABC):
         raise InputError(f"{type(self).__name__}: has no picture")
 
     def save(self, path: str | Path) -> None:
-        """Write `to_dict` as a JSON file, which is whole or as it was before.
+        """Write `to_dict` as a JSON file, atomically: a failure leaves the old file.
 
         Raises
         ------

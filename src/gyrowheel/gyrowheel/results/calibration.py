@@ -24,30 +24,30 @@ class Calibration(Result):
     Attributes
     ----------
     details : gyrowheel_analysis.calibrate.Calibration
-        Everything that the analysis found.
+        The result of the analysis package, in full.
     """
 
     details: Details
 
     @property
     def constants(self) -> Mapping[str, Constant]:
-        """What was determined [SI]: ``.stated``, ``.before`` and ``.after``, each with value and standard error."""
+        """Constants determined [SI]: ``.stated``, ``.before`` and ``.after``, each with value and standard error."""
         return MappingProxyType(self.details.constants)
 
     @property
     def undetermined(self) -> Mapping[str, str]:
-        """What was not determined, and why."""
+        """Constants that were not determined, with the reason."""
         return MappingProxyType(self.details.undetermined)
 
     @property
     def model(self) -> Model:
-        """A new model that has the constants."""
+        """A new model with these constants."""
         from gyrowheel.model import Model
 
         return Model.of(self.details.model)
 
     def __str__(self) -> str:
-        """Return the constants, a line each."""
+        """Return the constants, one per line."""
         from gyrowheel.text.quantities import with_error
 
         lines = [

@@ -1,4 +1,4 @@
-"""How a campaign of blind cases went."""
+"""Outcome of a campaign of blind cases."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ class CampaignResult(Result):
     Attributes
     ----------
     details : gyrowheel.campaigns.summary.Summary
-        The figures, and every case.
+        The statistics, and every case.
     title : str
-        What was run.
+        Plan, seed and variations.
     interrupted : bool
-        Whether Ctrl-C ended it; the cases that were finished count.
+        Whether Ctrl-C ended it; the finished cases count.
     """
 
     details: Summary
@@ -35,11 +35,11 @@ class CampaignResult(Result):
 
     @property
     def cases(self) -> tuple[Judged, ...]:
-        """The cases that were finished, by number."""
+        """The finished cases, by number."""
         return self.details.cases
 
     def __str__(self) -> str:
-        """Return what was run, and how many cases are right."""
+        """Return the title, and how many cases are right."""
         right = sum(case.right for case in self.cases)
         return f"{self.title}: {right} of {len(self.cases)} right"
 

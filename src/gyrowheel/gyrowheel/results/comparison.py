@@ -1,4 +1,4 @@
-"""How far a model is from recordings, and where."""
+"""The error of a model on recordings, and where it is large."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Comparison(Result):
     Attributes
     ----------
     details : gyrowheel_analysis.compare.Comparison
-        Everything that the analysis found.
+        The result of the analysis package, in full.
     """
 
     details: Details
@@ -38,24 +38,24 @@ class Comparison(Result):
 
     @property
     def raw_rms(self) -> Mapping[str, float]:
-        """RMS error by channel of the model exactly as it stands, nothing fitted [N·m or V]."""
+        """RMS error by channel without fitting anything [N·m or V]."""
         return MappingProxyType(self.details.raw_rms)
 
     @property
     def worst(self) -> float:
-        """Largest χ²/N of any channel; 1 is nothing but noise."""
+        """Largest χ²/N of all channels; 1 is noise alone."""
         return max(metrics.chi2_per_n for metrics in self.channels.values())
 
     @property
     def fails(self) -> bool:
-        """Whether the error of a channel is visibly more than noise."""
+        """Whether the error of any channel is significantly above the noise."""
         from gyrowheel.text.comparison import fails
 
         return fails(self.details)
 
     @property
     def where(self) -> tuple[Region, ...]:
-        """Where the model fails, worst first; ``.share_of_chi2`` of each."""
+        """Regions where the model fails, worst first, each with ``.share_of_chi2``."""
         return tuple(self.details.where)
 
     @property

@@ -1,4 +1,4 @@
-"""What a model lacks, with the evidence."""
+"""The effects that a model lacks, with the evidence."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Diagnosis(Result):
     Attributes
     ----------
     details : gyrowheel_analysis.diagnosis.diagnose.Diagnosis
-        Everything that the analysis found.
+        The result of the analysis package, in full.
     """
 
     details: Details
@@ -52,22 +52,22 @@ class Diagnosis(Result):
 
     @property
     def effects(self) -> tuple[EffectFinding, ...]:
-        """What is missing, strongest first: ``.name``, ``.coefficients``, ``.delta_chi2``, ``.ties`` and more."""
+        """The missing effects, strongest first: ``.name``, ``.coefficients``, ``.delta_chi2``, ``.ties`` and more."""
         return tuple(self.details.effects)
 
     @property
     def free_form(self) -> tuple[FreeForm, ...]:
-        """For the verdict ``unknown``: formulas that describe what no known effect explains."""
+        """For the verdict ``unknown``: formulas for what no known effect explains."""
         return tuple(self.details.free_form)
 
     @property
     def error(self) -> ErrorTable | None:
-        """The error without and with what was found; None for ``insufficient_data``."""
+        """The error before and after adding the findings; None for ``insufficient_data``."""
         return self.details.error
 
     @property
     def where(self) -> tuple[Region, ...]:
-        """Where the model fails without it, worst first."""
+        """Regions where the model fails without the findings, worst first."""
         return tuple(self.details.where)
 
     @property
@@ -77,7 +77,7 @@ class Diagnosis(Result):
 
     @property
     def limits(self) -> tuple[DetectionLimit, ...]:
-        """What these recordings could not have shown: the smallest visible size of every known effect."""
+        """Detection limits: the smallest size of every known effect that these recordings would show."""
         return tuple(self.details.detection_limits)
 
     @property
@@ -86,7 +86,7 @@ class Diagnosis(Result):
         return tuple(self.details.recordings)
 
     def to_add(self) -> list[str | Effect]:
-        """Return what `Model.add` adds: names of effects, and effects made of the proposed formulas.
+        """Return what `Model.add` takes: names of effects, and effects made from the proposed formulas.
 
         Raises
         ------
@@ -113,7 +113,7 @@ class Diagnosis(Result):
         return found
 
     def __str__(self) -> str:
-        """Return the verdict and what was found, in a few lines."""
+        """Return the verdict and the findings in a few lines."""
         from gyrowheel.text.diagnosis import coefficients_line
 
         lines = [self.sentence]
@@ -136,7 +136,7 @@ class Diagnosis(Result):
         return diagnosis_json(self.details)
 
     def to_columns(self) -> Mapping[str, Sequence[Any]]:
-        """Return what was found as columns, a row for each coefficient."""
+        """Return the findings as columns, one row for each coefficient."""
         items = [(f.name, f.delta_chi2, f.coefficients) for f in self.effects]
         items += [(f.name, f.delta_chi2, f.coefficients) for f in self.free_form]
         rows = [
@@ -148,12 +148,12 @@ class Diagnosis(Result):
         return {name: [row[k] for row in rows] for k, name in enumerate(names)}
 
     def plot(self) -> Figure:
-        """Return the picture of the error without and with what was found as a matplotlib figure.
+        """Return the picture of the error before and after adding the findings as a matplotlib figure.
 
         Raises
         ------
         InputError
-            If the recordings had too little steady motion to find anything.
+            If the recordings have too little steady motion for a diagnosis.
         """
         from gyrowheel.plots.error_fall import error_figure
         from gyrowheel.text.diagnosis import coefficients_line

@@ -1,4 +1,4 @@
-"""How an investigation went."""
+"""Outcome of an investigation."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ class Investigation(Result):
     Attributes
     ----------
     details : gyrowheel.investigation.Investigation
-        Everything that was done.
+        The investigation, step by step.
     folder : Path
         Folder of the recordings.
     interrupted : bool
         Whether Ctrl-C ended it.
     keep : object
-        What the folder lives as long as, where it is a temporary one.
+        Holds a temporary folder, which exists as long as this object.
     """
 
     details: Details
@@ -41,36 +41,36 @@ class Investigation(Result):
 
     @property
     def steps(self) -> tuple[Step, ...]:
-        """What was done, step by step: ``.plans``, ``.why``, ``.diagnosis``, ``.learned`` and more."""
+        """The steps: ``.plans``, ``.why``, ``.diagnosis``, ``.learned`` and more."""
         return tuple(self.details.steps)
 
     @property
     def settled(self) -> bool:
-        """Whether nothing is open any more."""
+        """Whether no question is open."""
         return self.details.settled
 
     @property
     def reason(self) -> str:
-        """Why it ended."""
+        """Why the investigation ended."""
         return self.details.reason
 
     @property
     def minutes(self) -> float:
-        """Time on the bench that was spent [min]."""
+        """Bench time spent [min]."""
         return self.details.minutes
 
     @property
     def recordings(self) -> tuple[Path, ...]:
-        """Everything that was recorded."""
+        """All recordings."""
         return tuple(self.details.recordings)
 
     @property
     def diagnosis(self) -> Diagnosis | None:
-        """What all recordings together say in the end; None where it was interrupted before that."""
+        """The last diagnosis, of all recordings together; None if it was interrupted before the first."""
         return Diagnosis(self.details.steps[-1].diagnosis) if self.details.steps else None
 
     def __str__(self) -> str:
-        """Return how it ended, and what each step has brought."""
+        """Return how it ended, and the result of each step."""
         from gyrowheel.text.sentences.investigation import end_sentence
 
         lines = [end_sentence(self.details)]

@@ -1,4 +1,4 @@
-"""Rates of the case, the wheel taken as a rate sensor."""
+"""Rates of the case, with the wheel used as a rate sensor."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ class Rates(Result):
     Attributes
     ----------
     details : gyrowheel_analysis.rate_sensor.Rates
-        Everything that the analysis found.
+        The result of the analysis package, in full.
     """
 
     details: Details
 
     @property
     def time(self) -> NDArray[np.float64]:
-        """Middle of every steady window, from the start of its recording [s], shape (n,)."""
+        """Middle of every steady window, since the start of its recording [s], shape (n,)."""
         return self.details.time
 
     @property
@@ -52,7 +52,7 @@ class Rates(Result):
 
     @property
     def lines(self) -> tuple[Line | None, Line | None]:
-        """Scale and bias of each axis against the table; None where the table hardly turned about it."""
+        """Scale and bias of each axis against the table; None if the table hardly turned about it."""
         return self.details.lines
 
     def __str__(self) -> str:

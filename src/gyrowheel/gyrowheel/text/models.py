@@ -1,4 +1,4 @@
-"""A model file: what has been learned about a bench, and how."""
+"""A model file as text: effects, estimated parameters, history."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ class Override:
 
 @dataclass(frozen=True)
 class Model:
-    """A bench with the effects and parameter values learned so far; immutable, every edit gives a new one.
+    """A bench with added effects and estimated parameter values; immutable: every edit makes a new one.
 
     Attributes
     ----------
@@ -95,7 +95,7 @@ class Model:
         """The prior: the bench as it is believed before a recording is analysed.
 
         It is the stated bench with two exceptions. A calibrated parameter has its calibrated value and standard
-        error. A parameter whose error was added to the model has the learned value, with the stated uncertainty.
+        error. A parameter whose error was added to the model has the estimated value, with the stated uncertainty.
         Other fitted parameters keep their stated values; otherwise their recordings would count twice.
         """
         bench = self.stated_bench

@@ -1,1 +1,1 @@
-"""What blind tests draw and hide; nothing that looks for effects reads it."""
+"""Hidden machines and effects of blind tests; no search for effects reads them."""

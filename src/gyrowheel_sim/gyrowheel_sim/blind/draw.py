@@ -1,6 +1,6 @@
 """A hidden machine for blind tests: its parameters within the stated uncertainties, and effects drawn at random.
 
-Only the key file knows what was drawn; a recording of the machine carries none of it.
+Only the key file holds what was drawn; a recording of the machine contains none of it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from gyrowheel_sim.plant.outside import OUTSIDE
 from gyrowheel_sim.plant.scenario import KeyFile, Scenario
 
 Kind = Literal["none", "single", "pair", "outside"]
-#: How often each kind is drawn.
+#: Probability of each kind.
 KINDS: dict[Kind, float] = {"none": 0.2, "single": 0.5, "pair": 0.2, "outside": 0.1}
 
 
@@ -59,7 +59,7 @@ def draw(bench: Bench, seed: int, *, kinds: Sequence[Kind] = tuple(KINDS)) -> Sc
     seed : int
         Seed of machine, effects and noise; not negative.
     kinds : sequence of str
-        What may be drawn: ``none``, ``single``, ``pair`` (of the registered effects), ``outside`` (an effect that
+        Kinds that may be drawn: ``none``, ``single``, ``pair`` (of the registered effects), ``outside`` (an effect that
         no declaration of the registry contains).
     """
     if seed < 0:
@@ -81,7 +81,7 @@ def reuse_or_draw(bench: Bench, key: Path, seed: int, *, kinds: Sequence[Kind] =
     Raises
     ------
     InputError
-        If the key file exists and is not one.
+        If the file exists and is not a key file.
     """
     if key.exists():
         try:

@@ -33,7 +33,7 @@ from gyrowheel_sim.effects.quantities import theta, theta_rate
 from gyrowheel_sim.effects.schema import LAW_FIELDS, CoefficientEntry, Declaration
 from gyrowheel_sim.effects.targets import TARGETS
 
-#: Where a law is tried: at rest on the axis, and tilted at speeds from 1000 to 4000 rpm.
+#: States in which a law is tried: at rest on the axis, and tilted at speeds from 1000 to 4000 rpm.
 _SPEEDS = np.linspace(105.0, 420.0, 64)
 _AT_REST: dict[str, Any] = {
     "z": 0j, "z_rate": 0j, "Omega": _SPEEDS, "theta_z": 0.0, "theta": 0.0, "theta_rate": 0.0, "axis": 1.0,
@@ -59,15 +59,15 @@ def effect_from_mapping(name: str, mapping: object, where: str = "effect") -> Ef
         ``torque`` (short for ``rotor_torque``) or another target of `TARGETS`, each a formula; ``coefficients``,
         each with ``unit`` and, where known, ``usual`` and ``bounds`` (two numbers), ``signed``, ``value``,
         ``uncertainty``, ``description``, ``source``; ``title``, ``category``, ``sentence``, ``validity``,
-        ``source``, ``look_alikes``. A coefficient in which the law is linear is an amplitude; another one (an
+        ``source``, ``look_alikes``. A coefficient in which the law is linear is an amplitude; any other one (an
         exponent, an edge) needs its ``value`` and ``uncertainty``, or its ``usual`` range.
     where : str
-        What messages begin with.
+        Beginning of error messages.
 
     Raises
     ------
     InputError
-        If a field is missing, unknown or wrong, a formula is none, or its unit is not that of its target.
+        If a field is missing, unknown or wrong, a formula cannot be read, or its unit is not that of its target.
     """
     check_name(name, where)
     if not isinstance(mapping, Mapping):
@@ -81,7 +81,7 @@ def effect_from_mapping(name: str, mapping: object, where: str = "effect") -> Ef
         _check_target(formula, target)
     used = {s.name for formula, _ in formulas for s in formula.expression.free_symbols}
     if unused := [key for key in entries if key not in used]:
-        raise InputError(f"{where}.coefficients.{unused[0]}: no law has it")
+        raise InputError(f"{where}.coefficients.{unused[0]}: not used in any law")
     laws = tuple(Law(target, formula.expression) for formula, target in formulas)
     amplitudes = _amplitudes(laws, entries, where)
     drafts = [
@@ -132,14 +132,14 @@ def check_name(name: str, where: str, taken: Mapping[str, object] | None = None)
     Raises
     ------
     InputError
-        If the name is not made of letters, digits and ``_``, or means something already.
+        If the name is not made of letters, digits and ``_``, or has a meaning already.
     """
     if not isinstance(name, str) or NAME.fullmatch(name) is None:
         raise InputError(
-            f"{where}: {_one_line(repr(name))} is no name of an effect; letters, digits and _ are allowed, 40 at most"
+            f"{where}: {_one_line(repr(name))} is not a name for an effect; allowed: letters, digits and _, at most 40"
         )
     if name.endswith("_error"):
-        raise InputError(f"{where}: names that end in _error are kept for errors of bench parameters")
+        raise InputError(f"{where}: names that end in _error are reserved for errors of bench parameters")
     if taken is not None and name in taken:
         raise InputError(f"{where}: there is an effect named '{name}' already; choose another name")
 
@@ -170,13 +170,13 @@ def _units(
             for formula, target in formulas:
                 check_unit(formula, {**units, missing[0]: None}, TARGETS[target].unit)
         except MissingUnitError as error:
-            with contextlib.suppress(InputError):  # a broken power is nothing that one would write
+            with contextlib.suppress(InputError):  # nobody would write a fractional power of a unit
                 hint = f"{Unit.of(str(error.unit))} would fit"
     raise InputError(f"{where}.{missing[0]}.unit: missing; {hint}")
 
 
 def _check_target(formula: Formula, target: str) -> None:
-    """Refuse a law that its target cannot take."""
+    """Refuse a law that does not suit its target."""
     node, expression = formula.node, formula.expression
     if not TARGETS[target].each_flexure and expression.free_symbols & {theta, theta_rate}:
         raise formula.error(node, "theta and theta_rate belong to a flexure: only flexure_torque has them")
@@ -220,7 +220,7 @@ def _amplitudes(laws: Sequence[Law], entries: Mapping[str, CoefficientEntry], wh
 
 
 def _bends(e: sp.Expr, name: str) -> bool:
-    """Whether a coefficient stands where the law is not linear in it."""
+    """Whether the law is not linear in a coefficient."""
     if not any(s.name == name for s in e.free_symbols) or e.is_Symbol:
         return False
     if e.is_Mul and sum(any(s.name == name for s in a.free_symbols) for a in e.args) > 1:
@@ -281,7 +281,7 @@ def _amplitude(name: str, unit: str, entry: CoefficientEntry, where: str) -> Coe
     if entry.value is not None:
         size = abs(entry.value)
         if size == 0.0:
-            raise InputError(f"{where}.value: 0 is no usual size")
+            raise InputError(f"{where}.value: 0 cannot be a usual size")
         usual = (_rounded(size / 3.0, 3), _rounded(size * 3.0, 3))
     if entry.usual is not None:
         usual = entry.usual
@@ -305,7 +305,7 @@ def _amplitude(name: str, unit: str, entry: CoefficientEntry, where: str) -> Coe
 
 
 def _try(effect: Effect, where: str) -> None:
-    """Refuse a law that is not finite where the bench works."""
+    """Refuse a law that is not finite at states of the bench."""
     coefficients = {c.name: 1.0 if c.shape is None else c.shape for c in effect.coefficients}
     for place, instant in (("at rest (z = 0, t = 0)", _AT_REST), ("with a tilt", _TILTED)):
         for law, value in zip(effect.laws, _values(effect, instant, coefficients), strict=True):
@@ -330,7 +330,9 @@ def _sized(effect: Effect, where: str) -> list[Coefficient]:
             if (most := float(np.abs(value).max())) > 0.0
         ]
         if not sizes:
-            raise InputError(f"{where}.coefficients.{c.name}.usual: missing, and the law does not tell it")
+            raise InputError(
+                f"{where}.coefficients.{c.name}.usual: missing, and it does not follow from the law"
+            )
         usual = min(sizes)
         usual = (_rounded(usual[0], 2), _rounded(usual[1], 2))
         bounds = c.bounds if c.bounds[1] > 0.0 else (-1000.0 * usual[1], 1000.0 * usual[1])
@@ -341,9 +343,9 @@ def _sized(effect: Effect, where: str) -> list[Coefficient]:
 
 
 def _values(effect: Effect, instant: Mapping[str, Any], coefficients: Mapping[str, float]) -> list[Any]:
-    from gyrowheel_sim.effects.code import array_law  # brings in the compiler, which few callers need
+    from gyrowheel_sim.effects.code import array_law  # imports the compiler, which few callers need
 
-    # arrays: numbers of Python would raise where an array has an infinity
+    # arrays: plain numbers would raise an exception where arrays hold an infinity
     values = {name: np.asarray(value) for name, value in {**instant, **coefficients}.items()}
     with np.errstate(all="ignore"):
         return [np.asarray(array_law(effect, index)(values)) for index in range(len(effect.laws))]

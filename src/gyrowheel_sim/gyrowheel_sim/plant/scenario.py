@@ -1,4 +1,4 @@
-"""What a simulated machine really is: the truth behind a recording, which no analysis may see."""
+"""The true state of a simulated machine, which no analysis may see."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from gyrowheel_sim.effects.user import check_name
 
 
 class KeyFile(BaseModel):
-    """A key file: what is hidden in a machine; a campaign writes more into it, which is for people."""
+    """A key file: what is hidden in a machine; a campaign adds further entries for people."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -33,7 +33,7 @@ class KeyFile(BaseModel):
 
 
 class ScenarioFile(Section):
-    """A scenario file: what the node of the plant is told about its machine."""
+    """A scenario file: the machine that the plant node simulates."""
 
     values: dict[Name, Number]
     effects: dict[Name, dict[Name, Number]]
@@ -64,7 +64,7 @@ class Scenario:
 
     @classmethod
     def nominal(cls, effects: EffectValues | None = None, *, noise_seed: int = 0) -> Scenario:
-        """Return a machine exactly as its bench file says, with the given effects."""
+        """Return a machine with the parameters of its bench file and the given effects."""
         return cls(effects=dict(effects or {}), noise_seed=noise_seed)
 
     @classmethod
@@ -93,7 +93,7 @@ class Scenario:
         return cls(content.values, effects, content.noise_seed, declared)
 
     def save(self, path: str | Path) -> None:
-        """Write a scenario file that is whole or as it was before; only its owner may read it."""
+        """Write a scenario file atomically; only its owner may read it."""
         content = {"values": dict(self.values), "effects": self.effects, "noise_seed": self.noise_seed}
         if self.declared:
             content["declared"] = {name: effect_to_mapping(effect) for name, effect in self.declared.items()}
