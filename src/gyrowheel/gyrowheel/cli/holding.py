@@ -34,17 +34,17 @@ def torques(
     ] = None,
     tilt: Annotated[
         str,
-        typer.Option("--tilt", metavar="DEG", help="Tilts: 3, or 1,2,3, or 0..5, or 0..5:0.5. [deg]"),
+        typer.Option("--tilt", metavar="DEG", help="Tilts: 3, or 1,2,3, or 0..5, or 0..5:0.5, in deg."),
     ] = "3",
     azimuth: Annotated[
-        float, typer.Option("--azimuth", metavar="DEG", help="Direction of the tilt from the x axis. [deg]")
+        float, typer.Option("--azimuth", metavar="DEG", help="Direction of the tilt from the x axis, in deg.")
     ] = 0.0,
     speed: Annotated[
         str | None,
         typer.Option(
             "--speed",
             metavar="RPM",
-            help="Spin rates, written like tilts. [rpm]",
+            help="Spin rates, written like tilts, in rpm.",
             show_default="the reference of the bench",
         ),
     ] = None,

@@ -26,7 +26,7 @@ def momentum(
         typer.Option(
             "--speed",
             metavar="RPM",
-            help="Spin rates: 3000, or 3000,4000, or 2000..4000, or 2000..4000:500. [rpm]",
+            help="Spin rates: 3000, or 3000,4000, or 2000..4000, or 2000..4000:500, in rpm.",
             show_default="highest, reference, and as far below it",
         ),
     ] = None,
