@@ -162,7 +162,7 @@ class MujocoWheel:
         self._data.qvel[:] = spin, wx, wy
 
     def advance(self, voltages: NDArray[np.float64], steps: int) -> None:
-        """Hold voltages for some steps: the coils' torque stands still in the case, the motor's acts on the shaft."""
+        """Hold voltages for some steps: the coils' torque is fixed in the case, the motor's acts on the shaft."""
         self._data.xfrc_applied[3, 3:5] = self._coil * voltages[0], self._coil * voltages[1]
         self._data.qfrc_applied[0] = self._motor * voltages[2] - self._coulomb
         mujoco.mj_step(self._model, self._data, steps)

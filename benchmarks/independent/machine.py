@@ -172,7 +172,7 @@ class Machine:
     secret : Secret
         What it is.
     substeps : int
-        Steps of MuJoCo's Runge-Kutta integrator a sample. In its joints a tilt that stands still swings once a
+        Steps of MuJoCo's Runge-Kutta integrator a sample. In its joints a constant tilt swings once a
         revolution, and a step that is too long makes a torque of that: 0.0005 mN m at 3 degrees with four.
     """
 

@@ -196,7 +196,7 @@ class ConductorNode(BenchNode):
         return GoalResponse.ACCEPT
 
     def _on_cancel(self, goal: ServerGoalHandle) -> CancelResponse:
-        return CancelResponse.ACCEPT  # noticed in _on_poll, also while the clock stands still
+        return CancelResponse.ACCEPT  # noticed in _on_poll, also while the clock is stopped
 
     def _begin(self, goal: ServerGoalHandle) -> None:
         self._reserved = False
@@ -430,7 +430,7 @@ class ConductorNode(BenchNode):
 
     @staticmethod
     def _still(setpoint: NDArray[Any]) -> NDArray[Any]:
-        """Return a copy of one setpoint, shape (1,), that stands still."""
+        """Return a copy of one setpoint, shape (1,), with zero rates."""
         held = setpoint.copy()
         held["phase"] = HOLD
         for name in _MOTION:

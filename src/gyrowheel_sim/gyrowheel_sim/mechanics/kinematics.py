@@ -139,7 +139,7 @@ def rotor_rate(
 
 
 def joint_rates_of_hold(phi: ArrayLike, beta: ArrayLike, spin_rate: ArrayLike) -> tuple[Array, Array]:
-    """Return the rates of the two flexures [rad/s] while the tilt stands still in the case: eq (2) differentiated.
+    """Return the rates of the two flexures [rad/s] while the tilt is fixed in the case: eq (2) differentiated.
 
     Parameters
     ----------

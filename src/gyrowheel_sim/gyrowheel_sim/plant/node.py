@@ -336,7 +336,7 @@ class PlantNode(BenchNode):
             self._ignored += 1
             return
         if guard.take(answered, sequence, voltage_x, voltage_y, motor_voltage) is Refusal.NOT_FINITE:
-            # nothing else would make the next step: the time of the bench stands still for good
+            # nothing else would make the next step: bench time would stop for ever
             self.fault(
                 "command_not_finite",
                 f"command for sample {sequence}: coil_voltage_x {voltage_x:g}, coil_voltage_y {voltage_y:g}, "

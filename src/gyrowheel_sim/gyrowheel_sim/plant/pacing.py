@@ -7,7 +7,7 @@ class Pacer:
     """Counts the samples that are due by a monotonic clock.
 
     After a delay the missed samples are made up for, at most `burst` at once. For the rest of the delay the bench
-    stands still. So no sample is lost, and no burst is too long to be answered.
+    pauses. So no sample is lost, and no burst is too long to be answered.
 
     Parameters
     ----------

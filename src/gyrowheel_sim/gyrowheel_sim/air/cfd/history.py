@@ -46,7 +46,7 @@ class Torque:
 
     @property
     def steady(self) -> bool:
-        """Whether it stands still: no component scatters by more than 2 % of the torque's size."""
+        """Whether it is steady: no component scatters by more than 2 % of the torque's size."""
         return bool(np.all(self.scatter <= SCATTER_LIMIT * self._size))
 
     @property
