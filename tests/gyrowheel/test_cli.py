@@ -46,19 +46,27 @@ VERBS = dict(verbs())
 # ---- help
 
 
-# what `run` is given belongs to the node, its --help too
-@pytest.mark.parametrize("verb", sorted(VERBS.keys() - {"run"}))
+@pytest.mark.parametrize("verb", sorted(VERBS))
 def test_every_verb_has_help_with_an_example(gyrowheel: Shell, verb: str):
     shown = gyrowheel.good(*verb.split(), "--help").out
     assert f"Example: gyrowheel {verb}" in shown
 
 
-@pytest.mark.parametrize("verb", sorted(VERBS.keys() - {"run"}))
+@pytest.mark.parametrize("verb", sorted(VERBS))
 def test_help_shows_all_that_is_said_of_an_option(gyrowheel: Shell, verb: str):
     shown = "".join(gyrowheel.good(*verb.split(), "--help").out.replace("│", " ").split())
     for option in VERBS[verb].params:
         if not option.hidden:
             assert "".join((option.help or "").split()) in shown, option.name
+
+
+def test_run_lists_packages_and_executables(gyrowheel: Shell):
+    everything = gyrowheel.good("run").out.splitlines()
+    assert {"gyrowheel_sim", "  plant_node", "gyrowheel_analysis", "  recorder_node"} <= set(everything)
+    assert gyrowheel.good("run", "gyrowheel_sim").out.splitlines() == ["gyrowheel_sim", "  plant_node"]
+    unknown = gyrowheel("run", "gyrowheel_simm")
+    assert unknown.code == 2
+    assert "gyrowheel_simm" in unknown.err
 
 
 def test_help_lists_every_verb(gyrowheel: Shell):

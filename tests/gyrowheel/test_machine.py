@@ -12,7 +12,7 @@ from gyrowheel_sim.bench import Bench
 BENCH = Bench.load()
 
 
-@pytest.mark.parametrize("model", ["correlation", "vorticity", "table", "surrogate"])
+@pytest.mark.parametrize("model", ["correlation", "vorticity", "surrogate"])
 def test_a_model_of_the_air_stands_for_its_effects(model: str) -> None:
     machine = scenario(BENCH, "quick", effects=[f"aero:{model}", "fixed_torque:F_x=0.001,F_y=0"], seed=1)
     expected = air_effects(model, bench=BENCH).values
@@ -23,6 +23,16 @@ def test_a_model_of_the_air_stands_for_its_effects(model: str) -> None:
 
 def test_the_air_twice_or_of_an_unknown_model_is_refused() -> None:
     with pytest.raises(InputError, match="windage is given twice"):
-        scenario(BENCH, "quick", effects=["aero:table", "windage"], seed=1)
+        scenario(BENCH, "quick", effects=["aero:surrogate", "windage"], seed=1)
     with pytest.raises(InputError, match="'fluent' is not known; allowed: correlation"):
         scenario(BENCH, "quick", effects=["aero:fluent"], seed=1)
+
+
+def test_a_table_is_not_passed_off_as_what_the_machine_has() -> None:
+    """The machine's air is a power law: it differs from the table's rows by what the fit leaves."""
+    with pytest.raises(InputError, match=r"aero:table: the simulated air follows power laws.*aero:surrogate"):
+        scenario(BENCH, "quick", effects=["aero:table"], seed=1)
+    assert (
+        scenario(BENCH, "quick", effects=["aero"], seed=1).effects
+        == air_effects("surrogate", bench=BENCH).values
+    )

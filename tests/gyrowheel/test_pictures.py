@@ -7,12 +7,18 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from PIL import Image
 
+from gyrowheel.plots.where_it_fails import _arrow_scale
 from gyrowheel.text.sentences.investigation import unseen_sentence
+from gyrowheel_analysis.channels import CHANNELS
 from gyrowheel_analysis.diagnosis.diagnose import DetectionLimit, NextTest
+from gyrowheel_analysis.residuals.windows import Part
+from gyrowheel_core.units import DEG
 
 from .conftest import Wheel
 from .findings import diagnosis, finding
@@ -112,3 +118,21 @@ def test_a_picture_never_replaces_what_is_not_one(
     assert notes.read_text(encoding="utf-8") == '{"mine": 1}'
     assert wheel.model.read_bytes() == before
     assert not (tmp_path / "run").exists()
+
+
+def longest(windows: int, wrong: float, noise: float) -> float:
+    """Return the longest arrow of what is wrong, in degrees, where one window of twelve is noisy."""
+    values = np.full(windows, wrong, dtype=complex)
+    sigma = np.full(windows, 1e-5)
+    values[::12], sigma[::12] = noise, noise
+    part = Part(CHANNELS["tilt"], values, sigma)
+    data = SimpleNamespace(parts={"tilt": part}, windows=SimpleNamespace(mean_tilt=np.full(windows, 4 * DEG)))
+    return wrong * _arrow_scale(data)  # type: ignore[arg-type]
+
+
+def test_arrows_are_as_long_as_what_is_wrong_and_not_as_the_noise() -> None:
+    assert longest(48, 1e-4, 1e-5) == pytest.approx(0.55 * 4.0)
+    # a noisy window does not make the others short
+    assert longest(48, 1e-4, 1e-2) == pytest.approx(0.55 * 4.0)
+    # noise alone has short arrows
+    assert longest(48, 1e-5, 1e-5) == pytest.approx(0.12 * 4.0)

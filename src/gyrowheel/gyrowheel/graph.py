@@ -13,7 +13,14 @@ from gyrowheel_analysis.nodes.replay import ReplayNode as Playing
 from gyrowheel_analysis.recording.bags import read_bag
 from gyrowheel_analysis.recording.playback import Tape
 from gyrowheel_bringup.foxglove_process import foxglove
-from gyrowheel_bringup.graph import Graph, GraphError, GraphResult, run_executable
+from gyrowheel_bringup.graph import (
+    Graph,
+    GraphError,
+    GraphResult,
+    executables,
+    find_executable,
+    run_executable,
+)
 from gyrowheel_bringup.replay_session import Outcome, play
 from gyrowheel_bringup.viewers import share_file
 from gyrowheel_control.plans.plan import Plan
@@ -28,6 +35,8 @@ __all__ = [
     "Outcome",
     "Playing",
     "Tape",
+    "executables",
+    "find_executable",
     "foxglove",
     "play",
     "run_executable",

@@ -69,7 +69,7 @@ def scenario(
     effects : mapping or sequence
         {effect: {coefficient: value}}, or effects as ``NAME``, as ``NAME:COEF=VALUE,...`` or as `Effect`; coefficients
         that are not given take their usual size. ``aero:MODEL`` stands for all effects of an air model
-        (`gyrowheel_sim.air.MODELS`).
+        (`gyrowheel_sim.air.MODELS`) but ``table``: the simulated air follows power laws.
     model : Model, optional
         A model whose effects and estimated parameters the machine has, in addition to `effects`.
     blind : Path, optional
@@ -154,4 +154,10 @@ def _effects_of(item: Item, declared: dict[str, Effect], bench: Bench) -> list[t
         return [parse_option(text, declared, bench)]
     from gyrowheel_sim.air.effects import air_effects
 
-    return list(air_effects(rest.strip() or "table", bench=bench).values.items())
+    model = rest.strip() or "surrogate"
+    if model == "table":
+        raise InputError(
+            f"--effect: {AIR}:table: the simulated air follows power laws, not the rows of a table; "
+            f"{AIR}:surrogate takes the power laws fitted to the table"
+        )
+    return list(air_effects(model, bench=bench).values.items())

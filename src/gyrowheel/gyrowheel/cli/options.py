@@ -47,7 +47,7 @@ Effects: TypeAlias = Annotated[
         "--effect",
         metavar="NAME[:C=V,..]",
         help="Effect of the simulated machine; coefficients not given take their usual size. aero:MODEL stands for all "
-        "effects of an air model (gyrowheel air). Repeatable.",
+        "effects of an air model: correlation, vorticity or surrogate (gyrowheel air). Repeatable.",
         show_default=False,
     ),
 ]

@@ -20,10 +20,31 @@ def register(app: typer.Typer) -> None:
 
 def run(
     context: typer.Context,
-    package: Annotated[str, typer.Argument(metavar="PKG", help="Package.", show_default=False)],
-    executable: Annotated[str, typer.Argument(metavar="EXE", help="Executable of it.", show_default=False)],
+    package: Annotated[
+        str | None,
+        typer.Argument(metavar="PKG", help="Package.", show_default="lists all packages"),
+    ] = None,
+    executable: Annotated[
+        str | None,
+        typer.Argument(metavar="EXE", help="Executable of it.", show_default="lists those of the package"),
+    ] = None,
 ) -> None:
-    """Start one node, as ros2 run does; further arguments go to the node."""
-    from gyrowheel.graph import run_executable
+    """Start one node, as ros2 run does; further arguments go to the node.
 
-    run_executable(package, executable, context.args)
+    Without arguments it lists packages and executables.
+    """
+    # after a package and an executable, --help is for the node
+    if {package, executable} & {"-h", "--help"}:
+        typer.echo(context.get_help())
+        return
+    from gyrowheel.graph import executables, find_executable, run_executable
+
+    if package is not None and executable is not None:
+        run_executable(package, executable, context.args)
+    known = executables()
+    if package is not None and package not in known:
+        find_executable(package, "")  # says what is wrong
+    for name in known if package is None else [package]:
+        typer.echo(name)
+        for own in known[name]:
+            typer.echo(f"  {own}")

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from gyrowheel_analysis.compare import Comparison
 
 _MOST_SPEEDS = 4
+_LONG, _SHORT = 0.55, 0.12  # of the largest tilt: the longest arrow, and that of noise
+_WRONG = 9.0  # χ²/N from which on a window is not noise alone
 _WORST = 1.0e3  # χ²/N at the end of the colours
 _UNITS = {"tilt": "°", "azimuth": "°", "speed": "rpm", "time": "s", "temperature": "°C"}
 
@@ -96,10 +98,16 @@ def _chosen(groups: list[NDArray[np.int64]], data: WindowResiduals) -> list[NDAr
 
 
 def _arrow_scale(data: WindowResiduals) -> float:
-    """Return degrees an N m: the longest arrow is as long as most of the largest tilt."""
-    largest = float(np.quantile(np.abs(data.parts["tilt"].values), 0.98))
+    """Return degrees an N m: the longest arrow of what is wrong is as long as most of the largest tilt.
+
+    Windows whose residual is noise do not count, however large it is: short windows are noisy. Where all is noise, its
+    arrows are short.
+    """
+    part = data.parts["tilt"]
+    size, wrong = np.abs(part.values), part.squares / len(part.kind.rows) > _WRONG
+    largest = float(np.quantile(size[wrong] if wrong.any() else size, 0.98))
     reach = max(float(np.abs(data.windows.mean_tilt).max()) / DEG, 1.0)
-    return 0.55 * reach / largest if largest > 0.0 else 1.0
+    return (_LONG if wrong.any() else _SHORT) * reach / largest if largest > 0.0 else 1.0
 
 
 def _plane(

@@ -7,7 +7,13 @@
 
 from __future__ import annotations
 
-from gyrowheel_bringup.graph.nodes import EXECUTABLES, find_executable, node_parameters, run_executable
+from gyrowheel_bringup.graph.nodes import (
+    EXECUTABLES,
+    executables,
+    find_executable,
+    node_parameters,
+    run_executable,
+)
 from gyrowheel_bringup.graph.results import GraphError, GraphResult, Progress
 from gyrowheel_bringup.graph.session import Graph
 
@@ -17,6 +23,7 @@ __all__ = [
     "GraphError",
     "GraphResult",
     "Progress",
+    "executables",
     "find_executable",
     "node_parameters",
     "run_executable",

@@ -94,16 +94,35 @@ def find_executable(package: str, executable: str) -> Path:
     InputError
         If there is none.
     """
-    prefixes = [sys.prefix, *filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))]
-    folders = [Path(prefix) / "lib" / package for prefix in prefixes]
-    for folder in folders:
-        path = folder / executable
-        if path.is_file() and os.access(path, os.X_OK):
+    for prefix in _prefixes():
+        path = prefix / "lib" / package / executable
+        if _is_executable(path):
             return path
-    there = sorted({path.name for folder in folders if folder.is_dir() for path in folder.iterdir()})
+    there = executables().get(package)
     if there:
         raise InputError(f"package {package} has no executable '{executable}'; it has: {', '.join(there)}")
     raise InputError(f"package '{package}' is not installed, or has no executables")
+
+
+def executables() -> dict[str, list[str]]:
+    """Return the executables of every package that `find_executable` finds, by package."""
+    found: dict[str, set[str]] = {}
+    for prefix in _prefixes():
+        for marker in (prefix / "share" / "ament_index" / "resource_index" / "packages").glob("*"):
+            for path in (prefix / "lib" / marker.name).glob("*"):
+                if _is_executable(path):
+                    found.setdefault(marker.name, set()).add(path.name)
+    return {package: sorted(found[package]) for package in sorted(found)}
+
+
+def _prefixes() -> list[Path]:
+    """Return where packages may be installed: this Python's environment, then those of ``AMENT_PREFIX_PATH``."""
+    others = filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))
+    return [Path(prefix) for prefix in (sys.prefix, *others)]
+
+
+def _is_executable(path: Path) -> bool:
+    return path.is_file() and os.access(path, os.X_OK)
 
 
 def run_executable(package: str, executable: str, arguments: Collection[str] = ()) -> NoReturn:
