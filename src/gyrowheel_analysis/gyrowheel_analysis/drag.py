@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,31 +13,73 @@ from numba import njit
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance.balance import ActiveEffect, Balance
+from gyrowheel_analysis.balance.parts import effect_parts
+from gyrowheel_analysis.balance.quadrature import mean
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction import LONGEST, NEEDED, SETTLING, SPIN_SETTLING, Samples, reduce
 from gyrowheel_control.plans.plan import HOLD, SETPOINT_DTYPE
+from gyrowheel_core import wire
 from gyrowheel_core.readings import Readings
 from gyrowheel_core.units import DEG
 
 Array = NDArray[np.float64]
 
-#: Readings that are filtered; `_TILT`, `_DC` and `_CURRENT` are places among them.
+#: Readings that are filtered; `_TILT`, `_DC`, `_ACTUATION` and `_CURRENT` are places among them.
 _FILTERED = ("tilt_x", "tilt_y", "coil_voltage_x", "coil_voltage_y", "motor_voltage", "motor_current")
 _COLUMNS = np.array(Readings.columns(_FILTERED))
-_TILT, _DC, _CURRENT = slice(0, 2), slice(2, 5), 5
+_TILT, _DC, _ACTUATION, _CURRENT = slice(0, 2), slice(2, 5), slice(2, 6), 5
 _NEEDED_COLUMNS = Readings.columns(NEEDED)
 _RADIUS = 0.97  # of the notch's poles: 10 Hz wide, settles in 0.1 s
 _NOTCH_SETTLING = 0.15  # s
 _UPDATE, _SELDOM = 0.5, 5.0  # s between two estimates of one hold, at its beginning and in the long run
 _SHARE = 0.1  # of a hold's length that is new in the next estimate
+_BATCH, _FEWEST = 0.1, 4  # s, and how many of them show the noise of a mean
+_UPRIGHT = 0.05 * DEG  # a hold tilted less is at zero tilt
+_SAME_SPEED = 2.0  # rad/s
+_NOISY = ("coil_voltage", "coil_voltage", "motor_voltage", "motor_current")
+_CONSTANTS = ("coil_constant", "coil_constant", "motor_constant")
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """One drag estimate; the fields of the DragEstimate message [SI].
+    """One drag estimate; the fields of the DragEstimate message [SI], every one finite.
 
-    Torques are those of coils (x, y) and motor, in case axes. `measured_torque` and `residual` are NaN
-    until the model holds a calibrated constant of coils (x, y) or motor.
+    Arrays are those of coil x, coil y and motor; torques are in case axes.
+
+    Attributes
+    ----------
+    stamp_ns : int
+        End of the averaged stretch [ns].
+    segment : int
+        Segment of the test plan.
+    settled : bool
+        Whether the hold is over: this is its last estimate.
+    duration : float
+        Length of the averaged stretch [s].
+    tilt_x, tilt_y, spin_rate : float
+        Mean tilt [rad] and spin rate [rad/s].
+    dc_voltage, dc_voltage_std : ndarray (3,)
+        Mean voltages [V] and their standard errors: the scatter of the readings within the hold, and the slow drift of
+        the readings as the bench states it, which a hold does not show.
+    motor_current, motor_current_std : float
+        Mean current [A] and its standard error.
+    reference_segment : int
+        The hold from which increments are taken: the last one before at zero tilt and the same speed; for the first
+        one at zero tilt itself; for a tilted one without such a hold the first settled one.
+    voltage_increment, voltage_increment_std, simulated_voltage_increment : ndarray (3,)
+        Change of `dc_voltage` from the reference hold, its standard error, and what the model predicts [V].
+    calibrated : bool
+        Whether the model has learned both constants, of coils and motor, from recordings; else the bench's stated
+        constants are used, with their stated uncertainty.
+    measured_torque : ndarray (3,)
+        Torque by voltages of coils, current of motor and the constants of the model, without what the model says of
+        errors of actuators and readings [N m].
+    measured_torque_std, constants_std : ndarray (3,)
+        Its standard errors from the noise of the readings, and from the constants [N m].
+    simulated_torque, simulated_air_torque : ndarray (3,)
+        Torque that the motion needs by the model, and the share of effects of the air in it [N m].
+    residual : ndarray (3,)
+        `measured_torque` less `simulated_torque` [N m].
     """
 
     stamp_ns: int
@@ -49,11 +91,52 @@ class Estimate:
     spin_rate: float
     dc_voltage: Array
     dc_voltage_std: Array
+    motor_current: float
+    motor_current_std: float
+    reference_segment: int
     voltage_increment: Array
+    voltage_increment_std: Array
+    simulated_voltage_increment: Array
+    calibrated: bool
     measured_torque: Array
     measured_torque_std: Array
+    constants_std: Array
     simulated_torque: Array
+    simulated_air_torque: Array
     residual: Array
+
+    @property
+    def residual_std(self) -> Array:
+        """Standard error of the residual, from noise and constants together [N m]."""
+        return np.hypot(self.measured_torque_std, self.constants_std)
+
+    def serialized(self) -> bytes:
+        """Return the DragEstimate message as bytes."""
+        values: list[float] = []
+        for own in fields(self)[1:]:
+            value = getattr(self, own.name)
+            values += list(value) if isinstance(value, np.ndarray) else [value]
+        return wire.DRAG_ESTIMATE.pack(self.stamp_ns, *values)
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> Estimate:
+        """Read a serialized DragEstimate message; ValueError if it is none."""
+        stamp, *values = wire.DRAG_ESTIMATE.unpack(data)
+        rest = iter(values)
+        content = {
+            name: np.array([next(rest) for _ in range(3)]) if kind.endswith("[3]") else next(rest)
+            for name, kind in wire.DRAG_ESTIMATE.declaration.items()
+            if name in cls.__dataclass_fields__
+        }
+        return cls(stamp, **content)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the fields by name, arrays as lists; ``stamp`` in s."""
+        content = {own.name: getattr(self, own.name) for own in fields(self)[1:]}
+        return {
+            "stamp": self.stamp_ns / wire.SECOND,
+            **{n: v.tolist() if isinstance(v, np.ndarray) else v for n, v in content.items()},
+        }
 
 
 @njit(cache=True, error_model="numpy")
@@ -123,13 +206,15 @@ class _Hold:
     count: int = 0
     filtered: Array = field(default_factory=lambda: np.zeros(len(_COLUMNS)))  # sum
     spin: float = 0.0  # sum
-    torque: Array = field(default_factory=lambda: np.zeros(3))  # simulated, times the length of its windows
+    simulated: Array = field(default_factory=lambda: np.zeros((4, 3)))  # `_windows` of what was dropped
     length: float = 0.0  # of those windows [s]
+    batches: list[Array] = field(default_factory=list)  # sums of filtered readings
+    batched: int = 0  # samples in the last of them
     times: list[Array] = field(default_factory=list)
     readings: list[Array] = field(default_factory=list)
 
-    def add(self, time: Array, readings: Readings, filtered: Array) -> None:
-        """Take samples."""
+    def add(self, time: Array, readings: Readings, filtered: Array, batch: int) -> None:
+        """Take samples; `batch` is the number of them in a batch."""
         if not self.count:
             self.first = float(time[0])
         self.last = float(time[-1])
@@ -138,6 +223,38 @@ class _Hold:
         self.spin += float(readings.spin_rate.sum())
         self.times.append(time)
         self.readings.append(readings.array)
+        while len(filtered):
+            if not self.batches or self.batched == batch:
+                self.batches.append(np.zeros(len(_COLUMNS)))
+                self.batched = 0
+            some, filtered = filtered[: batch - self.batched], filtered[batch - self.batched :]
+            self.batches[-1] += some.sum(axis=0)
+            self.batched += len(some)
+
+    def scatter(self, batch: int) -> Array | None:
+        """Return the standard errors of the means by the scatter of batches; None if there are too few."""
+        whole = self.batches[: len(self.batches) - (self.batched < batch)]
+        if len(whole) < _FEWEST:
+            return None
+        return np.asarray(np.std(whole, axis=0, ddof=1) / batch / math.sqrt(len(whole)))
+
+
+class _Settled(NamedTuple):
+    """What is kept of a settled hold to be a reference."""
+
+    setpoint: _Setpoint
+    time: float  # s, of its middle
+    dc: Array
+    noise: Array  # standard errors without drift [V]
+    simulated: Array  # V
+
+    @property
+    def upright(self) -> bool:
+        return _upright(self.setpoint)
+
+
+def _upright(setpoint: _Setpoint) -> bool:
+    return math.hypot(setpoint.tilt_x, setpoint.tilt_y) < _UPRIGHT
 
 
 class DragEstimator:
@@ -157,7 +274,20 @@ class DragEstimator:
         self._setpoints: deque[_Setpoint] = deque()
         self._hold: _Hold | None = None
         self._spin_before: float | None = None
-        self._reference: Array | None = None
+        self._air = {active.effect.name for active in self._effects if active.effect.category == "air"}
+        self._batch = max(round(_BATCH / self._bench.sample_period), 1)
+        v, learned = self._bench.value, model.overrides
+        self._drift = np.array([v(f"{name}_drift") for name in _NOISY])
+        self._white = np.array([v(f"{name}_noise") for name in _NOISY])
+        self._constants = np.array([v(name) for name in _CONSTANTS])
+        self._constants_std = np.array(
+            [
+                learned[name].standard_error if name in learned else self._bench.parameters[name].uncertainty
+                for name in _CONSTANTS
+            ]
+        )
+        self._calibrated = all(name in learned for name in _CONSTANTS)
+        self._settled: list[_Settled] = []
 
     def setpoint(self, stamp_ns: int, segment: int, phase: int, values: Sequence[float]) -> None:
         """Take a setpoint: tilt_x, tilt_y, their rates, spin rate and acceleration; stamps must ascend."""
@@ -200,7 +330,7 @@ class DragEstimator:
                 time = np.asarray(stamps_ns[at:stop] * 1e-9, dtype=np.float64)
                 keep = time >= self._hold.start
                 if keep.any():
-                    self._hold.add(time[keep], readings[at:stop][keep], filtered[at:stop][keep])
+                    self._hold.add(time[keep], readings[at:stop][keep], filtered[at:stop][keep], self._batch)
                     if time[-1] >= self._hold.due:
                         step = _SHARE * (self._hold.last - self._hold.first)
                         self._hold.due = self._hold.last + min(max(step, _UPDATE), _SELDOM)
@@ -230,52 +360,77 @@ class DragEstimator:
         hold, self._hold = self._hold, None
         return [] if hold is None else self._estimate(hold, settled=True)
 
-    def _simulated(self, hold: _Hold) -> Array:
-        """Return the torques that the motion needs by the model, averaged over the windows of a hold."""
+    def _simulated(self, hold: _Hold) -> Array | None:
+        """Return means over the windows of a hold (see `_windows`); None if there is no window."""
         time, readings = np.concatenate(hold.times), np.vstack(hold.readings)
         # old samples are reduced once and dropped, so that the work does not grow with the hold
         while time[-1] - time[0] >= LONGEST + _UPDATE:
             cut = int(np.searchsorted(time, time[0] + LONGEST))
-            torque, length = self._windows(hold, time[:cut], readings[:cut])
-            hold.torque += torque
+            simulated, length = self._windows(hold, time[:cut], readings[:cut])
+            hold.simulated += simulated
             hold.length += length
             time, readings = time[cut:], readings[cut:]
         hold.times, hold.readings = [time], [readings]
-        torque, length = self._windows(hold, time, readings)
+        simulated, length = self._windows(hold, time, readings)
         whole = hold.length + length
-        return (hold.torque + torque) / whole if whole > 0.0 else np.full(3, math.nan)
+        return (hold.simulated + simulated) / whole if whole > 0.0 else None
 
     def _windows(self, hold: _Hold, time: Array, readings: Array) -> tuple[Array, float]:
-        """Return the simulated torques of some samples times the length of their windows, and that length."""
+        """Return what the model says of some samples times the length of their windows, and that length.
+
+        The rows are the torques, the share of the air in them, the errors of actuators and readings as torques of the
+        readings [N m], and the voltages [V]; the columns are coil x, coil y and motor.
+        """
         # the reduction cuts off the settling itself, so it gets the original start of the hold
         setpoint = np.array([hold.setpoint] * 2, dtype=SETPOINT_DTYPE)
         samples = Samples(time, Readings(readings), np.array([time[0] - SETTLING, time[-1]]), setpoint)
         windows = reduce(samples, self._bench)
         if not len(windows):
-            return np.zeros(3), 0.0
-        coil, motor = Balance(windows, self._bench, clean=False).required(self._bench.values(), self._effects)
-        lengths = windows.duration
-        return np.array([coil.real @ lengths, coil.imag @ lengths, motor @ lengths]), float(lengths.sum())
+            return np.zeros((4, 3)), 0.0
+        balance, values = Balance(windows, self._bench, clean=False, harmonics=False), self._bench.values()
+        at = balance.instants(values, self._effects)
+        coil, motor = mean(at.coil, at.weights), mean(at.motor, at.weights)
+        air = np.zeros((3, len(windows)))
+        for part in effect_parts(balance, values, self._effects, at, self._air):
+            air += np.array([part.coil.real, part.coil.imag, part.motor])
+        rows = balance.rows_at(at, values)
+        x, y, spin, motor_voltage = (
+            rows[balance.row(name)] for name in ("tilt_x", "tilt_y", "spin", "motor_voltage")
+        )
+        constant = self._bench.value("coil_constant")
+        content = np.array(
+            [
+                [coil.real, coil.imag, motor],
+                air,
+                [x - coil.real, y - coil.imag, spin - motor],
+                [x / constant, y / constant, motor_voltage],
+            ]
+        )
+        return content @ windows.duration, float(windows.duration.sum())
 
     def _estimate(self, hold: _Hold, *, settled: bool) -> list[Estimate]:
         if not hold.count or hold.last - hold.first < _NOTCH_SETTLING:
             return []
         simulated = self._simulated(hold)
-        mean, count = hold.filtered / hold.count, hold.count
-        # white noise of the readings, and their slow drift, which averaging does not remove
-        v = self._bench.value
-        std = np.array(
-            [
-                math.hypot(v("coil_voltage_noise") / math.sqrt(count), v("coil_voltage_drift")),
-                math.hypot(v("coil_voltage_noise") / math.sqrt(count), v("coil_voltage_drift")),
-                math.hypot(v("motor_voltage_noise") / math.sqrt(count), v("motor_voltage_drift")),
-            ]
-        )
-        dc, tilt = mean[_DC], mean[_TILT]
-        if settled and self._reference is None:
-            self._reference = dc.copy()
-        increment = dc - self._reference if self._reference is not None else np.full(3, math.nan)
-        measured, measured_std = self._measured(dc, float(mean[_CURRENT]), std)
+        if simulated is None:
+            return []
+        torque, air, errors, voltage = simulated
+        average, count = hold.filtered / hold.count, hold.count
+        scatter = hold.scatter(self._batch)
+        noise = self._white / math.sqrt(count) if scatter is None else scatter[_ACTUATION]
+        std = np.hypot(noise, self._drift)  # averaging over a hold does not remove the drift
+        dc, tilt, current = average[_DC], average[_TILT], float(average[_CURRENT])
+        own = _Settled(hold.setpoint, 0.5 * (hold.first + hold.last), dc, noise[:3], voltage)
+        reference = self._reference(own)
+        increment_std = np.zeros(3)
+        if reference is not own:
+            # what the drift does between the two holds
+            change = -2.0 * math.expm1(-(own.time - reference.time) / self._bench.value("drift_time"))
+            increment_std = np.sqrt(own.noise**2 + reference.noise**2 + change * self._drift[:3] ** 2)
+        if settled:
+            self._settled.append(own)
+        read = np.array([dc[0], dc[1], current])
+        measured = self._constants * read - errors
         return [
             Estimate(
                 stamp_ns=round(hold.last * 1e9),
@@ -286,26 +441,27 @@ class DragEstimator:
                 tilt_y=float(tilt[1]),
                 spin_rate=hold.spin / count,
                 dc_voltage=dc,
-                dc_voltage_std=std,
-                voltage_increment=increment,
+                dc_voltage_std=std[:3],
+                motor_current=current,
+                motor_current_std=float(std[3]),
+                reference_segment=int(reference.setpoint.segment),
+                voltage_increment=dc - reference.dc,
+                voltage_increment_std=increment_std,
+                simulated_voltage_increment=voltage - reference.simulated,
+                calibrated=self._calibrated,
                 measured_torque=measured,
-                measured_torque_std=measured_std,
-                simulated_torque=simulated,
-                residual=measured - simulated,
+                measured_torque_std=self._constants * std[[0, 1, 3]],
+                constants_std=self._constants_std * np.abs(read),
+                simulated_torque=torque,
+                simulated_air_torque=air,
+                residual=measured - torque,
             )
         ]
 
-    def _measured(self, dc: Array, current: float, std: Array) -> tuple[Array, Array]:
-        """Return the measured torques and their standard errors; NaN where a constant is not calibrated."""
-        torque, error = np.full(3, math.nan), np.full(3, math.nan)
-        overrides, v = self._model.overrides, self._bench.value
-        if "coil_constant" in overrides:
-            torque[:2] = v("coil_constant") * dc[:2]
-            error[:2] = np.hypot(
-                v("coil_constant") * std[:2], overrides["coil_constant"].standard_error * dc[:2]
-            )
-        if "motor_constant" in overrides:
-            torque[2] = v("motor_constant") * current
-            drift = v("motor_constant") * v("motor_current_drift")
-            error[2] = math.hypot(drift, overrides["motor_constant"].standard_error * current)
-        return torque, error
+    def _reference(self, own: _Settled) -> _Settled:
+        """Return the hold from which the increments of a hold are taken."""
+        speed = own.setpoint.spin_rate
+        for earlier in reversed(self._settled):
+            if earlier.upright and abs(earlier.setpoint.spin_rate - speed) < _SAME_SPEED:
+                return earlier
+        return own if own.upright or not self._settled else self._settled[0]

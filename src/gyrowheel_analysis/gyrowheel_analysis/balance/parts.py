@@ -7,7 +7,7 @@ tilt or a spin rate that ripples) is part of the motion and stands with what res
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -68,28 +68,66 @@ def torque_parts(
         Effects with their coefficients.
     """
     whole = balance.instants(values, effects)
-    # what falsifies a reading asks for nothing by itself, but the true motion follows only with it
-    reading = [_only(active, reading=True) for active in effects]
+    reading = _readings(effects)
     acting = {*INERTIAS, *TORQUE_PARAMETERS}
 
-    def at(kept: Sequence[str], active: Sequence[ActiveEffect]) -> Instants:
+    def at(kept: Sequence[str]) -> Instants:
         only = {name: value if name in kept or name not in acting else 0.0 for name, value in values.items()}
-        return required_torques(balance.motion, only, active, whole.ripple)
+        return required_torques(balance.motion, only, reading, whole.ripple)
 
-    def part(name: str, state: Instants, less: Instants, *, effect: bool = False) -> TorquePart:
-        coil, motor = state.coil - less.coil, state.motor - less.motor
-        return TorquePart(name, effect, mean(coil, whole.weights), mean(motor, whole.weights))
+    nothing = at(())
+    parts = [
+        _part(name, at(parameters), nothing, whole, effect=False) for name, parameters in BENCH_PARTS.items()
+    ]
+    return [*parts, *effect_parts(balance, values, effects, whole, [e.effect.name for e in effects])]
 
-    nothing = at((), reading)
-    parts = [part(name, at(parameters, reading), nothing) for name, parameters in BENCH_PARTS.items()]
+
+def effect_parts(
+    balance: Balance,
+    values: Mapping[str, float],
+    effects: Sequence[ActiveEffect],
+    whole: Instants,
+    names: Collection[str],
+) -> list[TorquePart]:
+    """Return the shares of some effects in the required torques (see `torque_parts`).
+
+    Parameters
+    ----------
+    balance, values, effects
+        As for `torque_parts`.
+    whole : Instants
+        State of the balance with all effects.
+    names : collection of str
+        The effects whose shares are wanted.
+    """
+    if not names:
+        return []
     # a law may also act through a part of the bench: a case that turns through the inertias, a flexure that softens
-    bench = at([*INERTIAS, *TORQUE_PARAMETERS], reading)
-    for active in effects:
-        with_it = required_torques(
-            balance.motion, values, [*reading, _only(active, reading=False)], whole.ripple
+    reading = _readings(effects)
+    bench = required_torques(balance.motion, values, reading, whole.ripple)
+    return [
+        _part(
+            active.effect.name,
+            required_torques(
+                balance.motion, values, [*reading, _only(active, reading=False)], whole.ripple
+            ),
+            bench,
+            whole,
+            effect=True,
         )
-        parts.append(part(active.effect.name, with_it, bench, effect=True))
-    return parts
+        for active in effects
+        if active.effect.name in names
+    ]
+
+
+def _readings(effects: Sequence[ActiveEffect]) -> list[ActiveEffect]:
+    """Return what falsifies a reading: it asks for nothing by itself, but the true motion follows only with it."""
+    return [_only(active, reading=True) for active in effects]
+
+
+def _part(name: str, state: Instants, less: Instants, whole: Instants, *, effect: bool) -> TorquePart:
+    coil, motor = state.coil - less.coil, state.motor - less.motor
+    return TorquePart(name, effect, mean(coil, whole.weights), mean(motor, whole.weights))
 
 
 def _only(active: ActiveEffect, *, reading: bool) -> ActiveEffect:

@@ -16,15 +16,8 @@ from gyrowheel_core.node import BenchNode, Diagnosis, Inbox, Param, run_node
 
 #: Period at which arrived messages are taken [s, wall-clock time].
 TAKE_PERIOD = 0.02
-_ARRAYS = (
-    "dc_voltage",
-    "dc_voltage_std",
-    "voltage_increment",
-    "measured_torque",
-    "measured_torque_std",
-    "simulated_torque",
-    "residual",
-)
+#: Fields of the message that are those of `Estimate`.
+_FIELDS = tuple(name for name in DragEstimate.get_fields_and_field_types() if name != "header")
 
 
 class DragEstimatorNode(BenchNode):
@@ -33,7 +26,7 @@ class DragEstimatorNode(BenchNode):
     NODE_NAME = "drag_estimator"
     PARAMETERS = (
         Param("bench", "gyrowheel", "Bench of a new model: shipped name, or path of a file"),
-        Param("model", "", "Model file; empty: a new model of the bench, without effects"),
+        Param("model", "", "File of the believed model; empty: the bench without effects"),
         Param("wait_for_subscribers", 0, "Subscribers needed to take the first sample", low=0, high=100),
     )
 
@@ -118,15 +111,7 @@ class DragEstimatorNode(BenchNode):
 
     def _publish(self, estimates: Iterable[Estimate]) -> None:
         for estimate in estimates:
-            message = DragEstimate(
-                segment=estimate.segment,
-                settled=estimate.settled,
-                duration=estimate.duration,
-                tilt_x=estimate.tilt_x,
-                tilt_y=estimate.tilt_y,
-                spin_rate=estimate.spin_rate,
-                **{name: getattr(estimate, name) for name in _ARRAYS},
-            )
+            message = DragEstimate(**{name: getattr(estimate, name) for name in _FIELDS})
             message.header.stamp = Time(nanoseconds=estimate.stamp_ns).to_msg()
             message.header.frame_id = wire.FRAME_ID
             self._publisher.publish(message)
