@@ -108,14 +108,17 @@ def test_rosbags_reads_what_is_packed(topic):
     from gyrowheel_analysis.recording.definitions import typestore
 
     layout = topic.layout
-    numbers = [float(k) + 0.5 for k in range(40)]
-    count = len(layout.unpack(layout.array(1).tobytes())) - 1
-    integers = [1] * len(layout.integers)
-    packed = layout.pack(7_000_000_009, *integers, *numbers[: count - len(integers)])
+    numbers = iter(float(k) + 0.5 for k in range(60))
+    values = []
+    for name in layout.names:
+        count = 3 if layout.declaration[name].endswith("[3]") else 1
+        values += [1] if name in layout.integers else [next(numbers) for _ in range(count)]
+    given = iter(values)
+    packed = layout.pack(7_000_000_009, *values)
     decoded = typestore().deserialize_cdr(packed, layout.type_name)
-    read = [value for name in layout.fields for value in np.atleast_1d(getattr(decoded, name))]
-    assert read == numbers[: count - len(integers)]
-    assert [getattr(decoded, name) for name in layout.integers] == integers
+    for name in layout.names:
+        expected = [next(given) for _ in range(3 if layout.declaration[name].endswith("[3]") else 1)]
+        assert list(np.atleast_1d(getattr(decoded, name))) == expected
 
 
 @BY_NAME
@@ -126,7 +129,7 @@ def test_declaration_is_that_of_the_message_definition(topic):
     defined = topic.message_class.get_fields_and_field_types()
     header = defined.pop("header", None) or defined.pop("clock")
     assert header == ("builtin_interfaces/Time" if topic is topics.CLOCK else "std_msgs/Header")
-    names = (*layout.integers, *layout.fields)
+    names = layout.names
     assert list(defined.items()) == [(name, expected[name]) for name in names]
 
 

@@ -117,8 +117,9 @@ def assert_refused(result: Result, *words: str) -> None:
         (["simulate", "--plan", "quick", "-o", "x", "--effect", "windage", "--effect", "windage"], ["twice"]),
         (["simulate", "--plan", "quick", "-o", "x", "--effect", "windage", "--blind", "key"], ["blind"]),
         (["simulate", "--plan", "quick", "-o", "x", "--model", "none.yaml"], ["none.yaml"]),
-        (["simulate", "--plan", "quick", "-o", "x", "--model", "new.yaml", "--blind", "key"], ["blind"]),
-        (["simulate", "--plan", "quick", "-o", "x", "--model", "new.yaml", "--effect", "windge"], ["windge"]),
+        (["simulate", "--plan", "quick", "-o", "x", "--truth", "none.yaml"], ["none.yaml"]),
+        (["simulate", "--plan", "quick", "-o", "x", "--truth", "new.yaml", "--blind", "key"], ["blind"]),
+        (["simulate", "--plan", "quick", "-o", "x", "--truth", "new.yaml", "--effect", "windge"], ["windge"]),
         (["simulate", "--plan", "quick", "-o", "x", "--machine", "1.5"], ["--machine", "1.5", "whole"]),
         (
             ["simulate", "--plan", "quick", "-o", "x", "--effect", "windage:w=0.001,w=0.002"],
@@ -475,8 +476,8 @@ def test_a_formula_is_added_and_is_the_truth_of_a_machine(gyrowheel: Shell, whee
     # the machine of the model: its effect and its learned parameters, an effect beside them
     runs = {
         "stated": [],
-        "learned": ["--model", model],
-        "more": ["--model", model, "--effect", "fixed_torque"],
+        "learned": ["--truth", model],
+        "more": ["--truth", model, "--effect", "fixed_torque"],
     }
     rows = {}
     for name, options in runs.items():
@@ -506,7 +507,7 @@ def test_the_machine_of_a_model_is_explained_by_it(gyrowheel: Shell, wheel: Whee
     }
     write(model, json.dumps(content))
     plan = write(tmp_path / "plan.yaml", DRAG_PLAN)
-    gyrowheel.good("simulate", "--plan", plan, "-o", tmp_path / "run", "--model", model)
+    gyrowheel.good("simulate", "--plan", plan, "-o", tmp_path / "run", "--truth", model)
     raw = gyrowheel.good("compare", tmp_path / "run", "--model", model, "--json", "-").json
     for channel in raw["channels"].values():
         assert channel["chi2_per_n"] < 2.0

@@ -57,7 +57,7 @@ def test_a_hidden_effect_is_named_added_and_proven(gyrowheel: Shell, tmp_path: P
     again = gyrowheel.good("diagnose", fit, "--model", model, "--json", "-").json
     assert again["verdict"] == "nothing_missing"
     # and the machine of the model is on its own bench, without being told
-    gyrowheel.good("simulate", "--plan", "dtg_check", "-o", tmp_path / "again", "--model", model)
+    gyrowheel.good("simulate", "--plan", "dtg_check", "-o", tmp_path / "again", "--truth", model)
     assert Recording.open(tmp_path / "again").bench_text == Recording.open(unused).bench_text
 
 

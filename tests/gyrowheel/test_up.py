@@ -35,7 +35,7 @@ pytestmark = [pytest.mark.graph, pytest.mark.timeout(120)]
 def test_up_and_simulate_give_the_same_samples(gyrowheel: Shell, tmp_path: Path):
     plan = write(tmp_path / "plan.yaml", SHORT_PLAN)
     model = write(tmp_path / "model.yaml", MODEL)
-    machine = ["--plan", plan, "--effect", "aero_restoring", "--model", model, "--machine", 3, "--seed", 8]
+    machine = ["--plan", plan, "--effect", "aero_restoring", "--truth", model, "--machine", 3, "--seed", 8]
     shown = subprocess.run(
         [
             *COMMAND,

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from gyrowheel.campaigns.run import campaign
     from gyrowheel.catalogue import benches, effects, own_effect, plans
     from gyrowheel.envelope import momentum
+    from gyrowheel.estimating import drag
     from gyrowheel.holding import torques
     from gyrowheel.investigator import investigate
     from gyrowheel.model import Model
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from gyrowheel.results.campaign import CampaignResult
     from gyrowheel.results.comparison import Comparison
     from gyrowheel.results.diagnosis import Diagnosis
+    from gyrowheel.results.drag import Drag
     from gyrowheel.results.investigation import Investigation
     from gyrowheel.results.key import Key
     from gyrowheel.results.momentum import Momentum
@@ -57,6 +59,7 @@ _HOMES = {
     "CampaignResult": "gyrowheel.results.campaign",
     "Comparison": "gyrowheel.results.comparison",
     "Diagnosis": "gyrowheel.results.diagnosis",
+    "Drag": "gyrowheel.results.drag",
     "InputError": "gyrowheel_core.errors",
     "Investigation": "gyrowheel.results.investigation",
     "Key": "gyrowheel.results.key",
@@ -70,6 +73,7 @@ _HOMES = {
     "campaign": "gyrowheel.campaigns.run",
     "compare": "gyrowheel.analysis",
     "diagnose": "gyrowheel.analysis",
+    "drag": "gyrowheel.estimating",
     "effects": "gyrowheel.catalogue",
     "investigate": "gyrowheel.investigator",
     "momentum": "gyrowheel.envelope",
@@ -90,6 +94,7 @@ __all__ = [
     "CampaignResult",
     "Comparison",
     "Diagnosis",
+    "Drag",
     "InputError",
     "Investigation",
     "Key",
@@ -104,6 +109,7 @@ __all__ = [
     "campaign",
     "compare",
     "diagnose",
+    "drag",
     "effects",
     "investigate",
     "momentum",

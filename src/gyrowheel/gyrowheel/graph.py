@@ -50,6 +50,7 @@ def up(
     plan: str | Path | Plan | None = None,
     *,
     effects: Sequence[str] = (),
+    truth: Model | None = None,
     model: Model | None = None,
     bench: str | Path | None = None,
     machine: int | None = None,
@@ -68,8 +69,10 @@ def up(
     ----------
     plan : str, Path or Plan, optional
         Test plan that `Graph.run` walks; without one the bench runs at its reference speed until it is ended.
-    effects, model, bench, machine, seed, blind
+    effects, truth, bench, machine, seed, blind
         The simulated machine; see `gyrowheel.simulate`.
+    model : Model, optional
+        The model that the drag estimator believes; by default the bench without effects.
     record : str or Path, optional
         New directory for a recording.
     realtime : bool
@@ -86,7 +89,7 @@ def up(
     """
     from gyrowheel.machine import scenario
 
-    source, loaded, truth = simulated_bench(bench, model)
+    source, loaded = simulated_bench(bench, truth, model)
     chosen = None if plan is None else checked_plan(plan, loaded)
     if record is not None:
         require_new(Path(record))
@@ -94,7 +97,7 @@ def up(
         loaded,
         "" if chosen is None else chosen.name,
         effects=effects,
-        model=truth,
+        truth=None if truth is None else truth.details,
         blind=None if blind is None else Path(blind),
         seed=seed,
         machine=machine,
@@ -103,6 +106,7 @@ def up(
         chosen,
         bench=source,
         scenario=hidden,
+        model=None if model is None else model.details,
         record=record,
         hold_after_plan=chosen is None,
         realtime=realtime,

@@ -52,7 +52,7 @@ def scenario(
     plan: str,
     *,
     effects: Mapping[str, Mapping[str, float]] | Sequence[str | Effect] = (),
-    model: Model | None = None,
+    truth: Model | None = None,
     blind: Path | None = None,
     kinds: Sequence[Kind] = tuple(KINDS),
     seed: int = 0,
@@ -70,7 +70,7 @@ def scenario(
         {effect: {coefficient: value}}, or effects as ``NAME``, as ``NAME:COEF=VALUE,...`` or as `Effect`; coefficients
         that are not given take their usual size. ``aero:MODEL`` stands for all effects of an air model
         (`gyrowheel_sim.air.MODELS`) but ``table``: the simulated air follows power laws.
-    model : Model, optional
+    truth : Model, optional
         A model whose effects and estimated parameters the machine has, in addition to `effects`.
     blind : Path, optional
         Key file of a hidden machine: used if it exists, else drawn and written.
@@ -80,7 +80,7 @@ def scenario(
         Seed of the noise, and of what is drawn into a new key file.
     machine : int, optional
         Draw the true bench parameters within their uncertainties with this seed; without it they are as stated.
-        Parameters that the model has estimated keep their values in both cases.
+        Parameters that `truth` has estimated keep their values in both cases.
 
     Raises
     ------
@@ -90,46 +90,60 @@ def scenario(
     """
     noise = noise_seed(seed, plan)
     if blind is not None:
-        if effects or machine is not None or model is not None:
+        if effects or machine is not None or truth is not None:
             raise InputError(
-                "blind: cannot be combined with effects, model or machine: the key file holds all of it"
+                "blind: cannot be combined with effects, truth or machine: the key file holds all of it"
             )
         return replace(reuse_or_draw(bench, blind, seed, kinds=kinds), noise_seed=noise)
     if machine is not None and machine < 0:
         raise InputError(f"machine: {machine} is out of range; allowed: >= 0")
-    declared = {} if model is None else dict(model.declared)
-    chosen = {} if model is None else {name: dict(values) for name, values in model.effects.items()}
+    declared = {} if truth is None else dict(truth.declared)
+    chosen = {} if truth is None else {name: dict(values) for name, values in truth.effects.items()}
     items: Iterable[Item] = effects.items() if isinstance(effects, Mapping) else _sequence(effects)
     for item in items:
         for name, coefficients in _effects_of(item, declared, bench):
-            if model is not None and name in model.effects:
-                raise InputError(f"effects: {name} is in {model.origin} already")
+            if truth is not None and name in truth.effects:
+                raise InputError(f"effects: {name} is in {truth.origin} already")
             if name in chosen:
                 raise InputError(f"effects: {name} is given twice")
             chosen[name] = coefficients
     values = {} if machine is None else draw_machine(bench, np.random.default_rng(machine))
-    if model is not None:
-        values |= {name: override.value for name, override in model.overrides.items()}
+    if truth is not None:
+        values |= {name: override.value for name, override in truth.overrides.items()}
     return Scenario(values=values, effects=chosen, noise_seed=noise, declared=declared)
 
 
-def simulated_bench(bench: str | Path | None, model: FaceModel | None) -> tuple[str, Bench, Model | None]:
-    """Return name or path of the bench, the bench as its file describes it, and the model of the simulated machine.
+def simulated_bench(
+    bench: str | Path | None, truth: FaceModel | None, belief: FaceModel | None
+) -> tuple[str, Bench]:
+    """Return name or path of the bench of a run, and the bench as its file describes it.
+
+    Parameters
+    ----------
+    bench : str or Path, optional
+        Its name or file; if not given, the bench of `truth`, else that of `belief`, else ``gyrowheel``.
+    truth, belief : Model, optional
+        Model of the simulated machine, and the one that the analyst believes.
 
     Raises
     ------
     InputError
-        If there is no such bench, or the model has another one.
+        If there is no such bench, or it is not that of both models.
     """
-    if model is None:
+    given = [model for model in (truth, belief) if model is not None]
+    if bench is not None or not given:
         source = str(bench or "gyrowheel")
-        return source, Bench.load(source), None
-    truth = model.details
-    if bench is not None and Bench.load(bench).parameters != truth.stated_bench.parameters:
-        raise InputError(
-            f"bench: {bench} is not the bench of {truth.origin}, {truth.bench_source}; leave it out"
-        )
-    return model.bench_source, truth.stated_bench, truth
+        loaded = Bench.load(source)
+    else:
+        source, loaded = given[0].bench_source, given[0].stated_bench
+    for model in given:
+        if model.stated_bench.parameters == loaded.parameters:
+            continue
+        of = f"of {model.origin}, {model.details.bench_source}"
+        if bench is not None:
+            raise InputError(f"bench: {bench} is not the bench {of}; leave it out")
+        raise InputError(f"model: the bench {of}, is not that of truth, {source}")
+    return source, loaded
 
 
 #: An effect as it may be given to `scenario`.

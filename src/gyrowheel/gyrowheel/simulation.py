@@ -12,7 +12,8 @@ import psutil
 
 from gyrowheel.machine import scenario, simulated_bench
 from gyrowheel.recording import Recording
-from gyrowheel_analysis.drag import DragEstimator, Estimate
+from gyrowheel_analysis.drag import Estimate
+from gyrowheel_analysis.drag_stream import drag_estimates
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.recording import write_run
 from gyrowheel_control.loops.closed_loop import Run
@@ -31,14 +32,13 @@ if TYPE_CHECKING:
     from gyrowheel.model import Model as FaceModel
 
 _PER_SAMPLE: Final = 700  # bytes of memory that a sample takes until it is written, as measured
-_BLOCK = 100  # samples that the drag estimator takes at a time, as its node does
-_SETPOINT = ("tilt_x", "tilt_y", "tilt_rate_x", "tilt_rate_y", "spin_rate", "spin_acceleration")
 
 
 def simulate(
     plan: str | Path | Plan,
     *,
     effects: Mapping[str, Mapping[str, float]] | Sequence[str | Effect] = (),
+    truth: FaceModel | None = None,
     model: FaceModel | None = None,
     bench: str | Path | None = None,
     machine: int | None = None,
@@ -56,10 +56,13 @@ def simulate(
     effects : mapping or sequence, optional
         Effects that the machine has: ``{"windage": {"w": 0.0013}}``, coefficients in SI units, those not given of their
         usual size; or names, ``NAME:COEF=VALUE,...`` and effects of one's own (`gyrowheel.own_effect`).
-    model : Model, optional
+    truth : Model, optional
         A model whose effects and estimated parameters the machine has, in addition to `effects`.
+    model : Model, optional
+        The model that the analyst believes: with it the recorded drag estimates are made, never with the truth; by
+        default the bench without effects.
     bench : str or Path, optional
-        Shipped name of the bench (`gyrowheel.benches`) or bench file; if not given, that of `model`, else
+        Shipped name of the bench (`gyrowheel.benches`) or bench file; if not given, that of `truth` or `model`, else
         ``gyrowheel``.
     machine : int, optional
         Draw the true bench parameters within their uncertainties with this seed; as stated if not given.
@@ -78,7 +81,7 @@ def simulate(
         If something is not known or out of range, the plan is beyond the limits of the bench, or the folder cannot be
         written.
     """
-    _, loaded, truth = simulated_bench(bench, model)
+    _, loaded = simulated_bench(bench, truth, model)
     chosen = checked_plan(plan, loaded)
     if folder is not None:
         require_new(Path(folder))
@@ -86,17 +89,18 @@ def simulate(
         loaded,
         chosen.name,
         effects=effects,
-        model=truth,
+        truth=None if truth is None else truth.details,
         blind=None if blind is None else Path(blind),
         seed=seed,
         machine=machine,
     )
+    belief = None if model is None else model.details
     if folder is not None:
-        record_simulation(Path(folder), loaded, hidden, chosen, progress=progress)
+        record_simulation(Path(folder), loaded, hidden, chosen, model=belief, progress=progress)
         return Recording.made(Path(folder))
     scratch = tempfile.TemporaryDirectory(prefix="gyrowheel-")
     place = Path(scratch.name) / chosen.name
-    record_simulation(place, loaded, hidden, chosen, progress=progress)
+    record_simulation(place, loaded, hidden, chosen, model=belief, progress=progress)
     return Recording.made(place, scratch)
 
 
@@ -125,6 +129,7 @@ def record_simulation(
     scenario: Scenario,
     plan: Plan,
     *,
+    model: Model | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> None:
     """Run a plan on a simulated machine and write the recording; it appears whole or not at all.
@@ -139,6 +144,8 @@ def record_simulation(
         What the machine really is; nothing of it goes into the recording but its behaviour.
     plan : Plan
         The test plan.
+    model : Model, optional
+        The believed model, with which drag estimates are made; by default the bench without effects.
     progress : callable, optional
         Called now and then with the fraction done.
 
@@ -158,7 +165,10 @@ def record_simulation(
             to_json(run.environment),
             bench.describe(),
             sample_period=bench.sample_period,
-            drag_estimates=[(estimate.stamp_ns, _message(estimate)) for estimate in _estimates(run, bench)],
+            drag_estimates=[
+                (estimate.stamp_ns, estimate.serialized())
+                for estimate in _estimates(run, model or Model(bench))
+            ],
         )
 
 
@@ -172,33 +182,9 @@ def _require_memory(plan: Plan, bench: Bench) -> None:
         )
 
 
-def _estimates(run: Run, bench: Bench) -> Iterator[Estimate]:
-    """Yield what the drag estimator says during a run."""
-    estimator = DragEstimator(Model(bench))
-    for row in run.setpoints:
-        values = [float(row[name]) for name in _SETPOINT]
-        estimator.setpoint(int(row["stamp_ns"]), int(row["segment"]), int(row["phase"]), values)
-    stamps = np.arange(len(run.measurement), dtype=np.int64) * round(bench.sample_period * wire.SECOND)
-    for start in range(0, len(stamps), _BLOCK):
-        block = slice(start, start + _BLOCK)
-        yield from estimator.add_block(stamps[block], Readings(run.measurement[block]))
-    yield from estimator.finish()
-
-
-def _message(estimate: Estimate) -> bytes:
-    return wire.DRAG_ESTIMATE.pack(
-        estimate.stamp_ns,
-        estimate.segment,
-        estimate.settled,
-        estimate.duration,
-        estimate.tilt_x,
-        estimate.tilt_y,
-        estimate.spin_rate,
-        *estimate.dc_voltage,
-        *estimate.dc_voltage_std,
-        *estimate.voltage_increment,
-        *estimate.measured_torque,
-        *estimate.measured_torque_std,
-        *estimate.simulated_torque,
-        *estimate.residual,
+def _estimates(run: Run, model: Model) -> Iterator[Estimate]:
+    """Yield the drag estimates of a run."""
+    stamps = np.arange(len(run.measurement), dtype=np.int64)
+    return drag_estimates(
+        stamps * round(run.bench.sample_period * wire.SECOND), Readings(run.measurement), run.setpoints, model
     )

@@ -124,9 +124,10 @@ class Estimate:
         stamp, *values = wire.DRAG_ESTIMATE.unpack(data)
         rest = iter(values)
         content = {
-            name: np.array([next(rest) for _ in range(3)]) if kind.endswith("[3]") else next(rest)
-            for name, kind in wire.DRAG_ESTIMATE.declaration.items()
-            if name in cls.__dataclass_fields__
+            name: np.array([next(rest) for _ in range(3)])
+            if wire.DRAG_ESTIMATE.declaration[name].endswith("[3]")
+            else next(rest)
+            for name in wire.DRAG_ESTIMATE.names
         }
         return cls(stamp, **content)
 

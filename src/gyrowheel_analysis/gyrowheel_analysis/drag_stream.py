@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Final
+from collections.abc import Iterator
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gyrowheel_analysis.drag import DragEstimator, Estimate
+from gyrowheel_analysis.fitting.preparation import samples_of
 from gyrowheel_analysis.model import Model
+from gyrowheel_analysis.recording import Recording
+from gyrowheel_analysis.reduction import SETTLING, Samples, steady_spans
+from gyrowheel_control.plans.plan import HOLD, RAMP, SETPOINT_DTYPE
 from gyrowheel_core import wire
 from gyrowheel_core.readings import READINGS, Readings
 
@@ -15,6 +21,73 @@ from gyrowheel_core.readings import READINGS, Readings
 BLOCK: Final = 100
 #: Most samples that wait for the setpoint after them: where there are as many, none is coming.
 PATIENCE: Final = 2000
+
+
+def drag_estimates(
+    stamps_ns: NDArray[np.int64], readings: Readings, setpoints: Any, model: Model
+) -> Iterator[Estimate]:
+    """Yield the drag estimates of a whole run, as a `DragStream` gives them.
+
+    Parameters
+    ----------
+    stamps_ns : ndarray (n,)
+        Sampling instants, ascending [ns].
+    readings : Readings
+        Readings (n) [SI].
+    setpoints : structured ndarray (m,)
+        ``stamp_ns`` and the fields of the Setpoint message, in the order of time.
+    model : Model
+        The believed model.
+    """
+    estimator = DragEstimator(model)
+    for row in setpoints:
+        values = [float(row[name]) for name in wire.SETPOINT.fields]
+        estimator.setpoint(int(row["stamp_ns"]), int(row["segment"]), int(row["phase"]), values)
+    for start in range(0, len(stamps_ns), BLOCK):
+        block = slice(start, start + BLOCK)
+        yield from estimator.add_block(stamps_ns[block], readings[block])
+    yield from estimator.finish()
+
+
+def recorded_holds(recording: Recording, model: Model) -> list[Estimate]:
+    """Return the last drag estimates of the holds of a recording, computed from its measurements.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording. Without setpoints the holds are found in the motion, and numbered from 0.
+    model : Model
+        The believed model.
+
+    Raises
+    ------
+    InputError
+        If a reading that nothing can stand for was never taken.
+    """
+    samples = samples_of(recording)
+    setpoints = (
+        recording.setpoint if len(recording.setpoint) else _found_setpoints(samples, recording.start_ns)
+    )
+    stamps = recording.measurement["stamp_ns"]
+    return [e for e in drag_estimates(stamps, samples.readings, setpoints, model) if e.settled]
+
+
+def _found_setpoints(samples: Samples, start_ns: int) -> Any:
+    """Return setpoints of the holds that the motion shows: one at the beginning of each, one at its end."""
+    rows = []
+    for start, stop, _, turn in steady_spans(samples):
+        if turn > 0.0:
+            continue
+        kept = slice(*np.searchsorted(samples.time, (start, stop)))
+        r = samples.readings
+        motion = (*(float(np.nanmean(c[kept])) for c in (r.tilt_x, r.tilt_y)), 0.0, 0.0)
+        speed = (float(np.nanmean(r.spin_rate[kept])), 0.0)
+        # the estimator waits until the motion has settled: it has
+        for time, phase in ((start - SETTLING, HOLD), (stop, RAMP)):
+            rows.append((start_ns + round(time * wire.SECOND), len(rows) // 2, phase, *motion, *speed))
+    found = np.array(rows, dtype=SETPOINT_DTYPE)
+    found["stamp_ns"] = np.maximum.accumulate(found["stamp_ns"])
+    return found
 
 
 class DragStream:

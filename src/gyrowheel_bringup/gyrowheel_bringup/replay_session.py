@@ -18,13 +18,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
 import yaml
 
+from gyrowheel_analysis.drag import Estimate
 from gyrowheel_analysis.nodes.replay import ReplayNode
 from gyrowheel_analysis.recording.playback import Tape
 from gyrowheel_bringup.graph import EXECUTABLES, find_executable
-from gyrowheel_core import topics, wire
+from gyrowheel_core import topics
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import PARENT_VARIABLE, ExitCode, prepare_environment, run_node
 
@@ -52,8 +52,8 @@ class Outcome:
         Wall-clock time from the first message to the last [s].
     left_out : dict of str to str
         Recorded topics that were not published, and why.
-    estimates : list of dict
-        Fields of the drag estimates made during the replay; empty without the estimator.
+    estimates : list of Estimate
+        Drag estimates made during the replay; empty without the estimator.
     """
 
     code: int = 0
@@ -63,7 +63,7 @@ class Outcome:
     rounds: int = 0
     wall: float = 0.0
     left_out: dict[str, str] = field(default_factory=dict)
-    estimates: list[dict[str, Any]] = field(default_factory=list)
+    estimates: list[Estimate] = field(default_factory=list)
 
 
 def play(
@@ -117,7 +117,7 @@ def play(
                 if companion is not None:
                     self._listening = self.subscription(
                         topics.DRAG_ESTIMATE,
-                        lambda data: outcome.estimates.append(_fields(data)),
+                        lambda data: outcome.estimates.append(Estimate.from_bytes(data)),
                         raw=True,
                     )
 
@@ -206,16 +206,6 @@ def _check(process: Any, folder: Path) -> None:
         raise InputError(
             words.rpartition("\n")[2].removeprefix(f"{_ESTIMATOR}: ") or f"{_ESTIMATOR}: bad input"
         )
-
-
-def _fields(data: bytes) -> dict[str, Any]:
-    """Return the fields of a serialized DragEstimate, SI units."""
-    layout = wire.DRAG_ESTIMATE
-    row = layout.array(1)
-    if len(data) == row.nbytes:
-        row = np.frombuffer(data, layout.dtype)
-    fields = {name: row[name][0].tolist() for name in (*layout.integers, *layout.fields)}
-    return {"stamp": int(layout.stamps(row)[0]) / wire.SECOND, **fields}
 
 
 @contextlib.contextmanager

@@ -24,6 +24,7 @@ ARGUMENTS = (
     ("record", "", "New directory to record into; empty: no recording"),
     ("bench", "gyrowheel", "Bench, or its file"),
     ("scenario", "", "File of the true machine; empty: that of the bench file"),
+    ("model", "", "Model file that the drag estimator believes; empty: the bench without effects"),
     ("realtime", "false", "Run the bench in wall-clock time"),
     ("viewable", "true", "Publish the model of the wheel and its frames for viewers"),
     ("rviz", "false", "Start RViz"),
@@ -45,6 +46,7 @@ def _actions(context: LaunchContext) -> list[Node | ExecuteProcess]:
         plan,
         bench=given["bench"],
         scenario=given["scenario"],
+        model=given["model"],
         record=given["record"],
         realtime=asked["realtime"],
     )

@@ -22,6 +22,7 @@ ARGUMENTS = (
     ("loop", "false", "Start again at the end"),
     ("paused", "false", "Start paused"),
     ("estimate", "false", "Run the drag estimator on it"),
+    ("model", "", "Model file that the estimator believes; empty: the default bench without effects"),
     ("viewable", "true", "Publish the model of the wheel and its frames for viewers"),
     ("rviz", "false", "Start RViz"),
 )
@@ -56,6 +57,7 @@ def _actions(context: LaunchContext) -> list[Node]:
                 package="gyrowheel_analysis",
                 executable="drag_estimator_node",
                 name="drag_estimator",
+                parameters=[{"model": ParameterValue(given["model"], value_type=str)}],
                 output="screen",
             )
         )

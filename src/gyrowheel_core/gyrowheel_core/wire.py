@@ -42,8 +42,10 @@ class Layout:
         As given.
     declaration : dict of str to str
         As given.
+    names : tuple of str
+        Names of the fields after the header, in message order.
     integers, fields : tuple of str
-        Names of the integer (and bool) fields after the header, and of the float fields, in message order.
+        Those that are integers or bool, and those that are floats.
     size : int
         Length of the serialized message, encapsulation included [bytes].
     dtype : numpy.dtype
@@ -54,9 +56,9 @@ class Layout:
     def __init__(self, type_name: str, declaration: dict[str, str]) -> None:
         self.type_name = type_name
         self.declaration = declaration
-        after_header = [name for name in declaration if name not in _HEADER]
-        self.integers = tuple(name for name in after_header if not declaration[name].startswith("float"))
-        self.fields = tuple(name for name in after_header if name not in self.integers)
+        self.names = tuple(name for name in declaration if name not in _HEADER)
+        self.integers = tuple(name for name in self.names if not declaration[name].startswith("float"))
+        self.fields = tuple(name for name in self.names if name not in self.integers)
 
         form = "<4s"  # format of `struct`, the padding written out
         end = 0  # of the fields so far, counted after the encapsulation

@@ -75,10 +75,19 @@ Machine: TypeAlias = Annotated[
 Truth: TypeAlias = Annotated[
     Path | None,
     typer.Option(
-        "--model",
+        "--truth",
         metavar="M.yaml",
         help="Model file whose effects and estimated parameters the simulated machine has, besides those of --effect.",
         show_default=False,
+    ),
+]
+Belief: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        "--model",
+        metavar="M.yaml",
+        help="Model file that the analyst believes: drag estimates are made with it, never with the truth.",
+        show_default="the bench without effects",
     ),
 ]
 BenchOfRun: TypeAlias = Annotated[
@@ -87,7 +96,7 @@ BenchOfRun: TypeAlias = Annotated[
         "--bench",
         metavar="B",
         help="Bench: shipped name (gyrowheel, dtg), or a bench file.",
-        show_default="gyrowheel, or that of --model",
+        show_default="gyrowheel, or that of --truth or --model",
     ),
 ]
 BenchName: TypeAlias = Annotated[

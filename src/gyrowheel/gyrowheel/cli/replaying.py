@@ -71,7 +71,7 @@ def replay(
         typer.Option(
             "--model",
             metavar="M.yaml",
-            help="Model of the estimator.",
+            help="Model that the estimator believes.",
             show_default="a new one of the bench gyrowheel",
         ),
     ] = None,
@@ -158,7 +158,7 @@ def replay(
                 "messages": outcome.counts,
                 "left_out": outcome.left_out,
                 "wall_seconds": outcome.wall,
-                "drag_estimates": outcome.estimates,
+                "drag_estimates": [estimate.to_dict() for estimate in outcome.estimates],
             },
         )
     if json != "-":

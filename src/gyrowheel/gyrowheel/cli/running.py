@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gyrowheel.cli.options import (
+    Belief,
     BenchOfRun,
     Blind,
     Effects,
@@ -21,7 +22,7 @@ from gyrowheel.cli.options import (
     example,
 )
 from gyrowheel.cli.outputs import NewRecording
-from gyrowheel.cli.shell import advancing, notes, out, put_json, working
+from gyrowheel.cli.shell import advancing, notes, out, put_json, put_text, working
 
 if TYPE_CHECKING:
     from gyrowheel import Model
@@ -56,7 +57,8 @@ def up(
         ),
     ] = False,
     effect: Effects = None,
-    model: Truth = None,
+    truth: Truth = None,
+    model: Belief = None,
     blind: Blind = None,
     machine: Machine = None,
     seed: Seed = 0,
@@ -72,10 +74,13 @@ def up(
     from gyrowheel.catalogue import load_plan
 
     chosen = None if plan is None else load_plan(plan)
+    believed = _model(model)
+    _note_belief(believed, alone=not (effect or truth or blind or machine is not None))
     graph = graphs.up(
         chosen,
         effects=effect or (),
-        model=_model(model),
+        truth=_model(truth),
+        model=believed,
         bench=bench,
         machine=machine,
         seed=seed,
@@ -115,7 +120,8 @@ def simulate(
         NewRecording(),
     ],
     effect: Effects = None,
-    model: Truth = None,
+    truth: Truth = None,
+    model: Belief = None,
     blind: Blind = None,
     machine: Machine = None,
     seed: Seed = 0,
@@ -126,14 +132,16 @@ def simulate(
     from gyrowheel.catalogue import load_plan
     from gyrowheel.simulation import simulate as run
 
-    truth = _model(model)
+    machine_model, belief = _model(truth), _model(model)
+    _note_belief(belief, alone=not (effect or truth or blind or machine is not None))
     chosen = load_plan(plan)
     begin = time.monotonic()
     with advancing(f"simulating plan {chosen.name}") as advance:
         run(
             chosen,
             effects=effect or (),
-            model=truth,
+            truth=machine_model,
+            model=belief,
             bench=bench,
             machine=machine,
             seed=seed,
@@ -149,6 +157,16 @@ def simulate(
             f"{chosen.duration:.1f} s simulated in {wall:.1f} s, {chosen.duration / wall:.0f} times real time"
         )
         out().print(f"recording: {output}", soft_wrap=True)
+
+
+def _note_belief(belief: Model | None, *, alone: bool) -> None:
+    """Say what a model is for where it may be meant as the machine."""
+    if alone and belief is not None and (belief.effects or belief.parameters):
+        notes().print(
+            "--model is what the analyst believes; the machine is as the bench states it (give --truth to simulate the "
+            "machine of a model)",
+            soft_wrap=True,
+        )
 
 
 def _model(file: Path | None) -> Model | None:
@@ -168,6 +186,7 @@ def _report(result: GraphResult, json: str | None) -> None:
             result.simulated_seconds,
             result.wall_seconds,
         )
+        content |= {"drag_estimates": [estimate.to_dict() for estimate in result.estimates]}
         content |= {"samples": result.samples, "processes": dict(result.pids)}
         put_json(json, content | ({"pace": dict(result.pace)} if result.pace else {}))
     if json != "-":
@@ -183,6 +202,9 @@ def _report(result: GraphResult, json: str | None) -> None:
         if result.recording is not None:
             out().print(f"{result.samples} samples recorded, none missing")
             out().print(f"recording: {result.recording}", soft_wrap=True)
+        from gyrowheel.text.drag import drag_page
+
+        put_text(drag_page(result.estimates))
 
 
 def _run_json(plan: str, recording: str | None, simulated: float, wall: float) -> dict[str, object]:

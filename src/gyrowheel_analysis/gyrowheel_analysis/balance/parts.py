@@ -108,9 +108,7 @@ def effect_parts(
     return [
         _part(
             active.effect.name,
-            required_torques(
-                balance.motion, values, [*reading, _only(active, reading=False)], whole.ripple
-            ),
+            required_torques(balance.motion, values, [*reading, _only(active, reading=False)], whole.ripple),
             bench,
             whole,
             effect=True,

@@ -16,8 +16,6 @@ from gyrowheel_core.node import BenchNode, Diagnosis, Inbox, Param, run_node
 
 #: Period at which arrived messages are taken [s, wall-clock time].
 TAKE_PERIOD = 0.02
-#: Fields of the message that are those of `Estimate`.
-_FIELDS = tuple(name for name in DragEstimate.get_fields_and_field_types() if name != "header")
 
 
 class DragEstimatorNode(BenchNode):
@@ -111,7 +109,7 @@ class DragEstimatorNode(BenchNode):
 
     def _publish(self, estimates: Iterable[Estimate]) -> None:
         for estimate in estimates:
-            message = DragEstimate(**{name: getattr(estimate, name) for name in _FIELDS})
+            message = DragEstimate(**{name: getattr(estimate, name) for name in wire.DRAG_ESTIMATE.names})
             message.header.stamp = Time(nanoseconds=estimate.stamp_ns).to_msg()
             message.header.frame_id = wire.FRAME_ID
             self._publisher.publish(message)

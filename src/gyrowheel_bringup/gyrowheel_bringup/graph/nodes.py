@@ -33,6 +33,7 @@ def node_parameters(
     *,
     bench: str = "gyrowheel",
     scenario: str = "",
+    model: str = "",
     record: str = "",
     hold_after_plan: bool = True,
     realtime: bool = False,
@@ -49,7 +50,9 @@ def node_parameters(
     bench : str
         Name of a shipped bench, or path of a bench file.
     scenario, record : str
-        Scenario file, and directory to record into; empty: none.
+        Scenario file of the true machine, and directory to record into; empty: none.
+    model : str
+        File of the model that the drag estimator believes; empty: the bench without effects.
     hold_after_plan : bool
         Whether the bench keeps running after the plan; in real time the loop stays closed until the plant stops.
     realtime : bool
@@ -80,7 +83,11 @@ def node_parameters(
             "wait_for_subscribers": 1 + recorders + estimators,
         },
         "recorder": {"directory": record},
-        "drag_estimator": {"bench": bench, "wait_for_subscribers": recorders},
+        "drag_estimator": {
+            "bench": bench,
+            "model": model and str(Path(model).absolute()),
+            "wait_for_subscribers": recorders,
+        },
     }
 
 

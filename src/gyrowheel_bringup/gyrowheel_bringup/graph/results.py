@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from gyrowheel_analysis.drag import Estimate
+
 
 class GraphError(RuntimeError):
     """A node failed, or the graph makes no progress.
@@ -73,6 +75,8 @@ class GraphResult:
     pace : dict of str to float
         In real time, the counts of the plant: ``late_commands``, ``missing_commands``, ``held_samples``,
         ``late_samples``, ``worst_delay_ms``, ``behind_s``; empty in lock-step.
+    estimates : tuple of Estimate
+        Drag estimates of the plan, in the order of time; without those of the last hold while the graph goes on.
     """
 
     plan: str
@@ -84,6 +88,7 @@ class GraphResult:
     counts: Mapping[str, int]
     pids: Mapping[str, int]
     pace: Mapping[str, float] = field(default_factory=dict)
+    estimates: tuple[Estimate, ...] = ()
 
     @property
     def ratio(self) -> float:

@@ -11,6 +11,7 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NoReturn, Self
@@ -19,6 +20,7 @@ import rclpy
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from gyrowheel_msgs.action import RunPlan
+from gyrowheel_msgs.msg import DragEstimate
 from gyrowheel_msgs.srv import StopRecording
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
@@ -27,6 +29,8 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+from gyrowheel_analysis.drag import Estimate
+from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.recording import info
 from gyrowheel_bringup.graph.children import Child, remove_left, uninterrupted
 from gyrowheel_bringup.graph.cores import share_core
@@ -47,6 +51,7 @@ _CLOCK_PERIOD_NS = 10_000_000  # plans end at whole multiples of this
 _LISTEN = 4.0  # time to listen for nodes of another graph [s]
 _EXPLAIN = 3.0  # time for a node to end, or to report why a plan was aborted [s]
 _WIND_DOWN = 60.0  # time for the guard to stop the motor [s]
+_LAST = 0.1  # time to take what has arrived [s]
 _PACE = ("late_commands", "missing_commands", "held_samples", "late_samples", "worst_delay_ms", "behind_s")
 
 
@@ -62,6 +67,8 @@ class Graph:
         Name of a shipped bench, or path of a bench file.
     scenario : Scenario, str or Path, optional
         The true simulated machine, or a file of it; by default the machine of the bench file.
+    model : Model, str or Path, optional
+        The model that the drag estimator believes, or its file; by default the bench without effects.
     record : str or Path, optional
         Directory to record into; must not exist. By default nothing is recorded.
     initial_spin_rate : float, optional
@@ -101,6 +108,7 @@ class Graph:
         *,
         bench: str | Path = "gyrowheel",
         scenario: Scenario | str | Path | None = None,
+        model: Model | str | Path | None = None,
         record: str | Path | None = None,
         initial_spin_rate: float | None = None,
         hold_after_plan: bool = False,
@@ -126,6 +134,8 @@ class Graph:
         if self._record is not None and self._record.exists():
             raise InputError(f"{record}: exists already; a recording needs a new directory")
         self._scenario = scenario
+        self._model = model
+        self._estimates: list[Estimate] = []
         self._bench_source = str(bench if str(bench) in Bench.shipped() else Path(bench).absolute())
         self._initial_spin_rate = initial_spin_rate
         self._hold = hold_after_plan
@@ -230,6 +240,7 @@ class Graph:
         if chosen is None:
             raise InputError("plan: the graph was started without one; give one to run")
         begin = time.monotonic()
+        known = len(self._estimates)
         result = self._walk(chosen, progress)
         wall = time.monotonic() - begin
         counts: dict[str, int] = {}
@@ -248,6 +259,7 @@ class Graph:
             counts=counts,
             pids=self.pids,
             pace=self._pace(),
+            estimates=tuple(self._estimates[known:]),
         )
 
     def wait(self) -> None:
@@ -316,6 +328,9 @@ class Graph:
         self._executor.add_node(self._node)
         topic = topics.DIAGNOSTICS
         self._node.create_subscription(DiagnosticArray, topic.name, self._on_diagnostics, topic.qos)
+        if "drag_estimator" in self._names:
+            topic = topics.DRAG_ESTIMATE
+            self._node.create_subscription(DragEstimate, topic.name, self._on_estimate, topic.qos, raw=True)
         self._changes = {
             name: self._node.create_client(ChangeState, f"/{name}/change_state")
             for name in ("plant", "drag_estimator")
@@ -329,15 +344,24 @@ class Graph:
         if isinstance(self._scenario, Scenario):
             scenario = str(work / "scenario.json")
             self._scenario.save(scenario)
+        model = "" if self._model is None else str(self._model)
+        if isinstance(self._model, Model):
+            model = str(work / "model.yaml")
+            replace(self._model, bench_source=self._bench_source).save(model)
         result = node_parameters(
             self._plan,
             bench=self._bench_source,
             scenario=scenario,
+            model=model,
             record="" if self._record is None else str(self._record),
             hold_after_plan=self._hold,
             realtime=self._realtime,
             nodes=self._names,
         )
+        if "drag_estimator" in self._names:
+            result["drag_estimator"]["wait_for_subscribers"] = 1 + int(
+                "recorder" in self._names and self._record is not None
+            )  # this process reads the estimates too
         if self._initial_spin_rate is not None:
             result["plant"]["initial_spin_rate"] = float(self._initial_spin_rate)
         for name, values in self._parameters.items():
@@ -459,6 +483,9 @@ class Graph:
                 return None
         return future.result()
 
+    def _on_estimate(self, data: bytes) -> None:
+        self._estimates.append(Estimate.from_bytes(data))
+
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name not in self._names:
@@ -514,6 +541,10 @@ class Graph:
         deactivate = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_DEACTIVATE))
         for name in ("plant", "drag_estimator"):
             self._call(name, self._changes[name], deactivate, timeout=_SETTLE_TIMEOUT)
+        # the last estimates were delivered before the answer, but wait to be taken
+        end = time.monotonic() + _LAST
+        while time.monotonic() < end:
+            self._executor.spin_once(timeout_sec=0.01)
         if self._record is not None:
             self._call("recorder", self._stop_recording, StopRecording.Request(), timeout=_FINISH_TIMEOUT)
 

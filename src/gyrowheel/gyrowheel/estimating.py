@@ -1,0 +1,39 @@
+"""The paper's analysis of a recording: measured DC voltages beside simulated torques."""
+
+from __future__ import annotations
+
+from gyrowheel.inputs import Recordings, opened
+from gyrowheel.model import Model
+from gyrowheel.results.drag import Drag
+from gyrowheel_analysis.drag_stream import recorded_holds
+from gyrowheel_analysis.fitting.preparation import one_thread
+from gyrowheel_core.errors import InputError
+
+
+@one_thread()
+def drag(recordings: Recordings, model: Model | None = None) -> Drag:
+    """Compare measured DC voltages with simulated torques, hold by hold, as the drag estimator of the graph does.
+
+    The estimates are computed anew from the measurements; recorded ones are not used.
+
+    Parameters
+    ----------
+    recordings : Recording, path or list
+        Recordings. Holds are those of the setpoints; without setpoints they are found in the motion.
+    model : Model, optional
+        The believed model; one of the bench ``gyrowheel`` without effects if not given.
+
+    Raises
+    ------
+    InputError
+        If a recording cannot be read or has no steady hold.
+    """
+    known = Model() if model is None else model
+    given = opened(recordings)
+    found = []
+    for own in given:
+        holds = recorded_holds(own.data, known.details)
+        if not holds:
+            raise InputError(f"{own.path}: no steady hold")
+        found.append(tuple(holds))
+    return Drag(tuple(found), known, tuple(str(own.path) for own in given))
