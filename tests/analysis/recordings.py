@@ -35,11 +35,17 @@ def make_run(samples=300, seed=1):
         "environment": to_json(ENVIRONMENT),
         "bench": "a bench, with ü",
         "sample_period": PERIOD_NS * 1e-9,
-        "drag_estimates": [
-            (k * 10_000_000, wire.DRAG_ESTIMATE.pack(k * 10_000_000, k, True, *rng.normal(size=25)))
-            for k in range(3)
-        ],
+        "drag_estimates": [(k * 10_000_000, _estimate(k, rng)) for k in range(3)],
     }
+
+
+def _estimate(k, rng):
+    row = wire.DRAG_ESTIMATE.array(1)
+    wire.DRAG_ESTIMATE.set_stamps(row, k * 10_000_000)
+    for name in wire.DRAG_ESTIMATE.fields:
+        row[name] = rng.normal(size=row[name].shape)
+    row["segment"], row["settled"], row["calibrated"] = k, True, True
+    return row.tobytes()
 
 
 def measurements(count=50, start=0):

@@ -10,6 +10,7 @@ from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -22,6 +23,7 @@ from gyrowheel.text.bench import bench_page
 from gyrowheel.text.comparison import channel_table
 from gyrowheel.text.diagnosis import detection_limits
 from gyrowheel.text.diagnosis import diagnosis as rendered
+from gyrowheel.text.drag import drag_page
 from gyrowheel.text.effects import effect_list, effect_page
 from gyrowheel.text.errors import fall
 from gyrowheel.text.formulas import pretty
@@ -38,11 +40,11 @@ from gyrowheel.text.quantities import (
     span,
     with_error,
 )
-from gyrowheel.text.replay import estimates_table
 from gyrowheel.text.sentences.diagnosis import verdict_sentence
 from gyrowheel_analysis.channels import LISTED
 from gyrowheel_analysis.compare import ChannelMetrics
 from gyrowheel_analysis.diagnosis.diagnose import Estimate
+from gyrowheel_analysis.drag import Estimate as DragEstimate
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction import Coverage
 from gyrowheel_analysis.residuals.error_table import ErrorRow
@@ -160,15 +162,31 @@ COMPARED: Any = SimpleNamespace(
     },
     raw_rms=dict.fromkeys(LISTED, 0.0543e-3),
 )
-ESTIMATE: dict[str, Any] = {
-    "segment": 11,
-    "tilt_x": -0.0523,
-    "tilt_y": -0.0523,
-    "spin_rate": 408.4,
-    "dc_voltage": (-1.0123, -1.0123, 11.234),
-    "simulated_torque": (-0.0123, -0.0123, -0.0123),
-    "residual": (-0.0123, -0.0123, -0.0123),
-}
+WIDE = np.array([-0.0123, -0.0123, -0.0123])
+ESTIMATE = DragEstimate(
+    stamp_ns=1_000_000_000,
+    segment=110,
+    settled=True,
+    duration=1.5,
+    tilt_x=-0.0523,
+    tilt_y=-0.0523,
+    spin_rate=408.4,
+    dc_voltage=np.array([-1.0123, -1.0123, 11.234]),
+    dc_voltage_std=np.full(3, 1e-3),
+    motor_current=0.1,
+    motor_current_std=1e-3,
+    reference_segment=109,
+    voltage_increment=np.array([-1.0123, -1.0123, -3.1234]),
+    voltage_increment_std=np.full(3, 1e-3),
+    simulated_voltage_increment=np.array([-1.0123, -1.0123, -3.1234]),
+    calibrated=False,
+    measured_torque=WIDE,
+    measured_torque_std=np.full(3, 1e-4),
+    constants_std=np.full(3, 1e-5),
+    simulated_torque=WIDE,
+    simulated_air_torque=WIDE,
+    residual=WIDE,
+)
 SHIPPED_TABLES: dict[str, Callable[[], Iterable[RenderableType]]] = {
     **{f"bench {name}": partial(bench_page, Bench.load(name)) for name in ("gyrowheel", "dtg")},
     "effects": lambda: effect_list(registry().values()),
@@ -179,7 +197,7 @@ SHIPPED_TABLES: dict[str, Callable[[], Iterable[RenderableType]]] = {
         [replace(each, value=1.9 * each.usual[1]) for e in registry() for each in limit(e, 1.0)]
     ),
     "channels": lambda: [channel_table(COMPARED)],
-    "estimates": lambda: [estimates_table([ESTIMATE])],
+    "estimates": lambda: drag_page([ESTIMATE] * 3),
     "air table": lambda: table_page(TorqueTable.load()),
     "air check": lambda: check_page(TorqueTable.load(), check_table(TorqueTable.load())),
 }

@@ -17,6 +17,7 @@ from gyrowheel_analysis.balance.parts import effect_parts
 from gyrowheel_analysis.balance.quadrature import mean
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction import LONGEST, NEEDED, SETTLING, SPIN_SETTLING, Samples, reduce
+from gyrowheel_analysis.reduction.steady import SPEED_CHANGE
 from gyrowheel_control.plans.plan import HOLD, SETPOINT_DTYPE
 from gyrowheel_core import wire
 from gyrowheel_core.readings import Readings
@@ -35,7 +36,6 @@ _UPDATE, _SELDOM = 0.5, 5.0  # s between two estimates of one hold, at its begin
 _SHARE = 0.1  # of a hold's length that is new in the next estimate
 _BATCH, _FEWEST = 0.1, 4  # s, and how many of them show the noise of a mean
 _UPRIGHT = 0.05 * DEG  # a hold tilted less is at zero tilt
-_SAME_SPEED = 2.0  # rad/s
 _NOISY = ("coil_voltage", "coil_voltage", "motor_voltage", "motor_current")
 _CONSTANTS = ("coil_constant", "coil_constant", "motor_constant")
 
@@ -350,7 +350,7 @@ class DragEstimator:
         estimates = self._end()
         turning = math.hypot(setpoint.tilt_rate_x, setpoint.tilt_rate_y)
         if hold and turning < 0.1 * DEG and abs(setpoint.spin_acceleration) < 0.5:
-            changed = self._spin_before is not None and abs(spin - self._spin_before) > 2.0
+            changed = self._spin_before is not None and abs(spin - self._spin_before) > SPEED_CHANGE
             start = setpoint.stamp_ns * 1e-9 + (SPIN_SETTLING if changed else SETTLING)
             self._hold = _Hold(setpoint, start, start + _UPDATE)
         if hold:
@@ -463,6 +463,6 @@ class DragEstimator:
         """Return the hold from which the increments of a hold are taken."""
         speed = own.setpoint.spin_rate
         for earlier in reversed(self._settled):
-            if earlier.upright and abs(earlier.setpoint.spin_rate - speed) < _SAME_SPEED:
+            if earlier.upright and abs(earlier.setpoint.spin_rate - speed) < SPEED_CHANGE:
                 return earlier
         return own if own.upright or not self._settled else self._settled[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any, Final
 
@@ -12,15 +13,18 @@ from gyrowheel_analysis.drag import DragEstimator, Estimate
 from gyrowheel_analysis.fitting.preparation import samples_of
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.recording import Recording
-from gyrowheel_analysis.reduction import SETTLING, Samples, steady_spans
+from gyrowheel_analysis.reduction import SETTLING, SPIN_SETTLING, Samples, steady_spans
+from gyrowheel_analysis.reduction.steady import SPEED_CHANGE
 from gyrowheel_control.plans.plan import HOLD, RAMP, SETPOINT_DTYPE
 from gyrowheel_core import wire
 from gyrowheel_core.readings import READINGS, Readings
+from gyrowheel_core.units import DEG
 
 #: Samples that are handed over together: estimates are rare, and a block costs little more than a sample.
 BLOCK: Final = 100
 #: Most samples that wait for the setpoint after them: where there are as many, none is coming.
 PATIENCE: Final = 2000
+_STILL: Final = 0.1 * DEG  # a tilt that changes less is held
 
 
 def drag_estimates(
@@ -74,20 +78,40 @@ def recorded_holds(recording: Recording, model: Model) -> list[Estimate]:
 
 def _found_setpoints(samples: Samples, start_ns: int) -> Any:
     """Return setpoints of the holds that the motion shows: one at the beginning of each, one at its end."""
-    rows = []
+    rows: list[tuple[Any, ...]] = []
+    before = math.nan
     for start, stop, _, turn in steady_spans(samples):
-        if turn > 0.0:
+        first, last = np.searchsorted(samples.time, (start, stop))
+        tilt_x, tilt_y, spin = (
+            samples.readings[name][first:last] for name in ("tilt_x", "tilt_y", "spin_rate")
+        )
+        # a ramp is a steady motion, too
+        if turn > 0.0 or _moves(spin, SPEED_CHANGE) or _moves(tilt_x, _STILL) or _moves(tilt_y, _STILL):
             continue
-        kept = slice(*np.searchsorted(samples.time, (start, stop)))
-        r = samples.readings
-        motion = (*(float(np.nanmean(c[kept])) for c in (r.tilt_x, r.tilt_y)), 0.0, 0.0)
-        speed = (float(np.nanmean(r.spin_rate[kept])), 0.0)
-        # the estimator waits until the motion has settled: it has
-        for time, phase in ((start - SETTLING, HOLD), (stop, RAMP)):
-            rows.append((start_ns + round(time * wire.SECOND), len(rows) // 2, phase, *motion, *speed))
+        motion = (
+            float(np.nanmean(tilt_x)),
+            float(np.nanmean(tilt_y)),
+            0.0,
+            0.0,
+            float(np.nanmean(spin)),
+            0.0,
+        )
+        # the estimator waits until a motion has settled, but this one has
+        settling = SPIN_SETTLING if abs(motion[4] - before) > SPEED_CHANGE else SETTLING
+        before = motion[4]
+        for time, phase in ((start - settling, HOLD), (stop, RAMP)):
+            rows.append((start_ns + round(time * wire.SECOND), len(rows) // 2, phase, *motion))
     found = np.array(rows, dtype=SETPOINT_DTYPE)
     found["stamp_ns"] = np.maximum.accumulate(found["stamp_ns"])
     return found
+
+
+def _moves(column: NDArray[np.float64], least: float) -> bool:
+    """Whether a reading changes by more than `least` from the first third of its time to the last one."""
+    third = len(column) // 3
+    if not third or np.isnan(column).all():
+        return True
+    return bool(abs(np.nanmean(column[-third:]) - np.nanmean(column[:third])) > least)
 
 
 class DragStream:

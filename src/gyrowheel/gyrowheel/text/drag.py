@@ -15,7 +15,7 @@ from gyrowheel_core.units import DEG, RPM
 if TYPE_CHECKING:
     from gyrowheel_analysis.drag import Estimate
 
-_ACTUATORS = ("Coil x", "Coil y", "Motor")
+_ACTUATORS = ("coil x", "coil y", "motor")
 _MILLI = 1e3
 
 
@@ -25,7 +25,7 @@ def drag_page(estimates: Sequence[Estimate]) -> Iterator[RenderableType]:
     if not settled:
         return
     for place, title in enumerate(_ACTUATORS):
-        yield heading(f"{title}: DC voltage, change from the reference hold, torque")
+        yield heading(f"Drag estimates, {title}")
         yield _table(settled, place)
     calibrated = all(estimate.calibrated for estimate in settled)
     constants = (
@@ -35,7 +35,7 @@ def drag_page(estimates: Sequence[Estimate]) -> Iterator[RenderableType]:
     )
     yield from sentences(
         [
-            "ref: reference hold of the change. model: what the model predicts.",
+            "DC: mean voltage. change: from the reference hold (ref). model: what the model predicts.",
             "diff: measured less simulated torque, in standard errors (noise and constants).",
             constants,
         ]
@@ -54,7 +54,7 @@ def _table(estimates: Sequence[Estimate], place: int) -> RenderableType:
             str(e.segment),
             f"{decimal(e.tilt_x / DEG, 2)} {decimal(e.tilt_y / DEG, 2)}",
             decimal(e.spin_rate / RPM, 0),
-            decimal(float(e.dc_voltage[place]), 4),
+            decimal(float(e.dc_voltage[place]), 3),
             str(e.reference_segment),
             decimal(_MILLI * float(e.voltage_increment[place]), 1),
             decimal(_MILLI * float(e.simulated_voltage_increment[place]), 1),

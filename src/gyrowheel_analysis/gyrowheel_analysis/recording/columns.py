@@ -142,6 +142,30 @@ def _declares(topic: TopicData, layout: Layout, where: str) -> bool:
     return topic.type_name == layout.type_name
 
 
+def is_earlier(topic: TopicData | None, layout: Layout, where: str) -> bool:
+    """Whether the messages of a topic are of an earlier version of a type, which lacks fields of the layout.
+
+    Parameters
+    ----------
+    topic : TopicData or None
+        The topic; None if the recording lacks it.
+    layout : Layout
+        The layout.
+    where : str
+        What to name in an error.
+
+    Raises
+    ------
+    InputError
+        If the definition of the type cannot be read.
+    """
+    if topic is None or topic.type_name != layout.type_name or not topic.definition:
+        return False
+    where = f"{where}: {topic.name}"
+    declared = _declared(topic.type_name, topic.definition_encoding, topic.definition, where)
+    return bool(declared) and not set(layout.names) <= declared.keys()
+
+
 def _decoder(topic: TopicData, layout: Layout, where: str) -> Callable[[list[bytes], int], npt.NDArray[Any]]:
     """Return a function that decodes messages by the definition of their topic, given the number of the first."""
     store = _store(topic, where)

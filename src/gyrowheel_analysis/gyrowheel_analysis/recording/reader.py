@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from gyrowheel_analysis.recording.bags import read_bag
-from gyrowheel_analysis.recording.columns import columns, texts, wanted
+from gyrowheel_analysis.recording.columns import columns, is_earlier, texts, wanted
 from gyrowheel_analysis.recording.mcap.reader import Want
-from gyrowheel_core import topics
+from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.readings import READINGS, Readings
 from gyrowheel_sim import environment as environments
@@ -109,8 +109,11 @@ class Recording:
         asked: dict[str, Want | None] = {topic.name: None for topic in _TEXTS}
         asked |= {topic.name: wanted(topic.layout) for topic in _COLUMNS if topic.layout}
         found = read_bag(path, asked)
+        used = dict(found)
+        if is_earlier(found.get(topics.DRAG_ESTIMATE.name), wire.DRAG_ESTIMATE, where):
+            del used[topics.DRAG_ESTIMATE.name]  # the analysis needs no estimates, and makes its own
         read = {
-            topic: columns(found.get(topic.name), topic.layout, where) for topic in _COLUMNS if topic.layout
+            topic: columns(used.get(topic.name), topic.layout, where) for topic in _COLUMNS if topic.layout
         }
         if len(read[topics.MEASUREMENT]) == 0:
             others = ", ".join(sorted(name for name, topic in found.items() if topic.count)) or "none at all"

@@ -1,0 +1,154 @@
+"""The verb `drag` and its Python face, and what the options --model and --truth mean."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+
+import gyrowheel as gw
+from gyrowheel_analysis.drag_stream import recorded_holds
+from gyrowheel_analysis.model import Model
+from gyrowheel_analysis.recording import Recording
+from gyrowheel_analysis.recording.definitions import typestore
+from gyrowheel_core import topics, wire
+
+from .conftest import Wheel
+from .helpers import DRAG_PLAN, Shell, write
+
+MODEL = """\
+schema: 1
+bench: gyrowheel
+overrides:
+  coil_constant: {value: 0.0203, standard_error: 1.0e-4}
+  motor_constant: {value: 0.03, standard_error: 1.0e-4}
+effects:
+  windage: {w: {value: 0.0013, standard_error: 1.0e-4}}
+"""
+
+
+def recorded(directory: Path) -> list[Any]:
+    """Return the settled drag estimates of a recording, as rosbags reads them."""
+    with AnyReader([directory], default_typestore=typestore()) as reader:
+        chosen = [c for c in reader.connections if c.topic == topics.DRAG_ESTIMATE.name]
+        every = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(chosen)]
+    return [message for message in every if message.settled]
+
+
+def assert_same(messages: list[Any], computed: list[dict[str, Any]]) -> None:
+    assert len(messages) == len(computed) > 0
+    for message, row in zip(messages, computed, strict=True):
+        stamp = message.header.stamp
+        assert stamp.sec + 1e-9 * stamp.nanosec == pytest.approx(row["stamp"], abs=1e-9)
+        assert row.keys() == {"stamp", *wire.DRAG_ESTIMATE.names}
+        for name in wire.DRAG_ESTIMATE.names:
+            values = np.atleast_1d(getattr(message, name)).astype(float)
+            assert np.isfinite(values).all()
+            assert values == pytest.approx(np.atleast_1d(row[name]).astype(float), rel=1e-9, abs=1e-9)
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write(tmp_path_factory.mktemp("model") / "wheel.yaml", MODEL)
+
+
+def test_recorded_estimates_are_those_of_drag(
+    gyrowheel: Shell, wheel: Wheel, model: Path, tmp_path: Path
+) -> None:
+    plan = write(tmp_path / "plan.yaml", DRAG_PLAN)
+    machine = ["--plan", plan, "--effect", "windage:w=0.0013", "--seed", 4]
+    gyrowheel.good("simulate", *machine, "--model", model, "-o", tmp_path / "run")
+    said = gyrowheel.good("drag", tmp_path / "run", "--model", model, "--json", "-").json
+    assert said["model"] == str(model)
+    (own,) = said["recordings"]
+    assert own["recording"] == str(tmp_path / "run")
+    assert all(row["calibrated"] for row in own["holds"])
+    assert_same(recorded(tmp_path / "run"), own["holds"])
+    # the belief changes no sample
+    assert np.array_equal(
+        gw.Recording.open(tmp_path / "run").measurement, gw.Recording.open(wheel.recording).measurement
+    )
+    # and from Python
+    result = gw.drag(tmp_path / "run", gw.Model.load(model))
+    assert json.loads(json.dumps(result.to_dict())) == said
+    assert str(result).startswith("8 holds; measured and simulated torques differ by up to")
+    columns = result.to_columns()
+    assert columns["residual_motor"] == [row["residual"][2] for row in own["holds"]]
+    assert "Drag estimates" in result._repr_html_()
+
+
+def test_the_estimator_never_sees_the_truth(gyrowheel: Shell, model: Path, tmp_path: Path) -> None:
+    plan = write(tmp_path / "plan.yaml", DRAG_PLAN)
+    gyrowheel.good("simulate", "--plan", plan, "--truth", model, "-o", tmp_path / "run")
+    messages = recorded(tmp_path / "run")
+    # it believes the bench without effects, as `drag` does without a model
+    assert_same(
+        messages, gyrowheel.good("drag", tmp_path / "run", "--json", "-").json["recordings"][0]["holds"]
+    )
+    assert not any(message.calibrated for message in messages)
+    assert not any(np.any(message.simulated_air_torque) for message in messages)
+    # the machine has the windage of the file, which is what the motor holds beyond the belief
+    fast = [message for message in messages if message.spin_rate > 360.0]
+    for message in fast:
+        error = np.hypot(message.measured_torque_std[2], message.constants_std[2])
+        assert abs(message.residual[2] - 1.3e-3) < 3.0 * error + 0.1e-3
+
+
+def test_a_model_alone_is_a_belief_and_it_is_said(gyrowheel: Shell, model: Path, tmp_path: Path) -> None:
+    plan = write(tmp_path / "plan.yaml", DRAG_PLAN)
+    shown = gyrowheel.good("simulate", "--plan", plan, "--model", model, "-o", tmp_path / "a")
+    assert "--truth" in shown.err
+    shown = gyrowheel.good("simulate", "--plan", plan, "-o", tmp_path / "b")
+    assert "--truth" not in shown.err
+    a, b = (gw.Recording.open(tmp_path / name).measurement for name in "ab")
+    assert np.array_equal(a, b)
+
+
+def test_benches_of_belief_and_truth_must_agree(gyrowheel: Shell, model: Path, tmp_path: Path) -> None:
+    Model.new("dtg").save(tmp_path / "dtg.yaml")
+    options = ["--plan", "quick", "-o", tmp_path / "x", "--truth", tmp_path / "dtg.yaml", "--model", model]
+    result = gyrowheel("simulate", *options)
+    assert result.code == 2
+    assert "--model" in result.err
+    assert "--truth" in result.err
+
+
+def test_the_table_has_a_line_for_each_hold(gyrowheel: Shell, wheel: Wheel, model: Path) -> None:
+    shown = gyrowheel.good("drag", wheel.recording, "--model", model).out
+    lines = shown.splitlines()
+    assert max(map(len, lines)) <= 80
+    # hold, two tilts, speed, voltage, reference, two changes, three torques, difference
+    rows = [line for line in lines if re.fullmatch(r"\d+( +[−\d.]+){11}", line)]
+    assert len(rows) == 3 * 8
+    assert [line.split()[0] for line in rows] == 3 * [str(k) for k in range(8)]
+    assert "are calibrated" in shown
+    plain = gyrowheel.good("drag", wheel.recording).out
+    assert "not calibrated" in plain
+    assert "air" not in plain.replace("--", "").split("ref:")[0]
+
+
+def test_holds_are_found_without_setpoints(wheel: Wheel) -> None:
+    whole = Recording.open(wheel.recording)
+    bare = dataclasses.replace(whole, setpoint=whole.setpoint[:0])
+    wanted, found = recorded_holds(whole, Model.new()), recorded_holds(bare, Model.new())
+    assert len(found) == len(wanted)
+    for own, planned in zip(found, wanted, strict=True):
+        assert own.tilt_x == pytest.approx(planned.tilt_x, abs=1e-4)
+        assert np.all(
+            np.abs(own.dc_voltage - planned.dc_voltage)
+            < 5.0 * np.hypot(own.dc_voltage_std, planned.dc_voltage_std)
+        )
+
+
+def test_a_recording_without_a_hold_is_refused(gyrowheel: Shell, tmp_path: Path) -> None:
+    gw.simulate("schema: 1\nname: short\nhold_s: 0.3\nsegments: [{spin_rpm: 3000, tilt_deg: [[0, 0]]}]\n",
+                folder=tmp_path / "run")  # fmt: skip
+    result = gyrowheel("drag", tmp_path / "run")
+    assert result.code == 2
+    assert "no steady hold" in result.err
