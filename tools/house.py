@@ -86,6 +86,7 @@ HOUSE = (
             (
                 "analysis",
                 "envelope",
+                "estimating",
                 "holding",
                 "investigator",
                 "sealed_key",

@@ -16,6 +16,7 @@ from gyrowheel_bringup.graph import EXECUTABLES, Graph, GraphError
 
 from ..domains import next_domain
 from .helpers import SHORT_PLAN, Shell, write
+from .test_drag import assert_same, recorded
 
 #: A machine with a learned parameter and an effect that its own file declares.
 MODEL = """\
@@ -64,6 +65,49 @@ def test_up_and_simulate_give_the_same_samples(gyrowheel: Shell, tmp_path: Path)
     assert np.array_equal(graph.measurement[:count], simulated.measurement)
     assert graph.bench_text == simulated.bench_text
     assert graph.environment == simulated.environment
+
+
+def test_up_ends_with_the_holds_and_drag_and_replay_say_the_same(gyrowheel: Shell, tmp_path: Path):
+    plan = write(
+        tmp_path / "plan.yaml",
+        "schema: 1\nname: holds\nhold_s: 1.4\nsegments: [{spin_rpm: 3500, tilt_deg: [[0, 0], [2, 0]]}]\n",
+    )
+    model = write(tmp_path / "model.yaml", MODEL.replace("0.021", "{value: 0.021, standard_error: 0.0002}"))
+
+    def run(*arguments: object) -> str:
+        done = subprocess.run(
+            [*COMMAND, *map(str, arguments)],
+            capture_output=True,
+            text=True,
+            env=os.environ | {"ROS_DOMAIN_ID": str(next_domain()), "COLUMNS": "80"},
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    recording = tmp_path / "run"
+    options = ["--plan", plan, "--model", model, "--effect", "windage:w=0.0013", "--record", recording]
+    shown = run("up", *options, "--json", tmp_path / "up.json")
+    table = run("drag", recording, "--model", model)
+    # the same tables, in the same lines
+    assert table.strip() in shown
+    assert max(map(len, table.splitlines())) <= 80
+    for place in ("coil x", "coil y", "motor"):
+        assert f"Drag estimates, {place}" in shown
+    said = gyrowheel.good("drag", recording, "--model", model, "--json", "-").json["recordings"][0]["holds"]
+    assert_same(recorded(recording), said)
+    assert [row["segment"] for row in said] == [0, 1]
+    # 1.3 mN m of windage that the believed model lacks
+    for row in said:
+        error = np.hypot(row["measured_torque_std"][2], row["constants_std"][2])
+        assert abs(row["residual"][2] - 1.3e-3) < 3.0 * error
+    shown_live = [
+        row for row in json.loads((tmp_path / "up.json").read_text())["drag_estimates"] if row["settled"]
+    ]
+    assert_same(recorded(recording), shown_live)
+    # and again on replay, to the bit
+    run("replay", recording, "--fast", "--estimate", "--model", model, "--json", tmp_path / "replay.json")
+    again = json.loads((tmp_path / "replay.json").read_text())["drag_estimates"]
+    assert again == json.loads((tmp_path / "up.json").read_text())["drag_estimates"]
 
 
 def test_a_node_that_fails_is_exit_3_with_its_last_words(gyrowheel: Shell, monkeypatch: pytest.MonkeyPatch):
