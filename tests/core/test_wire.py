@@ -109,7 +109,7 @@ def test_rosbags_reads_what_is_packed(topic):
 
     layout = topic.layout
     numbers = iter(float(k) + 0.5 for k in range(60))
-    values = []
+    values: list[float] = []
     for name in layout.names:
         count = 3 if layout.declaration[name].endswith("[3]") else 1
         values += [1] if name in layout.integers else [next(numbers) for _ in range(count)]

@@ -37,7 +37,7 @@ def recorded(directory: Path) -> list[Any]:
     """Return the settled drag estimates of a recording, as rosbags reads them."""
     with AnyReader([directory], default_typestore=typestore()) as reader:
         chosen = [c for c in reader.connections if c.topic == topics.DRAG_ESTIMATE.name]
-        every = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(chosen)]
+        every: list[Any] = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(chosen)]
     return [message for message in every if message.settled]
 
 

@@ -123,7 +123,7 @@ class Estimate:
         """Read a serialized DragEstimate message; ValueError if it is none."""
         stamp, *values = wire.DRAG_ESTIMATE.unpack(data)
         rest = iter(values)
-        content = {
+        content: dict[str, Any] = {
             name: np.array([next(rest) for _ in range(3)])
             if wire.DRAG_ESTIMATE.declaration[name].endswith("[3]")
             else next(rest)
