@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from gyrowheel.model import Model as FaceModel
     from gyrowheel_analysis.model import Model
 
-#: Stands for all effects of an air model, as in ``aero:table``.
+#: Stands for all effects of an air model, as in ``aero:surrogate``.
 AIR = "aero"
 
 
