@@ -34,16 +34,17 @@ HOUSE = (
         "gyrowheel_core",
         "no physics: what every package uses",
         (
-            ("errors", "wire"),
+            ("errors", "wire", "cache"),
             ("units", "files", "schema", "yaml_text", "readings", "topics"),
-            ("quantities", "node"),
+            ("quantities", "node", "locks"),
         ),
     ),
     Package(
         "gyrowheel_sim",
         "physics of the bench",
         (
-            ("parameter", "columns", "compiled", "environment"),
+            ("jit", "environment"),
+            ("parameter", "columns", "compiled"),
             ("bench", "instruments"),
             ("effects", "air", "mechanics"),
             ("plant",),

@@ -147,6 +147,8 @@ def test_what_a_formula_means(text: str, expression: sp.Expr) -> None:
         ("k^z", 3, "'z' is complex, but an exponent must be real"),
         ("zⁿⁿ", 2, "'ⁿⁿ' is no exponent here"),
         ("1" * 200, 1, "a number of more than 100 digits"),
+        ("k*z/min(1,0)", 5, "division by 'min(1,0)', which is zero"),
+        ("k*z*max(-1,0)^-1", 5, "is not finite"),
         ("(" * 400 + "k" + ")" * 400, MAX_DEPTH + 1, "nested too deeply"),
         ("k^" * 300 + "k", 2 * MAX_DEPTH + 1, "nested too deeply"),
         ("-(" * 300 + "k" + ")" * 300, 2 * MAX_DEPTH + 1, "nested too deeply"),

@@ -5,8 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from gyrowheel_core.files import disk_errors, json_text, require_new, require_writable, write_text
+from gyrowheel_core.locks import changing
 
 __all__ = [
+    "changing",
     "disk_errors",
     "is_exported_map",
     "is_exported_table",

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance.balance import ActiveEffect, Balance
@@ -22,6 +21,7 @@ from gyrowheel_control.plans.plan import HOLD, SETPOINT_DTYPE
 from gyrowheel_core import wire
 from gyrowheel_core.readings import Readings
 from gyrowheel_core.units import DEG
+from gyrowheel_sim.jit import njit
 
 Array = NDArray[np.float64]
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import shlex
 from typing import Annotated
 
 import typer
 
 from gyrowheel.cli.options import Json, ModelFile, Recordings, example
-from gyrowheel.cli.shell import put_json, put_text, working
+from gyrowheel.cli.shell import editing, put_json, put_text, working
 from gyrowheel.files import require_writable
 
 
@@ -33,16 +34,17 @@ def calibrate(
     import gyrowheel as gw
     from gyrowheel.inputs import opened
 
-    loaded = gw.Model.load(model)
     recordings = opened(directories)
     if write:
         require_writable(model)
-    with working("calibrating") as say:
-        from gyrowheel.text.calibration import calibration_page
+    with editing(model) if write else contextlib.nullcontext():
+        loaded = gw.Model.load(model)
+        with working("calibrating") as say:
+            from gyrowheel.text.calibration import calibration_page
 
-        result = gw.calibrate(recordings, loaded, progress=say)
-    if write:
-        result.model.save(model)
+            result = gw.calibrate(recordings, loaded, progress=say)
+        if write:
+            result.model.save(model)
     if json is not None:
         put_json(json, result.to_dict() | {"written": write})
     if json != "-":

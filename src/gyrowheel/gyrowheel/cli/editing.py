@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gyrowheel.cli.options import BenchName, ErrorPicture, Json, ModelFile, Validation, example
-from gyrowheel.cli.shell import out, put_json, put_picture, put_text, working
+from gyrowheel.cli.shell import editing, out, put_json, put_picture, put_text, working
 from gyrowheel.errors import InputError
 from gyrowheel.files import require_writable
 
@@ -34,9 +34,10 @@ def new(model: ModelFile, bench: BenchName = "gyrowheel") -> None:
     """Make a model file: a bench without effects."""
     from gyrowheel import Model
 
-    if model.exists():
-        raise InputError(f"{model}: exists; name a new file")
-    Model(bench).save(model)
+    with editing(model):
+        if model.exists():
+            raise InputError(f"{model}: exists; name a new file")
+        Model(bench).save(model)
     out().print(f"model: {model}", soft_wrap=True)
 
 
@@ -81,21 +82,22 @@ def add(
     from gyrowheel.inputs import opened_apart
     from gyrowheel.model import require_known
 
-    loaded = Model.load(model)
-    chosen: list[str | Effect] = [*(effects or ()), *_typed(formula or (), name, target, loaded)]
-    if not chosen:
-        raise InputError("nothing to add: name an effect, or give --formula")
-    for effect in effects or ():
-        require_known(effect)
-    recordings, unused = opened_apart(fit, validate or ())
     require_writable(model)
-    with working("fitting") as say:
-        from gyrowheel.text.errors import error_table
-        from gyrowheel.text.layout import heading, sentences
-        from gyrowheel.text.models import changes
+    with editing(model):
+        loaded = Model.load(model)
+        chosen: list[str | Effect] = [*(effects or ()), *_typed(formula or (), name, target, loaded)]
+        if not chosen:
+            raise InputError("nothing to add: name an effect, or give --formula")
+        for effect in effects or ():
+            require_known(effect)
+        recordings, unused = opened_apart(fit, validate or ())
+        with working("fitting") as say:
+            from gyrowheel.text.errors import error_table
+            from gyrowheel.text.layout import heading, sentences
+            from gyrowheel.text.models import changes
 
-        better = loaded.add(chosen, fit=recordings, validate=unused, progress=say)
-        better.save(model)
+            better = loaded.add(chosen, fit=recordings, validate=unused, progress=say)
+            better.save(model)
     added = better.added
     assert added is not None  # what made it
     if json is not None:
@@ -119,9 +121,10 @@ def remove(
     from gyrowheel import Model
     from gyrowheel.text.models import difference
 
-    before = Model.load(model)
-    after = before.remove(*effects)
-    after.save(model)
+    with editing(model):
+        before = Model.load(model)
+        after = before.remove(*effects)
+        after.save(model)
     put_text(difference(before.details, after.details))
 
 
@@ -144,9 +147,10 @@ def undo(model: ModelFile) -> None:
     from gyrowheel import Model
     from gyrowheel.text.models import difference
 
-    before = Model.load(model)
-    after = before.undo()
-    after.save(model)
+    with editing(model):
+        before = Model.load(model)
+        after = before.undo()
+        after.save(model)
     last = before.history[-1]
     out().print(f"taken back: {last.get('what', 'the last change')} ({last.get('time', 'no time')})")
     put_text(difference(before.details, after.details))

@@ -19,7 +19,7 @@ from gyrowheel.errors import InputError, one_line
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
-OK, FINDING, BAD_INPUT, NODE_FAILED, INTERRUPTED = 0, 1, 2, 3, 130
+OK, FINDING, BAD_INPUT, NODE_FAILED, DEFECT, INTERRUPTED = 0, 1, 2, 3, 70, 130
 
 #: How limits of values, and kinds of numbers, are told.
 _LIMITS = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
@@ -49,21 +49,29 @@ def run(app: typer.Typer, arguments: Sequence[str] | None = None) -> int:
     except (KeyboardInterrupt, typer.Abort):
         sys.stderr.write("interrupted\n")
         return INTERRUPTED
-    except MemoryError as error:
-        return _bad_input(f"not enough memory: {error}")
     except BrokenPipeError:
         # whoever read the output has had enough; what is left in the buffer has nowhere to go
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return OK
-    except RuntimeError as error:
-        # the module is heavy: where it was not imported, nothing of it can have been raised
-        graph = sys.modules.get("gyrowheel_bringup.graph")
-        if graph is None or not isinstance(error, graph.GraphError):
-            raise
+    except Exception as error:
+        return _failed(error)
+
+
+def _failed(error: Exception) -> int:
+    """Tell of an error that is none of the user, and return its exit code."""
+    # the module is heavy: where it was not imported, nothing of it can have been raised
+    graph = sys.modules.get("gyrowheel_bringup.graph")
+    if graph is not None and isinstance(error, graph.GraphError):
         sys.stderr.write(f"error: {one_line(error)}\n")
         if error.report:
             sys.stderr.write(f"{error.report}\n")
         return NODE_FAILED
+    from gyrowheel.cli.defects import defect, machine_error
+
+    if (said := machine_error(error)) is not None:
+        return _bad_input(said)
+    sys.stderr.write(f"error: {defect(error)}\n")
+    return DEFECT
 
 
 def finding(asked: bool) -> None:
@@ -132,6 +140,21 @@ def put_picture(path: Path | None, draw: Callable[[], Any], *, quiet: bool = Fal
     write_figure(draw(), path)
     if not quiet:
         out().print(f"\npicture: {path}", soft_wrap=True)
+
+
+@contextlib.contextmanager
+def editing(file: Path) -> Iterator[None]:
+    """Keep other processes from changing a file from its reading to its writing; say so if there is need to wait.
+
+    Raises
+    ------
+    InputError
+        If another process does not end with it, or it cannot be written.
+    """
+    from gyrowheel.files import changing
+
+    with changing(file, waiting=lambda text: notes().print(text, soft_wrap=True)):
+        yield
 
 
 @contextlib.contextmanager

@@ -12,9 +12,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
+
+from gyrowheel_sim.jit import njit
 
 Array = NDArray[np.float64]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -25,6 +26,13 @@ from gyrowheel_sim.effects import (
     validated,
 )
 from gyrowheel_sim.effects.user import check_name
+
+#: Checksums of the model files as this process wrote them last.
+_WRITTEN: dict[Path, str] = {}
+
+
+def _checksum(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 @dataclass(frozen=True)
@@ -63,6 +71,8 @@ class Model:
         File it was read from.
     declared : dict of str to Effect
         Declarations of those effects that are not registered.
+    read : str or None
+        Checksum of the file as it was read; None for a model that was not read from a file.
     """
 
     stated_bench: Bench
@@ -73,6 +83,7 @@ class Model:
     history: tuple[dict[str, Any], ...] = ()
     origin: str = "model"
     declared: Mapping[str, Effect] = field(default_factory=dict)
+    read: str | None = field(default=None, compare=False, repr=False)
 
     @classmethod
     def new(cls, bench: str = "gyrowheel") -> Model:
@@ -125,7 +136,8 @@ class Model:
         InputError
             If the file is missing or is not YAML, or a field is missing, unknown or out of range; the message names it.
         """
-        return cls.from_mapping(read_yaml(read_text(Path(path)), str(path)), str(path))
+        text = read_text(Path(path))
+        return replace(cls.from_mapping(read_yaml(text, str(path)), str(path)), read=_checksum(text))
 
     @classmethod
     def from_mapping(cls, raw: Any, origin: str) -> Model:
@@ -185,12 +197,22 @@ class Model:
         Raises
         ------
         InputError
-            If the file cannot be written.
+            If the file cannot be written, or it is the one that the model was read from and somebody else has changed
+            it since: their change would be lost.
         """
         text = yaml.safe_dump(
             self.to_mapping(), sort_keys=False, width=110, default_flow_style=None, allow_unicode=True
         )
-        write_text(Path(path), text)
+        file = Path(path).absolute()
+        if self.read is not None and file == Path(self.origin).absolute() and file.exists():
+            found = _checksum(read_text(file))
+            if found not in (self.read, _WRITTEN.get(file)):
+                raise InputError(
+                    f"{path}: somebody else has changed it since it was read; nothing was written: read it again, or "
+                    "save under another name"
+                )
+        write_text(file, text)
+        _WRITTEN[file] = _checksum(text)
 
     def changed(
         self,
@@ -249,7 +271,7 @@ class Model:
                 f"{self.origin}: history.{len(self.history) - 1}.undo: missing; cannot be undone"
             )
         content = {"schema": SCHEMA, "bench": self.bench_source, **before, "history": list(self.history[:-1])}
-        return Model.from_mapping(content, self.origin)
+        return replace(Model.from_mapping(content, self.origin), read=self.read)
 
     def diff(self, other: Model) -> list[str]:
         """Return the differences of `other` from this model, a line each."""

@@ -9,10 +9,9 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from numba import njit
-
 from gyrowheel_control.loops.state import CommandColumn, ControllerState, SetpointColumn
 from gyrowheel_sim.instruments.readings import Reading
+from gyrowheel_sim.jit import njit
 from gyrowheel_sim.plant.kernel import plant_advance, plant_measure
 
 # --- kernel ---

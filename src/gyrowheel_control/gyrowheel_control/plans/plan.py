@@ -43,7 +43,12 @@ SETPOINT_DTYPE = np.dtype(
     ]
 )
 
-Tilt = tuple[Number, Number]
+#: Numbers of a plan beyond any bench, so that what is computed from them stays finite.
+Seconds = Annotated[Number, Field(ge=0.001, le=3600.0)]
+Degrees = Annotated[Number, Field(ge=-90.0, le=90.0)]
+Rpm = Annotated[Number, Field(ge=-1.0e6, le=1.0e6)]
+Rate = Annotated[Number, Field(ge=1.0e-6, le=1.0e6)]
+Tilt = tuple[Degrees, Degrees]
 
 
 class Block(Section):
@@ -54,16 +59,16 @@ class Block(Section):
     """
 
     label: str = ""
-    spin_rpm: Number | list[Number] | None = None
+    spin_rpm: Rpm | list[Rpm] | None = None
     tilt_deg: list[Tilt] | Tilt | None = None
-    hold_s: Annotated[Number, Field(gt=0.0, le=3600.0)] | None = None
-    ramp_s: Annotated[Number, Field(gt=0.0, le=3600.0)] | None = None
-    tilt_rate_deg_s: Annotated[Number, Field(gt=0.0)] | None = None
-    spin_acceleration_rpm_s: Annotated[Number, Field(gt=0.0)] | None = None
-    cone_radius_deg: Annotated[Number, Field(gt=0.0)] | None = None
+    hold_s: Seconds | None = None
+    ramp_s: Seconds | None = None
+    tilt_rate_deg_s: Rate | None = None
+    spin_acceleration_rpm_s: Rate | None = None
+    cone_radius_deg: Annotated[Degrees, Field(gt=0.0)] | None = None
     cone_period_s: Annotated[Number, Field(gt=0.05, le=3600.0)] | None = None
-    cone_turns: Annotated[Number, Field(gt=0.0, le=1000.0)] = 1.0
-    sweep_to_rpm: Number | None = None
+    cone_turns: Annotated[Number, Field(ge=0.001, le=1000.0)] = 1.0
+    sweep_to_rpm: Rpm | None = None
     repeat: Annotated[Whole, Field(ge=1, le=1000)] = 1
     shuffle_seed: Whole | None = None
     rig: Rig | None = None
@@ -90,10 +95,10 @@ class PlanFile(Section):
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
     title: str = ""
     description: str = ""
-    tilt_rate_deg_s: Annotated[Number, Field(gt=0.0)] = 8.0
-    spin_acceleration_rpm_s: Annotated[Number, Field(gt=0.0)] = 1000.0
-    hold_s: Annotated[Number, Field(gt=0.0, le=3600.0)] = 1.5
-    tilt_limit_deg: Annotated[Number, Field(gt=0.0)] | None = None
+    tilt_rate_deg_s: Rate = 8.0
+    spin_acceleration_rpm_s: Rate = 1000.0
+    hold_s: Seconds = 1.5
+    tilt_limit_deg: Annotated[Degrees, Field(gt=0.0)] | None = None
     segments: Annotated[list[Block], Field(min_length=1)]
 
 

@@ -12,9 +12,8 @@ import numpy as np
 import sympy as sp
 from sympy.printing.pycode import PythonCodePrinter
 
-from gyrowheel_core.files import write_text
+from gyrowheel_core import cache
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.compiled import cache_folder, digest
 from gyrowheel_sim.effects.declaration import Effect
 from gyrowheel_sim.effects.instant import Action, Instant
 from gyrowheel_sim.effects.parts import split
@@ -94,11 +93,11 @@ def cached_laws_source(effects: tuple[Effect, ...]) -> str:
         (e.name, [(law.target, sp.srepr(law.expression)) for law in e.laws], [c.name for c in e.coefficients])
         for e in effects
     ]
-    path = cache_folder() / f"gyrowheel_laws_{digest(*own, repr(declared), sp.__version__)}.txt"
-    if path.is_file():
-        return path.read_text(encoding="utf-8")
+    name = f"laws_{cache.digest(*own, repr(declared), sp.__version__)}"
+    if (kept := cache.read(name)) is not None:
+        return kept.decode()
     text = laws_source(effects)
-    write_text(path, text)
+    cache.write(name, text.encode())
     return text
 
 

@@ -160,6 +160,11 @@ def _multiplied(sizes: list[int]) -> int:
     return result
 
 
+def _vanishes(node: Node, expression: sp.Expr) -> bool:
+    """Whether an expression is zero; SymPy leaves the smallest of some numbers, and the like, as it was written."""
+    return bool(expression == 0 or (node.constant and sp.Abs(expression).evalf(15) == 0))
+
+
 class _Builder:
     """From the parts of a formula to a SymPy expression; what a computation could not use is refused."""
 
@@ -208,7 +213,7 @@ class _Builder:
         factors = [node.number] if node.number is not None else []
         for item, divides in zip(node.items, node.inverse, strict=True):
             factor = self.build(item)
-            if divides and factor == 0:
+            if divides and _vanishes(item, factor):
                 raise self.fail(item, f"division by '{self.shown(item)}', which is zero")
             factors.append(1 / factor if divides else factor)
         return factors
@@ -223,7 +228,7 @@ class _Builder:
                 )
             if exponent.is_Float and float(exponent).is_integer() and not self._is_real(base):
                 exponent = sp.Integer(int(exponent))
-            if base == 0 and exponent < 0:
+            if exponent < 0 and _vanishes(node.items[0], base):
                 raise self.fail(node, f"'{self.shown(node)}' is not finite")
         if not exponent.is_Integer:
             self._must_be_real(node.items[0], base, "the base of a power that is no whole number")

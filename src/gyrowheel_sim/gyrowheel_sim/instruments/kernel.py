@@ -8,9 +8,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from numba import njit
-
 from gyrowheel_sim.instruments.readings import Drift, Reading
+from gyrowheel_sim.jit import njit
 
 # --- kernel ---
 

@@ -8,8 +8,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from numba import njit
-
+from gyrowheel_sim.jit import njit
 from gyrowheel_sim.mechanics.dynamics import case_to_joint, inertia_terms, moving_case_forces
 
 # --- kernel ---

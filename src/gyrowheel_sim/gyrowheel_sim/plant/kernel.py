@@ -11,11 +11,11 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from numba import njit
 from numba.extending import register_jitable
 
 from gyrowheel_sim.effects.instant import Instant
 from gyrowheel_sim.instruments.kernel import advance_drifts, read_instruments
+from gyrowheel_sim.jit import njit
 from gyrowheel_sim.mechanics.dynamics import (
     case_accelerations,
     case_to_joint,

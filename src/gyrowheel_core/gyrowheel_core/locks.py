@@ -1,0 +1,92 @@
+"""Files that several processes may change: one at a time, from the reading to the writing."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.files import disk_errors
+
+#: How long a process waits for another one that changes the same file [s].
+LONGEST_WAIT = 600.0
+_PAUSE = 0.05  # s
+
+
+@contextlib.contextmanager
+def changing(
+    file: Path, *, wait: float = LONGEST_WAIT, waiting: Callable[[str], None] | None = None
+) -> Iterator[None]:
+    """Keep other processes from changing a file while the block reads, changes and writes it.
+
+    The lock is a file beside it, ``.NAME.lock``, which goes when the block ends. It is held by the process and not by
+    the file: one that a killed process left behind hinders nobody.
+
+    Parameters
+    ----------
+    file : Path
+        The file; it need not exist.
+    wait : float
+        How long to wait for another process [s].
+    waiting : callable, optional
+        Called with a line of text once, if there is need to wait.
+
+    Raises
+    ------
+    InputError
+        If another process still changes the file after `wait`, or its folder cannot be written to.
+    """
+    target = Path(os.path.realpath(file))
+    folder = target.parent
+    while not folder.exists():  # missing folders are made with the file
+        folder = folder.parent
+    place = folder / f".{target.name[:40]}.lock"
+    held = _held(place, file, wait, waiting)
+    try:
+        yield
+    finally:
+        # removed while it is held: whoever opened it before finds that it is not there any more, and begins anew
+        with contextlib.suppress(OSError):
+            place.unlink()
+        os.close(held)
+
+
+def _held(place: Path, file: Path, wait: float, waiting: Callable[[str], None] | None) -> int:
+    """Return a descriptor of the lock file, locked."""
+    end = time.monotonic() + wait
+    told = False
+    while True:
+        with disk_errors(file):
+            opened = os.open(place, os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
+        try:
+            fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if _is_at(opened, place):
+                return opened
+        except BlockingIOError:
+            if time.monotonic() > end:
+                os.close(opened)
+                raise InputError(
+                    f"{file}: another process has been changing it for {wait:.0f} s; nothing was changed"
+                ) from None
+            if waiting is not None and not told:
+                waiting(f"waiting: another process changes {file}")
+                told = True
+            time.sleep(_PAUSE)
+        except BaseException:
+            os.close(opened)
+            raise
+        os.close(opened)
+
+
+def _is_at(opened: int, place: Path) -> bool:
+    """Whether an open file is still the one at a path."""
+    try:
+        there = place.stat()
+    except FileNotFoundError:
+        return False
+    own = os.fstat(opened)
+    return (own.st_dev, own.st_ino) == (there.st_dev, there.st_ino)

@@ -1,0 +1,105 @@
+"""What nobody foresaw ends with one line, exit code 70 and a report without the user's data."""
+
+import errno
+import os
+import re
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import pytest
+import typer
+
+from gyrowheel.cli.shell import BAD_INPUT, DEFECT, run
+
+_SECRET = "prototype-of-a-customer"
+
+
+def _app(error: BaseException) -> typer.Typer:
+    app = typer.Typer()
+
+    @app.command()
+    def verb(name: str) -> None:
+        try:
+            dict[str, str]()[name]
+        except KeyError:
+            raise error from None
+
+    return app
+
+
+def test_defect(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """One line with the exception and the file of the report; the report names places, not data."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    assert run(_app(ZeroDivisionError(f"{_SECRET} over\nzero")), [_SECRET]) == DEFECT == 70
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert said.startswith(
+        f"error: this is a defect in gyrowheel: ZeroDivisionError: {_SECRET} over zero; details in "
+    )
+    report = Path(said.rpartition("details in ")[2].strip())
+    assert report.parent == tmp_path / "state" / "gyrowheel"
+    text = report.read_text()
+    assert _SECRET not in text
+    assert "builtins.ZeroDivisionError" in text
+    assert re.search(r"gyrowheel\.cli\.shell:\d+ in run", text)
+    assert re.search(r"numpy \d", text)
+    assert report.stat().st_mode & 0o077 == 0
+
+
+def test_defect_where_nothing_can_be_written(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The line comes all the same."""
+    monkeypatch.setenv("XDG_STATE_HOME", "/proc/none")
+    monkeypatch.setattr("tempfile.tempdir", "/proc/none")
+    assert run(_app(RuntimeError("odd")), ["x"]) == DEFECT
+    assert "RuntimeError: odd; no file could be written" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (MemoryError(), "not enough memory"),
+        (OSError(errno.EMFILE, "Too many open files", "signals.mcap"), "Too many open files: signals.mcap"),
+        (OSError(errno.ENOSPC, "No space left on device"), "No space left on device"),
+    ],
+)
+def test_what_the_machine_lacks(error: BaseException, said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Too little memory, disk or descriptors is told as that and ends with 2."""
+    assert run(_app(error), ["x"]) == BAD_INPUT
+    assert capsys.readouterr().err == f"error: {said}\n"
+
+
+@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGQUIT, signal.SIGTERM])
+def test_signals_leave_nothing_behind(number: signal.Signals, tmp_path: Path) -> None:
+    """A hang-up, a quit and a termination unwind: a temporary folder goes, the exit code tells the signal."""
+    text = """
+        import tempfile, time, typer, gyrowheel.cli as cli
+        app = typer.Typer()
+        @app.command()
+        def verb() -> None:
+            with tempfile.TemporaryDirectory():
+                print("there", flush=True)
+                time.sleep(60)
+        cli.app = app
+        import sys
+        sys.argv = ["gyrowheel", "--"]
+        cli.main()
+    """
+    process = subprocess.Popen(
+        [sys.executable, "-c", textwrap.dedent(text)],
+        env={**os.environ, "TMPDIR": str(tmp_path)},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "there\n"
+    assert len(list(tmp_path.iterdir())) == 1
+    process.send_signal(number)
+    assert process.wait(10) == 128 + number
+    time.sleep(0.05)
+    assert not list(tmp_path.iterdir())

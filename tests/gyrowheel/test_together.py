@@ -1,0 +1,55 @@
+"""Several processes, or several models in one, that change the same model file: no change is lost."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import gyrowheel as gw
+
+from .conftest import Wheel
+from .helpers import Shell
+
+_COMMAND = [sys.executable, "-c", "from gyrowheel.cli import main; main()"]
+
+
+@pytest.mark.slow
+def test_every_addition_is_in_the_model(wheel: Wheel, tmp_path: Path) -> None:
+    """Three `model add` at once: each effect is in the file, and nothing else is left beside it."""
+    model = tmp_path / "model.yaml"
+    gw.Model("gyrowheel").save(model)
+    names = ["windage", "tilt_bias", "fixed_torque"]
+    running = [
+        subprocess.Popen(
+            [*_COMMAND, "model", "add", name, "--model", str(model), "--fit", str(wheel.recording)],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for name in names
+    ]
+    said = [process.communicate(timeout=120)[1] for process in running]
+    assert [process.returncode for process in running] == [0, 0, 0], said
+    assert set(gw.Model.load(model).effects) == set(names)
+    assert len(gw.Model.load(model).history) == 3
+    assert [place.name for place in tmp_path.iterdir()] == ["model.yaml"]
+
+
+def test_a_change_of_somebody_else_is_not_overwritten(
+    gyrowheel: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A model that was read before somebody else changed its file is not saved over it; its own changes are."""
+    model = tmp_path / "model.yaml"
+    first = gw.Model("gyrowheel")
+    first.save(model)
+    mine, theirs = gw.Model.load(model), gw.Model.load(model)
+    mine.save(model)
+    mine.save(model)  # what this process wrote itself is no change of somebody else
+    theirs.save(model)
+    model.write_text(model.read_text() + "# a remark\n")
+    with pytest.raises(gw.InputError, match="somebody else has changed it"):
+        mine.save(model)
+    assert model.read_text().endswith("# a remark\n")
+    mine.save(tmp_path / "other.yaml")
+    gw.Model.load(model).save(model)
