@@ -51,6 +51,7 @@ _CATEGORIES = {
     "motor": "Motor",
     "actuator": "Coils and supply",
     "sensor": "Sensors",
+    "instrument": "Instruments that are not as stated",
     "gravity": "Gravity and constant torques",
     "inertia": "Inertias",
     "environment": "Surroundings",

@@ -23,7 +23,7 @@ from gyrowheel_control.loops.controller import loop_code
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.readings import Readings
 from gyrowheel_core.units import unit_registry
-from gyrowheel_sim.effects import Coefficient, Effect, registry
+from gyrowheel_sim.effects import Coefficient, Effect, physical, registry
 from gyrowheel_sim.effects.code import FUNCTIONS, array_law, coefficient_arrays
 from gyrowheel_sim.effects.instant import Instant
 from gyrowheel_sim.effects.quantities import REFERENCES, Omega
@@ -296,7 +296,7 @@ def test_amplitude_of_zero_changes_nothing(effect):
     check()
 
 
-@EACH
+@pytest.mark.parametrize("effect", physical().values(), ids=lambda effect: effect.name)
 def test_usual_size_changes_motion_or_readings(effect):
     state = {
         "z": 0.05 + 0.02j, "rate": 0.3 + 0.1j, "angle": 0.7, "Omega": 300.0, "coils": 1.0 + 0.5j, "motor": 9.0,
@@ -494,7 +494,7 @@ def cosine(a: np.ndarray, b: np.ndarray) -> float:
 
 #: Channels of two components.
 PAIRS = [(name, f"{name[:-1]}y") for name in ALL_ROWS if name.endswith("_x")]
-COEFFICIENTS = [(effect, c) for effect in REGISTERED for c in effect.coefficients]
+COEFFICIENTS = [(effect, c) for effect in physical().values() for c in effect.coefficients]
 
 
 @pytest.mark.parametrize(

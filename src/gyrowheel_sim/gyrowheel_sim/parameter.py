@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
+from types import MappingProxyType
 from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import Field, PlainValidator
@@ -17,6 +18,45 @@ from gyrowheel_core.units import conversion
 from gyrowheel_core.yaml_text import read_yaml
 
 SCHEMA = 1
+#: Parameters of the instruments by the value that a perfect instrument has; a bench file may leave them out. They are
+#: in the order in which a machine is drawn.
+INSTRUMENTS: Mapping[str, float] = MappingProxyType(
+    {
+        **dict.fromkeys(
+            [
+                *(
+                    f"{n}_delay"
+                    for n in ("tilt", "spin_angle", "coil_voltage", "motor_voltage", "motor_current")
+                ),
+                *(f"{n}_filter_time" for n in ("tilt", "coil_voltage", "motor_voltage", "motor_current")),
+            ],
+            0.0,
+        ),
+        **dict.fromkeys(
+            [f"{n}_filter_order" for n in ("tilt", "coil_voltage", "motor_voltage", "motor_current")], 1.0
+        ),
+        **dict.fromkeys(
+            [
+                "encoder_zero",
+                *(f"encoder_{times}_{part}" for times in ("once", "twice") for part in "xy"),
+                "tilt_cubic",
+                "tilt_cross_talk",
+                *(f"{n}_resolution" for n in ("tilt", "spin_angle", "spin_rate")),
+                *(f"{n}_resolution" for n in ("coil_voltage", "motor_voltage", "motor_current")),
+                *(f"{n}_resolution" for n in ("temperature", "pressure")),
+                *(f"{n}_hum" for n in ("tilt", "coil_voltage", "motor_voltage", "motor_current")),
+            ],
+            0.0,
+        ),
+        "mains_frequency": 50.0,
+        "clock_jitter": 0.0,
+        "clock_rate_error": 0.0,
+    }
+)
+#: Longest delay and slowest filter that are described [s]; beyond them, a reading belongs to another moment.
+LONGEST_DELAY = 2.0e-3
+SLOWEST_FILTER = 1.0e-2
+HIGHEST_ORDER = 4
 #: Parameters that must be greater than zero for the equations to make sense.
 _POSITIVE = frozenset(
     [
@@ -48,6 +88,7 @@ _POSITIVE = frozenset(
         "spin_rate_reference",
         "tilt_reference",
         "tilt_limit",
+        "mains_frequency",
         "spin_rate_minimum",
         "spin_rate_maximum",
     ]
@@ -73,6 +114,8 @@ _NOT_NEGATIVE = frozenset(
         "motor_voltage_drift",
         "motor_current_drift",
         "air_pressure",
+        "clock_jitter",
+        *(name for name in INSTRUMENTS if name.endswith(("_filter_time", "_resolution", "_hum"))),
     ]
 )
 
@@ -183,15 +226,25 @@ def read_parameters(entries: Mapping[str, ParameterEntry], where: str) -> dict[s
     Raises
     ------
     InputError
-        If a parameter is missing or unknown, its unit is of another kind, its value is out of range or its group is
-        not the one that the analysis knows.
+        If a parameter that is no instrument's is missing, one is unknown, its unit is of another kind, its value is out
+        of range or its group is not the one that the analysis knows.
     """
     for name in entries:
         if name not in _known():
             raise InputError(f"{where}.{name}: no such parameter; {nearest(name, _known())}")
-    if missing := sorted(set(_known()) - set(entries)):
+    if missing := sorted(set(_known()) - set(entries) - set(INSTRUMENTS)):
         raise InputError(f"{where}: missing {', '.join(missing)}")
-    return {name: _parameter(name, entry, where) for name, entry in entries.items()}
+    stated = {name: _parameter(name, entry, where) for name, entry in entries.items()}
+    return stated | {name: _perfect(name) for name in INSTRUMENTS if name not in stated}
+
+
+def _perfect(name: str) -> Parameter:
+    """Return a parameter of a perfect instrument, for a bench file that says nothing of it."""
+    unit, group = _known()[name]
+    description = str(read_yaml(default_text(), "bench.yaml")["parameters"][name]["description"])
+    return Parameter(
+        name, INSTRUMENTS[name], unit, 0.0, "not stated: a perfect instrument", description, group
+    )
 
 
 def _parameter(name: str, entry: ParameterEntry, where: str) -> Parameter:
@@ -231,4 +284,22 @@ def check_value(name: str, value: Any, where: str) -> float:
         raise InputError(f"{where}.{name}: {number:g} is out of range; allowed: > 0")
     if name in _NOT_NEGATIVE and number < 0.0:
         raise InputError(f"{where}.{name}: {number:g} is out of range; allowed: >= 0")
+    if name in INSTRUMENTS:
+        _check_instrument(name, number, where)
     return number
+
+
+def _check_instrument(name: str, value: float, where: str) -> None:
+    low, high = -math.inf, math.inf
+    if name.endswith("_delay"):
+        low, high = -LONGEST_DELAY, LONGEST_DELAY
+    elif name.endswith("_filter_time"):
+        low, high = 0.0, SLOWEST_FILTER
+    elif name.endswith("_filter_order"):
+        low, high = 1, HIGHEST_ORDER
+        if value != round(value):
+            raise InputError(f"{where}.{name}: {value:g} is out of range; allowed: 1, 2, 3 or 4")
+    elif name == "clock_rate_error":
+        low, high = -0.1, 0.1
+    if not low <= value <= high:
+        raise InputError(f"{where}.{name}: {value:g} is out of range; allowed: {low:g} .. {high:g}")

@@ -31,7 +31,7 @@ from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.readings import Readings
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.blind.draw import draw_effect, draw_machine
-from gyrowheel_sim.effects import Effect, EffectValues, registry
+from gyrowheel_sim.effects import Effect, EffectValues, physical
 from gyrowheel_sim.environment import to_json
 from gyrowheel_sim.plant.scenario import Scenario
 
@@ -276,7 +276,7 @@ def _library(
 ) -> tuple[EffectValues, dict[str, float]]:
     """Draw effects of the library, or errors of bench parameters, and their sizes."""
     seed = case.campaign.seed
-    known = registry()
+    known = physical()
     chosen: list[str] = []
     if case.kind == "single":
         chosen = [_turn((*known, *measure.errors), seed, case.ordinal, "single")]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.effects import Effect, registry
+from gyrowheel_sim.effects import Effect, physical
 from gyrowheel_sim.effects.sizes import for_bench
 
 #: Bench parameters whose error is a finding of its own name: {finding: groups that move by one common factor}.
@@ -44,6 +44,6 @@ def parameter_errors(bench: Bench) -> list[str]:
 
 
 def candidate_terms(bench: Bench) -> list[Term]:
-    """Return every registered effect, as usual on a bench, and every parameter error that can be a finding."""
-    effects = [Term(name, for_bench(effect, bench)) for name, effect in registry().items()]
+    """Return every physical effect, as usual on a bench, and every parameter error that can be a finding."""
+    effects = [Term(name, for_bench(effect, bench)) for name, effect in physical().items()]
     return effects + [Term(name) for name in parameter_errors(bench)]

@@ -18,8 +18,9 @@ from gyrowheel_core.files import json_text, read_json, write_text
 from gyrowheel_core.schema import check
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.declaration import Effect
-from gyrowheel_sim.effects.registry import EffectValues, registry, validated
+from gyrowheel_sim.effects.registry import EffectValues, physical, validated
 from gyrowheel_sim.effects.sizes import for_bench
+from gyrowheel_sim.parameter import INSTRUMENTS
 from gyrowheel_sim.plant.outside import OUTSIDE
 from gyrowheel_sim.plant.scenario import KeyFile, Scenario
 
@@ -29,11 +30,19 @@ KINDS: dict[Kind, float] = {"none": 0.2, "single": 0.5, "pair": 0.2, "outside": 
 
 
 def draw_machine(bench: Bench, rng: np.random.Generator) -> dict[str, float]:
-    """Draw the true bench parameters within their standard uncertainties; a group varies by one factor."""
+    """Draw the true bench parameters within their standard uncertainties; a group varies by one factor.
+
+    The instruments come from a stream of their own: a seed draws the same machine, whatever a bench states of them.
+    """
+    (apart,) = rng.spawn(1)
     values: dict[str, float] = {}
     for group in bench.groups().values():
-        factor = float(np.clip(rng.standard_normal(), -2.5, 2.5))
-        values.update({p.name: p.value + factor * p.uncertainty for p in group})
+        own = apart if group[0].name in INSTRUMENTS else rng
+        factor = float(np.clip(own.standard_normal(), -2.5, 2.5))
+        for p in group:
+            value = p.value + factor * p.uncertainty
+            # no filter is faster than none
+            values[p.name] = max(value, 0.0) if p.name.endswith("_filter_time") else value
     return values
 
 
@@ -59,8 +68,8 @@ def draw(bench: Bench, seed: int, *, kinds: Sequence[Kind] = tuple(KINDS)) -> Sc
     seed : int
         Seed of machine, effects and noise; not negative.
     kinds : sequence of str
-        Kinds that may be drawn: ``none``, ``single``, ``pair`` (of the registered effects), ``outside`` (an effect that
-        no declaration of the registry contains).
+        Kinds that may be drawn: ``none``, ``single``, ``pair`` (of the physical effects; instruments that are not as
+        stated are hidden by a campaign of their own), ``outside`` (an effect that no declaration contains).
     """
     if seed < 0:
         raise InputError(f"seed: {seed} is out of range; allowed: >= 0")
@@ -68,7 +77,7 @@ def draw(bench: Bench, seed: int, *, kinds: Sequence[Kind] = tuple(KINDS)) -> Sc
     values = draw_machine(bench, rng)
     weights = np.array([KINDS[kind] for kind in kinds])
     kind = kinds[int(rng.choice(len(kinds), p=weights / weights.sum()))]
-    pool = [for_bench(e, bench) for e in (OUTSIDE if kind == "outside" else registry().values())]
+    pool = [for_bench(e, bench) for e in (OUTSIDE if kind == "outside" else physical().values())]
     count = {"none": 0, "single": 1, "pair": 2, "outside": 1}[kind]
     chosen = [pool[int(i)] for i in rng.choice(len(pool), size=count, replace=False)]
     effects: EffectValues = {effect.name: draw_effect(effect, rng) for effect in chosen}

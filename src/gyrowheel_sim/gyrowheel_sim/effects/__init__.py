@@ -1,7 +1,7 @@
 """Physical effects: one declaration each, from which simulation, regressors, formula and documentation come."""
 
 from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law
-from gyrowheel_sim.effects.registry import EffectValues, get, parse_option, registry, validated
+from gyrowheel_sim.effects.registry import EffectValues, get, parse_option, physical, registry, validated
 from gyrowheel_sim.effects.typed import effect_from_text
 from gyrowheel_sim.effects.user import effect_from_mapping, effect_to_mapping
 
@@ -15,6 +15,7 @@ __all__ = [
     "effect_to_mapping",
     "get",
     "parse_option",
+    "physical",
     "registry",
     "validated",
 ]

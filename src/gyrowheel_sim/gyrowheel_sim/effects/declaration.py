@@ -16,8 +16,9 @@ from gyrowheel_sim.effects.quantities import QUANTITIES
 from gyrowheel_sim.effects.targets import TARGETS
 
 Category = Literal[
-    "air", "flexure", "gravity", "actuator", "sensor", "bearing", "motor", "inertia", "environment", "other"
-]
+    "air", "flexure", "gravity", "actuator", "sensor", "bearing", "motor", "inertia", "environment", "instrument",
+    "other",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -48,6 +48,14 @@ def registry() -> Mapping[str, Effect]:
     return MappingProxyType(effects)
 
 
+@functools.cache
+def physical() -> Mapping[str, Effect]:
+    """Return the registered effects that act on the machine: all but instruments that are not as stated."""
+    return MappingProxyType(
+        {name: effect for name, effect in registry().items() if effect.category != "instrument"}
+    )
+
+
 def get(
     name: str,
     *,

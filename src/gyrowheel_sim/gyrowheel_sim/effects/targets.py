@@ -28,6 +28,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from gyrowheel_sim.parameter import INSTRUMENTS
+
 Place = Literal[
     "across", "along", "shaft", "flexure", "case_rate", "mirror", "coil_lag", "relative", "offset", "reading"
 ]
@@ -54,9 +56,16 @@ INERTIAS = (
     "gimbal_inertia_z",
     "shaft_inertia",
 )
+#: Bench parameters of the instruments that a law can change; such laws are constant.
+INSTRUMENT_PARAMETERS = tuple(
+    name
+    for name in INSTRUMENTS
+    if name.endswith(("_delay", "_filter_time")) or name.startswith(("encoder_", "tilt_c"))
+)
 #: Bench parameters that a law can change.
 PARAMETERS = (
     *TORQUE_PARAMETERS, *INERTIAS, "coil_constant", "motor_constant", "motor_resistance", "supply_voltage",
+    *INSTRUMENT_PARAMETERS,
 )  # fmt: skip
 #: Readings to which a law can add an error.
 READINGS = ("tilt", "coil_voltage_x", "coil_voltage_y", "motor_voltage", "motor_current")
@@ -154,6 +163,14 @@ class LawTarget:
         return any(entry.place in places for entry in self.enters)
 
 
+def _instrument(parameter: str, unit: str, words: str, noticeable: tuple[float, float]) -> LawTarget:
+    """Return the target of laws that change a parameter of an instrument; it is named as the parameter."""
+    return LawTarget(
+        parameter, unit, words, f"added to the {words} that the bench file states; constant",
+        noticeable, (Entry("offset", parameter),), once_a_sample=True,
+    )  # fmt: skip
+
+
 _ALL = (
     LawTarget(
         "rotor_torque", "N*m", "torque on the rotor",
@@ -222,6 +239,29 @@ _ALL = (
         "tilt_reading", "rad", "error of the tilt reading", "added to the tilt readings, x + i y",
         (3e-4, 6e-3), (Entry("reading", "tilt"),), complex=True, once_a_sample=True,
     ),
+    *(
+        _instrument(f"{channel}_delay", "s", f"delay of {words}", (1e-4, 5e-4))
+        for channel, words in (
+            ("tilt", "the tilt readings"), ("spin_angle", "the angle reading"),
+            ("coil_voltage", "the coil voltages' readings"), ("motor_voltage", "the motor voltage's reading"),
+            ("motor_current", "the motor current's reading"),
+        )
+    ),
+    *(
+        _instrument(f"{channel}_filter_time", "s", f"time constant of the filter of {words}", (1e-4, 5e-4))
+        for channel, words in (
+            ("tilt", "the tilt readings"), ("coil_voltage", "the coil voltages' readings"),
+            ("motor_voltage", "the motor voltage's reading"), ("motor_current", "the motor current's reading"),
+        )
+    ),
+    _instrument("encoder_zero", "rad", "zero error of the encoder", (0.01, 0.05)),
+    *(
+        _instrument(f"encoder_{times}_{part}", "rad", f"{of} part of the encoder's error {times} a turn", (1e-3, 1e-2))
+        for times in ("once", "twice")
+        for part, of in (("x", "cosine"), ("y", "sine"))
+    ),
+    _instrument("tilt_cubic", "1/rad^2", "non-linearity of the tilt sensors", (0.5, 5.0)),
+    _instrument("tilt_cross_talk", "1", "cross-talk of the tilt sensors", (0.005, 0.03)),
 )  # fmt: skip
 #: Every target by its name, in the order in which they are shown.
 TARGETS: Mapping[str, LawTarget] = {target.name: target for target in _ALL}

@@ -112,7 +112,11 @@ COIL_INDUCTANCE = Effect(
     ),
     validity="one time constant for both pairs",
     source="first-order circuit",
-    look_alikes={"tilt_rotation": "holds: a lag shows only where the torque changes"},
+    look_alikes={
+        "tilt_rotation": "holds: a lag shows only where the torque changes",
+        "coil_voltage_delay": "a current of the coils, measured: the inductance delays it, an instrument of the "
+        "voltage does not",
+    },
 )
 
 
