@@ -76,6 +76,7 @@ HOUSE = (
         (
             ("errors", "files", "units", "blind_trial"),
             ("campaigns",),
+            ("text.uncut_table",),
             ("text",),
             ("plots",),
             ("results",),

@@ -229,9 +229,13 @@ def test_nothing_of_a_table_is_lost_on_any_terminal(data: st.DataObject, width: 
             table.add_row(*row)
         shown = text_of([table], width)
         assert "…" not in shown
-        assert all(len(line) <= width for line in shown.splitlines())
-        letters = "".join(character for row in rows for character in "".join(row))
-        assert sorted(letters) == sorted(shown.replace("─", "").replace(" ", "").replace("\n", ""))
+        lines = shown.splitlines()
+        assert all(len(line) <= width for line in lines)
+        for cell in (cell for row in rows for cell in row):
+            if len(cell) <= width - 4:  # it has room in a line of its own
+                assert any(cell in line for line in lines)
+            else:
+                assert cell in "".join(shown.split())
 
 
 def test_what_would_have_to_be_larger_than_anything_real_is_not_to_be_seen():

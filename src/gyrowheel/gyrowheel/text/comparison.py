@@ -223,12 +223,13 @@ def failures(
             if failing
             else "The model fails nowhere visibly; most of the noise is here"
         )
-        table = words_table("share of χ²", "where, and what the residual looks like")
+        table = words_table("share of χ²", "where, and what the residual looks like", "")
         table.columns[0].justify = "right"
         for region in regions[:_MOST_REGIONS]:
             table.add_row(
                 f"{100.0 * region.share_of_chi2:.0f} %",
-                Text.assemble((region_name(region), "bold"), f"\n{region_description(region)}"),
+                Text(region_name(region), style="bold"),
+                region_description(region),
             )
         yield table
     yield from sentences(dependence_sentences(dependence))

@@ -100,7 +100,7 @@ def detection_limits(limits: list[DetectionLimit]) -> Iterator[RenderableType]:
     if not limits:
         return
     yield heading("Detection limits: what these recordings could not show")
-    table = words_table("effect", "visible from", "usual size", "", whole=(0, 1, 2))
+    table = words_table("effect", "visible from", "usual size", "", whole=(0, 1, 2, 3))
     for group, remark in ((hidden, "not visible"), (partly, "only if large")):
         for limit in group:
             table.add_row(

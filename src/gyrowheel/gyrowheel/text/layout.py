@@ -2,69 +2,23 @@
 
 from __future__ import annotations
 
-import copy
 import io
 from collections.abc import Iterable
-from dataclasses import replace
 
 from rich import box
-from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
-from rich.measure import Measurement
+from rich.console import Console, RenderableType
 from rich.padding import Padding
-from rich.table import Column, Table
+from rich.table import Table
 from rich.text import Text
 
+from gyrowheel.text.uncut_table import UncutTable
+
 _MARGIN = (0, 0, 0, 2)
-_GAPS = (2, 1, 0)  # spaces right of a column, the fewest where a table needs the room
-_FREE = 10_000  # characters, more than anything takes
 
 
 def heading(text: str) -> Text:
     """Return the heading of a section, with an empty line above."""
     return Text(f"\n{text}", style="bold")
-
-
-class UncutTable(Table):
-    """Table that shows all of its words and numbers, however narrow the terminal.
-
-    Cells go on in the next line between words, those of columns with `no_wrap` not at all. Where that does not fit, the
-    columns move together; only where that does not fit either are words and numbers broken, and nothing is left out.
-    """
-
-    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """Yield the table with columns that fit the terminal."""
-        sizes = [self._size(column, console, options) for column in self.columns]
-        twin = copy.copy(self)
-        for gap in _GAPS if self.box is not None else _GAPS[:-1]:
-            twin.padding = (0, gap, 0, 0)
-            room = options.max_width - (gap + (self.box is not None)) * (len(sizes) - 1)
-            least = [size.minimum for size in sizes]
-            if sum(least) <= room:
-                break
-        else:
-            least = [1] * len(sizes)
-        twin.columns = [
-            replace(column, width=width, no_wrap=False, overflow="fold")
-            for column, width in zip(self.columns, _widths(sizes, least, room), strict=True)
-        ]
-        yield from super(UncutTable, twin).__rich_console__(console, options)
-
-    def _size(self, column: Column, console: Console, options: ConsoleOptions) -> Measurement:
-        """Return how wide a column must and may be."""
-        cells = [*([column.header] if self.show_header else []), *column.cells]
-        found = [Measurement.get(console, options.update(max_width=_FREE), cell) for cell in cells]
-        most = max((size.maximum for size in found), default=1)
-        return Measurement(most if column.no_wrap else max((s.minimum for s in found), default=1), most)
-
-
-def _widths(sizes: list[Measurement], least: list[int], room: int) -> list[int]:
-    """Return widths that fit into a room; the widest columns give way first."""
-    widths = [size.maximum for size in sizes]
-    for most in range(max(widths, default=1), 0, -1):
-        widths = [max(min(size.maximum, most), low) for size, low in zip(sizes, least, strict=True)]
-        if sum(widths) <= room:
-            break
-    return widths
 
 
 def figures_table(first: str, *columns: str) -> Table:
@@ -84,7 +38,7 @@ def words_table(*columns: str, whole: Iterable[int] = ()) -> Table:
     *columns : str
         Titles.
     whole : iterable of int
-        Columns whose cells stand in one line each: numbers with their units.
+        Columns that stay in the line of their row: numbers with their units.
     """
     table = UncutTable(
         box=box.SIMPLE_HEAD if any(columns) else None,

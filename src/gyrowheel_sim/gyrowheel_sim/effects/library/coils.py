@@ -37,7 +37,7 @@ COIL_TILT = Effect(
 
 COIL_HEATING = Effect(
     name="coil_heating",
-    title="torque constant of the coils changes with their temperature",
+    title="torque constant of the coils changes with temperature",
     category="actuator",
     sentence="Warm coils have more resistance and warm magnets less field, so a volt gives less torque.",
     laws=(Law("coil_gain", _a * (T_coil - T_ref)),),

@@ -103,7 +103,7 @@ MOTOR_HEATING = Effect(
 
 WINDING_HEATING = Effect(
     name="winding_heating",
-    title="resistance of the motor's winding changes with its temperature",
+    title="resistance of the winding changes with its temperature",
     category="motor",
     sentence="The current heats the copper of the winding, and the motor needs more voltage for the same current.",
     laws=(Law("winding_resistance", _a2 * (T_winding - T_ref)),),

@@ -12,7 +12,7 @@ from gyrowheel_sim.effects.quantities import home_x, home_y, theta_z, up, up_acr
 
 GRAVITY_OFFSET = Effect(
     name="gravity_offset",
-    title="centre of gravity of the rotor off the pivot, along the spin axis",
+    title="centre of gravity off the pivot, along the spin axis",
     category="gravity",
     sentence="The weight of the rotor acts at a lever along the spin axis and turns the tilted rotor over, or back.",
     laws=(Law("rotor_torque", _G * (up * z - sp.I * up_across) / sp.sqrt(1 + z * sp.conjugate(z))),),
