@@ -311,18 +311,18 @@ def _open_key(
     from rich.panel import Panel
     from rich.text import Text
 
-    from gyrowheel.text.layout import words_table
-    from gyrowheel.text.truth import truth_rows
+    from gyrowheel.text.truth import truth_table
 
     stage.step("Only now: the key")
     truth = hidden_effects(place.key)
     judgement = judge(diagnosis, truth)
-    table = words_table("", "", "hidden", "found", "distance")
-    for row in truth_rows(truth, diagnosis):
-        table.add_row(*row)
     colour = "green" if judgement.right else "red"
     stage.show(
-        [table, Text(), Panel(Text(judgement.sentence, style="bold"), border_style=colour, expand=False)]
+        [
+            truth_table(truth, diagnosis),
+            Text(),
+            Panel(Text(judgement.sentence, style="bold"), border_style=colour, expand=False),
+        ]
     )
     return truth, judgement
 

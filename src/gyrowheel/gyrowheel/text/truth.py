@@ -6,11 +6,22 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
+from rich.console import RenderableType
+
+from gyrowheel.text.layout import words_table
 from gyrowheel.text.quantities import is_pure, quantity, with_error
 from gyrowheel_sim.effects import EffectValues, registry
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.diagnosis.diagnose import DetectionLimit, Diagnosis, Estimate
+
+
+def truth_table(truth: EffectValues, diagnosis: Diagnosis) -> RenderableType:
+    """Return a table of what was hidden, what was found, and their distance in standard errors."""
+    table = words_table("", "", "hidden", "found", "distance", whole=(0, 1, 2, 4))
+    for row in truth_rows(truth, diagnosis):
+        table.add_row(*row)
+    return table
 
 
 def truth_rows(truth: EffectValues, diagnosis: Diagnosis) -> Iterator[tuple[str, str, str, str, str]]:
@@ -44,7 +55,7 @@ def _found(estimate: Estimate | None, limit: DetectionLimit | None, *, pure: boo
     if estimate is not None:
         return with_error(estimate.value, estimate.standard_error, estimate.unit, pure=pure)
     if limit is not None and math.isfinite(limit.value):
-        return f"nothing (visible from {quantity(limit.value, limit.unit, digits=2)})"
+        return f"nothing (limit {quantity(limit.value, limit.unit, digits=2)})"
     return "nothing"
 
 

@@ -35,9 +35,6 @@ class UncutTable(Table):
                 return
         gap = self._least_gap()
         widths = self._narrowed(widths, room)
-        if len(widths) == 1 and len(every) > 1:  # the only column left, so all stand below each other
-            yield from self._one_by_one()
-            return
         blocks = list(self._blocks(widths, room))
         if any(self._total(block, gap) > room for block in blocks):
             yield from self._one_by_one()
