@@ -23,8 +23,9 @@ from sympy.printing.latex import LatexPrinter
 from gyrowheel.plots.effect_signature import to_svg
 from gyrowheel.plots.figure import png_bytes
 from gyrowheel.plots.momentum_envelope import body_figure, caps_figure
+from gyrowheel.text.effects import possible_sizes
 from gyrowheel.text.formulas import in_words, pretty
-from gyrowheel.text.quantities import quantity, span
+from gyrowheel.text.quantities import minus, quantity, span
 from gyrowheel_analysis.fitting.terms import ERRORS
 from gyrowheel_analysis.signature import Signature, signature
 from gyrowheel_core.errors import InputError
@@ -194,6 +195,8 @@ def _effect_lines(effect: Effect, picture: Signature | None, bench: Bench) -> It
     yield "|---|---|---|---|---|"
     for c in effect.coefficients:
         yield f"| `{c.name}` | {_usual(c)} | {_span(c, c.bounds)} | {_prior(c)} | {_cell(c.source)} |"
+    for text in possible_sizes(effect):
+        yield f"\nPossible: {minus(text)}."
     yield "\n## What it looks like\n"
     yield from _picture_lines(effect, picture, bench)
     yield "\n## Where it holds\n"

@@ -70,10 +70,28 @@ def test_coefficients_are_sane(effect):
         assert low <= c.default <= high
         if c.signed:
             assert c.bounds[0] <= -high
+        # what is usual is possible, and a limit has its reason
+        assert c.physical[0] <= (-high if c.signed else low)
+        assert high <= c.physical[1]
+        assert c.why_possible.strip() or c.physical == (-math.inf, math.inf)
         if c.shape is None:
             assert c.null == 0.0
         else:
             assert c.shape_uncertainty > 0.0
+
+
+def test_the_earth_turns_no_faster_than_it_does():
+    earth = registry()["earth_rate"]
+    per_hour = math.degrees(1.0) * 3600.0
+    assert earth.greatest * per_hour == pytest.approx(15.04, abs=0.01)
+    assert all(c.physical == (-earth.greatest, earth.greatest) for c in earth.amplitudes)
+
+
+@EACH
+def test_what_only_brakes_or_resists_cannot_drive(effect):
+    for c in effect.amplitudes:
+        if not c.signed:
+            assert c.physical[0] == 0.0
 
 
 @EACH

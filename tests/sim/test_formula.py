@@ -540,6 +540,8 @@ def test_a_usual_size_is_found_where_none_is_given() -> None:
         ({"coefficients": {"k": {"unit": "N*m", "value": "much"}}}, "k.value: 'much' is not a number"),
         ({"coefficients": {"k": {"unit": "N*m", "value": True}}}, "k.value: True is not a number"),
         ({"coefficients": {"k": {"unit": "N*m", "bounds": [1, 2]}}}, "k.bounds: 1 .. 2 leave out 0"),
+        ({"coefficients": {"k": {"unit": "N*m", "possible": [1, 2]}}}, "k.possible: 1 .. 2 leave out 0"),
+        ({"greatest": -1}, "own.greatest: -1 is out of range; allowed: > 0"),
         (
             {"coefficients": {"k": {"unit": "N*m", "signed": "yes"}}},
             "k.signed: 'yes' is neither true nor false",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
@@ -48,6 +49,8 @@ def effect_page(effect: Effect) -> Iterator[RenderableType]:
         )
     yield Padding(table, (0, 0, 0, 2))
     facts = words_table("", "")
+    for text in possible_sizes(effect):
+        facts.add_row("possible", minus(text))
     facts.add_row("holds for", Text(effect.validity))
     facts.add_row("source", Text(effect.source))
     yield Text()
@@ -55,6 +58,17 @@ def effect_page(effect: Effect) -> Iterator[RenderableType]:
     if effect.look_alikes:
         yield heading("Confounders, and how to separate them")
         yield from sentences(f"{name}: {test}" for name, test in effect.look_alikes.items())
+
+
+def possible_sizes(effect: Effect) -> list[str]:
+    """Return what is possible, a text for each range that coefficients have."""
+    names: dict[str, list[str]] = {}
+    for c in effect.coefficients:
+        low, high = c.physical
+        if low > -math.inf or high < math.inf:
+            shown = "0 or more" if (low, high) == (0.0, math.inf) else span(low, high, c.unit)
+            names.setdefault(f"{shown}: {c.why_possible}", []).append(c.name)
+    return [f"{', '.join(own)} {text}" for text, own in names.items()]
 
 
 def effect_json(effect: Effect) -> dict[str, Any]:
@@ -78,6 +92,7 @@ def _coefficient_json(c: Coefficient) -> dict[str, Any]:
         "description": c.description,
         "usual": list(c.usual),
         "bounds": list(c.bounds),
+        "possible": [value if math.isfinite(value) else None for value in c.physical],
         "signed": c.signed,
         "shape": c.shape is not None,
         "default": c.default,

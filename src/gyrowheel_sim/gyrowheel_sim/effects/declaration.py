@@ -36,7 +36,7 @@ class Coefficient:
     usual : tuple of float
         Range of the sizes met in practice (low, high); where `signed`, of the magnitude.
     bounds : tuple of float
-        Values allowed at all.
+        Values that may be typed, and that a fit may search.
     source : str
         Where the usual size comes from.
     signed : bool
@@ -46,6 +46,11 @@ class Coefficient:
         linearised; None for an amplitude, in which the law is linear and zero means no effect.
     shape_uncertainty : float
         Standard uncertainty of `shape` before a measurement.
+    possible : tuple of float or None
+        Values that physics allows (low, high), narrower than `bounds`. None: an amplitude that is not `signed` only
+        brakes, resists or heats and cannot be below zero; any other coefficient has no limit.
+    possible_source : str
+        Why nothing else is possible.
     """
 
     name: str
@@ -57,6 +62,26 @@ class Coefficient:
     signed: bool = False
     shape: float | None = None
     shape_uncertainty: float = 0.0
+    possible: tuple[float, float] | None = None
+    possible_source: str = ""
+
+    @property
+    def physical(self) -> tuple[float, float]:
+        """Values that physics allows (low, high), infinite where it sets no limit."""
+        if self.possible is not None:
+            return self.possible
+        return (-math.inf if self.signed or self.shape is not None else 0.0, math.inf)
+
+    @property
+    def why_possible(self) -> str:
+        """Why nothing else is possible; empty where everything is."""
+        if self.possible is not None:
+            return self.possible_source
+        return (
+            "of the other sign it would drive what it brakes, resists or delays"
+            if self.physical[0] == 0.0
+            else ""
+        )
 
     @property
     def symbol(self) -> sp.Symbol:
@@ -102,6 +127,9 @@ class Effect:
         Effects (or bench errors) with a similar signature, each with the test that separates them.
     source : str
         Where the law comes from.
+    greatest : float or None
+        Largest possible size of the amplitudes together, the root of the sum of their squares: for the components of
+        one vector. None where there is no limit.
     """
 
     name: str
@@ -113,6 +141,7 @@ class Effect:
     validity: str
     source: str
     look_alikes: Mapping[str, str] = field(default_factory=dict, hash=False)
+    greatest: float | None = None
 
     def __post_init__(self) -> None:
         """Refuse a declaration that contradicts itself."""
@@ -129,6 +158,9 @@ class Effect:
                 raise ValueError(f"effect {self.name}: unknown symbols {sorted(map(str, stray))}")
         for c in self.coefficients:
             unit_registry().parse_units(c.unit)
+            low, high = c.physical
+            if not low <= c.null <= high:
+                raise ValueError(f"effect {self.name}: {c.name}: what is possible leaves out {c.null:g}")
 
     @property
     def amplitudes(self) -> tuple[Coefficient, ...]:

@@ -53,6 +53,12 @@ def _not_huge(value: float) -> float:
     return value
 
 
+def _some(value: float) -> float:
+    if value <= 0.0:
+        refuse(f"{value:g} is out of range; allowed: > 0")
+    return value
+
+
 #: A text of one line.
 Line = Annotated[str, BeforeValidator(_line)]
 Size = Annotated[Number, AfterValidator(_not_huge)]
@@ -66,6 +72,8 @@ class CoefficientEntry(Section):
     description: Line = ""
     usual: Pair | None = None
     bounds: Pair | None = None
+    possible: Pair | None = None
+    possible_source: Line = ""
     signed: StrictBool | None = None
     value: Size | None = None
     uncertainty: Size | None = None
@@ -106,6 +114,7 @@ class _Declaration(Section):
     validity: Line = ""
     source: Line = ""
     look_alikes: Annotated[dict[str, Line], BeforeValidator(_alike)] = Field(default_factory=dict)
+    greatest: Annotated[Size, AfterValidator(_some)] | None = None
     coefficients: Annotated[
         dict[str, Annotated[CoefficientEntry, BeforeValidator(_entry)]], BeforeValidator(_named)
     ] = Field(None, validate_default=True)

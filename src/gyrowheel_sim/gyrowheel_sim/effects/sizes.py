@@ -60,9 +60,16 @@ def _sized(effect: Effect, scales: tuple[float, float, float, float]) -> Effect:
                 bounds=(c.bounds[0] * factor, c.bounds[1] * factor),
                 shape=None if c.shape is None else c.shape * factor,
                 shape_uncertainty=c.shape_uncertainty * factor,
+                possible=None if c.possible is None else (c.possible[0] * factor, c.possible[1] * factor),
             )
         )
-    return replace(effect, coefficients=tuple(coefficients))
+    if effect.greatest is None:
+        return replace(effect, coefficients=tuple(coefficients))
+    return replace(
+        effect,
+        coefficients=tuple(coefficients),
+        greatest=effect.greatest * _factor(effect.amplitudes[0].unit, scales),
+    )
 
 
 def _factor(unit: str, scales: tuple[float, float, float, float]) -> float:

@@ -57,9 +57,9 @@ def effect_from_mapping(name: str, mapping: object, where: str = "effect") -> Ef
         Its name.
     mapping : mapping
         ``torque`` (short for ``rotor_torque``) or another target of `TARGETS`, each a formula; ``coefficients``,
-        each with ``unit`` and, where known, ``usual`` and ``bounds`` (two numbers), ``signed``, ``value``,
+        each with ``unit`` and, where known, ``usual``, ``bounds`` and ``possible`` (two numbers), ``signed``, ``value``,
         ``uncertainty``, ``description``, ``source``; ``title``, ``category``, ``sentence``, ``validity``,
-        ``source``, ``look_alikes``. A coefficient in which the law is linear is an amplitude; any other one (an
+        ``source``, ``look_alikes``, ``greatest``. A coefficient in which the law is linear is an amplitude; any other one (an
         exponent, an edge) needs its ``value`` and ``uncertainty``, or its ``usual`` range.
     where : str
         Beginning of error messages.
@@ -101,6 +101,7 @@ def effect_from_mapping(name: str, mapping: object, where: str = "effect") -> Ef
             validity=given.validity or "not stated",
             source=given.source or "a user's formula",
             look_alikes=given.look_alikes,
+            greatest=given.greatest,
         )
 
     _try(effect(drafts), where)
@@ -117,12 +118,16 @@ def effect_to_mapping(effect: Effect) -> dict[str, Any]:
         entry: dict[str, Any] = {"unit": c.unit, "usual": list(c.usual), "bounds": list(c.bounds)}
         if c.shape is not None:
             entry |= {"value": c.shape, "uncertainty": c.shape_uncertainty}
+        if c.possible is not None:
+            entry |= {"possible": list(c.possible), "possible_source": c.possible_source}
         coefficients[c.name] = entry | {
             "signed": c.signed, "description": c.description, "source": c.source,
         }  # fmt: skip
     result: dict[str, Any] = {"title": effect.title, "category": effect.category, "sentence": effect.sentence}
     result |= {target: to_text(expression) for target, expression in laws.items()}
     result |= {"coefficients": coefficients, "validity": effect.validity, "source": effect.source}
+    if effect.greatest is not None:
+        result["greatest"] = effect.greatest
     return result | ({"look_alikes": dict(effect.look_alikes)} if effect.look_alikes else {})
 
 
@@ -273,6 +278,7 @@ def _shape(name: str, unit: str, entry: CoefficientEntry, where: str) -> Coeffic
     return Coefficient(
         name, unit, entry.description or "shapes the law", usual, bounds, entry.source or "assumed",
         signed=bounds[0] < 0.0 if entry.signed is None else entry.signed, shape=value, shape_uncertainty=spread,
+        possible=_possible(entry, value, where), possible_source=entry.possible_source,
     )  # fmt: skip
 
 
@@ -301,7 +307,18 @@ def _amplitude(name: str, unit: str, entry: CoefficientEntry, where: str) -> Coe
     return Coefficient(
         name, unit, entry.description or "size", usual, bounds, entry.source or "assumed",
         signed=(entry.bounds is None or bounds[0] < 0.0) if entry.signed is None else entry.signed,
+        possible=_possible(entry, 0.0, where), possible_source=entry.possible_source,
     )  # fmt: skip
+
+
+def _possible(entry: CoefficientEntry, null: float, where: str) -> tuple[float, float] | None:
+    """Return what is possible at all; it must include the value of no effect."""
+    if entry.possible is not None and not entry.possible[0] <= null <= entry.possible[1]:
+        raise InputError(
+            f"{where}.possible: {entry.possible[0]:g} .. {entry.possible[1]:g} leave out {null:g}, "
+            f"which {'means no effect' if null == 0.0 else 'is its value'}"
+        )
+    return entry.possible
 
 
 def _try(effect: Effect, where: str) -> None:

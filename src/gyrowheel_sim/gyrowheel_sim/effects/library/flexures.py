@@ -96,6 +96,8 @@ STIFFNESS_ANISOTROPY = Effect(
             (-0.1, 0.1),
             "assumed: 3 to 11 % of the stiffness",
             signed=True,
+            possible=(-0.1343, 0.1343),
+            possible_source="no stiffness is below zero (the stiffness in the bench file)",
         ),
     ),
     validity="flexure angle up to 5 deg",

@@ -109,6 +109,9 @@ EXTERNAL_DAMPING = Effect(
 
 _Ex, _Ey = symbols("E_x", "E_y")
 
+#: Rate of the Earth, 15.04 deg/h [rad/s]; its uncertainty is far below anything on a bench.
+_EARTH = 7.292115e-5
+
 EARTH_RATE = Effect(
     name="earth_rate",
     title="the Earth turns the rig",
@@ -124,10 +127,13 @@ EARTH_RATE = Effect(
             (-1e-3, 1e-3),
             "7.292e-5 rad/s times the cosine of the latitude",
             signed=True,
+            possible=(-_EARTH, _EARTH),
+            possible_source="the Earth turns with 15.04 deg/h, at the equator all of it horizontal (IERS Conventions 2010)",
         )
         for name in ("E_x", "E_y")
     ),
     validity="rig upright or inverted; the vertical part of the rate is left out",
     source="gyroscopic torque Irz Omega x omega, exact in the case frame",
     look_alikes={"fixed_torque": YAW},
+    greatest=_EARTH,
 )
