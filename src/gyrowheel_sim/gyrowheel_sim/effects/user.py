@@ -57,10 +57,11 @@ def effect_from_mapping(name: str, mapping: object, where: str = "effect") -> Ef
         Its name.
     mapping : mapping
         ``torque`` (short for ``rotor_torque``) or another target of `TARGETS`, each a formula; ``coefficients``,
-        each with ``unit`` and, where known, ``usual``, ``bounds`` and ``possible`` (two numbers), ``signed``, ``value``,
-        ``uncertainty``, ``description``, ``source``; ``title``, ``category``, ``sentence``, ``validity``,
-        ``source``, ``look_alikes``, ``greatest``. A coefficient in which the law is linear is an amplitude; any other one (an
-        exponent, an edge) needs its ``value`` and ``uncertainty``, or its ``usual`` range.
+        each with ``unit`` and, where known, ``usual``, ``bounds`` and ``possible`` (two numbers), ``signed``,
+        ``value``, ``uncertainty``, ``description``, ``source``, ``possible_source``; ``title``, ``category``,
+        ``sentence``, ``validity``, ``source``, ``look_alikes``, ``greatest``. A coefficient in which the law is linear
+        is an amplitude; any other one (an exponent, an edge) needs its ``value`` and ``uncertainty``, or its
+        ``usual`` range.
     where : str
         Beginning of error messages.
 
