@@ -82,6 +82,7 @@ def test_coefficients_are_sane(effect):
 
 def test_the_earth_turns_no_faster_than_it_does():
     earth = registry()["earth_rate"]
+    assert earth.greatest is not None
     per_hour = math.degrees(1.0) * 3600.0
     assert earth.greatest * per_hour == pytest.approx(15.04, abs=0.01)
     assert all(c.physical == (-earth.greatest, earth.greatest) for c in earth.amplitudes)

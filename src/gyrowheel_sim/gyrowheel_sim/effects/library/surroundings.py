@@ -128,7 +128,7 @@ EARTH_RATE = Effect(
             "7.292e-5 rad/s times the cosine of the latitude",
             signed=True,
             possible=(-_EARTH, _EARTH),
-            possible_source="the Earth turns with 15.04 deg/h (IERS Conventions 2010), at the equator about a horizontal axis",
+            possible_source="the Earth turns with 15.04 deg/h (IERS Conventions 2010), horizontally at the equator",
         )
         for name in ("E_x", "E_y")
     ),
