@@ -256,6 +256,36 @@ def test_split_recording_with_a_file_missing(tmp_path):
     assert len(list((tmp_path / "saved").glob("saved_*.mcap"))) == 4
 
 
+@pytest.mark.parametrize("named", [True, False])
+def test_second_copy_of_a_file(tmp_path, whole, named):
+    """A copy beside a recording is left out, whether metadata.yaml says so or the content does."""
+    folder = tmp_path / "folder"
+    shutil.copytree(whole, folder)
+    shutil.copy(folder / "run_0.mcap", folder / "run_0 (copy).mcap")
+    if not named:
+        (folder / "metadata.yaml").unlink()
+    result, recording = saved(tmp_path, folder)
+    assert result.complete
+    assert len(result.files) == 1
+    assert len(result.notes) == 1
+    assert "left out" in result.notes[0]
+    assert recording.integrity().duplicates == 0
+    assert len(recording.measurement) == SAMPLES
+
+
+def test_every_file_is_taken_if_asked_for(tmp_path, whole):
+    """With every file the copies are there, told and not counted as whole; reading gives each message once."""
+    folder = tmp_path / "folder"
+    shutil.copytree(whole, folder)
+    shutil.copy(folder / "run_0.mcap", folder / "copy.mcap")
+    result = salvage(folder, tmp_path / "saved", every_file=True)
+    assert not result.complete
+    assert "nothing was missing" not in shown(salvage_page(result))
+    recording = Recording.open(tmp_path / "saved")
+    assert recording.integrity().duplicates == SAMPLES
+    assert len(recording.measurement) == len(recording.command) == SAMPLES
+
+
 @pytest.mark.parametrize("mode", [CompressionMode.FILE, CompressionMode.MESSAGE])
 def test_compressed_bags_of_others(tmp_path, mode):
     writer = Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP)

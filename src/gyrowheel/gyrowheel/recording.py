@@ -210,7 +210,11 @@ class Recording:
 
 
 def salvage(
-    source: str | Path, target: str | Path, *, progress: Callable[[float], None] | None = None
+    source: str | Path,
+    target: str | Path,
+    *,
+    every_file: bool = False,
+    progress: Callable[[float], None] | None = None,
 ) -> Salvaged:
     """Make a complete recording from the readable part of a damaged one.
 
@@ -220,6 +224,8 @@ def salvage(
         An MCAP file, or a directory with such files; it is not changed.
     target : str or Path
         Directory to create; it must not exist, or be empty. It appears when it is complete.
+    every_file : bool
+        Whether to take files too that ``metadata.yaml`` does not name, which are left out otherwise.
     progress : callable, optional
         Called with the fraction done, 0 .. 1.
 
@@ -235,7 +241,7 @@ def salvage(
     """
     from gyrowheel_analysis.recording import salvage as save
 
-    return save(source, target, progress=progress)
+    return save(source, target, every_file=every_file, progress=progress)
 
 
 def _read_only(values: NDArray[Any]) -> NDArray[Any]:

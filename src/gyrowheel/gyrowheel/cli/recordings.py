@@ -47,6 +47,10 @@ def salvage(
         typer.Option("-o", "--output", metavar="DIR", help="Recording to create.", show_default=False),
         NewRecording(),
     ],
+    every_file: Annotated[
+        bool,
+        typer.Option("--every-file", help="Take files too that metadata.yaml does not name."),
+    ] = False,
     json: Json = None,
 ) -> None:
     """Make a complete recording from the readable part of a damaged one (MCAP), and report what is missing."""
@@ -56,7 +60,7 @@ def salvage(
     from gyrowheel.text.recordings import salvage_page
 
     with advancing("salvaging") as advance:
-        found = save(source, target, progress=advance)
+        found = save(source, target, every_file=every_file, progress=advance)
     if json is not None:
         put_json(json, {"schema": 1, **asdict(found)})
     if json != "-":

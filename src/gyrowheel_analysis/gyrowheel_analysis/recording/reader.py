@@ -188,10 +188,7 @@ def _in_order(samples: npt.NDArray[Any], where: str) -> tuple[npt.NDArray[Any], 
     late = int(np.count_nonzero(sequence[1:] < np.maximum.accumulate(sequence)[:-1]))
     total = len(samples)
     if np.any(np.diff(samples["stamp_ns"]) <= 0):
-        samples = samples[np.lexsort((sequence, samples["stamp_ns"]))]
-        # compared as bytes, so that NaN equals itself
-        rows = samples.view(np.uint8).reshape(total, -1)
-        samples = samples[np.r_[True, np.any(rows[1:] != rows[:-1], axis=1)]]
+        samples = _without_copies(samples[np.lexsort((sequence, samples["stamp_ns"]))])
     steps = np.diff(samples["sequence"].astype(np.int64))
     wrong = np.flatnonzero((steps <= 0) | (np.diff(samples["stamp_ns"]) <= 0))
     if len(wrong):
@@ -217,8 +214,19 @@ def _in_order(samples: npt.NDArray[Any], where: str) -> tuple[npt.NDArray[Any], 
 
 
 def _by_stamp(rows: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    stamps = rows["stamp_ns"]
-    return rows if np.all(stamps[1:] >= stamps[:-1]) else rows[np.argsort(stamps, kind="stable")]
+    """Return messages in the order of their stamps, and of several that are the same to the byte one."""
+    if np.any(np.diff(rows["stamp_ns"]) < 0):
+        rows = rows[np.argsort(rows["stamp_ns"], kind="stable")]
+    return _without_copies(rows)
+
+
+def _without_copies(rows: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return rows in the order of their stamps without those that repeat the one before."""
+    if not np.any(np.diff(rows["stamp_ns"]) == 0):
+        return rows
+    # compared as bytes, so that NaN equals itself
+    own = np.ascontiguousarray(rows).view(np.uint8).reshape(len(rows), -1)
+    return rows[np.r_[True, np.any(own[1:] != own[:-1], axis=1)]]
 
 
 def _environment(messages: list[str], start_ns: int, where: str) -> list[Environment]:

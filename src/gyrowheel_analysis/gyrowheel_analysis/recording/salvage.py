@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import hashlib
 import re
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -121,7 +122,13 @@ class Salvaged:
     notes: tuple[str, ...]
 
 
-def salvage(source: str | Path, target: str | Path, *, progress: Fraction | None = None) -> Salvaged:
+def salvage(
+    source: str | Path,
+    target: str | Path,
+    *,
+    every_file: bool = False,
+    progress: Fraction | None = None,
+) -> Salvaged:
     """Make a complete recording of the readable part of a broken one.
 
     Parameters
@@ -130,6 +137,9 @@ def salvage(source: str | Path, target: str | Path, *, progress: Fraction | None
         An MCAP file, or a directory with such files; it is not touched.
     target : str or Path
         Directory to create; it must not exist, or be empty. It appears when it is complete.
+    every_file : bool
+        Whether to take files too that ``metadata.yaml`` does not name, which are left out otherwise. Where nothing
+        names the files, all are taken but copies of one another.
     progress : callable, optional
         Called with the fraction done.
 
@@ -139,7 +149,7 @@ def salvage(source: str | Path, target: str | Path, *, progress: Fraction | None
         If nothing can be saved, the recording is still being written, or the disk refuses the new one.
     """
     source, target = Path(source), Path(target)
-    files, stated = _sources(source)
+    files, stated, left_out = _sources(source, every_file)
     if being_written(source):
         raise InputError(f"{source}: is being recorded; stop the recorder first")
     require_new(target)
@@ -148,19 +158,22 @@ def salvage(source: str | Path, target: str | Path, *, progress: Fraction | None
     with new_directory(target) as place:
         try:
             place.mkdir()
-            return _Job(source, place, progress or (lambda _: None)).run(files, stated, str(target))
+            return _Job(source, place, progress or (lambda _: None)).run(files, stated, left_out, str(target))
         except OSError as error:
             raise InputError(
                 f"{error.filename or target}: cannot be written: {error.strerror or error}"
             ) from None
 
 
-def _sources(source: Path) -> tuple[list[Path], Metadata | None]:
-    """Return the files in order, and what ``metadata.yaml`` says of them; None where that cannot be read."""
+def _sources(source: Path, every_file: bool) -> tuple[list[Path], Metadata | None, list[str]]:
+    """Return the files in order, what ``metadata.yaml`` says of them, and why others are left out.
+
+    What ``metadata.yaml`` says is None where it cannot be read.
+    """
     if source.is_file():
         if _is_other(source):
             raise InputError(f"{source}: only MCAP files can be salvaged")
-        return [source], None
+        return [source], None, []
     if not source.is_dir():
         raise InputError(f"{source}: no such file or directory")
     found = {file.name: file for file in source.iterdir() if re.search(r"\.mcap(\.zstd)?$", file.name)}
@@ -172,8 +185,38 @@ def _sources(source: Path) -> tuple[list[Path], Metadata | None]:
         stated = read_metadata(source / METADATA_FILE)
     natural = sorted(found, key=lambda name: [int(p) if p.isdigit() else p for p in re.split(r"(\d+)", name)])
     order = [name for name in dict.fromkeys(stated.files if stated else ()) if name in found]
-    order += [name for name in natural if name not in order]
-    return [found[name] for name in order], stated
+    others = [name for name in natural if name not in order]
+    if every_file:
+        return [found[name] for name in (*order, *others)], stated, []
+    if order:
+        why = f"left out: {METADATA_FILE} does not name it, and every file was not asked for"
+        return [found[name] for name in order], stated, [f"{name}: {why}" for name in others]
+    first: dict[str, str] = {}
+    left_out = []
+    for name in others:
+        original = first.setdefault(_content(found[name]), name)
+        if original == name:
+            order.append(name)
+        else:
+            left_out.append(f"{name}: left out: a copy of {original}")
+    return [found[name] for name in order], stated, left_out
+
+
+def _content(file: Path) -> str:
+    """Return the checksum of a file."""
+    with _readable(file), file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+@contextlib.contextmanager
+def _readable(file: Path) -> Iterator[None]:
+    """Turn an error of reading a file into one of the user."""
+    try:
+        yield
+    except IsADirectoryError:
+        raise InputError(f"{file}: is a directory") from None
+    except OSError as error:
+        raise InputError(f"{file}: cannot be read: {error.strerror or error}") from None
 
 
 def _is_other(file: Path) -> bool:
@@ -193,7 +236,9 @@ class _Job:
         self._topics: dict[str, tuple[dict[str, Any], int]] = {}
         self._unchecked = 0
 
-    def run(self, files: Sequence[Path], stated: Metadata | None, name: str) -> Salvaged:
+    def run(
+        self, files: Sequence[Path], stated: Metadata | None, left_out: Sequence[str], name: str
+    ) -> Salvaged:
         """Salvage the files into the target, and return the account."""
         ended, ends = True, [stated.end if stated else None]
         for name_stated in stated.files if stated else ():
@@ -263,7 +308,11 @@ class _Job:
             source=str(self._source),
             target=name,
             files=tuple(file.name for file in files),
-            complete=ended and not losses and not missing and not self._notes,
+            complete=ended
+            and not losses
+            and not missing
+            and not self._notes
+            and (integrity is None or not integrity.duplicates),
             messages={topic: count for topic, (_, count) in sorted(self._topics.items())},
             unchecked=self._unchecked,
             missing=missing,
@@ -272,7 +321,7 @@ class _Job:
             broken_off=not ended,
             losses=losses,
             integrity=integrity,
-            notes=tuple(self._notes),
+            notes=(*self._notes, *left_out),
         )
 
     def _part(self, begin: float, size: float) -> Fraction:

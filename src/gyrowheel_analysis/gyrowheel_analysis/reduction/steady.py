@@ -36,7 +36,8 @@ def steady_spans(data: Samples) -> list[tuple[float, float, int, float]]:
 
 def _spans_from_setpoints(data: Samples) -> list[tuple[float, float, int, float]]:
     sp, time = data.setpoint, data.setpoint_time
-    step = float(np.median(np.diff(time))) if len(time) > 1 else 0.005
+    steps = np.diff(time)
+    step = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.005
     key = sp["segment"].astype(np.int64) * 2 + (sp["phase"] == HOLD)
     edges = np.flatnonzero(np.diff(key)) + 1
     spans = []
