@@ -546,6 +546,12 @@ def test_the_form_that_a_diagnosis_proposes_can_be_typed_as_it_stands(gyrowheel:
     assert [list(content) for content in contents] == [[form["name"]], ["own"]]
     first, second = (next(iter(content.values())) for content in contents)
     assert second["a"]["value"] == pytest.approx(first["a"]["value"], rel=1e-3)
+    # what was found, with its edge, and not where the fit of the family began
+    for name, estimate in form["coefficients"].items():
+        assert abs(first[name]["value"] - estimate["value"]) < estimate["standard_error"]
+    edge = form["coefficients"]["p"]["value"]
+    assert f"p = {edge:.6g} +- " in shown.splitlines()[-1]
+    assert form["declaration"]["coefficients"]["p"]["value"] == pytest.approx(edge, rel=1e-5)
     error = gyrowheel.good("model", "show", "--model", models[0], "--json", "-").json["history"][0]["error"]
     assert error["validation_after"]["chi2_per_n"] < 0.5 * error["validation_before"]["chi2_per_n"]
 

@@ -41,6 +41,7 @@ from gyrowheel.text.quantities import (
     with_error,
 )
 from gyrowheel.text.sentences.diagnosis import verdict_sentence
+from gyrowheel.text.sentences.forms import form_sentence
 from gyrowheel_analysis.channels import LISTED
 from gyrowheel_analysis.compare import ChannelMetrics
 from gyrowheel_analysis.diagnosis.diagnose import Estimate
@@ -333,3 +334,22 @@ def test_what_a_model_file_has_wrong_is_told_from_what_it_lacks():
     found = diagnosis("effect", wrong)
     assert verdict_sentence(found) == "The flexure stiffness differs from the bench file (stiffness_error)."
     assert "beyond five of its stated uncertainties" in text_of(rendered(found))
+
+
+def test_forms_tell_edges_in_degrees_and_exponents_as_found():
+    edge = replace(
+        UNKNOWN.free_form[0],
+        description="torque along the tilt beyond an edge",
+        coefficients={"a": Estimate(1e-3, 1e-5, "N*m"), "p": Estimate(0.7, 0.01, "1")},
+        places={"p": Estimate(math.radians(3.5), math.radians(0.05), "rad")},
+    )
+    shown = " ".join(text_of(rendered(replace(UNKNOWN, free_form=[edge]))).replace("│", " ").split())
+    assert "torque along the tilt beyond 3.500 ± 0.050 deg" in shown
+    assert "p 3.500 ± 0.050 deg (0.700 ± 0.010 of the reference)" in shown
+    power = replace(
+        edge,
+        description="torque along or across the tilt, |tilt|^k, speed^q",
+        coefficients={"k": Estimate(2.125, 0.01, "1"), "q": Estimate(0.5, 0.01, "1")},
+        places={},
+    )
+    assert form_sentence(power) == "torque along or across the tilt, |tilt|^2.12, speed^0.50"

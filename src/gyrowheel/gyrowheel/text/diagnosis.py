@@ -23,6 +23,7 @@ from gyrowheel.text.sentences.diagnosis import (
     title,
     verdict_sentence,
 )
+from gyrowheel.text.sentences.forms import form_sentence, place_text
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.diagnosis.diagnose import (
@@ -140,13 +141,16 @@ def _free_form(form: FreeForm) -> Iterator[RenderableType]:
     yield Text.assemble((f"\n{form.name or 'proposed form'}", "bold cyan"), "  proposed form")
     body = words_table("", "")
     for name, estimate in form.coefficients.items():
-        body.add_row(name, with_error(estimate.value, estimate.standard_error, estimate.unit, pure=True))
+        shown = with_error(estimate.value, estimate.standard_error, estimate.unit, pure=True)
+        if name in form.places:
+            shown = f"{place_text(form, name)} ({shown} of the reference)"
+        body.add_row(name, shown)
     coefficients = tuple(f"{name} " for name in form.coefficients)
     laws = [part for part in form.formula.split("; ") if not part.startswith(coefficients)]
     body.add_row("law", pretty("; ".join(laws)))
     body.add_row("Δχ²", f"{form.delta_chi2:.0f} without it")
     yield Padding(body, _INDENT)
-    yield from sentences([form.description])
+    yield from sentences([form_sentence(form)])
 
 
 def _moved(nuisance: Mapping[str, Any]) -> Iterator[RenderableType]:

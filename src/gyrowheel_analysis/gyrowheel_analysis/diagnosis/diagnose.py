@@ -13,7 +13,7 @@ import numpy as np
 
 from gyrowheel_analysis.diagnosis.experiment_design import SETTLED, Planner, Separation, detection_limits
 from gyrowheel_analysis.diagnosis.selection import Finding, select
-from gyrowheel_analysis.diagnosis.unknown import Proposal, search
+from gyrowheel_analysis.diagnosis.unknown import Proposal, as_found, places, search
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.preparation import Prepared, TooFewWindowsError, one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem
@@ -123,7 +123,8 @@ class FreeForm:
     """A formula that describes what no declared effect does.
 
     `formula` has law and coefficients in one line, as ``gyrowheel model add --formula`` takes it; `declaration` goes
-    into a model file as it is, under `name`.
+    into a model file as it is, under `name`. Both begin from the exponents and edges that were found. `places` has what
+    is a share of a reference among `coefficients` as tilts [rad] and spin rates [rad/s]: edges, centres and widths.
     """
 
     formula: str
@@ -132,6 +133,7 @@ class FreeForm:
     description: str
     name: str = ""
     declaration: dict[str, Any] = field(default_factory=dict)
+    places: dict[str, Estimate] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -328,7 +330,7 @@ def diagnose(
         verdict=verdict,
         windows=fitted.windows,
         effects=findings,
-        free_form=[_free_form(proposal)] if proposal else [],
+        free_form=[_free_form(proposal, problem)] if proposal else [],
         error=errors.table,
         where=regions(data, problem.bench),
         next_test=_next_test(findings, limits, planner, verdict),
@@ -422,16 +424,20 @@ def estimates(term: Term, fit: Fit) -> dict[str, Estimate]:
     }
 
 
-def _free_form(proposal: Proposal) -> FreeForm:
-    effect = proposal.term.effect
-    assert effect is not None  # every free form is an effect
+def _free_form(proposal: Proposal, problem: Problem) -> FreeForm:
+    effect = as_found(proposal, problem.unknowns.known)
+    found = estimates(proposal.term, proposal.fit)
     return FreeForm(
         effect_to_line(effect),
         proposal.gain,
-        estimates(proposal.term, proposal.fit),
+        found,
         effect.sentence,
         effect.name,
         effect_to_mapping(effect),
+        {
+            name: Estimate(found[name].value * size, found[name].standard_error * size, unit)
+            for name, (size, unit) in places(proposal.term, problem.bench).items()
+        },
     )
 
 

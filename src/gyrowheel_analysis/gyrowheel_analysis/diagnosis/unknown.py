@@ -11,8 +11,8 @@ import functools
 import itertools
 import re
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Container, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import sympy as sp
@@ -22,6 +22,7 @@ from gyrowheel_analysis.diagnosis.selection import Progress, Selection, rank
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.fitting.terms import Term
+from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law
 from gyrowheel_sim.effects.quantities import QUANTITIES, Omega, Omega_ref, z, z_ref
 from gyrowheel_sim.effects.sizes import for_bench
@@ -127,6 +128,15 @@ def _exponent(name: str, value: float, of: str) -> Coefficient:
     )
 
 
+_OF_SPEED, _OF_TILT = ("spin_rate_reference", "rad/s"), ("tilt_reference", "rad")
+#: Coefficients that are shares of a reference: edges, centres and widths, by the kind of the form.
+_PLACES = {
+    "tilt_bump": {"p": _OF_SPEED, "w": _OF_SPEED},
+    "spin_bump": {"p": _OF_SPEED, "w": _OF_SPEED},
+    "dead_zone": {"p": _OF_TILT},
+}
+
+
 @functools.cache
 def forms() -> tuple[Term, ...]:
     """Return the family of free forms; exponents, edges, places and times in them are fitted."""
@@ -147,26 +157,17 @@ def forms() -> tuple[Term, ...]:
     for centre in (0.3, 0.37, 0.45, 0.53, 0.6, 0.68, 0.76, 0.84, 0.92, 1.0, 1.08):
         bump = sp.exp(-(((_r - _p) / _w) ** 2))
         shapes = (
-            _shape("p", centre, 0.05, "speed of the bump"),
-            _shape("w", 0.12, 0.03, "width of the bump"),
+            _shape("p", centre, 0.05, "speed of the bump over the reference speed"),
+            _shape("w", 0.12, 0.03, "width of the bump over the reference speed"),
         )
-        where = f"{centre:g} of the reference speed"
-        result.append(
-            _form(
-                f"tilt_bump_{centre:g}",
-                f"torque along the tilt near {where}",
-                "rotor_torque",
-                bump * _u,
-                *shapes,
-            )
-        )
-        result.append(
-            _form(f"spin_bump_{centre:g}", f"torque on the spin near {where}", "shaft_torque", bump, *shapes)
-        )
+        text = "torque along the tilt near one speed"
+        result.append(_form(f"tilt_bump_{centre:g}", text, "rotor_torque", bump * _u, *shapes))
+        text = "torque on the spin near one speed"
+        result.append(_form(f"spin_bump_{centre:g}", text, "shaft_torque", bump, *shapes))
     for edge in (0.1, 0.2, 0.3, 0.4, 0.45, 0.5, 0.55, 0.6, 0.65):
         zone = sp.Max(_size - _p, 0) * _u / (_size + sp.Float(1e-9))
-        begins = _shape("p", edge, 0.04, "tilt where it begins")
-        text = f"torque along the tilt beyond {edge:g} of the reference tilt"
+        begins = _shape("p", edge, 0.04, "tilt where it begins over the reference tilt")
+        text = "torque along the tilt beyond an edge"
         result.append(_form(f"dead_zone_{edge:g}", text, "rotor_torque", zone, begins))
     for q in (1, 3, 4):
         power = _exponent("q", q, of_speed)
@@ -270,13 +271,49 @@ def _foremost(ranked: Sequence[tuple[float, Term]]) -> list[tuple[float, Term]]:
     kinds: Counter[str] = Counter()
     result = []
     for gain, term in ranked:
-        kind = re.sub(r"(_m?\d+)+$", "", term.name)
+        kind = kind_of(term.name)
         kinds[kind] += 1
         if kinds[kind] <= _TRIED_OF_A_KIND:
             result.append((gain, term))
         if len(result) == _TRIED:
             break
     return result
+
+
+def kind_of(name: str) -> str:
+    """Return the kind of a free form by its name: without the numbers at which its fit begins."""
+    return re.sub(r"(_m?\d+)+$", "", name)
+
+
+def as_found(proposal: Proposal, taken: Container[str] = ()) -> Effect:
+    """Return the effect of a proposal about the exponents and edges that were found, named after its kind.
+
+    Their uncertainties stay those of the family: a fit to the same recording must not count it twice.
+
+    Parameters
+    ----------
+    proposal : Proposal
+        The free form and its fit.
+    taken : container of str
+        Names that are in use; the form keeps its number where that of its kind is among them.
+    """
+    effect = proposal.term.effect
+    assert effect is not None  # every free form is an effect
+    found = proposal.fit.coefficients[proposal.term.name]
+    coefficients = []
+    for c in effect.coefficients:
+        if c.shape is not None:
+            value = float(f"{found[c.name]:.6g}")  # as a line of text holds it
+            c = replace(c, shape=value, usual=(value - c.shape_uncertainty, value + c.shape_uncertainty))
+        coefficients.append(c)
+    kind = kind_of(effect.name)
+    return replace(effect, name=effect.name if kind in taken else kind, coefficients=tuple(coefficients))
+
+
+def places(term: Term, bench: Bench) -> dict[str, tuple[float, str]]:
+    """Return the size and unit of 1 for edges, centres and widths of a free form: they are shares of a reference."""
+    names = _PLACES.get(kind_of(term.name), {})
+    return {name: (bench.value(reference), unit) for name, (reference, unit) in names.items()}
 
 
 def _simplest(problem: Problem, proposal: Proposal, base: float) -> Proposal:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from gyrowheel.text.sentences.forms import form_sentence
 from gyrowheel.text.sentences.residuals import growth_sentence
 from gyrowheel_core.quantities import listed
 
@@ -47,7 +48,7 @@ def verdict_sentence(found: Diagnosis) -> str:
     if found.verdict == "unknown":
         known = listed([named(f) for f in found.effects], "and") if found.effects else ""
         what = f"Besides {known}, something" if known else "Something"
-        formula = f"; proposed formula: {found.free_form[0].description}" if found.free_form else ""
+        formula = f"; proposed formula: {form_sentence(found.free_form[0])}" if found.free_form else ""
         return f"{what} is missing that no known effect explains{formula.rstrip('.')}."
     if found.verdict == "ambiguous":
         choices = [_either([named(f), *(named(tie) for tie in f.ties)]) for f in found.effects]
