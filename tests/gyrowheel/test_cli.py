@@ -548,7 +548,8 @@ def test_the_form_that_a_diagnosis_proposes_can_be_typed_as_it_stands(gyrowheel:
     assert second["a"]["value"] == pytest.approx(first["a"]["value"], rel=1e-3)
     # what was found, with its edge, and not where the fit of the family began
     for name, estimate in form["coefficients"].items():
-        assert abs(first[name]["value"] - estimate["value"]) < estimate["standard_error"]
+        # the two fits estimate the drift anew, which moves an amplitude that is nothing
+        assert abs(first[name]["value"] - estimate["value"]) < 3.0 * estimate["standard_error"]
     edge = form["coefficients"]["p"]["value"]
     assert f"p = {edge:.6g} +- " in shown.splitlines()[-1]
     assert form["declaration"]["coefficients"]["p"]["value"] == pytest.approx(edge, rel=1e-5)
