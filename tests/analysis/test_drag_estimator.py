@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-import gyrowheel_analysis.drag
+import gyrowheel_analysis.drag_prediction
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.drag import DragEstimator, Estimate
 from gyrowheel_analysis.drag_stream import BLOCK, DragStream
@@ -84,7 +85,7 @@ def test_the_work_for_a_hold_grows_with_its_length_only(run: Run, monkeypatch: p
         lengths.append(len(data.time))
         return reduce(data, *rest)
 
-    monkeypatch.setattr(gyrowheel_analysis.drag, "reduce", counting)
+    monkeypatch.setattr(gyrowheel_analysis.drag_prediction, "reduce", counting)
     found = list(estimates(run))
     assert sum(lengths) < 4 * len(run.measurement)
     assert max(lengths) * BENCH.sample_period < 3.0
@@ -108,6 +109,42 @@ def serialized(run: Run, seconds: float) -> tuple[list[bytes], list[bytes]]:
         if row["stamp_ns"] < seconds * 1e9
     ]
     return samples, setpoints
+
+
+def test_the_environment_is_that_of_the_topic(run: Run) -> None:
+    model = replace(Model.new(), effects={"gravity_offset": {"G": 6.0e-3}})
+    samples, setpoints = serialized(run, 5.0)
+
+    def simulated(*messages: str) -> list[Any]:
+        stream = DragStream(model)
+        for text in messages:
+            stream.take_environment(wire.pack_text(text))
+        found = [e for raw in setpoints for e in stream.take_setpoint(raw)]
+        found += [e for raw in samples for e in stream.take_measurement(raw)] + stream.finish()
+        assert stream.malformed == 0
+        # the environment outlives the run, as on a topic that is latched
+        again = [e for raw in setpoints for e in stream.take_setpoint(raw)]
+        again += [e for raw in samples for e in stream.take_measurement(raw)] + stream.finish()
+        assert told(again) == told(found)
+        return [e.simulated_torque[0] for e in found if e.settled]
+
+    home, turned = '[{"time": 0.0}]', '[{"time": 0.0, "rig": "inverted"}]'
+    later = '[{"time": 0.0}, {"time": 2.5, "rig": "inverted"}]'
+    weight = 2.0 * 6.0e-3 * np.tan(np.radians([0.0, 1.0, 3.0]))
+    upright = np.array(simulated(home))
+    assert len(upright) == 3
+    assert simulated() == list(upright)
+    assert simulated(turned) - upright == pytest.approx(weight, abs=1e-5)
+    # a later message replaces what was planned from its first event on
+    assert simulated(turned, home) == list(upright)
+    assert simulated(home, later) - upright == pytest.approx([0.0, 0.0, weight[2]], abs=1e-5)
+
+
+def test_an_environment_that_is_none_is_counted() -> None:
+    stream = DragStream(Model.new())
+    for raw in (b"", wire.pack_text("upright"), wire.pack_text('[{"rig": "sideways"}]')):
+        stream.take_environment(raw)
+    assert stream.malformed == 3
 
 
 def told(found: list[Estimate]) -> list[tuple[Any, ...]]:

@@ -32,10 +32,26 @@ segments:
   - {spin_rpm: 3500, tilt_deg: [[0, 0], [2, 0], [0, -3], [0, 0], [-1, 1]]}
   - {spin_rpm: 2500, tilt_deg: [[1, 0], [0, 0], [3, 0]]}
 """
+TURNED = """\
+schema: 1
+name: turned
+hold_s: 1.5
+segments:
+  - {spin_rpm: 3500, tilt_deg: [[0, 0], [3, 0]], rig: inverted, yaw_deg: 90}
+  - {spin_rpm: 3500, tilt_deg: [[3, 0]], rig: upright, air_density_ratio: 0.3}
+  - {spin_rpm: 2000, tilt_deg: [[0, 0], [0, -2]], rig: inverted, yaw_deg: 0}
+"""
 QUIET = {name: 0.0 for name in BENCH.values() if name.endswith(("_noise", "_drift"))}
 AIR: EffectValues = {
     "windage": registry()["windage"].defaults(),
     "aero_cross": registry()["aero_cross"].defaults(),
+}
+#: What a turned rig changes: the centre of gravity above the flexures, the Earth, and the air.
+WEIGHT = 6.0e-3  # N m per rad, at the centre of gravity above the pivot
+ROOM: EffectValues = {
+    **AIR,
+    "gravity_offset": {"G": WEIGHT},
+    "earth_rate": registry()["earth_rate"].defaults(),
 }
 
 
@@ -46,7 +62,7 @@ def run_of(machine: Scenario, plan: str = PLAN, bench: Bench = BENCH) -> Run:
 def estimates(run: Run, model: Model) -> list[Estimate]:
     period = round(run.bench.sample_period * wire.SECOND)
     stamps = np.arange(len(run.measurement), dtype=np.int64) * period
-    return list(drag_estimates(stamps, Readings(run.measurement), run.setpoints, model))
+    return list(drag_estimates(stamps, Readings(run.measurement), run.setpoints, model, run.environment))
 
 
 def holds(run: Run, model: Model) -> list[Estimate]:
@@ -62,26 +78,104 @@ def believing(effects: EffectValues | None = None, overrides: Mapping[str, Overr
     return replace(Model(BENCH), effects=effects or {}, overrides=overrides or {})
 
 
-def held(machine: Scenario) -> list[NDArray[np.float64]]:
+def held(machine: Scenario, plan: str = PLAN) -> list[NDArray[np.float64]]:
     """Return the true torques of coils and motor in every hold: of the machine without noise, by its own constants."""
-    quiet = run_of(replace(machine, values={**machine.values, **QUIET}))
+    quiet = run_of(replace(machine, values={**machine.values, **QUIET}), plan)
     own = BENCH.with_values(machine.values)
     constants = np.array([own.value("coil_constant")] * 2 + [own.value("motor_constant")])
     return [constants * [*e.dc_voltage[:2], e.motor_current] for e in holds(quiet, Model(BENCH))]
 
 
+def stated_constants_std(estimate: Estimate) -> NDArray[np.float64]:
+    """Return the standard error of the measured torque from the constants as the bench states them."""
+    return np.abs(estimate.measured_torque) * [0.02, 0.02, 0.01]
+
+
 def test_the_torque_is_that_of_the_machine_within_three_standard_errors() -> None:
-    scores = []
+    scores, differences = [], []
     for number in range(3):
-        machine = hidden_machine(number, AIR if number else {})
-        found = holds(run_of(machine), Model(BENCH))
+        effects = AIR if number else {}
+        machine = hidden_machine(number, effects)
+        found = holds(run_of(machine), believing(effects))
         assert len(found) == 8
         for estimate, truth in zip(found, held(machine), strict=True):
             assert not estimate.calibrated
-            scores.append((estimate.measured_torque - truth) / estimate.residual_std)
+            own = np.hypot(estimate.measured_torque_std, stated_constants_std(estimate))
+            scores.append((estimate.measured_torque - truth) / own)
+            differences.append(estimate.residual / estimate.residual_std)
+    for score in (scores, differences):
+        assert np.mean(np.abs(score) < 3.0) >= 0.95
+        # and the standard errors are not so large that it could not fail
+        assert 0.3 < np.sqrt(np.mean(np.square(score))) < 1.6
+
+
+def test_the_rig_is_predicted_as_it_stands() -> None:
+    scores, blind, sizes = [], [], []
+    for number in range(3):
+        machine = hidden_machine(number, ROOM)
+        run = run_of(machine, TURNED)
+        for estimate in (known := holds(run, believing(ROOM))):
+            scores.append(estimate.residual / estimate.residual_std)
+        if number == 0:
+            blind = holds(replace(run, environment=[]), believing(ROOM))
+            sizes = known
     assert np.mean(np.abs(scores) < 3.0) >= 0.95
-    # and the standard errors are not so large that it could not fail
-    assert np.std(scores) > 0.2
+    assert np.sqrt(np.mean(np.square(scores))) < 1.6
+    # taken for upright, the inverted rotor misses twice the weight of its offset, and that only
+    for seen, taken in zip(sizes, blind, strict=True):
+        change = taken.simulated_torque - seen.simulated_torque
+        inverted = seen.segment != 2
+        tilt = np.tan([seen.tilt_x, seen.tilt_y])
+        weight = -2.0 * WEIGHT * tilt if inverted else np.zeros(2)
+        assert np.abs(change[:2] - weight) == pytest.approx(0.0, abs=0.1e-3)
+    assert max(abs(2.0 * WEIGHT * np.tan(e.tilt_x)) for e in sizes) > 0.5e-3
+
+
+@cache
+def tilted_run() -> Run:
+    """Return a run with a single hold, 2 deg about x at 3500 rpm."""
+    plan = PLAN.split("segments:")[0] + "segments: [{spin_rpm: 3500, tilt_deg: [2, 0]}]\n"
+    return run_of(Scenario(effects=AIR, noise_seed=5), plan)
+
+
+def test_standard_errors_hold_every_stated_uncertainty() -> None:
+    (tilted,) = holds(tilted_run(), Model(BENCH))
+    tilt, rate = np.tan(tilted.tilt_x), tilted.spin_rate
+
+    def alone(*left: str) -> NDArray[np.float64]:
+        """Return the standard errors where nothing is uncertain but some parameters."""
+        parameters = {
+            name: p if name in left else replace(p, uncertainty=0.0) for name, p in BENCH.parameters.items()
+        }
+        (found,) = holds(tilted_run(), Model(replace(BENCH, parameters=parameters)))
+        return found.constants_std
+
+    assert np.all(alone() == 0.0)
+    # two flexures of 2 % each that share the tilt, by K = (Kx + Ky) / 2
+    stiffness = alone("flexure_stiffness_x", "flexure_stiffness_y")
+    assert stiffness[0] == pytest.approx(0.02 * 0.1343 / np.sqrt(2.0) * tilt, rel=0.02)
+    # one factor for the inertias of the gimbal, by (Igx + Igy - Igz) / 2
+    inertia = alone(*(f"gimbal_inertia_{axis}" for axis in "xyz"))
+    assert inertia[0] == pytest.approx(0.1 * 0.5 * 2.0e-6 * rate**2 * tilt, rel=0.02)
+    bearing = alone("bearing_coulomb", "bearing_viscous")
+    assert bearing[2] == pytest.approx(np.hypot(0.2 * 5e-4, 0.2 * 1e-6 * rate), rel=0.02)
+    fixed = alone("fixed_torque_x", "fixed_torque_y")
+    assert fixed[:2] == pytest.approx([1e-4, 1e-4], rel=0.02)
+    # shaft, damping, constants and tilt sensors have the rest
+    parts = np.sqrt(np.sum(np.square([stiffness, inertia, bearing, fixed]), axis=0))
+    assert np.all(tilted.constants_std > parts)
+    assert tilted.constants_std[0] == pytest.approx(parts[0], rel=0.02)
+
+
+def test_the_pressure_of_the_air_is_uncertain_too() -> None:
+    model, dull = believing(AIR), replace(BENCH.parameters["pressure_bias"], uncertainty=2000.0)
+    other = replace(
+        model, stated_bench=replace(BENCH, parameters={**BENCH.parameters, "pressure_bias": dull})
+    )
+    (usual,), (worse,) = ([e for e in holds(air_run(), own) if e.segment == 1] for own in (model, other))
+    added = np.sqrt(worse.constants_std[2] ** 2 - usual.constants_std[2] ** 2)
+    exponent = AIR["windage"]["n"] - 1.0
+    assert added == pytest.approx(2000.0 / 101325.0 * exponent * AIR["windage"]["w"], rel=0.05)
 
 
 def test_every_field_is_finite_while_a_hold_is_under_way_and_after() -> None:
@@ -153,9 +247,19 @@ def test_constants_are_stated_until_calibrated() -> None:
         assert [e.calibrated for e in (stated, half, learned)] == [False, False, True]
         read = np.array([*stated.dc_voltage[:2], stated.motor_current])
         assert stated.measured_torque == pytest.approx(read * [0.02, 0.02, 0.03], abs=1e-12)
-        assert stated.constants_std == pytest.approx(np.abs(read) * [0.0004, 0.0004, 0.0003], rel=1e-9)
+        # a fixed torque and the bearing are uncertain beside the constants
+        assert np.all(stated.constants_std > np.abs(read) * [0.0004, 0.0004, 0.0003])
         assert learned.measured_torque == pytest.approx(read * [0.021, 0.021, 0.031], abs=1e-12)
-        assert learned.constants_std == pytest.approx(np.abs(read) * [1e-5, 1e-5, 2e-5], rel=1e-9)
+        # what the constants were uncertain by has gone, and nothing else
+        stated_share, learned_share = (
+            np.abs(own.simulated_torque) / np.array(values)
+            for own, values in (
+                (stated, [50.0, 50.0, 100.0]),
+                (learned, [0.021 / 1e-5, 0.021 / 1e-5, 0.031 / 2e-5]),
+            )
+        )
+        gone = np.sqrt(stated.constants_std**2 - learned.constants_std**2)
+        assert gone == pytest.approx(np.sqrt(stated_share**2 - learned_share**2), rel=0.1, abs=2e-6)
 
 
 def test_an_estimate_is_the_message() -> None:

@@ -49,6 +49,37 @@ def test_the_air_is_a_part_and_a_vacuum_has_none(tmp_path: Path) -> None:
     assert abs(left) < 1e-3 * abs(cross)
 
 
+def test_in_orbit_air_and_weight_and_earth_are_nothing(gyrowheel: Shell, tmp_path: Path) -> None:
+    names = ("aero_restoring", "windage", "gravity_offset", "earth_rate", "cubic_stiffness")
+    effects = "".join(
+        f"  {name}: {{{', '.join(f'{k}: {{value: {v}, standard_error: 0}}' for k, v in gw.effects[name].defaults().items())}}}\n"
+        for name in names
+    )
+    model = tmp_path / "wheel.yaml"
+    model.write_text(f"schema: 1\nbench: gyrowheel\neffects:\n{effects}")
+    hold = ["torques", "--model", model, "--tilt", 3, "--speed", 3500]
+    (ground,), (orbit,) = (
+        gyrowheel.good(*hold, *place, "--json", "-").json["holds"] for place in ([], ["--orbit"])
+    )
+    for name in names:
+        here, there = (
+            np.abs([*h["parts"][name]["coil"], h["parts"][name]["motor"]]).max() for h in (ground, orbit)
+        )
+        assert here > 1e-6
+        assert there == (pytest.approx(here, rel=1e-3) if name == "cubic_stiffness" else 0.0)
+    assert total(orbit) == pytest.approx(0.02 * np.array(orbit["coil_voltage"]), abs=1e-6)
+    for part in ("flexure_stiffness", "gimbal_inertia", "bearing"):
+        assert orbit["parts"][part]["coil"] == pytest.approx(
+            ground["parts"][part]["coil"], rel=1e-3, abs=1e-7
+        )
+    # without the drag of the air the motor is further from its limit
+    assert 0.5 < ground["margin"]["motor"] < orbit["margin"]["motor"] < 1.0
+    assert orbit["margin"]["motor"] == pytest.approx(1.0 - orbit["motor_voltage"] / 28.0)
+    said = gyrowheel.good(*hold, "--orbit").out
+    assert "In orbit" in said
+    assert "left, motor" in said
+
+
 def test_a_recording_shows_what_the_model_leaves(gyrowheel: Shell, wheel: Wheel, tmp_path: Path) -> None:
     picture = tmp_path / "torques.png"
     arguments = ["torques", wheel.recording, "--model", wheel.model, "--picture", picture]
@@ -88,6 +119,8 @@ def test_the_result_shows_itself(wheel: Wheel) -> None:
         (["--tilt", "nan"], ["--tilt", "nan"]),
         (["--tilt", "9"], ["tilt", "9"]),
         (["--speed", "99999"], ["spin"]),
+        (["--orbit", "--density", "0.5"], ["orbit", "density"]),
+        (["--orbit", "--inverted"], ["orbit", "inverted"]),
         (["--tilt", "0..5:0.01", "--speed", "1000..4000:10"], ["holds", "500"]),
     ],
 )

@@ -145,6 +145,8 @@ def demonstrate(seed: int, folder: Path, stage: Stage) -> Outcome:
 def _hide_and_record(seed: int, place: Place, stage: Stage) -> None:
     from rich.text import Text
 
+    from gyrowheel_analysis.model import Model
+
     stage.step("A machine with a hidden effect")
     stage.show(
         [
@@ -157,7 +159,8 @@ def _hide_and_record(seed: int, place: Place, stage: Stage) -> None:
     )
     scenario = _machine(seed, PLAN, place.key)
     stage.step(f"The bench runs plan {PLAN}, and is recorded")
-    _run_graph(PLAN, scenario, place.recording, stage)
+    Model.new().save(place.model)
+    _run_graph(PLAN, scenario, place.recording, place.model, stage)
 
 
 def _machine(seed: int, plan: str, key: Path) -> Any:
@@ -185,12 +188,13 @@ def _detectable_seed(bench: Bench, seed: int) -> int:
     return seed
 
 
-def _run_graph(plan: str, scenario: Any, recording: Path, stage: Stage) -> None:
+def _run_graph(plan: str, scenario: Any, recording: Path, model: Path, stage: Stage) -> None:
     from rich.text import Text
 
     from gyrowheel_bringup.graph import Graph
 
-    with Graph(plan, scenario=scenario, record=recording) as graph:
+    # the drag estimator believes the model under test
+    with Graph(plan, scenario=scenario, model=model, record=recording) as graph:
         pids = "   ".join(f"{name} {pid}" for name, pid in graph.pids.items())
         stage.show([Text(f"five processes over ROS 2: {pids}", style="dim")])
         with stage.advancing(f"plan {plan}") as advance:
@@ -213,7 +217,6 @@ def _compare(place: Place, stage: Stage) -> None:
     from gyrowheel_analysis.recording import Recording
 
     stage.step("Model against recording: where does it fail?")
-    Model.new().save(place.model)
     with stage.working("comparing") as say:
         found = compare([Recording.open(place.recording)], Model.load(place.model), progress=say)
     stage.show([channel_table(found)])
@@ -267,7 +270,8 @@ def _validate(
     from gyrowheel_analysis.recording import Recording
 
     stage.step(f"Proof: the same machine, plan {VALIDATION_PLAN}, new noise, nothing fitted")
-    _run_graph(VALIDATION_PLAN, _machine(seed, VALIDATION_PLAN, place.key), place.validation, stage)
+    scenario = _machine(seed, VALIDATION_PLAN, place.key)
+    _run_graph(VALIDATION_PLAN, scenario, place.validation, place.model, stage)
     unused = Recording.open(place.validation)
     model = Model.load(place.model)
     if added is None:

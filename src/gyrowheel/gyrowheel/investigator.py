@@ -18,7 +18,6 @@ from gyrowheel_core.files import require_new
 
 if TYPE_CHECKING:
     from gyrowheel.model import Model
-    from gyrowheel_sim.bench import Bench
     from gyrowheel_sim.effects import Effect
     from gyrowheel_sim.plant.scenario import Scenario
 
@@ -102,7 +101,7 @@ def investigate(
         hidden(first[0], 1)  # refuses bad effects before anything is made
     told = listener or _Quiet(progress or (lambda text: None))
     if run is None:
-        run = _in_nodes(told, model.bench_source, hidden) if nodes else _at_once(told, bench, hidden)
+        run = _in_nodes(told, model, hidden) if nodes else _at_once(told, model, hidden)
     done = State(model.origin, budget, averages=averages)
     interrupted = False
     try:
@@ -135,26 +134,39 @@ class _Quiet:
             self._say(sentence)
 
 
-def _at_once(listener: Listener, bench: Bench, hidden: Callable[[Plan, int], Scenario]) -> Run:
-    """Return what simulates a plan."""
+def _at_once(listener: Listener, model: Model, hidden: Callable[[Plan, int], Scenario]) -> Run:
+    """Return what simulates a plan; the drag estimates in its recording are those of the model under test."""
 
     def run(plan: Plan, directory: Path, number: int) -> None:
         from gyrowheel.simulation import record_simulation
 
         with listener.advancing(f"plan {plan.name}") as advance:
-            record_simulation(directory, bench, hidden(plan, number), plan, progress=advance)
+            record_simulation(
+                directory,
+                model.stated_bench,
+                hidden(plan, number),
+                plan,
+                model=model.details,
+                progress=advance,
+            )
 
     return run
 
 
-def _in_nodes(listener: Listener, source: str, hidden: Callable[[Plan, int], Scenario]) -> Run:
-    """Return what runs a plan in the graph of nodes."""
+def _in_nodes(listener: Listener, model: Model, hidden: Callable[[Plan, int], Scenario]) -> Run:
+    """Return what runs a plan in the graph of nodes, whose drag estimator believes the model under test."""
 
     def run(plan: Plan, directory: Path, number: int) -> None:
         from gyrowheel_bringup.graph import Graph
 
         with (
-            Graph(plan, bench=source, scenario=hidden(plan, number), record=directory) as graph,
+            Graph(
+                plan,
+                bench=model.bench_source,
+                scenario=hidden(plan, number),
+                model=model.details,
+                record=directory,
+            ) as graph,
             listener.advancing(f"plan {plan.name}") as advance,
         ):
             graph.run(progress=lambda p: advance(min(p.elapsed / p.duration, 1.0)))

@@ -186,5 +186,9 @@ def _estimates(run: Run, model: Model) -> Iterator[Estimate]:
     """Yield the drag estimates of a run."""
     stamps = np.arange(len(run.measurement), dtype=np.int64)
     return drag_estimates(
-        stamps * round(run.bench.sample_period * wire.SECOND), Readings(run.measurement), run.setpoints, model
+        stamps * round(run.bench.sample_period * wire.SECOND),
+        Readings(run.measurement),
+        run.setpoints,
+        model,
+        run.environment,
     )

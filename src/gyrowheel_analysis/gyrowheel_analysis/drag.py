@@ -11,16 +11,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.balance.balance import ActiveEffect, Balance
-from gyrowheel_analysis.balance.parts import effect_parts
-from gyrowheel_analysis.balance.quadrature import mean
+from gyrowheel_analysis.drag_prediction import HoldPrediction, Predictor
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.reduction import LONGEST, NEEDED, SETTLING, SPIN_SETTLING, Samples, reduce
+from gyrowheel_analysis.reduction import LONGEST, NEEDED, SETTLING, SPIN_SETTLING, Samples
 from gyrowheel_analysis.reduction.steady import SPEED_CHANGE
 from gyrowheel_control.plans.plan import HOLD, SETPOINT_DTYPE
 from gyrowheel_core import wire
 from gyrowheel_core.readings import Readings
 from gyrowheel_core.units import DEG
+from gyrowheel_sim.environment import Environment, merged
 from gyrowheel_sim.jit import njit
 
 Array = NDArray[np.float64]
@@ -74,8 +73,11 @@ class Estimate:
     measured_torque : ndarray (3,)
         Torque by voltages of coils, current of motor and the constants of the model, without what the model says of
         errors of actuators and readings [N m].
-    measured_torque_std, constants_std : ndarray (3,)
-        Its standard errors from the noise of the readings, and from the constants [N m].
+    measured_torque_std : ndarray (3,)
+        Its standard error from the noise of the readings [N m].
+    constants_std : ndarray (3,)
+        Standard error of the residual from the model: the uncertainties of the constants of coils and motor and of all
+        other parameters of the bench, as stated or as learned, and those of its effects [N m].
     simulated_torque, simulated_air_torque : ndarray (3,)
         Torque that the motion needs by the model, and the share of effects of the air in it [N m].
     residual : ndarray (3,)
@@ -107,7 +109,7 @@ class Estimate:
 
     @property
     def residual_std(self) -> Array:
-        """Standard error of the residual, from noise and constants together [N m]."""
+        """Standard error of the residual, from the noise and from the model together [N m]."""
         return np.hypot(self.measured_torque_std, self.constants_std)
 
     def serialized(self) -> bytes:
@@ -202,13 +204,13 @@ class _Hold:
     setpoint: _Setpoint
     start: float  # s, when the motion has settled
     due: float  # s, when the next estimate is due
+    simulated: HoldPrediction  # of the samples that were dropped
+    environment: Sequence[Environment]
     first: float = math.nan
     last: float = math.nan
     count: int = 0
     filtered: Array = field(default_factory=lambda: np.zeros(len(_COLUMNS)))  # sum
     spin: float = 0.0  # sum
-    simulated: Array = field(default_factory=lambda: np.zeros((4, 3)))  # `_windows` of what was dropped
-    length: float = 0.0  # of those windows [s]
     batches: list[Array] = field(default_factory=list)  # sums of filtered readings
     batched: int = 0  # samples in the last of them
     times: list[Array] = field(default_factory=list)
@@ -268,27 +270,37 @@ class DragEstimator:
     """
 
     def __init__(self, model: Model) -> None:
-        self._model = model
         self._bench = model.bench
-        self._effects = [ActiveEffect(model.library[name], values) for name, values in model.effects.items()]
+        self._predictor = Predictor(model)
         self._state = np.full(4 * len(_COLUMNS) + 1, math.nan)
         self._setpoints: deque[_Setpoint] = deque()
         self._hold: _Hold | None = None
         self._spin_before: float | None = None
-        self._air = {active.effect.name for active in self._effects if active.effect.category == "air"}
         self._batch = max(round(_BATCH / self._bench.sample_period), 1)
         v, learned = self._bench.value, model.overrides
         self._drift = np.array([v(f"{name}_drift") for name in _NOISY])
         self._white = np.array([v(f"{name}_noise") for name in _NOISY])
         self._constants = np.array([v(name) for name in _CONSTANTS])
-        self._constants_std = np.array(
-            [
-                learned[name].standard_error if name in learned else self._bench.parameters[name].uncertainty
-                for name in _CONSTANTS
-            ]
-        )
         self._calibrated = all(name in learned for name in _CONSTANTS)
         self._settled: list[_Settled] = []
+        self._environment: list[Environment] = []
+
+    @property
+    def environment(self) -> Sequence[Environment]:
+        """The environments that are known, by their times."""
+        return self._environment
+
+    def set_environment(self, events: Sequence[Environment]) -> None:
+        """Take environments of the rig, with times [s] on the clock of the stamps.
+
+        They replace all that was known from the first of them on. A hold that began later than that keeps what was
+        known: they are those of another run.
+        """
+        if not events:
+            return
+        self._environment = merged(self._environment, events)
+        if self._hold is not None and events[0].time >= self._hold.start:
+            self._hold.environment = self._environment
 
     def setpoint(self, stamp_ns: int, segment: int, phase: int, values: Sequence[float]) -> None:
         """Take a setpoint: tilt_x, tilt_y, their rates, spin rate and acceleration; stamps must ascend."""
@@ -352,7 +364,8 @@ class DragEstimator:
         if hold and turning < 0.1 * DEG and abs(setpoint.spin_acceleration) < 0.5:
             changed = self._spin_before is not None and abs(spin - self._spin_before) > SPEED_CHANGE
             start = setpoint.stamp_ns * 1e-9 + (SPIN_SETTLING if changed else SETTLING)
-            self._hold = _Hold(setpoint, start, start + _UPDATE)
+            nothing = self._predictor.nothing()
+            self._hold = _Hold(setpoint, start, start + _UPDATE, nothing, self._environment)
         if hold:
             self._spin_before = spin
         return estimates
@@ -361,61 +374,35 @@ class DragEstimator:
         hold, self._hold = self._hold, None
         return [] if hold is None else self._estimate(hold, settled=True)
 
-    def _simulated(self, hold: _Hold) -> Array | None:
-        """Return means over the windows of a hold (see `_windows`); None if there is no window."""
+    def _simulated(self, hold: _Hold) -> HoldPrediction:
+        """Return what the model says of the windows of a hold."""
         time, readings = np.concatenate(hold.times), np.vstack(hold.readings)
         # old samples are reduced once and dropped, so that the work does not grow with the hold
         while time[-1] - time[0] >= LONGEST + _UPDATE:
             cut = int(np.searchsorted(time, time[0] + LONGEST))
-            simulated, length = self._windows(hold, time[:cut], readings[:cut])
-            hold.simulated += simulated
-            hold.length += length
+            hold.simulated += self._predicted(hold, time[:cut], readings[:cut])
             time, readings = time[cut:], readings[cut:]
         hold.times, hold.readings = [time], [readings]
-        simulated, length = self._windows(hold, time, readings)
-        whole = hold.length + length
-        return (hold.simulated + simulated) / whole if whole > 0.0 else None
+        return hold.simulated + self._predicted(hold, time, readings)
 
-    def _windows(self, hold: _Hold, time: Array, readings: Array) -> tuple[Array, float]:
-        """Return what the model says of some samples times the length of their windows, and that length.
-
-        The rows are the torques, the share of the air in them, the errors of actuators and readings as torques of the
-        readings [N m], and the voltages [V]; the columns are coil x, coil y and motor.
-        """
+    def _predicted(self, hold: _Hold, time: Array, readings: Array) -> HoldPrediction:
+        """Return what the model says of some samples of a hold."""
         # the reduction cuts off the settling itself, so it gets the original start of the hold
         setpoint = np.array([hold.setpoint] * 2, dtype=SETPOINT_DTYPE)
-        samples = Samples(time, Readings(readings), np.array([time[0] - SETTLING, time[-1]]), setpoint)
-        windows = reduce(samples, self._bench)
-        if not len(windows):
-            return np.zeros((4, 3)), 0.0
-        balance, values = Balance(windows, self._bench, clean=False, harmonics=False), self._bench.values()
-        at = balance.instants(values, self._effects)
-        coil, motor = mean(at.coil, at.weights), mean(at.motor, at.weights)
-        air = np.zeros((3, len(windows)))
-        for part in effect_parts(balance, values, self._effects, at, self._air):
-            air += np.array([part.coil.real, part.coil.imag, part.motor])
-        rows = balance.rows_at(at, values)
-        x, y, spin, motor_voltage = (
-            rows[balance.row(name)] for name in ("tilt_x", "tilt_y", "spin", "motor_voltage")
-        )
-        constant = self._bench.value("coil_constant")
-        content = np.array(
-            [
-                [coil.real, coil.imag, motor],
-                air,
-                [x - coil.real, y - coil.imag, spin - motor],
-                [x / constant, y / constant, motor_voltage],
-            ]
-        )
-        return content @ windows.duration, float(windows.duration.sum())
+        start = np.array([time[0] - SETTLING, time[-1]])
+        return self._predictor.of(Samples(time, Readings(readings), start, setpoint, hold.environment))
 
     def _estimate(self, hold: _Hold, *, settled: bool) -> list[Estimate]:
         if not hold.count or hold.last - hold.first < _NOTCH_SETTLING:
             return []
         simulated = self._simulated(hold)
-        if simulated is None:
+        if simulated.length <= 0.0:
             return []
-        torque, air, errors, voltage = simulated
+        torque, air, errors, voltage = (
+            total / simulated.length
+            for total in (simulated.torque, simulated.air, simulated.errors, simulated.voltage)
+        )
+        uncertain = np.sqrt(np.sum(simulated.changes**2, axis=0)) / simulated.length
         average, count = hold.filtered / hold.count, hold.count
         scatter = hold.scatter(self._batch)
         noise = self._white / math.sqrt(count) if scatter is None else scatter[_ACTUATION]
@@ -452,7 +439,7 @@ class DragEstimator:
                 calibrated=self._calibrated,
                 measured_torque=measured,
                 measured_torque_std=self._constants * std[[0, 1, 3]],
-                constants_std=self._constants_std * np.abs(read),
+                constants_std=uncertain,
                 simulated_torque=torque,
                 simulated_air_torque=air,
                 residual=measured - torque,

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -19,6 +20,8 @@ from gyrowheel_control.plans.plan import HOLD, RAMP, SETPOINT_DTYPE
 from gyrowheel_core import wire
 from gyrowheel_core.readings import READINGS, Readings
 from gyrowheel_core.units import DEG
+from gyrowheel_sim import environment as environments
+from gyrowheel_sim.environment import Environment
 
 #: Samples that are handed over together: estimates are rare, and a block costs little more than a sample.
 BLOCK: Final = 100
@@ -28,7 +31,11 @@ _STILL: Final = 0.1 * DEG  # a tilt that changes less is held
 
 
 def drag_estimates(
-    stamps_ns: NDArray[np.int64], readings: Readings, setpoints: Any, model: Model
+    stamps_ns: NDArray[np.int64],
+    readings: Readings,
+    setpoints: Any,
+    model: Model,
+    environment: Sequence[Environment] = (),
 ) -> Iterator[Estimate]:
     """Yield the drag estimates of a whole run, as a `DragStream` gives them.
 
@@ -42,8 +49,11 @@ def drag_estimates(
         ``stamp_ns`` and the fields of the Setpoint message, in the order of time.
     model : Model
         The believed model.
+    environment : sequence of Environment
+        Environments of the rig, with times [s] on the clock of the stamps.
     """
     estimator = DragEstimator(model)
+    estimator.set_environment(environment)
     for row in setpoints:
         values = [float(row[name]) for name in wire.SETPOINT.fields]
         estimator.setpoint(int(row["stamp_ns"]), int(row["segment"]), int(row["phase"]), values)
@@ -73,7 +83,10 @@ def recorded_holds(recording: Recording, model: Model) -> list[Estimate]:
         recording.setpoint if len(recording.setpoint) else _found_setpoints(samples, recording.start_ns)
     )
     stamps = recording.measurement["stamp_ns"]
-    return [e for e in drag_estimates(stamps, samples.readings, setpoints, model) if e.settled]
+    start = recording.start_ns * 1e-9
+    environment = [replace(event, time=event.time + start) for event in recording.environment]
+    every = drag_estimates(stamps, samples.readings, setpoints, model, environment)
+    return [estimate for estimate in every if estimate.settled]
 
 
 def _found_setpoints(samples: Samples, start_ns: int) -> Any:
@@ -172,6 +185,19 @@ class DragStream:
         self._estimator.setpoint(stamp, segment, phase, values)
         return estimates
 
+    def take_environment(self, raw: bytes) -> None:
+        """Take a serialized message of the environment.
+
+        It counts for holds whose setpoints are taken after it. What is known of the environment outlives a run, as the
+        topic keeps it for those who join.
+        """
+        try:
+            events = environments.from_json(wire.unpack_text(raw))
+        except ValueError:  # also an InputError: a value that is out of range
+            self.malformed += 1
+            return
+        self._estimator.set_environment(events)
+
     def estimates(self) -> list[Estimate]:
         """Return the estimates of the full blocks of samples whose setpoints are all known."""
         found: list[Estimate] = []
@@ -187,11 +213,12 @@ class DragStream:
         while self._waiting:
             found += self._hand_over()
         found += self._estimator.finish()
-        self._begin()
+        self._begin(self._estimator.environment)
         return found
 
-    def _begin(self) -> None:
+    def _begin(self, environment: Sequence[Environment] = ()) -> None:
         self._estimator = DragEstimator(self._model)
+        self._estimator.set_environment(environment)
         self._waiting: list[bytes] = []  # samples that were not handed over
         self.samples = self.missing = self.malformed = 0
         self.first = self._sequence = -1  # sequence numbers of the first and the last sample

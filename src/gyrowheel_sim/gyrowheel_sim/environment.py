@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Annotated, Any, Final, Literal, get_args
 
@@ -16,6 +16,8 @@ from gyrowheel_core.schema import Number
 #: Attitudes of the rig: case z up, case z down (turned about x), case x up, case y up.
 Rig = Literal["upright", "inverted", "x_up", "y_up"]
 RIGS: Final[tuple[Rig, ...]] = get_args(Rig)
+#: In the place of an attitude: neither weight nor the rate of the Earth. No rig has it, hence no plan file either.
+ORBIT: Final = "orbit"
 #: Types of fields in files: yaw [deg], air density over the ambient one, preheat [K], rate of the table [deg/s].
 Yaw = Annotated[Number, Field(ge=-360.0, le=360.0)]
 AirDensityRatio = Annotated[Number, Field(ge=0.0, le=2.0)]
@@ -28,6 +30,7 @@ _TURNS = {
     "inverted": ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0)),
     "x_up": ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)),
     "y_up": ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0)),
+    ORBIT: ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
 }
 
 
@@ -41,7 +44,7 @@ class Environment:
         Time from which it holds [s since the start of the recording].
     rig : str
         ``"upright"`` or ``"inverted"`` (spin axis up or down), ``"x_up"`` or ``"y_up"`` (that axis of the case up,
-        the spin axis horizontal).
+        the spin axis horizontal); or `ORBIT`.
     yaw : float
         Turn of the rig about the vertical from its home position [rad].
     air_density_ratio : float
@@ -61,7 +64,7 @@ class Environment:
 
     def __post_init__(self) -> None:
         """Check every field."""
-        if self.rig not in RIGS:
+        if self.rig not in _TURNS:
             raise InputError(f"environment.rig: {self.rig!r}; allowed: {', '.join(RIGS)}")
         for name, low, high in (
             ("time", 0.0, math.inf),
@@ -103,6 +106,13 @@ class Environment:
         """Components across case z, x + i y, of the home axes x and y."""
         first, second = self.in_case((1.0, 0.0, 0.0)), self.in_case((0.0, 1.0, 0.0))
         return complex(*first[:2]), complex(*second[:2])
+
+
+def merged(known: Sequence[Environment], later: Sequence[Environment]) -> list[Environment]:
+    """Return what holds after a later message: it replaces all that was planned from its first event on."""
+    if not later:
+        return list(known)
+    return [event for event in known if event.time < later[0].time] + list(later)
 
 
 def to_json(events: Iterable[Environment]) -> str:

@@ -59,6 +59,9 @@ def torques(
         ),
     ] = 1.0,
     inverted: Annotated[bool, typer.Option("--inverted", help="Turn the rig upside down.")] = False,
+    orbit: Annotated[
+        bool, typer.Option("--orbit", help="Holds in orbit: without air, weight and the Earth's rate.")
+    ] = False,
     picture: TorquePicture = None,
     json: Json = None,
 ) -> None:
@@ -66,13 +69,14 @@ def torques(
 
     Springs, gimbal, ripple of the shaft, losses, air, bearing, Earth and gravity:
     in the holds of a recording, with the part that the model does not explain, or
-    in simulated holds. The parts sum to the whole.
+    in simulated holds, on the ground or in orbit. The parts sum to the whole. Below
+    them: the voltages, and what is left to the limits of coils, motor and tilt.
     """
     import gyrowheel as gw
 
     loaded = gw.Model() if model is None else gw.Model.load(model)
     if directories:
-        result = gw.torques(directories, loaded)
+        result = gw.torques(directories, loaded, orbit=orbit)
     else:
         tilts = [math.radians(value) for value in numbers(tilt, "--tilt")]
         rates = None if speed is None else [value * math.pi / 30.0 for value in numbers(speed, "--speed")]
@@ -84,6 +88,7 @@ def torques(
                 spin_rate=rates,
                 air_density_ratio=density,
                 rig="inverted" if inverted else "upright",
+                orbit=orbit,
                 progress=advance,
             )
     if json is not None:

@@ -30,11 +30,14 @@ class Torques(Result):
         The model.
     recordings : tuple of str
         Paths of the recordings; empty if the holds were simulated.
+    orbit : bool
+        Whether they were simulated in orbit: without air, weight and the rate of the Earth.
     """
 
     details: HoldTorques
     model: Model
     recordings: tuple[str, ...]
+    orbit: bool = False
 
     @property
     def remainder_coil(self) -> Any:
@@ -50,9 +53,9 @@ class Torques(Result):
 
     def __str__(self) -> str:
         """Return the largest torques and the smallest margins."""
-        d = self.details
+        d, place = self.details, " in orbit" if self.orbit else ""
         lines = [
-            f"{len(d)} holds; coils hold up to {1e3 * np.abs(d.coil).max():.3g} mN·m, "
+            f"{len(d)} holds{place}; coils hold up to {1e3 * np.abs(d.coil).max():.3g} mN·m, "
             f"motor up to {1e3 * np.abs(d.motor).max():.3g} mN·m"
         ]
         margins = ((d.coil_margin, "coils"), (d.motor_margin, "motor"), (d.tilt_margin, "tilt"))
@@ -109,6 +112,7 @@ class Torques(Result):
             "schema": 1,
             "model": self.model.origin,
             "recordings": list(self.recordings),
+            "orbit": self.orbit,
             "holds": holds,
         }
 

@@ -36,7 +36,7 @@ def drag_page(estimates: Sequence[Estimate]) -> Iterator[RenderableType]:
     yield from sentences(
         [
             "DC: mean voltage. change: from the reference hold (ref). model: what the model predicts.",
-            "diff: measured less simulated torque, in standard errors (noise and constants).",
+            "diff: measured less simulated torque, in standard errors (of noise, and of all that the model states).",
             constants,
         ]
     )

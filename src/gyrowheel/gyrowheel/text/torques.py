@@ -10,7 +10,7 @@ from rich.console import RenderableType
 from rich.padding import Padding
 from rich.text import Text
 
-from gyrowheel.text.layout import figures_table, heading
+from gyrowheel.text.layout import figures_table, heading, sentences
 from gyrowheel_analysis.balance.parts import BENCH_PARTS
 from gyrowheel_core.quantities import decimal, short
 from gyrowheel_core.units import DEG, RPM
@@ -66,6 +66,13 @@ def torques_page(result: Torques) -> Iterator[RenderableType]:
     d = result.details
     every = range(len(d))
     blocks = [every[k : k + _MOST_COLUMNS] for k in range(0, len(d), _MOST_COLUMNS)]
+    if result.orbit:
+        gone = [
+            p.name for p in d.parts if p.effect and max(np.abs(p.coil).max(), np.abs(p.motor).max()) < _LEAST
+        ]
+        without = f", and so none of the torque of {', '.join(gone)}" if gone else ""
+        yield from sentences([f"In orbit: no air, no weight, no rate of the Earth{without}."])
+        yield Text()
     for direction in (ALONG, ACROSS, MOTOR):
         yield heading(f"{direction}, mN·m")
         rows = rows_of(result, direction)

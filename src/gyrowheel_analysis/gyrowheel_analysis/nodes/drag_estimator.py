@@ -38,7 +38,7 @@ class DragEstimatorNode(BenchNode):
         self._estimates = 0
         self._stream = DragStream(self._model)
         self._publisher = self.publisher(topics.DRAG_ESTIMATE)
-        self._inputs: tuple[Inbox, Inbox] | None = None
+        self._inputs: tuple[Inbox, Inbox, Inbox] | None = None
 
     def activate(self) -> None:
         """Take samples."""
@@ -65,10 +65,15 @@ class DragEstimatorNode(BenchNode):
         """Process the messages that have arrived; an inactive node drops them."""
         if self._inputs is None:
             return
-        setpoints, samples = self._inputs
+        environment, setpoints, samples = self._inputs
         full = True
         while full:
-            for raw in setpoints.take():
+            # a plan's environment is delivered before its first setpoint: taken after it, it is surely there
+            arrived = list(setpoints.take())
+            for raw in environment.take():
+                if self._active:
+                    self._stream.take_environment(raw)
+            for raw in arrived:
                 if self._active:
                     self._publish(self._stream.take_setpoint(raw))
             count = 0
@@ -100,7 +105,11 @@ class DragEstimatorNode(BenchNode):
         """Take the messages that have arrived, once there are enough subscribers."""
         if self._inputs is None and self._subscribers_missing() <= 0:
             # only now: a plant that counts its subscribers must not start before anyone receives the estimates
-            self._inputs = (self.inbox(topics.SETPOINT), self.inbox(topics.MEASUREMENT))
+            self._inputs = (
+                self.inbox(topics.ENVIRONMENT),
+                self.inbox(topics.SETPOINT),
+                self.inbox(topics.MEASUREMENT),
+            )
         self.drain()
 
     def _subscribers_missing(self) -> int:

@@ -240,8 +240,7 @@ def _environment(messages: list[str], start_ns: int, where: str) -> list[Environ
             plan = environments.from_json(text)
         except InputError as error:
             raise InputError(f"{where}: {topics.ENVIRONMENT.name}: {error}") from None
-        if plan:
-            events = [event for event in events if event.time < plan[0].time] + plan
+        events = environments.merged(events, plan)
     start = start_ns * 1e-9
     before = [replace(event, time=0.0) for event in events if event.time <= start]
     return before[-1:] + [replace(event, time=event.time - start) for event in events if event.time > start]

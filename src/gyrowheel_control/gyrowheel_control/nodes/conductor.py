@@ -225,13 +225,13 @@ class ConductorNode(BenchNode):
             needed = self.parameter("wait_for_subscribers")
             listeners = self._setpoints.get_subscription_count()
             rigs = self._environment.get_subscription_count()
-            if listeners >= needed and rigs >= min(needed, 1):
+            if listeners >= needed and rigs >= needed:
                 if self._limit_is_set(walk) and self._time_is_known(walk):
                     self._start(walk)
             elif time.monotonic() > walk.deadline:
                 self._finish(
                     f"nobody listens: after {MATCHING_TIMEOUT:g} s {topics.SETPOINT.name} has {listeners} of "
-                    f"{needed} subscribers, {topics.ENVIRONMENT.name} has {rigs} of {min(needed, 1)}"
+                    f"{needed} subscribers, {topics.ENVIRONMENT.name} has {rigs}"
                 )
 
     def _limit(self, wanted: float) -> float:
