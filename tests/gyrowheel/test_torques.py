@@ -51,10 +51,12 @@ def test_the_air_is_a_part_and_a_vacuum_has_none(tmp_path: Path) -> None:
 
 def test_in_orbit_air_and_weight_and_earth_are_nothing(gyrowheel: Shell, tmp_path: Path) -> None:
     names = ("aero_restoring", "windage", "gravity_offset", "earth_rate", "cubic_stiffness")
-    effects = "".join(
-        f"  {name}: {{{', '.join(f'{k}: {{value: {v}, standard_error: 0}}' for k, v in gw.effects[name].defaults().items())}}}\n"
-        for name in names
-    )
+    effects = ""
+    for name in names:
+        values = (
+            f"{key}: {{value: {v}, standard_error: 0}}" for key, v in gw.effects[name].defaults().items()
+        )
+        effects += f"  {name}: {{{', '.join(values)}}}\n"
     model = tmp_path / "wheel.yaml"
     model.write_text(f"schema: 1\nbench: gyrowheel\neffects:\n{effects}")
     hold = ["torques", "--model", model, "--tilt", 3, "--speed", 3500]
