@@ -22,8 +22,8 @@ from .helpers import Shell
 def simulated(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the simulation make the recordings: it gives the same samples as the graph."""
 
-    def record(plan: str, scenario: Scenario, recording: Path, stage: Any) -> None:
-        record_simulation(recording, Bench.load(), scenario, Plan.load(plan))
+    def record(plan: str, scenario: Scenario, recording: Path, model: Path, stage: Any) -> None:
+        record_simulation(recording, Bench.load(), scenario, Plan.load(plan), model=Model.load(model))
 
     monkeypatch.setattr(demo, "_run_graph", record)
 

@@ -306,9 +306,12 @@ def table(
         TORQUE_TABLE,
     ] = None,
     check: Annotated[
-        bool, typer.Option("--check", help="Check the table against what it must reproduce.")
+        bool,
+        typer.Option(
+            "--check",
+            help="Check the table against what was found of the flow; exit with 1 if a line misses.",
+        ),
     ] = False,
-    fail: Annotated[bool, typer.Option("--fail", help="With --check: exit with 1 if a check fails.")] = False,
     json: Json = None,
 ) -> None:
     """Show a torque table, make one from a study, or check it."""
@@ -322,12 +325,12 @@ def table(
             output.parent.mkdir(parents=True, exist_ok=True)
             loaded.write(output)
         notes().print(f"table: {output}", soft_wrap=True)
-    checks = check_table(loaded) if check or fail else []
+    checks = check_table(loaded) if check else []
     if json is not None:
         put_json(json, render.table_json(loaded, checks))
     if json != "-":
         put_text(render.check_page(loaded, checks) if checks else render.table_page(loaded))
-    finding(fail and any(item.holds is False for item in checks))
+    finding(any(item.holds is False for item in checks))
 
 
 @cfd_app.command(epilog=example("gyrowheel cfd pictures runs/air -o pictures"))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from rich.console import RenderableType
@@ -185,8 +186,11 @@ def check_page(table: TorqueTable, checks: Sequence[Check]) -> Iterator[Renderab
     part = words_table("", "")
     for item in checks:
         mark, style = {True: ("holds", "green"), False: ("MISSES", "red"), None: ("–", "dim")}[item.holds]
+        notes = [("paper", item.paper), ("cause", item.cause), ("bar", item.bar)]
+        lines = [item.found, *(f"{title}: {words}" for title, words in notes if words)]
         part.add_row(
-            Text(mark, style=style), Text.assemble(minus(item.what), "\n", (minus(item.found), "dim"))
+            Text(mark, style=style),
+            Text.assemble(minus(item.what), *((f"\n{minus(x)}", "dim") for x in lines)),
         )
     yield part
     held = sum(item.holds is True for item in checks)
@@ -206,7 +210,7 @@ def table_json(table: TorqueTable, checks: Sequence[Check]) -> dict[str, Any]:
         "spread_over_meshes": mesh,
         "spread_over_models": model,
         "rows": [row.to_json() for row in table.rows],
-        "checks": [{"what": c.what, "found": c.found, "holds": c.holds} for c in checks],
+        "checks": [asdict(line) for line in checks],
     }
 
 
