@@ -194,7 +194,14 @@ def check_page(table: TorqueTable, checks: Sequence[Check]) -> Iterator[Renderab
         )
     yield part
     held = sum(item.holds is True for item in checks)
-    yield Text(f"\n{held} of {len(checks)} hold")
+    yield Text(f"\n{held} of {len(checks)} hold\n")
+    yield from sentences(
+        [
+            "bar: where the limits come from. They are what was found, within its uncertainty for sizes, twice of it "
+            "for other numbers, three times where every row has one.",
+            "paper: Huo et al. 2016.",
+        ]
+    )
 
 
 def table_json(table: TorqueTable, checks: Sequence[Check]) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """Whether a torque table shows what was found of the flow, and whether its rows agree with each other.
 
-Bars are those of `findings` and of the models: each has its derivation. A finding is about the published rotor and case;
-a table of other proportions is held to the lines that are about no rotor.
+Bars are those of `findings` and of the models: each has its derivation. Most findings are about the published rotor and
+case; a table of other lengths is held to the lines that are about none.
 """
 
 from __future__ import annotations
@@ -184,8 +184,8 @@ def _two_states(table: TorqueTable) -> Iterator[Check]:
     grows = np.concatenate([r[~t] for r, t in zip(ratios, there, strict=True)]) > 1.0
     region = f"{tilt:.0f}° and more at {speed:.0f} rpm and more"
     cause = (
-        "the vortices in the rim gap merge into fewer, and the flow goes over to a state with less of T1 and T2; a steady "
-        "solution cannot say where a real rotor does"
+        "the vortices in the rim gap merge into fewer, and the flow goes over to a state with less of T1 and T2; "
+        "a steady solution cannot say where a real rotor does"
     )
     statement = "the transverse torques increase with tilt and speed"
     yield Check(
@@ -218,7 +218,8 @@ def _tilt(table: TorqueTable) -> Iterator[Check]:
         _all_within(fall, low, high) if len(table.tilts) > 1 else None,
         known.source,
         "T3 hardly depends on the tilt",
-        "the air that the tilt drives through the rim gap sweeps the Taylor vortices away, which carry much of the drag",
+        "the air that the tilt drives through the rim gap sweeps the Taylor vortices away, which carry much of "
+        "the drag",
     )
 
 

@@ -1,4 +1,4 @@
-"""What the flow about the published rotor was found to do, read from a parameter file with uncertainties and sources."""
+"""What the flow about the published rotor was found to do, from a parameter file with uncertainties and sources."""
 
 from __future__ import annotations
 
