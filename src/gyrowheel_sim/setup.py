@@ -8,7 +8,7 @@ setup(
     name="gyrowheel-sim",
     version="0.1.0",
     packages=find_packages(include=["gyrowheel_sim", "gyrowheel_sim.*"]),
-    package_data={"": ["py.typed", "**/*.json", "**/*.yaml", "**/*.xml"]},
+    package_data={"": ["py.typed", "**/*.json", "**/*.npz", "**/*.yaml", "**/*.xml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/gyrowheel_sim"]),
         ("share/gyrowheel_sim", ["package.xml"]),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,16 +9,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel.plots.figure import Picture, finished
-from gyrowheel.plots.style import BLUE, FAINT, GREEN, INK, PINK, SOFT, TICK, VERMILION, style
+from gyrowheel.plots.figure import finished
+from gyrowheel.plots.flow_fields import blank, headline, mesh_section, pressure, section
+from gyrowheel.plots.style import BLUE, FAINT, GREEN, PINK, SOFT, VERMILION, style
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.air import get_model
-from gyrowheel_sim.air.cfd.case import Case, Result, last_time
-from gyrowheel_sim.air.cfd.polymesh import PolyMesh, read_field
+from gyrowheel_sim.air.cfd.case import Result
 from gyrowheel_sim.air.correlations import drag
+from gyrowheel_sim.air.flow import of_study
 from gyrowheel_sim.air.geometry import Geometry
 from gyrowheel_sim.air.state import density_change, reynolds_number
-from gyrowheel_sim.air.table import TorqueTable, collect_results
+from gyrowheel_sim.air.table import TorqueTable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -67,7 +67,7 @@ def air_figures(table: TorqueTable, study: Path | None = None) -> Iterator[tuple
         "torque_by_speed": lambda: by_speed(table),
     }
     if study is not None:
-        cases = _flow_cases(study)
+        cases = of_study(study)
         drawings |= {
             "mesh": lambda: mesh_section(cases),
             "pressure": lambda: pressure(cases),
@@ -149,7 +149,7 @@ def mesh_dependence(table: TorqueTable) -> tuple[Figure, str] | None:
         panel.set_ylim(bottom=0.0)
     axes[0].set_ylabel("magnitude of the torque, mN·m")
     _legend(figure, axes[0])
-    _headline(
+    headline(
         figure,
         f"Mesh and turbulence model, {speed / RPM:.0f} rpm",
         f"filled: tilt {tilt / DEG:.0f}°; hollow: no tilt, where symmetry makes T1 and T2 zero on any mesh; "
@@ -181,7 +181,7 @@ def numbers(table: TorqueTable) -> tuple[Figure, str]:
         panel.set_xlim(0.0, 5000.0)
     left.set_ylim(0.0, 180.0)
     at = float(np.interp(table.speeds[-1], speeds, re))
-    _headline(
+    headline(
         figure,
         "Incompressible, and below the transition of the end faces",
         f"grey: the speeds of the table, up to Re = {at / 1e3:.0f} thousand; "
@@ -259,191 +259,12 @@ def _torques(
         panel.set_ylim(bottom=0.0)
     axes[0].set_ylabel("magnitude of the torque, mN·m")
     _legend(figure, *axes)
-    _headline(
+    headline(
         figure,
         title,
         "dots: computed cases with their scatter; bands: standard uncertainty that the model states",
     )
     return figure, sentence
-
-
-# ---- from the solutions
-
-Solved = tuple[Result, Path]
-
-
-def mesh_section(cases: Sequence[Solved]) -> tuple[Figure, str] | None:
-    """Return a picture of the mesh: a section, and the surface of the rotor (the paper's Fig. 5)."""
-    if not cases:
-        return None
-    from matplotlib.collections import PolyCollection
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-
-    result, folder = max(cases, key=lambda item: item[0].case.tilt)
-    mesh = PolyMesh.read(folder)
-    figure = _blank((11.0, 4.9))
-    left = figure.add_axes((0.06, 0.06, 0.46, 0.74))
-    quads = 1e3 * mesh.points[mesh.faces[_section_faces(mesh)]][:, :, 1:]
-    left.add_collection(PolyCollection(list(quads), facecolors="white", edgecolors=BLUE, linewidths=0.25))
-    _frame_section(left, quads)
-    left.set_title("section through the axes")
-    right: Any = figure.add_axes((0.54, -0.02, 0.46, 0.84), projection="3d")
-    faces = mesh.faces[mesh.patches["rotor"]]
-    right.add_collection3d(
-        Poly3DCollection(1e3 * mesh.points[faces], facecolors="#DCE9F3", edgecolors=BLUE, linewidths=0.3)
-    )
-    right.set(xlim=(-50, 50), ylim=(-50, 50), zlim=(-50, 50))
-    right.set_box_aspect((1, 1, 1), zoom=1.35)
-    right.view_init(elev=25, azim=-35)
-    right.set_axis_off()
-    right.set_title("surface of the rotor", y=0.95)
-    _headline(
-        figure,
-        f"The mesh, tilt {result.case.tilt / DEG:.0f}°: {mesh.cells} hexahedra",
-        f"resolution '{result.case.mesh}': fine at every wall; the same blocks for every tilt",
-    )
-    return figure, "The mesh follows the tilted rotor without a break: blocks are moved, not made anew."
-
-
-def pressure(cases: Sequence[Solved]) -> tuple[Figure, str] | None:
-    """Return a picture of the pressure on the rotor's top (the paper's Fig. 10)."""
-    if not cases:
-        return None
-    from matplotlib.collections import PolyCollection
-
-    figure = _blank((4.0 * len(cases) + 0.9, 5.0))
-    limit = 0.0
-    panels = []
-    for result, folder in cases:
-        mesh = PolyMesh.read(folder)
-        where = mesh.patches["rotor"]
-        axes3 = result.case.axes
-        top = mesh.face_centres[where] @ axes3[2] > 0.4999 * result.case.lengths[1]
-        # at a wall the pressure has no gradient: it is that of the cell
-        kinematic = read_field(last_time(folder) / "p", mesh.cells)[mesh.owner[where]]
-        values = result.case.density * kinematic[top]
-        area = np.linalg.norm(mesh.face_areas[where][top], axis=1)
-        values = values - np.average(values, weights=area)
-        quads = 1e3 * mesh.points[mesh.faces[where][top]] @ axes3[:2].T
-        panels.append((result, quads, values))
-        limit = max(limit, float(np.abs(values).max()))
-    width = 0.85 / len(cases)
-    for i, (result, quads, values) in enumerate(panels):
-        axes = figure.add_axes((0.055 + i * width, 0.11, width - 0.04, 0.68))
-        patches = PolyCollection(list(quads), array=values, cmap="RdBu_r", edgecolors="face", linewidths=0.2)
-        patches.set_clim(-limit, limit)
-        axes.add_collection(patches)
-        axes.set(xlim=(-55, 55), ylim=(-55, 55), aspect="equal")
-        axes.axhline(0.0, color=INK, linewidth=0.5, linestyle=":")
-        axes.set_title(_place(result.case))
-        axes.set_xlabel("along the tilt's axis, mm")
-        if i == 0:
-            axes.set_ylabel("a quarter turn ahead, mm")
-    bar = figure.colorbar(patches, cax=figure.add_axes((0.915, 0.16, 0.012, 0.56)))
-    bar.set_label("pressure less its mean, Pa")
-    _headline(
-        figure,
-        "Pressure on the rotor's top",
-        "with tilt its centre leaves the rotor's axis, which gives T1 and a part of T2; the rotor turns anticlockwise",
-    )
-    return figure, (
-        "Without tilt the pressure has rings; with tilt it is higher over one half, which turns the rotor back."
-    )
-
-
-def section(cases: Sequence[Solved], which: str) -> tuple[Figure, str] | None:
-    """Return a picture of the axial or the radial velocity on a section (the paper's Figs 11 and 12)."""
-    if not cases:
-        return None
-    from matplotlib.collections import PolyCollection
-
-    figure = _blank((4.3 * len(cases) + 1.0, 6.4))
-    panels = []
-    limit = 0.0
-    for result, folder in cases:
-        mesh = PolyMesh.read(folder)
-        velocity = read_field(last_time(folder) / "U", mesh.cells)
-        faces = _section_faces(mesh)
-        inner = 0.5 * (velocity[mesh.owner[faces]] + velocity[mesh.neighbour[faces]])
-        middle = mesh.face_centres[faces]
-        values = inner[:, 2] if which == "axial" else inner[:, 1] * np.sign(middle[:, 1])
-        panels.append((result, 1e3 * mesh.points[mesh.faces[faces]][:, :, 1:], values))
-        limit = max(limit, float(np.percentile(np.abs(values), 99.5)))
-    grid = figure.add_gridspec(
-        2,
-        2 * len(cases),
-        left=1.0 / figure.get_figwidth(),
-        right=0.9,
-        top=0.83,
-        bottom=0.075,
-        height_ratios=(1.0, 1.15),
-        hspace=0.3,
-        wspace=0.28,
-    )
-    for i, (result, quads, values) in enumerate(panels):
-        rim = 1e3 * result.case.lengths[2]
-        top = figure.add_subplot(grid[0, 2 * i : 2 * i + 2])
-        sides = [figure.add_subplot(grid[1, 2 * i + side]) for side in (0, 1)]
-        for axes in (top, *sides):
-            patches = PolyCollection(
-                list(quads), array=values, cmap="RdBu_r", edgecolors="face", linewidths=0.2
-            )
-            patches.set_clim(-limit, limit)
-            axes.add_collection(patches)
-        _frame_section(top, quads)
-        top.set_title(_place(result.case))
-        top.set_xlabel("")
-        for axes, (low, high) in zip(sides, ((-rim, -rim + 8.0), (rim - 8.0, rim)), strict=True):
-            axes.set(xlim=(low, high), ylim=top.get_ylim())
-            axes.set_xlabel("y, mm")
-        sides[1].tick_params(labelleft=False)
-        if i == 0:
-            sides[0].set_ylabel("rim gaps, drawn wider\nz, mm")
-        else:
-            top.set_ylabel("")
-            sides[0].tick_params(labelleft=False)
-            top.tick_params(labelleft=False)
-    bar = figure.colorbar(patches, cax=figure.add_axes((0.925, 0.2, 0.012, 0.5)), extend="both")
-    bar.set_label({"axial": "axial velocity (up), m/s", "radial": "radial velocity (out), m/s"}[which])
-    text = {
-        "axial": "without tilt, Taylor vortices fill the rim gap; with tilt, air runs through it and sweeps them away",
-        "radial": "out along the rotor's faces, back in along the case; with tilt one side differs from the other",
-    }[which]
-    _headline(figure, f"{which.capitalize()} velocity on the section across the axis of the tilt", text)
-    return figure, f"{which.capitalize()} velocity: {text}."
-
-
-def _flow_cases(study: Path) -> list[Solved]:
-    """Return the paper's three conditions as far as they are in a study, with the folders of their solutions."""
-    results = collect_results(study)
-    counted = Counter((r.case.mesh, r.case.model) for r in results)
-    method = counted.most_common(1)[0][0] if counted else None
-    chosen = []
-    for tilt, rpm in ((0.0, 3500.0), (5.0, 3500.0), (5.0, 2000.0)):
-        for result in results:
-            case = result.case
-            here = np.allclose([case.tilt / DEG, case.spin_rate / RPM, case.direction], [tilt, rpm, 0.0])
-            if here and (case.mesh, case.model) == method:
-                chosen.append((result, study / case.name))
-    return chosen
-
-
-def _section_faces(mesh: PolyMesh) -> NDArray[np.intp]:
-    """Return the inner faces that lie in the plane x = 0; the blocks are symmetric about it."""
-    inner = len(mesh.neighbour)
-    flat = np.all(np.abs(mesh.points[mesh.faces[:inner], 0]) < 1e-7, axis=1)
-    return np.flatnonzero(flat)
-
-
-def _frame_section(axes: Axes, quads: Array) -> None:
-    low, high = quads.min(axis=(0, 1)), quads.max(axis=(0, 1))
-    axes.set(xlim=(low[0] - 1, high[0] + 1), ylim=(low[1] - 1, high[1] + 1), aspect="equal")
-    axes.set_xlabel("y, mm")
-    axes.set_ylabel("z, mm")
-
-
-def _place(case: Case) -> str:
-    return f"{case.tilt / DEG:.0f}°, {case.spin_rate / RPM:.0f} rpm"
 
 
 def _geometry(table: TorqueTable) -> Geometry:
@@ -453,24 +274,14 @@ def _geometry(table: TorqueTable) -> Geometry:
     return geometry
 
 
-def _blank(size: tuple[float, float]) -> Figure:
-    return Picture(*size, dots=110)
-
-
 def _figure(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, list[Axes]]:
-    figure = _blank(size)
+    figure = blank(size)
     grid = figure.add_gridspec(rows, columns, left=0.065, right=0.98, top=0.74, bottom=0.13, wspace=0.2)
     axes = [figure.add_subplot(grid[row, column]) for row in range(rows) for column in range(columns)]
     for panel in axes:
         panel.grid(axis="y", color=FAINT, linewidth=0.8)
         panel.set_axisbelow(True)
     return figure, axes
-
-
-def _headline(figure: Figure, title: str, text: str) -> None:
-    height = figure.get_figheight()
-    figure.text(0.012, 1.0 - 0.32 / height, title, fontsize=15, fontweight="bold", va="center")
-    figure.text(0.012, 1.0 - 0.64 / height, text, fontsize=10, color=TICK, va="center")
 
 
 def _legend(figure: Figure, *axes: Axes) -> None:
