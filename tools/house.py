@@ -98,7 +98,7 @@ HOUSE = (
                 "campaigns.workers",
                 "graph",
             ),
-            ("demo",),
+            ("demo", "publication"),
             ("cli",),
         ),
     ),

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from gyrowheel.holding import torques
     from gyrowheel.investigator import investigate
     from gyrowheel.model import Model
+    from gyrowheel.publication.run import paper
     from gyrowheel.recording import Recording, salvage
     from gyrowheel.results.addition import Addition
     from gyrowheel.results.calibration import Calibration
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
     from gyrowheel.results.investigation import Investigation
     from gyrowheel.results.key import Key
     from gyrowheel.results.momentum import Momentum
+    from gyrowheel.results.paper import Paper
     from gyrowheel.results.rates import Rates
     from gyrowheel.results.torques import Torques
     from gyrowheel.sealed_key import open_key
@@ -65,6 +67,7 @@ _HOMES = {
     "Key": "gyrowheel.results.key",
     "Model": "gyrowheel.model",
     "Momentum": "gyrowheel.results.momentum",
+    "Paper": "gyrowheel.results.paper",
     "Rates": "gyrowheel.results.rates",
     "Recording": "gyrowheel.recording",
     "Torques": "gyrowheel.results.torques",
@@ -79,6 +82,7 @@ _HOMES = {
     "momentum": "gyrowheel.envelope",
     "open_key": "gyrowheel.sealed_key",
     "own_effect": "gyrowheel.catalogue",
+    "paper": "gyrowheel.publication.run",
     "plans": "gyrowheel.catalogue",
     "rate": "gyrowheel.analysis",
     "read_table": "gyrowheel.tables",
@@ -100,6 +104,7 @@ __all__ = [
     "Key",
     "Model",
     "Momentum",
+    "Paper",
     "Rates",
     "Recording",
     "Torques",
@@ -115,6 +120,7 @@ __all__ = [
     "momentum",
     "open_key",
     "own_effect",
+    "paper",
     "plans",
     "rate",
     "read_table",
