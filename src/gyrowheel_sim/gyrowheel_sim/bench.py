@@ -11,7 +11,7 @@ from pathlib import Path
 from gyrowheel_core.errors import InputError, nearest
 from gyrowheel_core.schema import check
 from gyrowheel_core.yaml_text import read_yaml
-from gyrowheel_sim.parameter import SCHEMA, BenchFile, Parameter, check_value, read_parameters
+from gyrowheel_sim.parameter import SCHEMA, BenchFile, Parameter, SpinLoop, check_value, read_parameters
 
 #: Files of the benches that come with the project, by name.
 _SHIPPED = {"gyrowheel": "bench.yaml", "dtg": "dtg.yaml"}
@@ -29,6 +29,9 @@ class Bench:
         The parameters by name.
     references : dict of str to str
         Full citations by the key that `Parameter.source` starts with.
+    spin_loop : str
+        How the motor's controller follows the wanted speed: ``pi``, proportional and integral in the speed, or ``pll``,
+        phase-locked.
     origin : str
         The file it was read from, for error messages.
     """
@@ -38,6 +41,7 @@ class Bench:
     parameters: Mapping[str, Parameter]
     references: Mapping[str, str] = field(default_factory=dict)
     origin: str = ""
+    spin_loop: SpinLoop = "pi"
 
     @classmethod
     def load(cls, source: str | Path = "gyrowheel") -> Bench:
@@ -79,6 +83,7 @@ class Bench:
             parameters=read_parameters(content.parameters, f"{origin}: parameters"),
             references=content.references,
             origin=origin,
+            spin_loop=content.controller.spin_loop,
         )
         if bench.value("spin_rate_minimum") >= bench.value("spin_rate_maximum"):
             raise InputError(f"{origin}: parameters.spin_rate_minimum: must be below spin_rate_maximum")

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
 from types import MappingProxyType
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 
 from pydantic import Field, PlainValidator
 
@@ -57,6 +57,8 @@ INSTRUMENTS: Mapping[str, float] = MappingProxyType(
 LONGEST_DELAY = 2.0e-3
 SLOWEST_FILTER = 1.0e-2
 HIGHEST_ORDER = 4
+#: Kinds of the spin loop.
+SpinLoop: TypeAlias = Literal["pi", "pll"]
 #: Parameters that must be greater than zero for the equations to make sense.
 _POSITIVE = frozenset(
     [
@@ -191,6 +193,13 @@ class ParameterEntry(Section):
     group: Name | None = None
 
 
+class ControllerEntry(Section):
+    """The section ``controller`` of a bench file."""
+
+    spin_loop: SpinLoop = "pi"
+    source: Name = "assumed"
+
+
 class BenchFile(Section):
     """A bench file."""
 
@@ -198,6 +207,7 @@ class BenchFile(Section):
     name: Name = "bench"
     title: Name = ""
     references: Names[Name] = Field(default_factory=dict)
+    controller: ControllerEntry = Field(default_factory=ControllerEntry)
     parameters: dict[Name, ParameterEntry]
 
 

@@ -17,11 +17,6 @@ if TYPE_CHECKING:
 Verdict = Literal["agree", "disagree", "cannot be decided"]
 VERDICTS: tuple[Verdict, ...] = ("agree", "disagree", "cannot be decided")
 
-CITATION = (
-    "Huo, X.; Feng, S.; Liu, K.; Wang, L.; Chen, W. Aerodynamic Drag Analysis of 3-DOF Flex-Gimbal GyroWheel System in "
-    "the Sense of Ground Test. Sensors 2016, 16, 2081, doi:10.3390/s16122081"
-)
-
 
 @dataclass(frozen=True)
 class Finding:
@@ -131,6 +126,8 @@ class Paper(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of ``gyrowheel paper --json``; values in SI units."""
+        from gyrowheel.text.paper import CITATION
+
         return {
             "schema": 1,
             "paper": CITATION,

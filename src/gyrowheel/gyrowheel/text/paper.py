@@ -16,6 +16,10 @@ from gyrowheel.text.layout import heading, words_table
 if TYPE_CHECKING:
     from gyrowheel.results.paper import Paper, Row, Verdict
 
+CITATION = (
+    "Huo, X.; Feng, S.; Liu, K.; Wang, L.; Chen, W. Aerodynamic Drag Analysis of 3-DOF Flex-Gimbal GyroWheel System in "
+    "the Sense of Ground Test. Sensors 2016, 16, 2081, doi:10.3390/s16122081"
+)
 _COLOURS: Mapping[Verdict, str] = {"agree": "green", "disagree": "red", "cannot be decided": "yellow"}
 _SHADES: Mapping[Verdict, str] = {"agree": "#1b7f4b", "disagree": "#b3402a", "cannot be decided": "#8a6d00"}
 _STYLE = """
@@ -56,8 +60,6 @@ def html_page(result: Paper, pictures: Mapping[str, bytes]) -> str:
     pictures : mapping of str to bytes
         PNG files by the name of the row.
     """
-    from gyrowheel.results.paper import CITATION
-
     rows = "\n".join(
         f'<tr><td class="where"><a href="#{row.name}">{escape(row.where)}</a></td>'
         f"<td>{escape(row.statement)}</td><td>{_verdict(row.finding.verdict)}</td></tr>"

@@ -42,7 +42,9 @@ class Gains:
     derivative_lowpass : float
         Low-pass of its derivative [Hz].
     spin_proportional, spin_integral : float
-        Gains of the spin loop over the moment of inertia of all that turns [1/s], [1/s^2].
+        Gains of the spin loop over the moment of inertia of all that turns [1/s], [1/s^2]; of a phase-locked loop
+        (`Bench.spin_loop`) on the rate of the phase between reference and shaft, and on the phase itself. Assumed: the
+        publication names its loop and gives no gain.
     spin_lowpass : float
         Low-pass of the spin reading, applied twice [Hz].
     """
@@ -93,6 +95,7 @@ def controller_parameters(bench: Bench, gains: Gains) -> ControllerParameters:
         friction_coulomb=v("bearing_coulomb"),
         friction_viscous=v("bearing_viscous"),
         sample_period=v("sample_period"),
+        phase_locked=float(bench.spin_loop == "pll"),
     )
 
 
@@ -155,6 +158,7 @@ class Controller:
         x, y, x_rate, y_rate, spin, acceleration = setpoint
         return self._update(
             self._parameters, self._state,
-            measurement[Reading.tilt_x], measurement[Reading.tilt_y], measurement[Reading.spin_rate],
+            measurement[Reading.tilt_x], measurement[Reading.tilt_y],
+            measurement[Reading.spin_angle], measurement[Reading.spin_rate],
             x + x_rate * age_s, y + y_rate * age_s, x_rate, y_rate, spin + acceleration * age_s, acceleration,
         )  # fmt: skip

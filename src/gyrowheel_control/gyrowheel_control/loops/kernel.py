@@ -42,19 +42,22 @@ class ControllerParameters(NamedTuple):
     friction_coulomb: float  # N m
     friction_viscous: float  # N m s/rad
     sample_period: float  # s
+    phase_locked: float  # 1: the spin loop follows the phase of the shaft; 0: its speed
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def controller_update(
-    c: Any, s: Any, tilt_x: float, tilt_y: float, spin_rate: float, rx: float, ry: float, rx_rate: float,
-    ry_rate: float, spin_ref: float, spin_acc: float,
+    c: Any, s: Any, tilt_x: float, tilt_y: float, spin_angle: float, spin_rate: float, rx: float, ry: float,
+    rx_rate: float, ry_rate: float, spin_ref: float, spin_acc: float,
 ) -> Any:  # fmt: skip
     """Return (coil voltage x, y, motor voltage) for one sample; `s` holds the state (`ControllerState`).
 
     Tilt: the rotor precesses at the rate that the coils demand, T = -i H v, so the loop sets a wanted tilt rate v
     (proportional and integral in the low-passed error, plus the reference rate), adds the holding torque of the
     detuned flexures and damps the nutation by a phase-advanced derivative. Spin: proportional and integral on a
-    speed low-passed twice, far below twice the spin frequency, so that no 2N voltage reaches the motor.
+    speed low-passed twice, far below twice the spin frequency, so that no 2N voltage reaches the motor. Or,
+    phase-locked: a reference of the wanted speed runs beside the shaft, and the same gains act on the phase between
+    the two, low-passed by the same filter, and on its rate. Only the angle of the shaft is used then; no turn is lost.
     """
     h = c.sample_period
     if s[ControllerState.started] == 0.0:  # first sample: start the filters where the machine is
@@ -65,6 +68,7 @@ def controller_update(
         s[ControllerState.last_tilt_y] = tilt_y
         s[ControllerState.spin_rate_once] = spin_rate
         s[ControllerState.spin_rate] = spin_rate
+        s[ControllerState.last_spin_angle] = spin_angle - spin_ref * h
     a = 1.0 - math.exp(-2.0 * math.pi * c.tilt_lowpass * h)
     s[ControllerState.tilt_x] += a * (tilt_x - s[ControllerState.tilt_x])
     s[ControllerState.tilt_y] += a * (tilt_y - s[ControllerState.tilt_y])
@@ -100,11 +104,24 @@ def controller_update(
         s[ControllerState.integral_y] += h * ey
     cx = min(max(cx, -limit), limit)
     cy = min(max(cy, -limit), limit)
+    torque = c.axial_inertia * spin_acc + c.friction_coulomb + c.friction_viscous * spin_ref
     error = spin_ref - Omega
-    torque = (
-        c.spin_proportional * error + c.spin_integral * s[ControllerState.spin_integral] + c.axial_inertia * spin_acc
-        + c.friction_coulomb + c.friction_viscous * spin_ref
-    )  # fmt: skip
+    if c.phase_locked != 0.0:
+        step = (spin_angle - s[ControllerState.last_spin_angle] + math.pi) % (2.0 * math.pi) - math.pi
+        s[ControllerState.last_spin_angle] = spin_angle
+        # a controller that missed samples has missed as many periods of its reference
+        missed = max(round(step / (Omega * h)), 1.0) if Omega * h > 1e-3 else 1.0
+        phase = s[ControllerState.phase_error] + spin_ref * missed * h - step
+        # beyond half a turn the detector saturates, and the loop slips turns until it locks again
+        s[ControllerState.phase_error] = min(max(phase, -math.pi), math.pi)
+        s[ControllerState.phase_error_once] += f * (
+            s[ControllerState.phase_error] - s[ControllerState.phase_error_once]
+        )
+        rate = f / h * (s[ControllerState.phase_error_once] - s[ControllerState.phase_error_twice])
+        s[ControllerState.phase_error_twice] += h * rate
+        torque += c.spin_proportional * rate + c.spin_integral * s[ControllerState.phase_error_twice]
+    else:
+        torque += c.spin_proportional * error + c.spin_integral * s[ControllerState.spin_integral]
     vm = c.motor_constant * spin_ref + c.motor_resistance * torque / c.motor_constant
     if abs(vm) < c.supply_voltage:
         s[ControllerState.spin_integral] += h * error
@@ -149,6 +166,7 @@ def closed_loop(
             s,
             out[Reading.tilt_x],
             out[Reading.tilt_y],
+            out[Reading.spin_angle],
             out[Reading.spin_rate],
             r[SetpointColumn.tilt_x] + x_rate * age,
             r[SetpointColumn.tilt_y] + y_rate * age,

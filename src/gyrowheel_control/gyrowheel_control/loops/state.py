@@ -21,6 +21,10 @@ class ControllerState(Column):
     coil_voltage_x = 10, "V", "command that answers the last sample, in the closed loop without ROS"
     coil_voltage_y = 11, "V", "the same of coil y"
     motor_voltage = 12, "V", "the same of the motor"
+    last_spin_angle = 13, "rad", "angle of the shaft at the last sample, for the phase-locked loop"
+    phase_error = 14, "rad", "phase of the reference less that of the shaft, turns counted"
+    phase_error_once = 15, "rad", "the same, low-passed once"
+    phase_error_twice = 16, "rad", "the same, low-passed twice"
 
 
 class SetpointColumn(Column):
