@@ -125,6 +125,7 @@ COMMANDS: dict[str, list[str]] = {
     "torques": ["torques RUN --model MODEL", "torques --tilt 3 --speed 1000..4000"],
     "momentum": ["momentum"],
     "drag": ["drag RUN --model MODEL"],
+    "paper": ["paper --only eq-1-last --only fig-7 --only fig-8-growth"],
     "key": ["key KEY", "key KEY --against MODEL"],
     "calibrate": ["calibrate RUN --model MODEL"],
     "effects": ["effects", *(f"effects {name}" for name in ("windage", "external_damping", "coil_heating"))],

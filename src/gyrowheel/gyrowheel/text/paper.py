@@ -22,6 +22,7 @@ CITATION = (
 )
 _COLOURS: Mapping[Verdict, str] = {"agree": "green", "disagree": "red", "cannot be decided": "yellow"}
 _SHADES: Mapping[Verdict, str] = {"agree": "#1b7f4b", "disagree": "#b3402a", "cannot be decided": "#8a6d00"}
+_INDENT = (0, 0, 0, 2)
 _STYLE = """
 body{font:16px/1.5 system-ui,sans-serif;color:#222;background:#fff;max-width:62rem;margin:2rem auto;padding:0 1.2rem}
 h1{font-size:1.6rem;line-height:1.25}h2{font-size:1.1rem;margin:2.6rem 0 .3rem}
@@ -33,14 +34,22 @@ img{max-width:100%;height:auto;margin:.6rem 0}.verdict{font-weight:600;white-spa
 
 
 def paper_page(result: Paper) -> Iterator[RenderableType]:
-    """Yield the table of statements, verdicts and numbers, and how many there are of each verdict."""
+    """Yield the table of verdicts, and number and reason for those statements that are not agreed with."""
     yield heading("Statements of Huo et al. 2016 (Sensors 16, 2081)")
-    table = words_table("", "", whole=(0,))
+    table = words_table("where", "name", "verdict")
     for row in result.rows:
         verdict = row.finding.verdict
-        left = Text.assemble(row.where, "\n", (verdict, _COLOURS[verdict]))
-        table.add_row(left, Text.assemble((row.statement, "bold"), f"\n{row.finding.ours}\n"))
-    yield Padding(table, (0, 0, 0, 2))
+        table.add_row(row.where, row.name, Text(verdict, style=_COLOURS[verdict]))
+    yield Padding(table, _INDENT)
+    open_ones = [row for row in result.rows if row.finding.verdict != "agree"]
+    if open_ones:
+        yield heading("Not agreed with")
+    for row in open_ones:
+        verdict = row.finding.verdict
+        yield Text.assemble(f"{row.where}: ", (verdict, _COLOURS[verdict]), f" ({row.name})")
+        yield Padding(Text(row.statement, style="italic"), _INDENT)
+        yield Padding(Text(f"{row.finding.ours} {row.finding.why}"), _INDENT)
+        yield Text()
     yield Text(_summary(result))
 
 
