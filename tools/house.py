@@ -56,7 +56,7 @@ HOUSE = (
         "gyrowheel_analysis",
         "from a recording to a verdict",
         (
-            ("channels", "model", "recording"),
+            ("channels", "model", "notch", "recording"),
             ("exchange", "reduction"),
             ("balance",),
             ("fitting", "torques"),

@@ -6,7 +6,9 @@ from gyrowheel.inputs import Recordings, opened
 from gyrowheel.model import Model
 from gyrowheel.results.drag import Drag
 from gyrowheel_analysis.drag_stream import recorded_holds
-from gyrowheel_analysis.fitting.preparation import one_thread
+from gyrowheel_analysis.fitting.preparation import one_thread, samples_of
+from gyrowheel_analysis.notch import notched
+from gyrowheel_analysis.reduction import NEEDED
 from gyrowheel_core.errors import InputError
 
 
@@ -30,10 +32,13 @@ def drag(recordings: Recordings, model: Model | None = None) -> Drag:
     """
     known = Model() if model is None else model
     given = opened(recordings)
-    found = []
+    found, signals = [], []
     for own in given:
         holds = recorded_holds(own.data, known.details)
         if not holds:
             raise InputError(f"{own.path}: no steady hold")
         found.append(tuple(holds))
-    return Drag(tuple(found), known, tuple(str(own.path) for own in given))
+        filtered = notched(samples_of(own.data).readings, NEEDED, known.bench.value("sample_period"))
+        stamps = own.data.measurement["stamp_ns"] * 1e-9
+        signals.append({"stamp": stamps, **{f"notched_{name}": v for name, v in filtered.items()}})
+    return Drag(tuple(found), known, tuple(str(own.path) for own in given), tuple(signals))

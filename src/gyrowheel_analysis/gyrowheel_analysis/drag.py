@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from gyrowheel_analysis.drag_prediction import HoldPrediction, Predictor
 from gyrowheel_analysis.model import Model
+from gyrowheel_analysis.notch import COLUMNS, RADIUS, notch
 from gyrowheel_analysis.reduction import LONGEST, NEEDED, SETTLING, SPIN_SETTLING, Samples
 from gyrowheel_analysis.reduction.steady import SPEED_CHANGE
 from gyrowheel_control.plans.plan import HOLD, SETPOINT_DTYPE
@@ -20,16 +21,12 @@ from gyrowheel_core import wire
 from gyrowheel_core.readings import Readings
 from gyrowheel_core.units import DEG
 from gyrowheel_sim.environment import Environment, merged
-from gyrowheel_sim.jit import njit
 
 Array = NDArray[np.float64]
 
-#: Readings that are filtered; `_TILT`, `_DC`, `_ACTUATION` and `_CURRENT` are places among them.
-_FILTERED = ("tilt_x", "tilt_y", "coil_voltage_x", "coil_voltage_y", "motor_voltage", "motor_current")
-_COLUMNS = np.array(Readings.columns(_FILTERED))
+#: Places among the filtered readings.
 _TILT, _DC, _ACTUATION, _CURRENT = slice(0, 2), slice(2, 5), slice(2, 6), 5
 _NEEDED_COLUMNS = Readings.columns(NEEDED)
-_RADIUS = 0.97  # of the notch's poles: 10 Hz wide, settles in 0.1 s
 _NOTCH_SETTLING = 0.15  # s
 _UPDATE, _SELDOM = 0.5, 5.0  # s between two estimates of one hold, at its beginning and in the long run
 _SHARE = 0.1  # of a hold's length that is new in the next estimate
@@ -142,47 +139,6 @@ class Estimate:
         }
 
 
-@njit(cache=True, error_model="numpy")
-def notch(values: Any, columns: Any, rate: Any, period: float, radius: float, state: Any, out: Any) -> None:
-    """Filter `values` (m, n) in its `columns` through notches at once and twice the tracked spin rate.
-
-    Parameters
-    ----------
-    values, columns : ndarray
-        Readings (m, n) and the k columns to filter.
-    rate : ndarray (m,)
-        Spin rate [rad/s]; the tracked rate is its first-order low-pass, kept in the last element of `state`.
-    period, radius : float
-        Sampling interval [s] and radius of the poles.
-    state : ndarray (2 * 2 * k + 1,)
-        Filter memory; all NaN before the first sample.
-    out : ndarray (m, k)
-        Filtered values.
-    """
-    k = len(columns)
-    smooth = 1.0 - math.exp(-2.0 * math.pi * 5.0 * period)
-    for i in range(len(values)):
-        first = math.isnan(state[4 * k])
-        if first:
-            state[4 * k] = rate[i]
-        state[4 * k] += smooth * (rate[i] - state[4 * k])
-        for c in range(k):
-            x = values[i, columns[c]]
-            for order in range(2):
-                cosine = math.cos((order + 1) * state[4 * k] * period)
-                # unit gain at zero frequency
-                gain = (1.0 - 2.0 * radius * cosine + radius * radius) / (2.0 - 2.0 * cosine)
-                at = 4 * c + 2 * order
-                if first:  # start in the steady state of a constant input
-                    state[at + 1] = x * (gain - radius * radius)
-                    state[at] = x * (1.0 - gain)
-                y = gain * x + state[at]
-                state[at] = -2.0 * cosine * gain * x + 2.0 * radius * cosine * y + state[at + 1]
-                state[at + 1] = gain * x - radius * radius * y
-                x = y
-            out[i, c] = x
-
-
 class _Setpoint(NamedTuple):
     """One setpoint: a row of `SETPOINT_DTYPE`."""
 
@@ -209,7 +165,7 @@ class _Hold:
     first: float = math.nan
     last: float = math.nan
     count: int = 0
-    filtered: Array = field(default_factory=lambda: np.zeros(len(_COLUMNS)))  # sum
+    filtered: Array = field(default_factory=lambda: np.zeros(len(COLUMNS)))  # sum
     spin: float = 0.0  # sum
     batches: list[Array] = field(default_factory=list)  # sums of filtered readings
     batched: int = 0  # samples in the last of them
@@ -228,7 +184,7 @@ class _Hold:
         self.readings.append(readings.array)
         while len(filtered):
             if not self.batches or self.batched == batch:
-                self.batches.append(np.zeros(len(_COLUMNS)))
+                self.batches.append(np.zeros(len(COLUMNS)))
                 self.batched = 0
             some, filtered = filtered[: batch - self.batched], filtered[batch - self.batched :]
             self.batches[-1] += some.sum(axis=0)
@@ -272,7 +228,7 @@ class DragEstimator:
     def __init__(self, model: Model) -> None:
         self._bench = model.bench
         self._predictor = Predictor(model)
-        self._state = np.full(4 * len(_COLUMNS) + 1, math.nan)
+        self._state = np.full(4 * len(COLUMNS) + 1, math.nan)
         self._setpoints: deque[_Setpoint] = deque()
         self._hold: _Hold | None = None
         self._spin_before: float | None = None
@@ -319,13 +275,13 @@ class DragEstimator:
         whole = np.asarray(np.isfinite(readings.array[:, _NEEDED_COLUMNS]).all(axis=1))
         if not whole.all():  # a filter never recovers from NaN
             stamps_ns, readings = stamps_ns[whole], readings[whole]
-        filtered = np.empty((len(readings), len(_COLUMNS)))
+        filtered = np.empty((len(readings), len(COLUMNS)))
         notch(
             readings.array,
-            _COLUMNS,
+            COLUMNS,
             readings.spin_rate,
             self._bench.sample_period,
-            _RADIUS,
+            RADIUS,
             self._state,
             filtered,
         )

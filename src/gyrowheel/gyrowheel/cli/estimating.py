@@ -8,7 +8,8 @@ from typing import Annotated
 import typer
 
 from gyrowheel.cli.options import Json, Recordings, example
-from gyrowheel.cli.shell import put_json, put_text, working
+from gyrowheel.cli.outputs import PICTURE, TABLE
+from gyrowheel.cli.shell import out, put_json, put_picture, put_text, working
 
 
 def register(app: typer.Typer) -> None:
@@ -24,6 +25,26 @@ def drag(
             "--model", metavar="M.yaml", help="Model file.", show_default="bench gyrowheel without effects"
         ),
     ] = None,
+    columns: Annotated[
+        Path | None,
+        typer.Option(
+            "--columns",
+            metavar="FILE",
+            help="Write the notch-filtered signals over time, .csv or .parquet.",
+            show_default=False,
+        ),
+        TABLE,
+    ] = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option(
+            "--picture",
+            metavar="FILE.png",
+            help="Draw the filtered voltages over time, and their increments over tilt and speed.",
+            show_default=False,
+        ),
+        PICTURE,
+    ] = None,
     json: Json = None,
 ) -> None:
     """Show measured DC voltages beside simulated torques, hold by hold.
@@ -33,10 +54,18 @@ def drag(
     and simulated torque, and the share of the air.
     """
     import gyrowheel as gw
+    from gyrowheel.tables import check_suffix
 
+    if columns is not None:
+        check_suffix(columns)
     with working("averaging the holds"):
         result = gw.drag(directories, gw.Model() if model is None else gw.Model.load(model))
     if json is not None:
         put_json(json, result.to_dict())
     if json != "-":
         put_text(result._page())
+    if columns is not None:
+        result.write_signals(columns)
+        if json != "-":
+            out().print(f"\nsignals: {columns}", soft_wrap=True)
+    put_picture(picture, result.plot, quiet=json == "-")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,10 +12,23 @@ import numpy as np
 from gyrowheel.results.base import Result
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from rich.console import RenderableType
 
     from gyrowheel.model import Model
     from gyrowheel_analysis.drag import Estimate
+
+
+#: Units of the columns of `Drag.signals`.
+SIGNAL_UNITS = {
+    "stamp": "s",
+    "notched_tilt_x": "rad",
+    "notched_tilt_y": "rad",
+    "notched_coil_voltage_x": "V",
+    "notched_coil_voltage_y": "V",
+    "notched_motor_voltage": "V",
+    "notched_motor_current": "A",
+}
 
 
 @dataclass(frozen=True, repr=False)
@@ -29,11 +43,16 @@ class Drag(Result):
         The believed model.
     recordings : tuple of str
         Paths of the recordings.
+    signals : tuple of dict
+        For each recording ``stamp`` [s] and the notch-filtered readings, of which the DC voltages are means:
+        ``notched_tilt_x``, ``notched_tilt_y`` [rad], ``notched_coil_voltage_x``, ``notched_coil_voltage_y``,
+        ``notched_motor_voltage`` [V] and ``notched_motor_current`` [A]; ndarrays (n,), NaN where a sample is lost.
     """
 
     holds: tuple[tuple[Estimate, ...], ...]
     model: Model
     recordings: tuple[str, ...]
+    signals: tuple[Mapping[str, Any], ...]
 
     def __str__(self) -> str:
         """Return number of holds and largest difference."""
@@ -64,6 +83,25 @@ class Drag(Result):
                 for path, own in zip(self.recordings, self.holds, strict=True)
             ],
         }
+
+    def plot(self) -> Figure:
+        """Return a picture of filtered voltages over time, and of increments over tilt and speed."""
+        from gyrowheel.plots.drag import figure_of_drag
+
+        return figure_of_drag(self)
+
+    def write_signals(self, path: str | Path) -> list[str]:
+        """Write `signals` as a table, ``.csv`` or ``.parquet``, and return the names of its columns.
+
+        Raises
+        ------
+        InputError
+            If the file has another ending, or cannot be written.
+        """
+        from gyrowheel_analysis.exchange.signals import write_signals
+
+        named = [{"recording": r, **own} for r, own in zip(self.recordings, self.signals, strict=True)]
+        return write_signals(named, SIGNAL_UNITS, path)
 
     def to_columns(self) -> Mapping[str, Any]:
         """Return a row for each hold; fields of three values have a column each: ``_x``, ``_y`` and ``_motor``."""

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import RenderableType
+from rich.text import Text
 
 from gyrowheel.text.layout import figures_table, heading, sentences
 from gyrowheel.text.quantities import decimal
+from gyrowheel_core.quantities import listed
 from gyrowheel_core.units import DEG, RPM
 
 if TYPE_CHECKING:
@@ -17,6 +19,8 @@ if TYPE_CHECKING:
 
 _ACTUATORS = ("coil x", "coil y", "motor")
 _MILLI = 1e3
+#: Standard errors within which two torques agree.
+AGREEING = 3.0
 
 
 def drag_page(estimates: Sequence[Estimate]) -> Iterator[RenderableType]:
@@ -27,6 +31,7 @@ def drag_page(estimates: Sequence[Estimate]) -> Iterator[RenderableType]:
     for place, title in enumerate(_ACTUATORS):
         yield heading(f"Drag estimates, {title}")
         yield _table(settled, place)
+        yield Text(agreement(settled, place))
     calibrated = all(estimate.calibrated for estimate in settled)
     constants = (
         "The constants of coils and motor are calibrated."
@@ -40,6 +45,16 @@ def drag_page(estimates: Sequence[Estimate]) -> Iterator[RenderableType]:
             constants,
         ]
     )
+
+
+def agreement(estimates: Sequence[Estimate], place: int) -> str:
+    """Return in which holds measured and simulated torque of an actuator agree, and in which they do not."""
+    apart = [str(e.segment) for e in estimates if abs(e.residual[place]) > AGREEING * e.residual_std[place]]
+    text = f"Measured and simulated torque agree within {AGREEING:g} SE"
+    if not apart:
+        return f"{text} in all holds."
+    holds = f"hold{'s' if len(apart) > 1 else ''} {listed(apart, 'and')}"
+    return f"{text} in {len(estimates) - len(apart)} of {len(estimates)} holds; they disagree in {holds}."
 
 
 def _table(estimates: Sequence[Estimate], place: int) -> RenderableType:
@@ -61,6 +76,10 @@ def _table(estimates: Sequence[Estimate], place: int) -> RenderableType:
             decimal(_MILLI * float(e.measured_torque[place]), 3),
             decimal(_MILLI * float(e.simulated_torque[place]), 3),
             *([decimal(_MILLI * float(e.simulated_air_torque[place]), 3)] if air else []),
-            decimal(float(e.residual[place] / e.residual_std[place]), 1),
+            _distance(float(e.residual[place] / e.residual_std[place])),
         )
     return table
+
+
+def _distance(value: float) -> Text:
+    return Text(decimal(value, 1), style="bold red" if abs(value) > AGREEING else "green")

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from gyrowheel_analysis.exchange.fields import COMMANDS, GROUPS, READINGS, SETPOINTS
 from gyrowheel_analysis.exchange.map_file import KEEP, SCHEMA
+from gyrowheel_analysis.exchange.signals import is_signal_head
 from gyrowheel_analysis.exchange.table import check_suffix
 from gyrowheel_analysis.recording import Recording
 from gyrowheel_core import wire
@@ -90,7 +91,7 @@ def is_exported_table(file: Path) -> bool:
     if file.suffix == ".csv":
         with file.open(encoding="utf-8", errors="replace") as stream:
             first = [name.strip().strip('"') for name in stream.readline(100_000).split(",")]
-        return first[: 2 + len(READINGS)] == ["time", "sequence", *READINGS]
+        return first[: 2 + len(READINGS)] == ["time", "sequence", *READINGS] or is_signal_head(first)
     try:
         return b"gyrowheel" in (pq.read_schema(file).metadata or {})
     except pa.ArrowException:

@@ -1,0 +1,84 @@
+"""The notch filter of the published ground test: it takes what turns with the rotor out of the readings."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel_core.readings import Readings
+from gyrowheel_sim.jit import njit
+
+#: Readings that are filtered, and their columns among all.
+FILTERED: Final = ("tilt_x", "tilt_y", "coil_voltage_x", "coil_voltage_y", "motor_voltage", "motor_current")
+COLUMNS: Final = np.array(Readings.columns(FILTERED))
+#: Radius of the poles: 10 Hz wide, settles in 0.1 s.
+RADIUS: Final = 0.97
+
+
+def notched(readings: Readings, needed: tuple[str, ...], period: float) -> dict[str, NDArray[np.float64]]:
+    """Return filtered readings, as the drag estimator averages them.
+
+    Parameters
+    ----------
+    readings : Readings
+        Consecutive readings (n) [SI].
+    needed : tuple of str
+        Readings without which a sample counts as lost.
+    period : float
+        Sampling interval [s].
+
+    Returns
+    -------
+    dict of str to ndarray (n,)
+        The readings `FILTERED` by name; NaN where a sample is lost.
+    """
+    whole = np.asarray(np.isfinite(readings.array[:, Readings.columns(needed)]).all(axis=1))
+    state, every = np.full(4 * len(COLUMNS) + 1, math.nan), np.full((len(readings), len(COLUMNS)), math.nan)
+    own, found = readings[whole], np.empty((int(whole.sum()), len(COLUMNS)))
+    notch(own.array, COLUMNS, own.spin_rate, period, RADIUS, state, found)
+    every[whole] = found
+    return {name: every[:, k] for k, name in enumerate(FILTERED)}
+
+
+@njit(cache=True, error_model="numpy")
+def notch(values: Any, columns: Any, rate: Any, period: float, radius: float, state: Any, out: Any) -> None:
+    """Filter `values` (m, n) in its `columns` through notches at once and twice the tracked spin rate.
+
+    Parameters
+    ----------
+    values, columns : ndarray
+        Readings (m, n) and the k columns to filter.
+    rate : ndarray (m,)
+        Spin rate [rad/s]; the tracked rate is its first-order low-pass, kept in the last element of `state`.
+    period, radius : float
+        Sampling interval [s] and radius of the poles.
+    state : ndarray (2 * 2 * k + 1,)
+        Filter memory; all NaN before the first sample.
+    out : ndarray (m, k)
+        Filtered values.
+    """
+    k = len(columns)
+    smooth = 1.0 - math.exp(-2.0 * math.pi * 5.0 * period)
+    for i in range(len(values)):
+        first = math.isnan(state[4 * k])
+        if first:
+            state[4 * k] = rate[i]
+        state[4 * k] += smooth * (rate[i] - state[4 * k])
+        for c in range(k):
+            x = values[i, columns[c]]
+            for order in range(2):
+                cosine = math.cos((order + 1) * state[4 * k] * period)
+                # unit gain at zero frequency
+                gain = (1.0 - 2.0 * radius * cosine + radius * radius) / (2.0 - 2.0 * cosine)
+                at = 4 * c + 2 * order
+                if first:  # start in the steady state of a constant input
+                    state[at + 1] = x * (gain - radius * radius)
+                    state[at] = x * (1.0 - gain)
+                y = gain * x + state[at]
+                state[at] = -2.0 * cosine * gain * x + 2.0 * radius * cosine * y + state[at + 1]
+                state[at + 1] = gain * x - radius * radius * y
+                x = y
+            out[i, c] = x
