@@ -109,7 +109,7 @@ def _turbulent(e: Evidence) -> Finding:
     taylor = slowest.gap_reynolds * math.sqrt(g.rim_gap / g.rotor_radius)
     return Finding(
         "agree" if re[1] > onset else "disagree",
-        f"Re = {re[0]:.2g} to {re[1]:.2g} at 1000 to 4000 rpm; the end faces turn turbulent at {onset:.3g}. In "
+        f"Re = {re[0]:,.0f} to {re[1]:,.0f} at 1000 to 4000 rpm; the end faces turn turbulent at {onset:,.0f}. In "
         "the rim gap "
         f"the Taylor number is {taylor / _TAYLOR:.0f} times that of the first vortices, or more.",
         "A large Reynolds number alone does not make a flow turbulent. By Daily and Nece the layers on the end "

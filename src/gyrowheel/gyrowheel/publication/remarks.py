@@ -113,7 +113,7 @@ def _uneven(e: Evidence) -> Finding:
         "disagree" if found - without < 0.01 * ripple else "agree",
         f"Moments of inertia that differ by {1e6 * values['d']:.3g} mg·m² give a torque of the order of "
         f"{_MILLI * ripple:.2f} mN·m twice a revolution, and make averaged voltages of both axes differ by "
-        f"{1e6 * abs(found - without):.2g} µN·m.",
+        f"less than {max(0.001, 1e6 * abs(found - without)):.2g} µN·m.",
         "The rotor turns, so that its unevenness averages out over a revolution. What differs between the axes "
         "of the case "
         "must stand in the case: coils, sensors, their alignment.",
