@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 from gyrowheel.recording import Recording
+from gyrowheel_analysis.recording import parted
 from gyrowheel_core.errors import InputError
 
 if TYPE_CHECKING:
@@ -36,9 +37,9 @@ def opened(given: Recordings) -> list[Recording]:
 
 def opened_apart(fitted: Recordings, unused: Recordings) -> tuple[list[Recording], list[Recording]]:
     """Return recordings to fit and those to validate the fit on; InputError also if one is given as both."""
-    places = {_place(item) for item in _items(fitted)}
+    places = [_place(item) for item in _items(fitted)]
     for item in _items(unused):
-        if _place(item) in places:
+        if any(_overlap(_place(item), place) for place in places):
             name = item.path if isinstance(item, Recording) else item
             raise InputError(f"validate: {name}: a recording that is fitted cannot validate the fit")
     return opened(fitted), opened(unused)
@@ -53,13 +54,23 @@ def _items(given: Recordings) -> list[Recording | str | os.PathLike[str]]:
     return [given] if isinstance(given, Recording | str | os.PathLike) else list(given)
 
 
-def _place(item: Recording | str | os.PathLike[str]) -> Path:
-    return (item.path if isinstance(item, Recording) else Path(item)).resolve()
+#: Where a recording is, and which part of it is meant.
+_Place: TypeAlias = tuple[Path, tuple[float, float]]
+
+
+def _place(item: Recording | str | os.PathLike[str]) -> _Place:
+    path, part = parted(item.path if isinstance(item, Recording) else Path(item))
+    return path.resolve(), part
+
+
+def _overlap(left: _Place, right: _Place) -> bool:
+    """Whether two parts have something in common."""
+    return left[0] == right[0] and max(left[1][0], right[1][0]) < min(left[1][1], right[1][1])
 
 
 def _refuse_twice(items: Sequence[Recording | str | os.PathLike[str]]) -> None:
     places = [_place(item) for item in items]
     for index, place in enumerate(places):
-        if place in places[:index]:
+        if any(_overlap(place, other) for other in places[:index]):
             item = items[index]
             raise InputError(f"{item.path if isinstance(item, Recording) else item}: is given twice")

@@ -42,12 +42,13 @@ class Recording:
         Parameters
         ----------
         path : str or Path
-            A rosbag2 directory of any storage, or one of its files.
+            A rosbag2 directory of any storage, or one of its files. ``@from=20,until=110`` behind it means that part
+            of it [s from its start]: what compares it with a model then looks for steady motion there alone.
 
         Raises
         ------
         InputError
-            If it does not exist, is incomplete or damaged, or has no measurements.
+            If it does not exist, is incomplete or damaged, has no measurements, or has no such part.
         """
         return cls(Path(path), Data.open(path))
 
@@ -171,13 +172,13 @@ class Recording:
         Raises
         ------
         InputError
-            If the folder is not new or cannot be written, or the recording was opened from a single file.
+            If the folder is not new or cannot be written, or the recording is a single file or a part of one.
         """
         from gyrowheel_core.files import disk_errors, new_directory
 
         if not self.path.is_dir():
             raise InputError(
-                f"{self.path}: is a single file; save copies whole recordings (salvage makes one)"
+                f"{self.path}: is a single file or a part; save copies whole recordings (salvage makes one)"
             )
         with new_directory(Path(folder)) as place, disk_errors(Path(folder)):
             shutil.copytree(self.path, place)

@@ -8,6 +8,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from gyrowheel.text.sentences.diagnosis import evidence, verdict_sentence
+from gyrowheel.text.sentences.events import event_sentence
 from gyrowheel.text.sentences.fits import calibration_notes
 from gyrowheel.text.sentences.residuals import dependence_sentences, region_description, region_name
 from gyrowheel_analysis.channels import LISTED, TORQUES
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from gyrowheel_analysis.calibrate import Calibration
     from gyrowheel_analysis.compare import Comparison
     from gyrowheel_analysis.diagnosis.diagnose import Diagnosis, EffectFinding, Estimate
+    from gyrowheel_analysis.diagnosis.events import DatedEvent
     from gyrowheel_analysis.model import Override
     from gyrowheel_analysis.residuals.regions import Region
 
@@ -60,6 +62,8 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
             }
             for form in found.free_form
         ],
+        "events": [_event(event, several=len(found.recordings) > 1) for event in found.events],
+        "drift": dict(found.drift_scales),
         "error": None if found.error is None else found.error.to_json(),
         "where": [_region(region) for region in found.where],
         "next_test": None
@@ -137,6 +141,24 @@ def _effect(finding: EffectFinding) -> dict[str, Any]:
             }
             for tie in finding.ties
         ],
+    }
+
+
+def _event(event: DatedEvent, *, several: bool) -> dict[str, Any]:
+    return {
+        "time": event.time,
+        "time_standard_error": event.time_error,
+        "end": event.end,
+        "end_standard_error": event.end_error,
+        "kind": event.kind,
+        "channel": event.channel,
+        "size": event.size,
+        "standard_error": event.standard_error,
+        "unit": event.unit,
+        "recording": event.recording,
+        "gain": event.gain,
+        "ties": list(event.ties),
+        "sentence": event_sentence(event, several=several),
     }
 
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         Verdict,
     )
     from gyrowheel_analysis.diagnosis.diagnose import Diagnosis as Details
+    from gyrowheel_analysis.diagnosis.events import DatedEvent
     from gyrowheel_analysis.residuals.error_table import ErrorTable
     from gyrowheel_analysis.residuals.regions import Region
     from gyrowheel_sim.effects import Effect
@@ -59,6 +60,11 @@ class Diagnosis(Result):
     def free_form(self) -> tuple[FreeForm, ...]:
         """For the verdict ``unknown``: formulas for what no known effect explains."""
         return tuple(self.details.free_form)
+
+    @property
+    def events(self) -> tuple[DatedEvent, ...]:
+        """What changed in the middle of a recording: ``.time``, ``.kind``, ``.channel``, ``.size`` and more."""
+        return tuple(self.details.events)
 
     @property
     def error(self) -> ErrorTable | None:

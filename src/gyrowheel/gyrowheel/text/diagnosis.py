@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rich.console import RenderableType
@@ -23,6 +23,7 @@ from gyrowheel.text.sentences.diagnosis import (
     title,
     verdict_sentence,
 )
+from gyrowheel.text.sentences.events import tie_of_event
 from gyrowheel.text.sentences.forms import form_sentence, place_text
 
 if TYPE_CHECKING:
@@ -46,7 +47,9 @@ _NEVER = 10.0  # times the largest usual size: nothing on a real bench is so far
 _MOVED = 1.0  # stated uncertainties
 
 
-def diagnosis(result: Diagnosis, *, following: str | None = None) -> Iterator[RenderableType]:
+def diagnosis(
+    result: Diagnosis, *, following: str | None = None, parts: Sequence[str] = ()
+) -> Iterator[RenderableType]:
     """Yield what a diagnosis says, part by part.
 
     Parameters
@@ -55,6 +58,8 @@ def diagnosis(result: Diagnosis, *, following: str | None = None) -> Iterator[Re
         The diagnosis.
     following : str, optional
         The command to type next.
+    parts : sequence of str
+        Commands that diagnose what lies between events.
     """
     if result.verdict != "nothing_missing":
         yield from failures(result.where)
@@ -65,6 +70,10 @@ def diagnosis(result: Diagnosis, *, following: str | None = None) -> Iterator[Re
         yield from coverage(result.coverage)
     yield from _moved(result.nuisance)
     yield from detection_limits(result.detection_limits)
+    if parts:
+        yield heading("What lies before and after, by itself")
+        for part in parts:
+            yield command(part)
     if following:
         yield heading("Next")
         yield command(following)
@@ -81,6 +90,9 @@ def findings(result: Diagnosis) -> Iterator[RenderableType]:
     """Yield the verdict and what it rests on."""
     colour = _COLOURS.get(result.verdict, "")
     yield Panel(Text(verdict_sentence(result), style="bold"), border_style=colour, expand=False)
+    if told := [text for text in map(tie_of_event, result.events) if text]:
+        yield heading("What happened")
+        yield from sentences(told)
     for finding in result.effects:
         yield from _finding(finding)
     for form in result.free_form:

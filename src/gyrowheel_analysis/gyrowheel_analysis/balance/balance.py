@@ -102,6 +102,12 @@ class Balance:
         result.measured = self._without_noise(values, effects)
         return result
 
+    def with_measured(self, rows: Array) -> Balance:
+        """Return the balance with other measured rows (N,)."""
+        result = copy(self)
+        result.measured = rows
+        return result
+
     def _without_noise(self, values: Mapping[str, float], effects: Sequence[ActiveEffect]) -> Array:
         if self._uncleaned is None or not len(self.windows):
             return self.measured

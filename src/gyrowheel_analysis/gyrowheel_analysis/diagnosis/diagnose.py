@@ -11,9 +11,10 @@ from typing import Any, Literal
 
 import numpy as np
 
+from gyrowheel_analysis.diagnosis.events import DatedEvent, explain, with_sizes
 from gyrowheel_analysis.diagnosis.experiment_design import SETTLED, Planner, Separation, detection_limits
 from gyrowheel_analysis.diagnosis.selection import Finding, select
-from gyrowheel_analysis.diagnosis.unknown import Proposal, as_found, places, search
+from gyrowheel_analysis.diagnosis.unknown import Proposal, as_found, places
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.preparation import Prepared, TooFewWindowsError, one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem
@@ -230,6 +231,8 @@ class Diagnosis:
         Of the programs that found it.
     coverage : Coverage
         How much of the recordings takes part.
+    events : list of DatedEvent
+        What changed in the middle of a recording; it is taken along in the fit.
     """
 
     verdict: Verdict
@@ -248,6 +251,7 @@ class Diagnosis:
     seconds: float
     versions: dict[str, str] = field(default_factory=dict)
     coverage: Coverage = field(default_factory=Coverage)
+    events: list[DatedEvent] = field(default_factory=list)
 
 
 @one_thread()
@@ -291,7 +295,9 @@ def diagnose(
     fitted = first.reweighed(selection.best)
     if fitted is not first:
         selection = select(fitted.problem, progress=progress)
-    proposal = search(fitted.problem, selection, progress=progress)
+    outcome = explain(fitted.problem, selection, recordings, progress)
+    selection, proposal = outcome.selection, outcome.proposal
+    fitted = replace(fitted, problem=outcome.problem)
     if proposal is not None:
         fitted = replace(fitted, problem=fitted.problem.with_drift_estimated(proposal.fit))
     problem = fitted.problem
@@ -343,6 +349,7 @@ def diagnose(
         seconds=clock.monotonic() - began,
         versions=_versions(),
         coverage=fitted.coverage,
+        events=with_sizes(problem, best, outcome.events, paths),
     )
 
 

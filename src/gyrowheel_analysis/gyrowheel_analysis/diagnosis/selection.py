@@ -91,7 +91,8 @@ def expected_chi2(problem: Problem) -> float:
     """
     design = problem.noise.whiten(problem.base_jacobian)
     singular = np.linalg.svd(design, compute_uv=False)
-    return len(problem.measured) - float((singular**2 / (1.0 + singular**2)).sum())
+    fitted = len(problem.events) + float((singular**2 / (1.0 + singular**2)).sum())
+    return len(problem.measured) - fitted
 
 
 def select(problem: Problem, *, progress: Progress | None = None) -> Selection:

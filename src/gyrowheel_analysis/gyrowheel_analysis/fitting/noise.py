@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from gyrowheel_sim.bench import Bench
 Array = NDArray[np.float64]
 
 #: A drift smaller than stated is not accepted: a few windows may show little of a slow drift by chance.
-_SCALE_BOUNDS = (1.0, 8.0)
+SCALE_BOUNDS = (1.0, 8.0)
 _SCALE_SPREAD = 0.7  # of the logarithm of a drift's scale before the recording is seen
 _OTHER = 0.25  # change of the logarithm of a standard deviation from which on the noise counts as different
 
@@ -38,11 +39,15 @@ class Noise:
         For each recording the standard deviations of its further rows, which carry no drift.
     scales : dict of str to float
         Magnitude of each drift over the stated one.
+    events : ndarray (N, events) or None
+        Rows of what changes in the middle of a recording, by generous sizes. Whitening projects them out of all rows,
+        which fits their sizes along with everything else.
     """
 
     averages: tuple[tuple[tuple[DriftCovariance, str], ...], ...]
     amplitudes: tuple[Array, ...]
     scales: Mapping[str, float]
+    events: Array | None = None
 
     @classmethod
     def stated(cls, balances: Sequence[Balance], predicted: Sequence[Array]) -> Noise:
@@ -70,6 +75,10 @@ class Noise:
         """Return the noise with other magnitudes of the drifts."""
         return replace(self, scales=dict(scales))
 
+    def with_events(self, columns: Array) -> Noise:
+        """Return the noise with other events; see `events`."""
+        return replace(self, events=columns if columns.shape[1] else None)
+
     def on_bench_of(
         self, balances: Sequence[Balance], predicted: Sequence[Array], values: Mapping[str, float]
     ) -> Noise:
@@ -96,6 +105,20 @@ class Noise:
         return replace(self, amplitudes=amplitudes) if other else self
 
     def whiten(self, rows: Array) -> Array:
+        """Return rows (N, ...) divided by the square root of their covariance, less what the events explain of them."""
+        white = self.whitened(rows)
+        if self.events is None:
+            return white
+        return np.asarray(white - self._basis @ (self._basis.T @ white))
+
+    @cached_property
+    def _basis(self) -> Array:
+        """Orthonormal basis (N, events) of the whitened events."""
+        assert self.events is not None  # asked for only where there are some
+        basis, _ = np.linalg.qr(self.whitened(self.events))
+        return np.asarray(basis)
+
+    def whitened(self, rows: Array) -> Array:
         """Return rows (N, ...) divided by the square root of their covariance, recording after recording."""
         parts, at = [], 0
         for averages, deviation in zip(self.averages, self.amplitudes, strict=True):
@@ -128,6 +151,42 @@ class Noise:
             does not count as drift.
         """
         names = list(DRIFTS)
+        blocks, residual, regressors, turning_cost = self.of_averages(residual, regressors)
+        marginal = MarginalCost(blocks, residual, regressors)
+
+        def cost(log_scale: Array) -> float:
+            scale = dict(zip(names, np.exp(log_scale), strict=True))
+            return marginal(scale) + scale_cost(scale)
+
+        bounds = [(float(np.log(SCALE_BOUNDS[0])), float(np.log(SCALE_BOUNDS[1])))] * len(names)
+        best = minimize(
+            cost, np.full(len(names), 0.05), bounds=bounds, method="L-BFGS-B", options={"maxiter": 30}
+        )
+        return {name: float(np.exp(value)) for name, value in zip(names, best.x, strict=True)}, float(
+            best.fun + turning_cost
+        )
+
+    def of_averages(
+        self, residual: Array, regressors: Array
+    ) -> tuple[list[tuple[DriftCovariance, str]], Array, Array, float]:
+        """Return the averages among the rows, which alone show the drift, given the amplitudes.
+
+        Parameters
+        ----------
+        residual, regressors
+            As given to `best_scales`. The events are put beside the regressors.
+
+        Returns
+        -------
+        blocks : list of (DriftCovariance, str)
+            The covariances of the averages, each with the name of its drift.
+        residual, regressors : ndarray (n,), ndarray (n, p)
+            Their rows; what the amplitudes, whose noise is known, say of the regressors is used up.
+        cost : float
+            Minus twice the log likelihood of the amplitudes.
+        """
+        if self.events is not None:
+            regressors = np.hstack([regressors, self.events])
         blocks: list[tuple[DriftCovariance, str]] = []
         kept: list[Any] = []
         start = 0
@@ -138,25 +197,14 @@ class Noise:
                 kept.append(np.arange(start, start + n))
                 start += n
             start += len(deviation)
-        # only the averages show the drift; the amplitudes narrow what the regressors may explain there
         averages = np.concatenate(kept) if kept else np.zeros(0, dtype=int)
         turning = np.setdiff1d(np.arange(start), averages)
-        residual, regressors, turning_cost = _narrowed(
-            residual, regressors, averages, turning, self.amplitudes
-        )
-        marginal = MarginalCost(blocks, residual, regressors)
+        return blocks, *_narrowed(residual, regressors, averages, turning, self.amplitudes)
 
-        def cost(log_scale: Array) -> float:
-            scale = dict(zip(names, np.exp(log_scale), strict=True))
-            return marginal(scale) + float((log_scale**2).sum()) / _SCALE_SPREAD**2
 
-        bounds = [(float(np.log(_SCALE_BOUNDS[0])), float(np.log(_SCALE_BOUNDS[1])))] * len(names)
-        best = minimize(
-            cost, np.full(len(names), 0.05), bounds=bounds, method="L-BFGS-B", options={"maxiter": 30}
-        )
-        return {name: float(np.exp(value)) for name, value in zip(names, best.x, strict=True)}, float(
-            best.fun + turning_cost
-        )
+def scale_cost(scales: Mapping[str, float]) -> float:
+    """Return minus twice the log of the prior density of the scales of drifts, up to a constant."""
+    return float(sum(np.log(scale) ** 2 for scale in scales.values())) / _SCALE_SPREAD**2
 
 
 def _narrowed(

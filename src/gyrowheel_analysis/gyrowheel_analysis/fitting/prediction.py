@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
+from copy import copy
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,8 +46,8 @@ class Prediction:
 
     def with_measured(self, balances: Sequence[Balance]) -> Prediction:
         """Return the prediction for balances that differ in their measured rows alone."""
-        result = Prediction(balances, self.unknowns)
-        result._states = self._states.copy()
+        result = copy(self)
+        result.balances, result._states = tuple(balances), self._states.copy()
         return result
 
     def split(self, rows: Array) -> list[Array]:
@@ -83,6 +85,21 @@ class Prediction:
             own[name] += step
             columns.append((self._changed(point, term, own) - at) / step)
         return np.column_stack(columns)
+
+    @cached_property
+    def candidate_columns(self) -> Array:
+        """Derivatives of the rows by the amplitudes of all effects that may be missing, with everything as stated.
+
+        Each is multiplied by its `Unknowns.scale`.
+        """
+        stated = self.unknowns.stated()
+        base = self.rows(stated)
+        columns = [np.zeros((len(base), 0))]
+        for term in self.unknowns.candidates():
+            if term.effect is not None:
+                own = self.term_jacobian(term, stated, base, term.amplitudes)
+                columns.append(own * [self.unknowns.scale(term, name) for name in term.amplitudes])
+        return np.hstack(columns)
 
     def _state(self, point: Point) -> _State:
         """Return bench parameters, states of the balances and predicted rows."""

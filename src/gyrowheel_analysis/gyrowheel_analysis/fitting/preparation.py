@@ -122,6 +122,7 @@ def samples_of(recording: Recording) -> Samples:
         setpoint_time=recording.seconds(recording.setpoint["stamp_ns"]),
         setpoint=recording.setpoint,
         environment=recording.environment,
+        part=recording.part,
     )
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from gyrowheel_analysis.balance.balance import Balance
+from gyrowheel_analysis.fitting.events import Event, event_columns, event_widths
 from gyrowheel_analysis.fitting.fit import Fit, Point
 from gyrowheel_analysis.fitting.noise import Noise
 from gyrowheel_analysis.fitting.prediction import Prediction
@@ -39,12 +40,18 @@ class Problem:
         Rows predicted with everything as stated.
     base_jacobian : ndarray (N, q)
         Their derivatives by the nuisance unknowns.
+    events : tuple of Event
+        What changes in the middle of a recording; its sizes are fitted along.
+    removed : tuple of float
+        Sizes of the events that are taken from the measured rows already.
     """
 
     prediction: Prediction
     noise: Noise
     base: Array
     base_jacobian: Array
+    events: tuple[Event, ...] = ()
+    removed: tuple[float, ...] = ()
 
     @classmethod
     def of(cls, balances: Sequence[Balance], unknowns: Unknowns | Bench) -> Problem:
@@ -108,6 +115,43 @@ class Problem:
     def with_scales(self, scales: Mapping[str, float]) -> Problem:
         """Return the problem with other magnitudes of the drifts."""
         return replace(self, noise=self.noise.with_scales(scales))
+
+    def with_events(self, events: Sequence[Event]) -> Problem:
+        """Return the problem with other events, whose sizes are fitted along."""
+        columns = event_columns(self.balances, events) * event_widths(self.bench, events)
+        return replace(
+            self, noise=self.noise.with_events(columns), events=tuple(events), removed=(0.0,) * len(events)
+        )
+
+    def event_sizes(self, fit: Fit) -> tuple[Array, Array]:
+        """Return the sizes of the events (events,) [SI] beside a fit, and their covariance."""
+        widths = event_widths(self.bench, self.events)
+        columns = self.noise.whitened(event_columns(self.balances, self.events) * widths)
+        inverse, _ = self.unknowns.prior(fit.terms)
+        others = np.vstack([self.noise.whitened(fit.jacobian), np.diag(inverse)])
+        own = np.vstack([columns, np.zeros((len(inverse), len(self.events)))])
+        size = np.linalg.norm(others, axis=0)
+        size[size == 0.0] = 1.0
+        basis, _ = np.linalg.qr(others / size)
+        own = own - basis @ (basis.T @ own)
+        rows = np.concatenate([self.noise.whitened(fit.residual), -fit.pull])
+        rows = rows - basis @ (basis.T @ rows)
+        covariance = np.linalg.pinv(own.T @ own)
+        return (
+            np.array(self.removed) + covariance @ (own.T @ rows) * widths,
+            covariance * np.outer(widths, widths),
+        )
+
+    def without_events(self, fit: Fit) -> Problem:
+        """Return the problem with what the events do beside a fit taken from the measured rows."""
+        if not self.events:
+            return self
+        sizes, _ = self.event_sizes(fit)
+        done = self.prediction.split(event_columns(self.balances, self.events) @ (sizes - self.removed))
+        balances = [b.with_measured(b.measured - own) for b, own in zip(self.balances, done, strict=True)]
+        return replace(
+            self, prediction=self.prediction.with_measured(balances), removed=tuple(sizes.tolist())
+        )
 
     def fit(self, terms: Sequence[Term], start: Fit | None = None, *, iterations: int = 12) -> Fit:
         """Fit the nuisance unknowns and the coefficients of `terms`.
@@ -213,18 +257,8 @@ class Problem:
         else:
             rows = fit.residual + fit.jacobian[:, : self.count] @ fit.nuisance
             own = fit.jacobian * self.unknowns.widths(fit.terms)
-        scales, _ = self.noise.best_scales(rows, np.hstack([own, self._candidate_columns()]))
+        scales, _ = self.noise.best_scales(rows, np.hstack([own, self.prediction.candidate_columns]))
         return self.with_scales(scales)
-
-    def _candidate_columns(self) -> Array:
-        """Return the derivatives of the rows by the amplitudes of all candidates, each times its `Unknowns.scale`."""
-        stated = self.unknowns.stated()
-        columns: list[Array] = []
-        for term in self.unknowns.candidates():
-            if term.effect is not None:
-                own = self.term_jacobian(term, stated, self.base, term.amplitudes)
-                columns.append(own * [self.unknowns.scale(term, name) for name in term.amplitudes])
-        return np.hstack(columns)
 
     def reweighed(self, fit: Fit) -> Problem:
         """Return the problem with the noise of the machine that a fit describes; this one where it hardly differs.

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from gyrowheel_analysis.recording.bags import read_bag
 from gyrowheel_analysis.recording.columns import columns, is_earlier, texts, wanted
 from gyrowheel_analysis.recording.mcap.reader import Want
+from gyrowheel_analysis.recording.part import WHOLE, parted
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.readings import READINGS, Readings
@@ -77,6 +78,9 @@ class Recording:
         The description of the bench; empty where the recording has none.
     unchecked : int
         Messages that no checksum covers.
+    part : (float, float)
+        Between which times steady motion is looked for [s from the start]. All samples are kept, since what came before
+        has warmed the machine.
     """
 
     path: Path
@@ -89,6 +93,7 @@ class Recording:
     bench_text: str
     _integrity: Integrity = field(repr=False)
     unchecked: int = 0
+    part: tuple[float, float] = WHOLE
 
     @classmethod
     def open(cls, directory: str | Path) -> Recording:
@@ -97,14 +102,15 @@ class Recording:
         Parameters
         ----------
         directory : str or Path
-            A rosbag2 directory of any storage, or one of its files.
+            A rosbag2 directory of any storage, or one of its files. ``@from=20,until=110`` behind it means that part
+            of it [s from its start].
 
         Raises
         ------
         InputError
-            If it does not exist, is incomplete or damaged, or has no measurements.
+            If it does not exist, is incomplete or damaged, has no measurements, or has no such part.
         """
-        path = Path(directory)
+        path, part = parted(directory)
         where = str(path)
         asked: dict[str, Want | None] = {topic.name: None for topic in _TEXTS}
         asked |= {topic.name: wanted(topic.layout) for topic in _COLUMNS if topic.layout}
@@ -121,8 +127,11 @@ class Recording:
         measurement, integrity = _in_order(read[topics.MEASUREMENT], where)
         start = int(measurement["stamp_ns"][0])
         descriptions = texts(found.get(topics.BENCH.name), where)
+        length = (int(measurement["stamp_ns"][-1]) - start) * 1e-9
+        if not (part[0] < length and part[1] > 0.0):
+            raise InputError(f"{directory}: lies outside the recording; allowed: 0 .. {length:.1f} s")
         return cls(
-            path=path,
+            path=Path(directory),
             topics={name: topic.count for name, topic in sorted(found.items())},
             measurement=measurement,
             command=_by_stamp(read[topics.COMMAND]),
@@ -132,6 +141,7 @@ class Recording:
             bench_text=descriptions[-1] if descriptions else "",
             _integrity=integrity,
             unchecked=sum(topic.unchecked for topic in found.values()),
+            part=part,
         )
 
     @property

@@ -54,7 +54,10 @@ def reduce_and_account(data: Samples, bench: Bench) -> tuple[Windows, Coverage]:
         How much of the steady motion is used.
     """
     h = bench.sample_period
-    length = float(data.time[-1] - data.time[0]) + h if len(data.time) else 0.0
+    length = 0.0
+    if len(data.time):
+        begin, end = max(float(data.time[0]) - h, data.part[0]), min(float(data.time[-1]), data.part[1])
+        length = max(end - begin, 0.0)
     data, without, assumed = readable(data, bench)
     rows: list[dict[str, Any]] = []
     used, left_out = 0.0, defaultdict[str, float](float)

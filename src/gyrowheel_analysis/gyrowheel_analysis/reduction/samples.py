@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -31,6 +32,8 @@ class Samples:
         Setpoints, with the fields of the Setpoint message.
     environment : sequence of Environment
         Known changes of the environment.
+    part : (float, float)
+        Between which times steady motion is looked for [s].
     """
 
     time: Array
@@ -38,3 +41,4 @@ class Samples:
     setpoint_time: Array
     setpoint: Any
     environment: Sequence[Environment] = ()
+    part: tuple[float, float] = (-math.inf, math.inf)

@@ -27,11 +27,13 @@ _LEAST_TURN = FEWEST_REVOLUTIONS + 0.1  # revolutions in a window of a cone
 def steady_spans(data: Samples) -> list[tuple[float, float, int, float]]:
     """Return the steady motions as (start, stop [s], segment, precession rate of the tilt [rad/s]).
 
-    They come from the setpoints if there are any, else from the motion itself.
+    They come from the setpoints if there are any, else from the motion itself; those outside the part of the recording
+    that is looked at (`Samples.part`) are left out.
     """
-    if len(data.setpoint_time):
-        return _spans_from_setpoints(data)
-    return _spans_from_motion(data)
+    spans = _spans_from_setpoints(data) if len(data.setpoint_time) else _spans_from_motion(data)
+    first, last = data.part
+    clipped = [(max(begin, first), min(end, last), segment, turn) for begin, end, segment, turn in spans]
+    return [span for span in clipped if span[1] > span[0]]
 
 
 def _spans_from_setpoints(data: Samples) -> list[tuple[float, float, int, float]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from gyrowheel.text.sentences.events import drift_sentence, event_sentence
 from gyrowheel.text.sentences.forms import form_sentence
 from gyrowheel.text.sentences.residuals import growth_sentence
 from gyrowheel_core.quantities import listed
@@ -42,9 +43,20 @@ def physics(finding: EffectFinding) -> str:
 
 
 def verdict_sentence(found: Diagnosis) -> str:
-    """Return the verdict in plain words; the same in terminal, notebook, pictures and JSON."""
+    """Return the verdict in plain words; the same in terminal, notebook, pictures and JSON.
+
+    What happened in the middle of a recording comes first, what its drifts are last.
+    """
+    happened = [event_sentence(event, several=len(found.recordings) > 1) for event in found.events]
+    return " ".join(filter(None, [*happened, _verdict(found), drift_sentence(found.drift_scales)]))
+
+
+def _verdict(found: Diagnosis) -> str:
     if found.verdict == "nothing_missing":
-        return "Nothing is missing: the model explains the recordings within noise and stated uncertainties."
+        besides = "Besides, nothing" if found.events else "Nothing"
+        return (
+            f"{besides} is missing: the model explains the recordings within noise and stated uncertainties."
+        )
     if found.verdict == "unknown":
         known = listed([named(f) for f in found.effects], "and") if found.effects else ""
         what = f"Besides {known}, something" if known else "Something"

@@ -1,0 +1,243 @@
+"""The instant at which something changed, from the samples themselves.
+
+Windows are seconds long; the samples between them tell more. What coils and motor give, integrated over time, turns
+into angular momentum: a torque that begins bends their difference, which is as quiet as the readings of tilt and speed.
+A reading of the motor that shifts makes a jump in the balance of its voltages.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel_analysis.reduction.samples import Array, Samples
+from gyrowheel_core.readings import Readings
+from gyrowheel_sim.bench import Bench
+
+#: Samples that are averaged into one point.
+_BLOCK = 8
+_STEP = 0.01  # s between the instants that are tried
+_BESIDE = 3.0  # s of samples looked at on either side
+_FEWEST = 100  # points
+#: Gain in chi-squared from which an instant counts as seen.
+_SEEN = 16.0
+
+
+@dataclass(frozen=True)
+class _Series:
+    """What is quiet but for the change.
+
+    Attributes
+    ----------
+    time : ndarray (n,)
+        Times [s].
+    values : complex ndarray (n,)
+        What is watched.
+    beside : complex ndarray (n, k)
+        What else may move it.
+    known : ndarray (k,)
+        How well the share of each of these is known; infinite where it is not.
+    change : complex ndarray (n,)
+        The change per unit, of the values or of their rate.
+    of_rate : bool
+        Whether it is that of their rate: the values bend, and do not jump.
+    """
+
+    time: Array
+    values: NDArray[np.complex128]
+    beside: NDArray[np.complex128]
+    known: Array
+    change: NDArray[np.complex128]
+    of_rate: bool
+
+
+def onset(data: Samples, bench: Bench, quantity: str, begin: float, end: float) -> tuple[float, float] | None:
+    """Return the instant at which a quantity changed, and its standard error [s].
+
+    Parameters
+    ----------
+    data : Samples
+        The recording.
+    bench : Bench
+        Its bench.
+    quantity : str
+        What changed, see `fitting.events.QUANTITIES`.
+    begin, end : float
+        Between which times it changed [s].
+
+    Returns
+    -------
+    tuple of float, or None
+        None where the samples do not show it.
+    """
+    i, j = np.searchsorted(data.time, (begin - _BESIDE, end + _BESIDE))
+    count = (j - i) // _BLOCK
+    if count < _FEWEST:
+        return None
+    series = _series(data, bench, quantity, int(i), int(i + count * _BLOCK))
+    if series is None:
+        return None
+    at = np.arange(max(begin, series.time[2]), min(end, series.time[-3]), _STEP)
+    if len(at) < 2:
+        return None
+    points = len(series.time)
+    beside = np.vstack([series.beside, np.diag(_rough(series.values) / series.known)])
+    size = np.linalg.norm(beside, axis=0)
+    basis, _ = np.linalg.qr(beside / np.where(size > 0.0, size, 1.0))
+
+    def left_of(rows: Any) -> Any:
+        """Return rows (n, ...) less what moves them beside the change, with what is known of that."""
+        padded = np.concatenate([rows, np.zeros((len(basis) - points, *rows.shape[1:]))])
+        return padded - basis @ (basis.conj().T @ padded)
+
+    values = left_of(series.values)
+    step = np.diff(series.time, prepend=series.time[0])[:, None]
+    on = np.clip((series.time[:, None] - at) / np.maximum(step, 1.0e-9), 0.0, 1.0)
+    columns = series.change[:, None] * on
+    columns = left_of(np.cumsum(columns * step, axis=0) if series.of_rate else columns)
+    along = np.real(columns.conj().T @ values)
+    square = np.sum(np.abs(columns) ** 2, axis=0)
+    gains = along**2 / np.maximum(square, 1e-300)
+    best = int(np.argmax(gains))
+    left = (values - columns[:, best] * along[best] / square[best])[:points]
+    noise = _noise(left)
+    if gains[best] < _SEEN * noise:
+        return None
+    likely = gains > gains[best] - noise
+    return float(at[best]), max(0.5 * float(np.count_nonzero(likely)) * _STEP, 2.0 * _STEP)
+
+
+def _noise(left: NDArray[np.complex128]) -> float:
+    """Return the variance of one part of residuals, times how long they stay alike."""
+    centred = left - left.mean()
+    spectrum = np.abs(np.fft.fft(centred, 2 * len(left))) ** 2
+    likeness = np.real(np.fft.ifft(spectrum))[: len(left) // 4]
+    if likeness[0] <= 0.0:
+        return 1e-300
+    likeness = likeness / likeness[0]
+    ends = np.flatnonzero(likeness < 0.05)
+    alike = 1.0 + 2.0 * float(likeness[1 : ends[0] if len(ends) else None].sum())
+    return 0.5 * float(np.mean(np.abs(centred) ** 2)) * max(alike, 1.0)
+
+
+def _rough(values: NDArray[np.complex128]) -> float:
+    """Return the standard deviation of the noise of values that else are smooth."""
+    return float(np.sqrt(np.mean(np.abs(np.diff(values, 2)) ** 2) / 6.0))
+
+
+def _mean(values: Any) -> Any:
+    """Return the means of blocks of samples, along the first axis."""
+    return values.reshape(-1, _BLOCK, *values.shape[1:]).mean(axis=1)
+
+
+def _series(data: Samples, bench: Bench, quantity: str, i: int, j: int) -> _Series | None:
+    """Return what shows the change of a quantity, from samples i .. j-1; None if nothing does."""
+    make: Callable[[Array, Readings, Bench, str, Any], _Found | None]
+    if quantity in ("motor_current", "motor_voltage", "winding_resistance"):
+        make = _voltages
+    elif quantity in ("spin_torque", "spin_torque_by_speed"):
+        make = _spin_momentum
+    else:
+        make = _tilt_momentum
+    time, own = data.time[i:j], data.readings[i:j]
+    turn = np.exp(1j * own.spin_angle)
+    x = (time - time.mean()) / (time[-1] - time[0])
+    shared = [np.ones_like(time), x, turn, turn.conj(), turn**2, turn.conj() ** 2]
+    found = make(time, own, bench, quantity, turn)
+    if found is None:
+        return None
+    values, change, of_rate, further = found
+    columns, known = zip(*further, strict=True)
+    return _Series(
+        time=_mean(time),
+        values=_mean(values).astype(np.complex128),
+        beside=_mean(np.column_stack([*shared, *columns])).astype(np.complex128),
+        known=np.array([*(math.inf for _ in shared), *known]),
+        change=_mean(change).astype(np.complex128),
+        of_rate=of_rate,
+    )
+
+
+#: Values, the change per unit, whether that is of their rate, and what else moves them with how well it is known.
+_Found = tuple[Any, Any, bool, list[tuple[Any, float]]]
+
+
+def _voltages(time: Array, own: Readings, bench: Bench, quantity: str, turn: Any) -> _Found:
+    """Return the voltage of the motor less what current and speed need."""
+    v = bench.value
+    volts = (
+        own.motor_voltage - v("motor_resistance") * own.motor_current - v("motor_constant") * own.spin_rate
+    )
+    back_emf = (_smooth(own.spin_rate), 0.05 * v("motor_constant"))
+    if quantity == "winding_resistance":
+        return volts, v("motor_resistance") * own.motor_current, False, [back_emf]
+    winding = (_smooth(own.motor_current), 0.3 * v("motor_resistance"))
+    return volts, np.ones_like(volts), False, [back_emf, winding]
+
+
+def _spin_momentum(time: Array, own: Readings, bench: Bench, quantity: str, turn: Any) -> _Found:
+    """Return the angular momentum of the spin less what the motor gave."""
+    steps, spin = _steps(time), _smooth(own.spin_rate)
+    given = np.cumsum(bench.value("motor_constant") * own.motor_current * steps)
+    tilted = np.hypot(own.tilt_x, own.tilt_y) ** 2
+    drag = bench.value("bearing_coulomb") / bench.value("spin_rate_reference")
+    further = [
+        (spin, 0.02 * bench.axial_inertia),
+        (np.cumsum((spin - spin.mean()) * steps), 10.0 * drag),
+        (np.cumsum(tilted * steps), math.inf),
+        (tilted, math.inf),
+    ]
+    change = spin if quantity == "spin_torque_by_speed" else np.ones_like(spin)
+    return bench.axial_inertia * own.spin_rate - given, change, True, further
+
+
+def _tilt_momentum(time: Array, own: Readings, bench: Bench, quantity: str, turn: Any) -> _Found | None:
+    """Return the angular momentum across the case axis less what the coils gave, times -i."""
+    v, steps, spin = bench.value, _steps(time), _smooth(own.spin_rate)
+    z = np.tan(own.tilt_x) + 1j * np.tan(own.tilt_y)
+    axis = z / np.sqrt(1.0 + np.abs(z) ** 2)
+    square, inertia, across = np.abs(z) ** 2, bench.precession_inertia, v("rotor_inertia_x")
+    rate = np.gradient(_smooth(z), time)
+    coil = v("coil_constant") * (own.coil_voltage_x + 1j * own.coil_voltage_y)
+    changes = {
+        "torque_x": np.ones_like(z),
+        "torque_y": np.full_like(z, 1j),
+        "torque_along_tilt": z,
+        "torque_across_tilt": 1j * z * spin,
+        "coil_gain": coil,
+    }
+    if quantity not in changes:
+        return None
+    values = np.cumsum(coil * steps) + 1j * inertia * spin * axis - across * rate
+    further = [
+        (np.cumsum(z * steps), math.inf),
+        (np.cumsum(spin**2 * z * steps), math.inf),
+        (np.cumsum(spin * z * steps), math.inf),
+        (np.cumsum(square * z * steps), math.inf),
+        (spin * axis, 0.02 * inertia),
+        # the motor drives along the case axis, the drag acts along that of the rotor
+        (np.cumsum(np.gradient(spin, time) * axis * steps), inertia),
+        (spin * axis * square, inertia),
+        (rate, 0.3 * across),
+        *(
+            (wave * tilt, math.inf)
+            for wave in (turn, turn.conj(), turn**2, turn.conj() ** 2)
+            for tilt in (z, z.conj())
+        ),
+    ]
+    return values, changes[quantity], True, further
+
+
+def _steps(time: Array) -> Array:
+    """Return the intervals that end with the samples [s]."""
+    return np.diff(time, prepend=2.0 * time[0] - time[1])
+
+
+def _smooth(values: Any) -> Any:
+    """Return the running mean of values over 20 ms."""
+    return np.convolve(np.pad(values, 20, mode="edge"), np.full(41, 1.0 / 41.0), mode="valid")
