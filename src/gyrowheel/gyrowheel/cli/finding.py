@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,7 +11,6 @@ import typer
 
 from gyrowheel.cli.options import ErrorPicture, Json, ModelFile, Picture, Recordings, Validation, example
 from gyrowheel.cli.shell import finding, put_json, put_picture, put_text, working
-from gyrowheel_analysis.recording import parted
 
 if TYPE_CHECKING:
     from gyrowheel import Diagnosis
@@ -105,7 +103,11 @@ def diagnose(
         command = following(
             result, directories, validate or (), model, loaded.bench_source, averages=averages
         )
-        put_text(diagnosis(result.details, following=command, parts=splitting(result, model)))
+        parts = [
+            f"gyrowheel diagnose {shlex.quote(part)} --model {shlex.quote(str(model))}"
+            for part in result.parts
+        ]
+        put_text(diagnosis(result.details, following=command, parts=parts))
     put_picture(picture, result.plot, quiet=json == "-")
     finding(fail_on_finding and result.verdict != "nothing_missing")
 
@@ -128,26 +130,6 @@ def rate(directories: Recordings, model: ModelFile, json: Json = None) -> None:
         put_json(json, result.to_dict())
     if json != "-":
         put_text(rates_page(result.details))
-
-
-def splitting(result: Diagnosis, model: Path) -> list[str]:
-    """Return the commands that diagnose the parts of recordings between their events."""
-    commands = []
-    for recording in dict.fromkeys(event.recording for event in result.events):
-        place, (begin, until) = parted(recording)
-        edges = [begin]
-        for event in result.events:
-            if event.recording == recording:
-                edges += [event.time, event.time if event.end is None else event.end]
-        edges.append(until)
-        for first, last in zip(edges[::2], edges[1::2], strict=True):
-            limits = [f"from={first:.1f}"] if math.isfinite(first) else []
-            limits += [f"until={last:.1f}"] if math.isfinite(last) else []
-            # events may overlap
-            if first < last:
-                part = shlex.quote(f"{place}@{','.join(limits)}")
-                commands.append(f"gyrowheel diagnose {part} --model {shlex.quote(str(model))}")
-    return commands
 
 
 def following(

@@ -91,6 +91,13 @@ class Diagnosis(Result):
         """Paths of the recordings."""
         return tuple(self.details.recordings)
 
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """What lies before, between and after the events, as paths that `Recording.open` takes; empty without events."""
+        from gyrowheel_analysis.diagnosis.events import parts_between
+
+        return tuple(parts_between(self.details.events))
+
     def to_add(self) -> list[str | Effect]:
         """Return what `Model.add` takes: names of effects, and effects made from the proposed formulas.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,7 @@ from gyrowheel_analysis.fitting.events import QUANTITIES, Event
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.preparation import samples_of
 from gyrowheel_analysis.fitting.problem import Problem
-from gyrowheel_analysis.recording import Recording
+from gyrowheel_analysis.recording import Recording, parted
 from gyrowheel_analysis.reduction import readable
 from gyrowheel_analysis.reduction.onset import onset
 from gyrowheel_sim.bench import Bench
@@ -291,3 +291,19 @@ def with_sizes(problem: Problem, fit: Fit, found: Sequence[Found], names: Sequen
         )
         for f, k in zip(found, order, strict=True)
     ]
+
+
+def parts_between(events: Sequence[DatedEvent]) -> Iterator[str]:
+    """Yield the parts of recordings before, between and after their events, as `Recording.open` takes them."""
+    for recording in dict.fromkeys(event.recording for event in events):
+        place, (begin, until) = parted(recording)
+        edges = [begin]
+        for event in events:
+            if event.recording == recording:
+                edges += [event.time, event.time if event.end is None else event.end]
+        edges.append(until)
+        for first, last in zip(edges[::2], edges[1::2], strict=True):
+            limits = [f"from={first:.1f}"] if math.isfinite(first) else []
+            limits += [f"until={last:.1f}"] if math.isfinite(last) else []
+            if first < last:  # events may overlap
+                yield f"{place}@{','.join(limits)}"
