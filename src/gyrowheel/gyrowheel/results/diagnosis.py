@@ -93,7 +93,7 @@ class Diagnosis(Result):
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """What lies before, between and after the events, as paths that `Recording.open` takes; empty without events."""
+        """What lies before, between and after the events, as paths for `Recording.open`; empty without events."""
         from gyrowheel_analysis.diagnosis.events import parts_between
 
         return tuple(parts_between(self.details.events))
