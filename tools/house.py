@@ -36,7 +36,7 @@ HOUSE = (
         (
             ("errors", "wire", "cache"),
             ("units", "files", "schema", "yaml_text", "readings", "topics"),
-            ("quantities", "node", "locks"),
+            ("quantities", "node", "locks", "limits"),
         ),
     ),
     Package(

@@ -12,6 +12,7 @@ from gyrowheel_core.errors import InputError, one_line
 #: Largest number of values in a file with its anchors written out; more would exhaust the memory.
 _MOST: Final = 1_000_000
 _LONGEST: Final = 200  # characters of the parser's message
+_LARGEST: Final = 1_000_000  # characters; the parser takes six seconds for as many
 
 
 # The loader in C is faster, but deep nesting crashes it.
@@ -46,8 +47,11 @@ def read_yaml(text: str, origin: str) -> Any:
     Raises
     ------
     InputError
-        If it is no YAML, has a key twice in one mapping, or refers to itself without end.
+        If it is no YAML, has a key twice in one mapping, or refers to itself without end; or if it is far longer than
+        any file of this project.
     """
+    if len(text) > _LARGEST:
+        raise InputError(f"{origin}: has {len(text)} characters; allowed: up to {_LARGEST}")
     try:
         content = yaml.load(text, _Loader)
         _expanded(content, {})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import contextlib
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -18,11 +19,26 @@ from gyrowheel_analysis.exchange.column_map import ColumnMap
 from gyrowheel_analysis.exchange.fields import Reading
 from gyrowheel_analysis.exchange.map_file import TIMESTAMP, Source
 from gyrowheel_core.errors import InputError, one_line
+from gyrowheel_core.limits import require_room
 from gyrowheel_core.units import unit_registry
 
 Array = NDArray[np.float64]
 
 SUFFIXES: Final = (".csv", ".parquet")
+_TEXT_TO_MEMORY: Final = 2.0  # a short number takes more bytes in memory than in a text
+_BYTES_A_VALUE: Final = 16  # as it is read, and as it is converted
+_HEAD: Final = 1 << 16  # bytes by which a text is known
+#: How files begin that are sometimes called .csv.
+_KINDS: Final = {
+    b"PK\x03\x04": "a zip archive or a spreadsheet",
+    b"\x1f\x8b": "compressed by gzip",
+    b"\x28\xb5\x2f\xfd": "compressed by zstd",
+    b"PAR1": "a Parquet file",
+    b"\x89MCAP": "an MCAP file",
+    b"\x89HDF": "an HDF5 file",
+    b"MATLAB 5.0": "a MATLAB file",
+    b"SQLite format 3": "a database",
+}
 _STEP: Final = 0.1  # largest deviation of a time step, as a fraction of the sample period
 _PERIOD: Final = 0.01  # the same for the mean time step
 
@@ -228,6 +244,8 @@ class Table:
 
     def _read(self) -> Any:
         names = self._map.names
+        if self.path.exists() and not self.path.is_file():
+            raise InputError(f"{self.path}: cannot be read: it is not a file")
         try:
             return self._read_csv(names) if self._csv else self._read_parquet(names)
         except FileNotFoundError:
@@ -241,10 +259,36 @@ class Table:
     def _read_parquet(self, names: Sequence[str]) -> Any:
         with pq.ParquetFile(self.path) as file:
             self._check_columns(file.schema_arrow.names, names)
+            # what the file claims of its size may be small: a column of one repeated value has hardly any bytes
+            rows = file.metadata.num_rows
+            require_room(_BYTES_A_VALUE * rows * len(names), f"{self.path}: its table of {rows} rows")
             return file.read(columns=list(names))
+
+    def _check_text(self) -> None:
+        """Refuse a file whose beginning is no text: the parser would quote what it cannot read."""
+        encoding = self._map.csv.encoding
+        with self.path.open("rb") as file:
+            head = file.read(_HEAD)
+        kind = next((kind for mark, kind in _KINDS.items() if head.startswith(mark)), "")
+        if kind:
+            raise InputError(f"{self.path}: is {kind}, not a text; allowed: a table as text, or Parquet")
+        try:
+            # a character may be cut in two at the end
+            text = codecs.getincrementaldecoder(encoding)().decode(head)
+        except UnicodeDecodeError as error:
+            raise InputError(
+                f"{self.path}: byte {error.start + 1} is no text in {encoding}; {self._map.origin}: csv.encoding names "
+                "another encoding"
+            ) from None
+        except LookupError:
+            return  # is told where the file is read
+        if "\0" in text:
+            raise InputError(f"{self.path}: is no text: it has a zero byte near its beginning")
 
     def _read_csv(self, names: Sequence[str]) -> Any:
         settings = self._map.csv
+        self._check_text()
+        require_room(_TEXT_TO_MEMORY * self.path.stat().st_size, f"{self.path}: it")
         read = pc.ReadOptions(skip_rows=settings.skip_lines, encoding=settings.encoding)
         parse = pc.ParseOptions(delimiter=settings.delimiter)
         try:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import functools
 import sqlite3
-import tempfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Final
@@ -17,6 +16,7 @@ from rosbags.rosbag2 import Reader
 
 from gyrowheel_analysis.recording.mcap.reader import Damaged, TopicData, Wanted, read_mcap
 from gyrowheel_analysis.recording.metadata import METADATA_FILE, Metadata, read_metadata
+from gyrowheel_analysis.recording.unpacking import file_in_memory, unpack
 from gyrowheel_core.errors import InputError, one_line
 
 _BATCH: Final = 1 << 14  # messages parsed together
@@ -49,7 +49,9 @@ def read_bag(path: Path, wanted: Wanted) -> dict[str, TopicData]:
             _require_database(path)
         return _merge(path, read_mcap(path, wanted) if path.suffix == ".mcap" else _read_other(path, wanted))
     if not path.is_dir():
-        raise InputError(f"{path}: no such recording")
+        raise InputError(
+            f"{path}: {'is neither a directory nor a file' if path.exists() else 'no such recording'}"
+        )
     file = path / METADATA_FILE
     if not file.is_file():
         begun = any(path.glob("*.mcap")) or any(path.glob("*.db3"))
@@ -82,17 +84,16 @@ def _read_file(file: Path, metadata: Metadata, wanted: Wanted) -> list[TopicData
 
 @contextlib.contextmanager
 def _decompressed(file: Path) -> Iterator[Path]:
-    """Give a decompressed copy of a file that lasts as long as the block."""
-    with tempfile.TemporaryDirectory(prefix="gyrowheel-") as folder:
-        plain = Path(folder) / file.stem
+    """Give a decompressed copy of a file, in memory, that lasts as long as the block."""
+    with file_in_memory(file.stem) as (plain, place):
         try:
-            with file.open("rb") as source, plain.open("wb") as target:
-                zstandard.ZstdDecompressor().copy_stream(source, target)
+            with file.open("rb") as source:
+                unpack(source, plain, file)
         except OSError as error:
             raise InputError(f"{file}: cannot be read: {error.strerror or error}") from None
         except zstandard.ZstdError as error:
             raise InputError(f"{file}: damaged: cannot be decompressed ({one_line(error)})") from None
-        yield plain
+        yield place
 
 
 def _decompress(message: bytes) -> bytes:

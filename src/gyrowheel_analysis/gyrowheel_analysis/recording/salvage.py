@@ -10,7 +10,6 @@ import contextlib
 import functools
 import hashlib
 import re
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,6 +38,7 @@ from gyrowheel_analysis.recording.metadata import (
     write_metadata,
 )
 from gyrowheel_analysis.recording.reader import Integrity, Recording
+from gyrowheel_analysis.recording.unpacking import file_in_memory, unpack
 from gyrowheel_analysis.recording.writer import being_written
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import new_directory, require_new
@@ -456,12 +456,13 @@ def _opened(file: Path) -> Iterator[tuple[BinaryIO, bool]]:
             if file.suffix != ".zstd":
                 yield stream, True
                 return
-            with tempfile.TemporaryFile() as plain:
+            with file_in_memory(file.stem) as (plain, _):
                 whole = True
                 try:
-                    zstandard.ZstdDecompressor().copy_stream(stream, plain)
+                    unpack(stream, plain, file)
                 except zstandard.ZstdError:
                     whole = False
+                plain.seek(0)
                 yield plain, whole
     except IsADirectoryError:
         raise InputError(f"{file}: is a directory") from None

@@ -37,9 +37,11 @@ from gyrowheel_analysis.recording.mcap.format import (
     STATISTICS,
 )
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.limits import require_room
 
 _HEAD: Final = MESSAGE_HEAD_DTYPE.itemsize
-_LIMIT: Final = 1 << 31  # bytes in a chunk; a larger number counts as damage and is never allocated
+_OBJECT: Final = 40  # bytes that a message takes beside its content
+_LIMIT: Final = 1 << 29  # bytes in a chunk; a larger number counts as damage and is never allocated
 _BATCH: Final = 1 << 20  # bytes of messages outside of chunks that are parsed together
 
 
@@ -180,6 +182,8 @@ def read_mcap(path: Path, wanted: Wanted, unpack: Callable[[bytes], bytes] | Non
         If the file cannot be read, is incomplete or damaged.
     """
     try:
+        if path.exists() and not path.is_file():  # a pipe would be waited for
+            raise InputError(f"{path}: is no file")
         with path.open("rb", buffering=1 << 20) as file:
             size = os.fstat(file.fileno()).st_size
             if size == 0:
@@ -209,6 +213,7 @@ class _File:
         self._places: list[int] = []  # of them
         self._chunks: list[tuple[str, Chunk, list[bytes]]] = []  # that wait to be parsed, with name and index
         self._waiting = 0  # bytes in them
+        self._kept = 0  # bytes of the messages that were asked for
 
     def read(self) -> dict[int, TopicData]:
         """Return the topics by channel."""
@@ -339,6 +344,8 @@ class _File:
                 continue
             begins = places[mine] + _HEAD
             sizes = heads["length"][mine].astype(np.int64) - MESSAGE_OVERHEAD
+            self._kept += int(sizes.sum()) + _OBJECT * count
+            require_room(self._kept, f"{self._file.name}: what is recorded on {topic.name}")
             want = self._wanted[topic.name]
             if want is None:
                 topic.times.append(heads["log_time"][mine].astype(np.int64))
