@@ -150,7 +150,7 @@ def sampled_loop(tilt: float, spin_rate: float, seconds: float, substeps: int) -
     voltages = np.empty((round(seconds / bench().sample_period), 3))
     for k in range(len(voltages)):
         voltages[k] = machine.held
-        code.plant_measure(machine.parameters, *constant, *machine.held, silence, reading)
+        code.plant_measure(machine.parameters, *constant, *machine.held, machine.held, silence, reading)
         for _ in range(substeps):
             code.plant_step(fine, *constant, *machine.held)
         machine.held[:] = controller.update(reading.tolist(), setpoint, 0.0)

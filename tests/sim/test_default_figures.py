@@ -164,7 +164,7 @@ def test_one_step_a_sample_makes_no_false_torque():
         constant = (machine.coefficients, machine.active, machine.environment, machine.state, 0.0)
         for k in range(samples):
             volts[k] = machine.held
-            code.plant_measure(machine.parameters, *constant, *machine.held, silence, reading)
+            code.plant_measure(machine.parameters, *constant, *machine.held, machine.held, silence, reading)
             for _ in range(substeps):
                 code.plant_step(fine, *constant, *machine.held)
             machine.held[:] = controller.update(reading.tolist(), setpoint, 0.0)

@@ -296,7 +296,7 @@ def advanced(effects: Mapping[str, Mapping[str, float]], s: Mapping[str, Any]) -
     for k in range(3):
         loop_code().plant_advance(
             machine().parameters, *arrays(effects), environment, state, held, 10.0 + k * BENCH.sample_period,
-            s["coils"].imag, -s["coils"].real, s["motor"] - k, np.zeros(N_NOISE), out,
+            (1.0 + 0.1 * k) * s["coils"].imag, -(1.0 + 0.1 * k) * s["coils"].real, s["motor"] - k, np.zeros(N_NOISE), out,
         )  # fmt: skip
     return np.concatenate([state, out])
 
@@ -315,7 +315,7 @@ def test_amplitude_of_zero_changes_nothing(effect):
     check()
 
 
-@pytest.mark.parametrize("effect", physical().values(), ids=lambda effect: effect.name)
+@EACH
 def test_usual_size_changes_motion_or_readings(effect):
     state = {
         "z": 0.05 + 0.02j, "rate": 0.3 + 0.1j, "angle": 0.7, "Omega": 300.0, "coils": 1.0 + 0.5j, "motor": 9.0,

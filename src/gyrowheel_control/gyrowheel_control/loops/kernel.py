@@ -146,7 +146,7 @@ def closed_loop(
         k = start + i
         out = measurement[i]
         if k == 0:
-            plant_measure(p, coef, active, env, state, 0.0, held[0], held[1], held[2], noise[i], out)
+            plant_measure(p, coef, active, env, state, 0.0, held[0], held[1], held[2], held, noise[i], out)
         else:
             # the command of the sample before, computed below, waits in the state
             plant_advance(

@@ -176,6 +176,7 @@ def entries_source(parameters: Sequence[str], held_start: int) -> str:
         Where in the state the outputs begin that are held from sample to sample.
     """
     held = {name: f"state[{held_start + index}]" for index, name in enumerate(HELD_OUTPUTS)}
+    sampled = {name: f"laws.{name}" for name in HELD_OUTPUTS}
     at_instant = {n: f"laws.{n}" for target in TARGETS.values() for n in target.outputs if n not in held}
     action: dict[Place, tuple[str, ...]] = {
         "across": ("across_x", "across_y"), "along": ("along",), "shaft": ("shaft",),
@@ -188,10 +189,14 @@ def entries_source(parameters: Sequence[str], held_start: int) -> str:
         for part, field in enumerate(fields)
     }
     errors = {
-        reading.name: _total("reading", reading.name, 0, held)
+        reading.name: _total("reading", reading.name, 0, sampled)
         if reading not in (Reading.tilt_x, Reading.tilt_y)
         else _total(
-            "reading", "tilt", int(reading is Reading.tilt_y), held, _total("reading", reading.name, 0, held)
+            "reading",
+            "tilt",
+            int(reading is Reading.tilt_y),
+            sampled,
+            _total("reading", reading.name, 0, sampled),
         )
         for reading in Reading
     }
@@ -203,7 +208,7 @@ def entries_source(parameters: Sequence[str], held_start: int) -> str:
         _inlined("changed", "p, laws, state", [_changes(parameters, at_instant | held)]),
         _inlined("changed_at_sample", "p, state", [_changes(parameters, held)]),
         _inlined("lag_of_coils", "state", [f"return {_total('coil_lag', '', 0, held)}"]),
-        _inlined("reading_errors", "state", [_returned("ReadingErrors", errors)]),
+        _inlined("reading_errors", "laws", [_returned("ReadingErrors", errors)]),
     ]
     return "\n\n".join(parts)
 

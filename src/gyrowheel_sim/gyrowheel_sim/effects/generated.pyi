@@ -25,5 +25,5 @@ def changed_at_sample(p: Any, state: Any) -> Any:
 def lag_of_coils(state: Any) -> float:
     """Return the time constant with which the torque of the coils follows their voltage [s]."""
 
-def reading_errors(state: Any) -> Any:
-    """Return what the laws add to the readings of the last sample: one field a reading."""
+def reading_errors(laws: Any) -> Any:
+    """Return what laws that `evaluate_samples` gave add to the readings: one field a reading."""

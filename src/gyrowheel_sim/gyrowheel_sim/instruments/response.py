@@ -38,7 +38,7 @@ def held_response(
     """Return the response of a reading of a quantity that is held for each sampling period: voltages, motor current.
 
     Parameters are those of `smooth_response`; `period` is the sampling period [s]. It is 1 without delay and filter,
-    and differs from `smooth_response` by a part of (omega period)^2 / 12 at most.
+    and differs from `smooth_response` by a part of (omega period)^2 / 8 at most.
     """
     omega = np.asarray(omega, dtype=np.float64)
     if time == 0.0:

@@ -9,9 +9,10 @@ from gyrowheel_sim import columns
 from gyrowheel_sim.compiled import compile_source, kernel_text
 from gyrowheel_sim.effects.code import cached_laws_source, entries_source
 from gyrowheel_sim.effects.declaration import Effect
+from gyrowheel_sim.instruments import memory
 from gyrowheel_sim.instruments.readings import Drift, Reading
 from gyrowheel_sim.plant.parameters import PlantParameters
-from gyrowheel_sim.plant.state import DRIFT_START, HELD_START, State, Surroundings
+from gyrowheel_sim.plant.state import DRIFT_START, HELD_START, MEMORY_START, State, Surroundings
 
 _OWN = "gyrowheel_sim"
 
@@ -32,15 +33,22 @@ def compose(
     layouts : sequence of Column
         Places of arrays that those files name.
     """
-    every: tuple[type[columns.Column], ...] = (State, Surroundings, Reading, Drift, *layouts)
+    every: tuple[type[columns.Column], ...] = (
+        State, Surroundings, Reading, Drift, memory.Past, memory.Chain, *layouts,
+    )  # fmt: skip
     parts = [
         *(columns.source(layout) for layout in every),
-        f"DRIFT_START = {DRIFT_START}\n",
+        f"DRIFT_START = {DRIFT_START}\nMEMORY_START = {MEMORY_START}\n",
+        "".join(
+            f"{name} = {getattr(memory, name)}\n"
+            for name in ("N_ROWS", "N_FILTER", "FILTERS", "ROWS", "WIDTH")
+        ),
         kernel_text(_OWN, "mechanics/dynamics.py"),
         kernel_text(_OWN, "effects/instant.py"),
         cached_laws_source(tuple(effects)),
         entries_source(PlantParameters._fields, HELD_START),
         kernel_text(_OWN, "instruments/kernel.py"),
+        kernel_text(_OWN, "instruments/chain.py"),
         kernel_text(_OWN, "plant/kernel.py"),
         *(kernel_text(package, name) for package, name in extra),
     ]

@@ -14,7 +14,19 @@ from typing import TYPE_CHECKING, Any
 from numba.extending import register_jitable
 
 from gyrowheel_sim.effects.instant import Instant
-from gyrowheel_sim.instruments.kernel import advance_drifts, read_instruments
+from gyrowheel_sim.instruments.chain import (
+    SHORTEST_FILTER,
+    SUB_STEPS,
+    filter_started,
+    filtered,
+    has_chain,
+    moved_to,
+    read_held,
+    remember,
+    remember_next,
+)
+from gyrowheel_sim.instruments.kernel import advance_drifts, encoded, read_instruments, sensed_tilt
+from gyrowheel_sim.instruments.memory import ROWS, WIDTH, Chain, Past
 from gyrowheel_sim.jit import njit
 from gyrowheel_sim.mechanics.dynamics import (
     case_accelerations,
@@ -24,7 +36,7 @@ from gyrowheel_sim.mechanics.dynamics import (
     joint_accelerations,
     moving_case_forces,
 )
-from gyrowheel_sim.plant.state import DRIFT_START, State, Surroundings
+from gyrowheel_sim.plant.state import DRIFT_START, MEMORY_START, State, Surroundings
 
 if TYPE_CHECKING:
     from gyrowheel_sim.effects.generated import (
@@ -253,67 +265,153 @@ def plant_step(
     state[State.motor_temperature] += h * (inward - outward) / p.motor_heat_capacity
 
 
+@njit(cache=True, error_model="numpy")
+def saturated(value: float, limit: float) -> float:
+    """Return `value` held within +-`limit`."""
+    return min(max(value, -limit), limit)
+
+
 @njit(cache=True, error_model="numpy", forceinline=True)
-def plant_measure(
+def tilt_of(nx: float, ny: float, ux: float, uy: float) -> Any:
+    """Return the tilt (zx, zy) of a spin axis, and its rate."""
+    nz = math.sqrt(1.0 - nx * nx - ny * ny)
+    nz_rate = -(nx * ux + ny * uy) / nz
+    return -ny / nz, nx / nz, -(uy - ny * nz_rate / nz) / nz, (ux - nx * nz_rate / nz) / nz
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def angle_at(q: Any, state: Any, age: float) -> Any:
+    """Return the angle of the shaft and the spin rate at an instant that the memory of the instruments reaches."""
+    return moved_to(state, MEMORY_START, q.sample_period, Past.spin_angle, Past.spin_rate, age, 2.0 * math.pi)
+
+
+@njit(cache=True, error_model="numpy")
+def tilt_at(
     p: Any,
+    q: Any,
     coef: Any,
     active: Any,
     env: Any,
     state: Any,
     t: float,
-    vx: float,
-    vy: float,
-    vm: float,
-    noise: Any,
-    out: Any,
-) -> None:
-    """Write one sample of every reading into `out`, advancing in `state` what changes once a sample."""
+    rho: float,
+    current: float,
+    age: float,
+) -> Any:
+    """Return what the tilt sensors show of an instant that the memory of the instruments reaches."""
+    h = p.sample_period
+    nx, ux = moved_to(state, MEMORY_START, h, Past.n_x, Past.n_x_rate, age, 0.0)
+    ny, uy = moved_to(state, MEMORY_START, h, Past.n_y, Past.n_y_rate, age, 0.0)
+    angle, Omega = angle_at(q, state, age)
+    zx, zy, zx_rate, zy_rate = tilt_of(nx, ny, ux, uy)
+    at = instant_of(
+        p, env, state, t - age * h, rho, zx, zy, zx_rate, zy_rate, angle, Omega, 0.0, 0.0, 0.0, 0.0, current
+    )
+    error = reading_errors(evaluate_samples(coef, active, at))
+    return sensed_tilt(q, zx, zy, error.tilt_x, error.tilt_y)
+
+
+@njit(cache=True, error_model="numpy")
+def read_through_chain(
+    p: Any, q: Any, m: Any, coef: Any, active: Any, env: Any, state: Any, held: Any, t: float, rho: float,
+    vx: float, vy: float, vm: float, current: float,
+) -> Any:  # fmt: skip
+    """Return what delays and filters leave of tilts, angle, voltages and current.
+
+    `q` are the parameters as the laws of the sample change them, `m` as those of the instant do.
+    """
+    h = p.sample_period
+    Omega, before = state[State.spin_rate], state[MEMORY_START + ROWS + WIDTH + Past.spin_rate]
+    first = remember(
+        state, MEMORY_START, h, state[State.n_x], state[State.n_y], state[State.n_x_rate], state[State.n_y_rate],
+        state[State.spin_angle], Omega, vx, vy, vm, current,
+    )  # fmt: skip
+    # the voltages that wait act from now on; the speed goes on as it did
+    ahead = saturated(held[2], max(q.supply_voltage, 0.0))
+    speed = Omega if first else 2.0 * Omega - before
+    remember_next(
+        state, MEMORY_START, held[0], held[1], ahead, (ahead - m.motor_constant * speed) / m.motor_resistance
+    )
+    age = q.tilt_delay / h
+    time = q.tilt_filter_time
+    if time > SHORTEST_FILTER:
+        if first:
+            tilt_x, tilt_y = tilt_at(p, q, coef, active, env, state, t, rho, current, age + 1.0)
+            filter_started(state, MEMORY_START, Chain.tilt_x, tilt_x)
+            filter_started(state, MEMORY_START, Chain.tilt_y, tilt_y)
+        step = h / SUB_STEPS
+        left = math.exp(-step / time)
+        mean = (1.0 - left) * time / step
+        order = int(q.tilt_filter_order)
+        tilt_x = tilt_y = 0.0
+        for i in range(SUB_STEPS):
+            now = age + 1.0 - (i + 1) / SUB_STEPS
+            tilt_x, tilt_y = tilt_at(p, q, coef, active, env, state, t, rho, current, now)
+            tilt_x = filtered(state, MEMORY_START, Chain.tilt_x, order, left, mean, tilt_x)
+            tilt_y = filtered(state, MEMORY_START, Chain.tilt_y, order, left, mean, tilt_y)
+    else:
+        tilt_x, tilt_y = tilt_at(p, q, coef, active, env, state, t, rho, current, age)
+    angle, _ = angle_at(q, state, q.spin_angle_delay / h)
+    vx = read_held(
+        state, MEMORY_START, h, first, Past.coil_voltage_x, Chain.coil_voltage_x,
+        q.coil_voltage_delay, q.coil_voltage_filter_time, q.coil_voltage_filter_order,
+    )  # fmt: skip
+    vy = read_held(
+        state, MEMORY_START, h, first, Past.coil_voltage_y, Chain.coil_voltage_y,
+        q.coil_voltage_delay, q.coil_voltage_filter_time, q.coil_voltage_filter_order,
+    )  # fmt: skip
+    vm = read_held(
+        state, MEMORY_START, h, first, Past.motor_voltage, Chain.motor_voltage,
+        q.motor_voltage_delay, q.motor_voltage_filter_time, q.motor_voltage_filter_order,
+    )  # fmt: skip
+    current = read_held(
+        state, MEMORY_START, h, first, Past.motor_current, Chain.motor_current,
+        q.motor_current_delay, q.motor_current_filter_time, q.motor_current_filter_order,
+    )  # fmt: skip
+    return tilt_x, tilt_y, angle, vx, vy, vm, current
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def plant_measure(
+    p: Any, coef: Any, active: Any, env: Any, state: Any, t: float, vx: float, vy: float, vm: float, held: Any,
+    noise: Any, out: Any,
+) -> None:  # fmt: skip
+    """Write one sample of every reading into `out`, advancing in `state` what changes once a sample.
+
+    (vx, vy, vm) are the voltages of the interval that ends at the sample, `held` those of the next one.
+    """
     advance_drifts(p, state, DRIFT_START, noise)
-    nx, ny = state[State.n_x], state[State.n_y]
-    ux, uy = state[State.n_x_rate], state[State.n_y_rate]
     angle, Omega, T_coil = state[State.spin_angle], state[State.spin_rate], state[State.coil_temperature]
-    nz = math.sqrt(1.0 - nx * nx - ny * ny)
-    nz_rate = -(nx * ux + ny * uy) / nz
-    zx, zy = -ny / nz, nx / nz
-    zx_rate, zy_rate = -(uy - ny * nz_rate / nz) / nz, (ux - nx * nz_rate / nz) / nz
+    zx, zy, zx_rate, zy_rate = tilt_of(
+        state[State.n_x], state[State.n_y], state[State.n_x_rate], state[State.n_y_rate]
+    )
     T_air = p.air_temperature
     rho = state[State.air_pressure] / (p.gas_constant * T_air)
     # the laws at an instant know the current of the sample before, those evaluated once a sample its own
     at = instant_of(
-        p,
-        env,
-        state,
-        t,
-        rho,
-        zx,
-        zy,
-        zx_rate,
-        zy_rate,
-        angle,
-        Omega,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
+        p, env, state, t, rho, zx, zy, zx_rate, zy_rate, angle, Omega, 0.0, 0.0, 0.0, 0.0,
         state[State.motor_current],
-    )
+    )  # fmt: skip
     m = changed(p, evaluate_laws(coef, active, at), state)
     current = (vm - m.motor_constant * Omega) / m.motor_resistance
     at = instant_of(
         p, env, state, t, rho, zx, zy, zx_rate, zy_rate, angle, Omega, 0.0, 0.0, 0.0, 0.0, current
     )
-    hold_samples(state, evaluate_samples(coef, active, at))
+    laws = evaluate_samples(coef, active, at)
+    hold_samples(state, laws)
     state[State.motor_current] = current
+    error = reading_errors(laws)
+    q = changed_at_sample(p, state)
+    if has_chain(q):
+        tilt_x, tilt_y, angle, vx, vy, vm, current = read_through_chain(
+            p, q, m, coef, active, env, state, held, t, rho, vx, vy, vm, current
+        )
+    else:
+        tilt_x, tilt_y = sensed_tilt(q, zx, zy, error.tilt_x, error.tilt_y)
     read_instruments(
-        p, reading_errors(state), state, DRIFT_START, noise, zx, zy, angle, Omega, vx, vy, vm, current, T_coil, T_air,
-        state[State.air_pressure], out,
+        p, error, state, DRIFT_START, noise, t, tilt_x, tilt_y, encoded(q, angle), Omega, vx, vy, vm, current,
+        T_coil, T_air, state[State.air_pressure], out,
     )  # fmt: skip
-
-
-@njit(cache=True, error_model="numpy")
-def saturated(value: float, limit: float) -> float:
-    """Return `value` held within +-`limit`."""
-    return min(max(value, -limit), limit)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -334,4 +432,4 @@ def plant_advance(
     held[0] = saturated(vx, p.coil_voltage_limit)
     held[1] = saturated(vy, p.coil_voltage_limit)
     held[2] = saturated(vm, p.supply_voltage)
-    plant_measure(p, coef, active, env, state, t + p.sample_period, ax, ay, am, noise, out)
+    plant_measure(p, coef, active, env, state, t + p.sample_period, ax, ay, am, held, noise, out)

@@ -17,6 +17,7 @@ from gyrowheel_sim.effects.code import coefficient_arrays
 from gyrowheel_sim.effects.declaration import Effect
 from gyrowheel_sim.effects.registry import EffectValues, registry
 from gyrowheel_sim.environment import Environment
+from gyrowheel_sim.instruments.memory import LONGEST
 from gyrowheel_sim.instruments.readings import DRIFT_SIZES, N_NOISE, Drift, Reading
 from gyrowheel_sim.plant.compose import compose
 from gyrowheel_sim.plant.outside import OUTSIDE
@@ -73,6 +74,7 @@ class Machine:
             )
         true = bench.with_values(scenario.values, where="scenario.values")
         library = simulated_effects(tuple(scenario.declared.values())) if effects is None else tuple(effects)
+        _check_delays(true, scenario.effects)
         self.parameters = PlantParameters.of(true)
         self.coefficients, self.active = coefficient_arrays(
             library, _checked(scenario.effects, library), bench
@@ -155,6 +157,7 @@ class Plant:
             m.state,
             0.0,
             *m.held,
+            m.held,
             self._next_noise(),
             self._out,
         )
@@ -202,6 +205,18 @@ class Plant:
             self._noise, self._row = self.machine.noise(_NOISE_BLOCK), 0
         self._row += 1
         return self._noise[self._row - 1]
+
+
+def _check_delays(true: Bench, effects: EffectValues) -> None:
+    """Refuse a delay that the memory of the instruments does not reach."""
+    period = true.sample_period
+    for name in (n for n in true.parameters if n.endswith("_delay")):
+        delay = true.value(name) + effects.get(name, {}).get("d", 0.0)
+        if not -1.000001 * period <= delay <= 1.000001 * LONGEST * period:
+            raise InputError(
+                f"scenario: {name}: {delay * 1e3:g} ms is out of range; allowed: {-period * 1e3:g} .. "
+                f"{LONGEST * period * 1e3:g} ms, one sample ahead to {LONGEST} samples back"
+            )
 
 
 def _checked(effects: EffectValues, library: Sequence[Effect]) -> EffectValues:

@@ -57,6 +57,39 @@ class PlantParameters(NamedTuple):
     pressure_bias: float
     air_temperature: float
     gas_constant: float
+    tilt_delay: float
+    spin_angle_delay: float
+    coil_voltage_delay: float
+    motor_voltage_delay: float
+    motor_current_delay: float
+    tilt_filter_time: float
+    coil_voltage_filter_time: float
+    motor_voltage_filter_time: float
+    motor_current_filter_time: float
+    tilt_filter_order: float
+    coil_voltage_filter_order: float
+    motor_voltage_filter_order: float
+    motor_current_filter_order: float
+    encoder_zero: float
+    encoder_once_x: float
+    encoder_once_y: float
+    encoder_twice_x: float
+    encoder_twice_y: float
+    tilt_cubic: float
+    tilt_cross_talk: float
+    tilt_resolution: float
+    spin_angle_resolution: float
+    spin_rate_resolution: float
+    coil_voltage_resolution: float
+    motor_voltage_resolution: float
+    motor_current_resolution: float
+    temperature_resolution: float
+    pressure_resolution: float
+    tilt_hum: float
+    coil_voltage_hum: float
+    motor_voltage_hum: float
+    motor_current_hum: float
+    mains_frequency: float
 
     @classmethod
     def of(cls, bench: Bench) -> PlantParameters:

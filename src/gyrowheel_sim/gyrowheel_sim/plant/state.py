@@ -2,13 +2,15 @@
 
 The state is one flat array: the places of `State`, then the drifts of the instruments
 (`gyrowheel_sim.instruments.readings.Drift`), then what the laws that are evaluated once a sample gave at the last
-sample (`gyrowheel_sim.effects.targets`).
+sample (`gyrowheel_sim.effects.targets`), then what instruments with delays and filters remember
+(`gyrowheel_sim.instruments.memory`).
 """
 
 from __future__ import annotations
 
 from gyrowheel_sim.columns import Column
 from gyrowheel_sim.effects.targets import HELD_OUTPUTS
+from gyrowheel_sim.instruments.memory import N_MEMORY
 from gyrowheel_sim.instruments.readings import Drift
 
 
@@ -51,4 +53,5 @@ class Surroundings(Column):
 #: Where the drifts begin in the state, and where what is held from the last sample begins.
 DRIFT_START = len(State)
 HELD_START = DRIFT_START + len(Drift)
-N_STATE = HELD_START + len(HELD_OUTPUTS)
+MEMORY_START = HELD_START + len(HELD_OUTPUTS)
+N_STATE = MEMORY_START + N_MEMORY
