@@ -294,9 +294,10 @@ def advanced(effects: Mapping[str, Mapping[str, float]], s: Mapping[str, Any]) -
     held = np.array([s["coils"].real, s["coils"].imag, s["motor"]])
     environment = surroundings(s["rig"], s["table_rate"])
     for k in range(3):
+        coils = -1j * (1.0 + 0.1 * k) * s["coils"]
         loop_code().plant_advance(
             machine().parameters, *arrays(effects), environment, state, held, 10.0 + k * BENCH.sample_period,
-            (1.0 + 0.1 * k) * s["coils"].imag, -(1.0 + 0.1 * k) * s["coils"].real, s["motor"] - k, np.zeros(N_NOISE), out,
+            coils.real, coils.imag, s["motor"] - k, np.zeros(N_NOISE), out,
         )  # fmt: skip
     return np.concatenate([state, out])
 

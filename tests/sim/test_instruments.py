@@ -179,8 +179,27 @@ def test_a_bench_file_that_says_nothing_of_instruments_has_perfect_ones() -> Non
     old = Bench.from_text(f"schema: 1\nname: old\nparameters:\n{entries}\n", origin="old.yaml")
     assert {n: old.value(n) for n in INSTRUMENTS} == dict(INSTRUMENTS)
     assert not any(old.parameters[n].uncertainty for n in INSTRUMENTS)
-    runs = [simulate(bench, Scenario(noise_seed=4), PLAN).measurement for bench in (old, BENCH)]
-    np.testing.assert_array_equal(*runs)
+    of_old, of_new = (simulate(bench, Scenario(noise_seed=4), PLAN).measurement for bench in (old, BENCH))
+    np.testing.assert_array_equal(of_old, of_new)
+
+
+def test_a_clock_that_is_not_perfect_shows_in_the_stamps_alone() -> None:
+    exact = simulate(BENCH, Scenario(noise_seed=4), PLAN)
+    values = {"clock_jitter": 2e-5, "clock_rate_error": 1e-3}
+    run = simulate(BENCH, Scenario(values=values, noise_seed=4), PLAN)
+    np.testing.assert_array_equal(run.measurement, exact.measurement)
+    true = np.arange(len(exact.stamps)) * PERIOD
+    np.testing.assert_allclose(exact.stamps * 1e-9, true, rtol=0.0, atol=1e-12)
+    error = run.stamps * 1e-9 - true * (1.0 + 1e-3)
+    assert np.std(error) == pytest.approx(2e-5, rel=0.05)
+    assert abs(np.mean(error)) < 2e-6
+    plant = Plant(BENCH, Scenario(values=values, noise_seed=4), initial_spin_rate=SPIN)
+    plant.measure()
+    stamps = [plant.stamp_ns]
+    for _ in range(20):
+        plant.step(0.0, 0.0, 9.0)
+        stamps.append(plant.stamp_ns)
+    np.testing.assert_array_equal(stamps, run.stamps[:21])
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-import numpy as np
 import psutil
 
 from gyrowheel.machine import scenario, simulated_bench
@@ -19,7 +18,6 @@ from gyrowheel_analysis.recording import write_run
 from gyrowheel_control.loops.closed_loop import Run
 from gyrowheel_control.loops.closed_loop import simulate as run_loop
 from gyrowheel_control.plans.plan import Plan
-from gyrowheel_core import wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import new_directory, require_new
 from gyrowheel_core.readings import Readings
@@ -165,6 +163,7 @@ def record_simulation(
             to_json(run.environment),
             bench.describe(),
             sample_period=bench.sample_period,
+            stamps=run.stamps,
             drag_estimates=[
                 (estimate.stamp_ns, estimate.serialized())
                 for estimate in _estimates(run, model or Model(bench))
@@ -184,11 +183,4 @@ def _require_memory(plan: Plan, bench: Bench) -> None:
 
 def _estimates(run: Run, model: Model) -> Iterator[Estimate]:
     """Yield the drag estimates of a run."""
-    stamps = np.arange(len(run.measurement), dtype=np.int64)
-    return drag_estimates(
-        stamps * round(run.bench.sample_period * wire.SECOND),
-        Readings(run.measurement),
-        run.setpoints,
-        model,
-        run.environment,
-    )
+    return drag_estimates(run.stamps, Readings(run.measurement), run.setpoints, model, run.environment)

@@ -388,4 +388,5 @@ def record(case: Case, secret: Secret, plan: str, part: int, directory: Path) ->
         bench.describe(),
         sample_period=bench.sample_period,
         arrived=arrived,
+        stamps=run.stamps,
     )

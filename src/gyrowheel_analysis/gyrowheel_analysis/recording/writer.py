@@ -323,6 +323,7 @@ def write_run(
     sample_period: float,
     drag_estimates: Iterable[tuple[int, bytes]] = (),
     arrived: npt.NDArray[np.bool_] | None = None,
+    stamps: npt.NDArray[np.int64] | None = None,
 ) -> Path:
     """Write a closed-loop run as the recorder would have written it.
 
@@ -331,7 +332,7 @@ def write_run(
     directory : str or Path
         To create; it must not exist, or be empty. Nothing is left in it after an error.
     measurement : ndarray, shape (n, 11)
-        Readings, columns as in the Measurement message [SI]; sample k has the sequence k, at k periods.
+        Readings, columns as in the Measurement message [SI]; sample k has the sequence k.
     command : ndarray, shape (m, 3)
         Commands [V]; row k answers sample k; m <= n.
     setpoints : structured ndarray
@@ -344,6 +345,8 @@ def write_run(
         Time [ns] and serialized message of each DragEstimate.
     arrived : ndarray of bool, shape (n,), optional
         Which samples reach the recording; all of them if not given.
+    stamps : ndarray of int64, shape (n,), optional
+        Stamps of the samples [ns]; sample k is at k periods if not given.
 
     Returns
     -------
@@ -355,7 +358,8 @@ def write_run(
     InputError
         If the directory exists and is not empty, or the disk refuses the recording.
     """
-    stamps = np.arange(len(measurement), dtype=np.int64) * round(sample_period * wire.SECOND)
+    if stamps is None:
+        stamps = np.arange(len(measurement), dtype=np.int64) * round(sample_period * wire.SECOND)
     # built from selected rows: selecting messages would copy their fields but not their padding
     kept = np.arange(len(measurement)) if arrived is None else np.flatnonzero(arrived)
     readings = _messages(wire.MEASUREMENT, stamps[kept])

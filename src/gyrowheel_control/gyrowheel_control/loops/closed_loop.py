@@ -30,6 +30,8 @@ class Run:
     ----------
     measurement : ndarray (n, 11)
         Readings, columns `gyrowheel_sim.instruments.readings.Reading` [SI]; sample k is at k times the sample period.
+    stamps : ndarray (n,)
+        Stamp that the clock of the instruments gave each sample [ns].
     command : ndarray (n, 3)
         Commands, columns `gyrowheel_control.loops.state.CommandColumn`; row k answers sample k [V].
     setpoints : structured ndarray
@@ -45,6 +47,7 @@ class Run:
     setpoints: NDArray[Any]
     environment: Sequence[Environment]
     bench: Bench
+    stamps: NDArray[np.int64]
 
     @property
     def duration(self) -> float:
@@ -107,4 +110,4 @@ def simulate(
         )  # fmt: skip
         if progress is not None:
             progress(stop / n)
-    return Run(measurement, command, setpoints, plan.environment(), bench)
+    return Run(measurement, command, setpoints, plan.environment(), bench, machine.clock.stamps(n))

@@ -17,6 +17,7 @@ from gyrowheel_sim.effects.code import coefficient_arrays
 from gyrowheel_sim.effects.declaration import Effect
 from gyrowheel_sim.effects.registry import EffectValues, registry
 from gyrowheel_sim.environment import Environment
+from gyrowheel_sim.instruments.clock import StampClock
 from gyrowheel_sim.instruments.memory import LONGEST
 from gyrowheel_sim.instruments.readings import DRIFT_SIZES, N_NOISE, Drift, Reading
 from gyrowheel_sim.plant.compose import compose
@@ -90,6 +91,7 @@ class Machine:
         self.environment = np.zeros(len(Surroundings))
         self.ambient_pressure = true.value("air_pressure")
         self.set_environment(Environment())
+        self.clock = StampClock(true, scenario.noise_seed)
         self._rng = np.random.Generator(np.random.PCG64(scenario.noise_seed))
         drifts = self._rng.standard_normal(len(Drift))
         self.state[DRIFT_START:HELD_START] = drifts * [true.value(DRIFT_SIZES[drift]) for drift in Drift]
@@ -135,6 +137,7 @@ class Plant:
         self._period_ns = round(bench.sample_period * 1e9)
         self._period = bench.sample_period
         self.sequence = 0
+        self._stamp_ns = 0
         self._out = np.zeros(len(Reading))
         self._noise = self.machine.noise(_NOISE_BLOCK)
         self._row = 0
@@ -145,9 +148,15 @@ class Plant:
         """Time of the last sample [ns]."""
         return self.sequence * self._period_ns
 
+    @property
+    def stamp_ns(self) -> int:
+        """Stamp that the clock of the instruments gave the last sample [ns]; its time, if the clock is perfect."""
+        return self._stamp_ns
+
     def measure(self) -> NDArray[np.float64]:
         """Return the first sample (order of `Reading`); call once, before the first step."""
         m = self.machine
+        self._stamp_ns = int(m.clock.stamps(1)[0])
         self._apply_events()
         self._code.plant_measure(
             m.parameters,
@@ -184,6 +193,7 @@ class Plant:
             self.sequence * self._period, coil_voltage_x, coil_voltage_y, motor_voltage, self._next_noise(), self._out,
         )  # fmt: skip
         self.sequence += 1
+        self._stamp_ns = self.time_ns if m.clock.perfect else int(m.clock.stamps(1)[0])
         self._apply_events()
         return self._out
 

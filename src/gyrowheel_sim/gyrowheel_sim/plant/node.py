@@ -420,7 +420,9 @@ class PlantNode(BenchNode):
         now = sequence * self._period_ns
         self._reading = values = reading.tolist()
         self._guard.observe(values[0], values[1])
-        self._measurements.publish(wire.MEASUREMENT.pack(self._epoch + now, sequence, *values))
+        self._measurements.publish(
+            wire.MEASUREMENT.pack(self._epoch + self._plant.stamp_ns, sequence, *values)
+        )
         if now >= self._due:
             self._publish_slow(now, values)
 
