@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_sim.bench import Bench
-
 _LARGEST = 0.4  # of a sampling period: no stamp overtakes another
 
 
@@ -15,16 +13,18 @@ class StampClock:
 
     Parameters
     ----------
-    bench : Bench
-        The machine as it is.
+    period : float
+        Sampling period [s].
+    rate_error : float
+        Relative error of the rate.
+    jitter : float
+        Standard deviation of the random errors [s].
     seed : int
         Seed of the random errors; not that of the readings' noise, which stays as it is.
     """
 
-    def __init__(self, bench: Bench, seed: int) -> None:
-        self._period = bench.sample_period
-        self._rate = bench.value("clock_rate_error")
-        self._jitter = bench.value("clock_jitter")
+    def __init__(self, period: float, rate_error: float, jitter: float, seed: int) -> None:
+        self._period, self._rate, self._jitter = period, rate_error, jitter
         self._rng = np.random.default_rng([seed, 0x636C6F63])
         self._next = 0
 

@@ -91,7 +91,12 @@ class Machine:
         self.environment = np.zeros(len(Surroundings))
         self.ambient_pressure = true.value("air_pressure")
         self.set_environment(Environment())
-        self.clock = StampClock(true, scenario.noise_seed)
+        self.clock = StampClock(
+            true.sample_period,
+            true.value("clock_rate_error"),
+            true.value("clock_jitter"),
+            scenario.noise_seed,
+        )
         self._rng = np.random.Generator(np.random.PCG64(scenario.noise_seed))
         drifts = self._rng.standard_normal(len(Drift))
         self.state[DRIFT_START:HELD_START] = drifts * [true.value(DRIFT_SIZES[drift]) for drift in Drift]
