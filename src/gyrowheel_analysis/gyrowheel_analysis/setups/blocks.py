@@ -1,0 +1,209 @@
+"""A recording in short blocks, and the averages over a fraction of a second that the physics of setups is tested on."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from gyrowheel_analysis.recording import Recording
+from gyrowheel_core.readings import Readings
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+#: Length of a block [s]: short beside every ramp, long beside a sample.
+BLOCK: Final = 0.01
+#: Blocks in an average, so that no harmonic of the spin rate passes down to 600 rpm, and from one to the next.
+_WEIGHTS: Final = 32
+EVERY: Final = 2
+_FULL = 0.5  # of the samples of a block must be there
+_GAP = 4.5  # sample periods; over a longer gap the angle may have made any number of turns
+
+#: Columns of the readings that setups are told by, in their order.
+NAMES: Final = (
+    "tilt_x", "tilt_y", "coil_voltage_x", "coil_voltage_y", "spin_angle", "spin_rate", "motor_voltage",
+    "motor_current",
+)  # fmt: skip
+TILT, COIL = NAMES[:2], NAMES[2:4]
+
+
+@dataclass(frozen=True)
+class Averages:
+    """Averages over some tenths of a second; NaN where samples are missing.
+
+    The rates are derivatives of the same averages: the weight is differentiated, never a reading.
+
+    Attributes
+    ----------
+    means, rates, bends : ndarray (k, 8)
+        Means, first and second derivatives of the columns `NAMES` [SI].
+    """
+
+    means: Array
+    rates: Array
+    bends: Array
+
+    def __len__(self) -> int:
+        """Return the number of averages."""
+        return len(self.means)
+
+    def changed(self, change: Callable[[Array], Array]) -> Averages:
+        """Return the averages of changed columns; the change must be linear."""
+        return Averages(change(self.means), change(self.rates), change(self.bends))
+
+    @property
+    def tilt(self) -> Complex:
+        """Tilt x + i y [rad]."""
+        return _pair(self.means, TILT)
+
+    @property
+    def tilt_rate(self) -> Complex:
+        """Its rate [rad/s]."""
+        return _pair(self.rates, TILT)
+
+    @property
+    def tilt_acceleration(self) -> Complex:
+        """Its acceleration [rad/s^2]."""
+        return _pair(self.bends, TILT)
+
+    @property
+    def coil(self) -> Complex:
+        """Coil voltages x + i y [V]."""
+        return _pair(self.means, COIL)
+
+    @property
+    def turning(self) -> Array:
+        """Rate at which the recorded angle turns [rad/s]."""
+        return _column(self.means, "spin_angle")
+
+    @property
+    def rate(self) -> Array:
+        """Spin rate as recorded [rad/s]."""
+        return _column(self.means, "spin_rate")
+
+    @property
+    def acceleration(self) -> Array:
+        """Rate of the recorded spin rate [rad/s^2]."""
+        return _column(self.rates, "spin_rate")
+
+    @property
+    def voltage(self) -> Array:
+        """Motor voltage [V]."""
+        return _column(self.means, "motor_voltage")
+
+    @property
+    def current(self) -> Array:
+        """Motor current [A]."""
+        return _column(self.means, "motor_current")
+
+
+def averages(blocks: Array) -> Averages:
+    """Return the averages over `_WEIGHTS` blocks, every `EVERY` blocks.
+
+    Parameters
+    ----------
+    blocks : ndarray (m, 8)
+        What `blocks_of` returns.
+    """
+    if len(blocks) < _WEIGHTS:
+        windows = np.zeros((0, len(NAMES), _WEIGHTS))
+    else:
+        windows = sliding_window_view(blocks, _WEIGHTS, axis=0)[::EVERY]
+    return Averages(*(windows @ weight for weight in _weights()))
+
+
+def _column(columns: Array, name: str) -> Array:
+    return np.asarray(columns[:, NAMES.index(name)])
+
+
+def _pair(columns: Array, names: tuple[str, ...]) -> Complex:
+    return np.asarray(_column(columns, names[0]) + 1j * _column(columns, names[1]))
+
+
+@functools.cache
+def _weights() -> tuple[Array, Array, Array]:
+    """Return the weights of a mean, of its rate and of its acceleration: a Hann window and its derivatives."""
+    phase = 2.0 * math.pi * (np.arange(_WEIGHTS) + 0.5) / _WEIGHTS
+    turn = 2.0 * math.pi / (_WEIGHTS * BLOCK)
+    # by parts: the mean of a derivative is minus that of the values with the derivative of the weight
+    return (
+        (1.0 - np.cos(phase)) / _WEIGHTS,
+        -np.sin(phase) * turn / _WEIGHTS,
+        np.cos(phase) * turn**2 / _WEIGHTS,
+    )
+
+
+def blocks_of(recording: Recording, *, angle_scale: float = 1.0) -> Array:
+    """Return the means of the columns `NAMES` over blocks of `BLOCK` seconds, (m, 8) [SI].
+
+    For ``spin_angle`` it is the rate at which the angle turns [rad/s]. Blocks with too few samples are NaN.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording; samples that lack one of the columns are left out.
+    angle_scale : float
+        Factor of the angle before the number of turns is counted: for an angle that is not in radians.
+    """
+    time, readings = recording.time, recording.readings
+    whole = np.isfinite(readings.array[:, Readings.columns(NAMES)]).all(axis=1)
+    if not whole.all():
+        time, readings = time[whole], readings[whole]
+    if len(time) < 3:
+        return np.zeros((0, len(NAMES)))
+    columns = readings.array[:, Readings.columns(NAMES)]
+    place, steps = NAMES.index("spin_angle"), np.diff(time)
+    period = float(np.median(steps))
+    turned = np.diff(angle_scale * columns[:, place])
+    turned -= 2.0 * math.pi * np.round(turned / (2.0 * math.pi))
+    columns[1:, place] = np.where(steps < _GAP * period, turned / steps, np.nan)
+    columns[0, place] = columns[1, place]
+    count = int(time[-1] / BLOCK)
+    edges = np.searchsorted(time, BLOCK * np.arange(count + 1) - 0.5 * period)
+    samples = np.diff(edges)
+    result = np.full((count, len(NAMES)), np.nan)
+    full = samples >= _FULL * BLOCK / period
+    if full.any():
+        begin = edges[:-1][full]
+        sums = np.add.reduceat(columns[: edges[-1]], begin, axis=0)
+        # what lies between a block and the next full one is in the sum: such a block is left out, too
+        length = np.diff(np.r_[begin, edges[-1]])
+        result[full] = np.where((length == samples[full])[:, None], sums / length[:, None], np.nan)
+    return result
+
+
+def asked_tilt(recording: Recording, count: int) -> Complex | None:
+    """Return the tilt that was asked for at `count` averages [rad]; None without setpoints or where all are zero."""
+    rows = recording.setpoint
+    if len(rows) < 2:
+        return None
+    at = _middles(count)
+    time = recording.seconds(rows["stamp_ns"])
+    tilt = np.interp(at, time, rows["tilt_x"]) + 1j * np.interp(at, time, rows["tilt_y"])
+    return np.asarray(tilt) if np.isfinite(tilt).all() and np.any(tilt) else None
+
+
+def commanded(recording: Recording, count: int) -> Complex | None:
+    """Return the coil voltages that were commanded, at `count` averages [V]; None without commands."""
+    rows = recording.command
+    if len(rows) < 2:
+        return None
+    time = recording.seconds(rows["stamp_ns"])
+    half = 0.25 * _WEIGHTS * BLOCK
+    begin, end = (np.searchsorted(time, _middles(count) + way * half) for way in (-1.0, 1.0))
+    total = np.r_[0.0, np.cumsum(rows["coil_voltage_x"] + 1j * rows["coil_voltage_y"])]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        means = (total[end] - total[begin]) / (end - begin)
+    return means if np.any(np.nan_to_num(means)) else None
+
+
+def _middles(count: int) -> Array:
+    """Return the times of the middles of averages [s], (count,)."""
+    return np.asarray(BLOCK * (EVERY * np.arange(count) + 0.5 * _WEIGHTS))

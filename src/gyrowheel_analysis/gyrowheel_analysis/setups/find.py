@@ -1,0 +1,80 @@
+"""Wrong setups of a recording: looked for before anything is fitted to it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from gyrowheel_analysis.recording import Recording
+from gyrowheel_analysis.setups.air import air
+from gyrowheel_analysis.setups.blocks import COIL, TILT, Averages, averages, blocks_of
+from gyrowheel_analysis.setups.cures import Cure, WrongSetup
+from gyrowheel_analysis.setups.harmonics import harmonics
+from gyrowheel_analysis.setups.relations import precession, slews
+from gyrowheel_analysis.setups.spinning import SPINNING, spinning
+from gyrowheel_analysis.setups.stuck import stuck
+from gyrowheel_analysis.setups.tilting import tilting
+from gyrowheel_sim.bench import Bench
+
+
+def wrong_setups(recordings: Sequence[Recording], bench: Bench) -> list[WrongSetup]:
+    """Return the wrong setups of some recordings.
+
+    A setup is accused only where physics fails far beyond what any effect or tolerance can do, and a plain change of
+    the columns makes it hold.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        The recordings, each judged by itself.
+    bench : Bench
+        The bench as stated.
+    """
+    return [
+        replace(found, recording=str(recording.path))
+        for recording in recordings
+        for found in of_one(recording, bench)
+    ]
+
+
+def of_one(recording: Recording, bench: Bench) -> list[WrongSetup]:
+    """Return the wrong setups of one recording, see `wrong_setups`."""
+    found = air(recording, bench)
+    blocks = blocks_of(recording)
+    if not len(blocks):
+        return found
+    if still := stuck(recording, blocks, bench):
+        return [*found, *still]
+    now = averages(blocks)
+    wrong = spinning(recording, now, bench)
+    if not wrong:
+        return [*found, *_of_tilt(recording, now, bench, 1.0)]
+    # where several changes explain the spin as well, the precession decides
+    wrong.sort(key=lambda item: round(precession(item[1], bench), 1))
+    others: list[WrongSetup] = []
+    for own, mended in wrong:
+        further = _of_tilt(recording, mended, bench, own.cure.scale.get(SPINNING[0], 1.0))
+        if not further:
+            return [*found, own]
+        others = others or further
+    return [*found, wrong[0][0], *others]
+
+
+def _of_tilt(
+    recording: Recording, now: Averages, bench: Bench, angle_factor: float
+) -> list[WrongSetup]:
+    """Return what is wrong with tilts and coil voltages, or with the direction of the spin."""
+    speed = now.rate[np.isfinite(now.rate)]
+    if not len(speed) or np.median(speed) > 0.0:
+        return tilting(recording, now, bench, harmonics(recording, angle_factor=angle_factor))
+    if not slews(now, bench):
+        return []
+    # the wheel turns the other way, or the signs of all that belongs to the spin are turned
+    signs = Cure(scale=dict.fromkeys(SPINNING, -1.0))
+    mirror = Cure(scale=dict.fromkeys((TILT[1], COIL[1]), -1.0))
+    own, other = (precession(a, bench) for a in (now, signs.applied(now)))
+    if own < other:
+        return [WrongSetup("reversed", SPINNING, signs.and_then(mirror), before=other, after=own)]
+    return [WrongSetup("sign", SPINNING, signs, before=own, after=other)]
