@@ -9,7 +9,7 @@ import numpy as np
 
 from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.setups.air import air
-from gyrowheel_analysis.setups.blocks import COIL, TILT, Averages, averages, blocks_of
+from gyrowheel_analysis.setups.blocks import BLOCK, COIL, TILT, Array, Averages, averages, blocks_of
 from gyrowheel_analysis.setups.cures import Cure, WrongSetup
 from gyrowheel_analysis.setups.harmonics import harmonics
 from gyrowheel_analysis.setups.relations import precession, slews
@@ -17,6 +17,8 @@ from gyrowheel_analysis.setups.spinning import SPINNING, spinning
 from gyrowheel_analysis.setups.stuck import stuck
 from gyrowheel_analysis.setups.tilting import tilting
 from gyrowheel_sim.bench import Bench
+
+_AROUND = 0.5  # s before and after a change of the rate table
 
 
 def wrong_setups(recordings: Sequence[Recording], bench: Bench) -> list[WrongSetup]:
@@ -47,7 +49,7 @@ def of_one(recording: Recording, bench: Bench) -> list[WrongSetup]:
         return found
     if still := stuck(recording, blocks, bench):
         return [*found, *still]
-    now = averages(blocks)
+    now = averages(_at_rest(recording, blocks))
     wrong = spinning(recording, now, bench)
     if not wrong:
         return [*found, *_of_tilt(recording, now, bench, 1.0)]
@@ -78,3 +80,16 @@ def _of_tilt(
     if own < other:
         return [WrongSetup("reversed", SPINNING, signs.and_then(mirror), before=other, after=own)]
     return [WrongSetup("sign", SPINNING, signs, before=own, after=other)]
+
+
+def _at_rest(recording: Recording, blocks: Array) -> Array:
+    """Return the blocks in which no rate table turns the rig: the coils then hold more than the tilt needs."""
+    if not any(event.table_rate for event in recording.environment):
+        return blocks
+    time = BLOCK * np.arange(len(blocks))
+    turned = np.zeros(len(blocks), dtype=bool)
+    for event in recording.environment:
+        turned[time >= event.time - _AROUND] |= bool(event.table_rate)
+        if not event.table_rate:
+            turned[time >= event.time + _AROUND] = False
+    return np.where(turned[:, None], np.nan, blocks)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from gyrowheel_analysis.setups.blocks import Averages
+from gyrowheel_core.units import DEG
 from gyrowheel_sim.bench import Bench
 
 Array = NDArray[np.float64]
@@ -27,6 +28,7 @@ _STIFFEST = 6.0  # times the stated stiffness
 _DAMPED = 0.6  # of the precession torque: the most that a rotation of the sensors or a damping may add across it
 #: Slewing torque over holding torque from which on the law of precession can be judged.
 _SLEWS = 1.0
+_MOVED = 0.5 * DEG  # least change of the tilt
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,7 @@ class Spin:
 
 
 #: From these parts on a relation of the spin fails grossly: kinematic, electrical, energy.
-GROSS_SPIN = (0.05, 0.15, 0.35)
+GROSS_SPIN = (0.05, 0.15, 0.6)
 
 
 def spin(a: Averages, bench: Bench) -> Spin:
@@ -79,17 +81,20 @@ def spin(a: Averages, bench: Bench) -> Spin:
     design = np.column_stack([inertial, *(usual * turn * speed**power for power in (0, 1, 2))])
     # a drift of the current reading is no torque
     floor = v("motor_constant") * 4.0 * (v("motor_current_drift") + v("motor_current_noise"))
-    size = max(_size(torque), _size(inertial), 0.5 * usual, floor)
+    size = max(_size(torque), 0.5 * usual, floor)
     energy = _left(design, torque, [_CONSTANT, *[(0.0, _MOST_FRICTION)] * 3], size)
     return Spin(kinematic, electrical, energy)
 
 
 def slews(a: Averages, bench: Bench) -> bool:
-    """Whether the tilt moves enough for the law of precession to be judged, whatever its unit."""
+    """Whether the tilt moves enough for the law of precession to be judged."""
     finite = np.isfinite(a.tilt + a.rate)
-    holding = bench.value("flexure_stiffness_x") * a.tilt[finite]
-    slewing = bench.precession_inertia * bench.value("spin_rate_minimum") * a.tilt_rate[finite]
-    return bool(len(holding)) and _size(slewing) > _SLEWS * _size(holding) > 0.0
+    tilt, omega = a.tilt[finite], a.rate[finite]
+    if not len(tilt) or np.abs(tilt - np.median(tilt.real) - 1j * np.median(tilt.imag)).max() < _MOVED:
+        return False
+    detuned = 0.5 * (bench.tuning_inertia * omega**2) - bench.value("flexure_stiffness_x")
+    slewing = bench.precession_inertia * omega * a.tilt_rate[finite]
+    return _size(slewing) > _SLEWS * _size(detuned * tilt)
 
 
 def precession(a: Averages, bench: Bench) -> float:

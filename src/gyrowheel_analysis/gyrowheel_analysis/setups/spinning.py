@@ -39,7 +39,7 @@ def spinning(recording: Recording, now: Averages, bench: Bench) -> list[tuple[Wr
         return []
     mending = _mending(recording, now, bench, before, _plain())
     if not mending:
-        mending = _mending(recording, now, bench, before, _lags(now))
+        mending = _mending(recording, now, bench, before, _lags(now, bench))
     fewest = min((len(found.columns) for found, _ in mending), default=0)
     simple = [item for item in mending if len(item[0].columns) == fewest]
     simple.sort(key=lambda item: item[0].after)
@@ -102,14 +102,15 @@ def _cured(recording: Recording, now: Averages, unit: str, cure: Cure) -> Averag
     return others.applied(replace(now, means=means))
 
 
-def _lags(a: Averages) -> Iterator[Change]:
+def _lags(a: Averages, bench: Bench) -> Iterator[Change]:
     """Yield shifts of columns that may belong to another time: where their changes resemble those of the others."""
+    v = bench.value
     turning, rate = (np.gradient(x) if len(a) > 1 else x for x in (a.turning, a.rate))
-    # what the voltage drives beyond the current is the speed
+    expected = v("motor_resistance") * a.current + v("motor_constant") * a.rate
     pairs = (
         ((_RATE,), rate, turning),
         ((_ANGLE,), turning, rate),
-        ((_VOLTAGE,), _column(a.rates, _VOLTAGE), a.acceleration),
+        ((_VOLTAGE,), a.voltage, expected),
         ((_CURRENT,), a.current, a.acceleration),
         ((_VOLTAGE, _CURRENT), a.current, a.acceleration),
         ((_ANGLE, _RATE), a.acceleration, a.current),
@@ -118,10 +119,6 @@ def _lags(a: Averages) -> Iterator[Change]:
         lag = best_lag(own, other)
         for step in range(-_NEAR, _NEAR + 1):
             yield "shifted", "", columns, Cure(shift=dict.fromkeys(columns, lag + step * _STEP))
-
-
-def _column(columns: NDArray[np.float64], name: str) -> NDArray[np.float64]:
-    return np.asarray(columns[:, NAMES.index(name)])
 
 
 def best_lag(own: NDArray[np.inexact], other: NDArray[np.inexact]) -> float:
