@@ -57,6 +57,7 @@ HOUSE = (
         "from a recording to a verdict",
         (
             ("channels", "model", "notch", "recording"),
+            ("setups",),
             ("exchange", "reduction"),
             ("balance",),
             ("fitting", "torques"),
@@ -82,7 +83,7 @@ HOUSE = (
             ("plots",),
             ("results",),
             ("recording", "air"),
-            ("inputs", "tables", "catalogue"),
+            ("correcting", "inputs", "tables", "catalogue"),
             ("machine",),
             ("model",),
             ("simulation", "results.calibration", "investigation"),

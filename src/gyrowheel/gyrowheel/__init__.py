@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from gyrowheel.analysis import calibrate, compare, diagnose, rate
     from gyrowheel.campaigns.run import campaign
     from gyrowheel.catalogue import benches, effects, own_effect, plans
+    from gyrowheel.correcting import correct
     from gyrowheel.envelope import momentum
     from gyrowheel.estimating import drag
     from gyrowheel.holding import torques
@@ -75,6 +76,7 @@ _HOMES = {
     "calibrate": "gyrowheel.analysis",
     "campaign": "gyrowheel.campaigns.run",
     "compare": "gyrowheel.analysis",
+    "correct": "gyrowheel.correcting",
     "diagnose": "gyrowheel.analysis",
     "drag": "gyrowheel.estimating",
     "effects": "gyrowheel.catalogue",
@@ -113,6 +115,7 @@ __all__ = [
     "calibrate",
     "campaign",
     "compare",
+    "correct",
     "diagnose",
     "drag",
     "effects",

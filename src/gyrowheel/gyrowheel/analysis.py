@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+from gyrowheel.correcting import wrong_setups
 from gyrowheel.inputs import Recordings, Say, data, opened, opened_apart
 from gyrowheel.model import Model
 from gyrowheel.results.calibration import Calibration
 from gyrowheel.results.comparison import Comparison
 from gyrowheel.results.diagnosis import Diagnosis
 from gyrowheel.results.rates import Rates
+from gyrowheel_core.errors import InputError
+
+if TYPE_CHECKING:
+    from gyrowheel_analysis.setups.cures import WrongSetup
 
 
 def compare(recordings: Recordings, model: Model, *, progress: Say | None = None) -> Comparison:
@@ -32,7 +41,10 @@ def compare(recordings: Recordings, model: Model, *, progress: Say | None = None
     """
     from gyrowheel_analysis.compare import compare as run
 
-    return Comparison(run(data(opened(recordings)), model.details, progress=progress))
+    given = opened(recordings)
+    wrong = wrong_setups(given, model.details)
+    with _instead(wrong):
+        return Comparison(run(data(given), model.details, progress=progress), tuple(wrong))
 
 
 def diagnose(
@@ -98,7 +110,10 @@ def calibrate(recordings: Recordings, model: Model, *, progress: Say | None = No
     """
     from gyrowheel_analysis.calibrate import calibrate as run
 
-    return Calibration(run(data(opened(recordings)), model.details, progress=progress))
+    given = opened(recordings)
+    wrong = wrong_setups(given, model.details)
+    with _instead(wrong):
+        return Calibration(run(data(given), model.details, progress=progress), tuple(wrong))
 
 
 def rate(recordings: Recordings, model: Model, *, progress: Say | None = None) -> Rates:
@@ -123,3 +138,16 @@ def rate(recordings: Recordings, model: Model, *, progress: Say | None = None) -
     from gyrowheel_analysis.rate_sensor import rates
 
     return Rates(rates(data(opened(recordings)), model.details, progress=progress))
+
+
+@contextlib.contextmanager
+def _instead(wrong: Sequence[WrongSetup]) -> Iterator[None]:
+    """Tell of a wrong setup instead of an error that comes of it."""
+    try:
+        yield
+    except InputError as error:
+        if not wrong:
+            raise
+        from gyrowheel.text.sentences.setup import setup_line
+
+        raise InputError(setup_line(wrong)) from error

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from gyrowheel.correcting import wrong_setups
 from gyrowheel.inputs import Recordings, Say, data, opened_apart
 from gyrowheel.results.addition import Addition
 from gyrowheel_analysis.model import Model as Details
@@ -151,6 +152,10 @@ class Model:
             if isinstance(item, str):
                 require_known(item)
         fitted, unused = opened_apart(fit, validate)
+        if wrong := wrong_setups([*fitted, *unused], self._details):
+            from gyrowheel.text.sentences.setup import setup_line
+
+            raise InputError(setup_line(wrong))
         found = add_effect(self._details, chosen, data(fitted), data(unused), progress=progress)
         return Model.of(found.model, Addition(found))
 

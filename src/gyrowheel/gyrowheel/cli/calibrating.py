@@ -9,7 +9,8 @@ from typing import Annotated
 import typer
 
 from gyrowheel.cli.options import Json, ModelFile, Recordings, example
-from gyrowheel.cli.shell import editing, put_json, put_text, working
+from gyrowheel.cli.shell import editing, put_json, put_text, warn_of, working
+from gyrowheel.errors import InputError
 from gyrowheel.files import require_writable
 
 
@@ -43,8 +44,13 @@ def calibrate(
             from gyrowheel.text.calibration import calibration_page
 
             result = gw.calibrate(recordings, loaded, progress=say)
+        if write and result.setup:
+            from gyrowheel.text.sentences.setup import setup_line
+
+            raise InputError(setup_line(result.setup))
         if write:
             result.model.save(model)
+    warn_of(result.setup)
     if json is not None:
         put_json(json, result.to_dict() | {"written": write})
     if json != "-":

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gyrowheel.cli.options import ErrorPicture, Json, ModelFile, Picture, Recordings, Validation, example
-from gyrowheel.cli.shell import finding, put_json, put_picture, put_text, working
+from gyrowheel.cli.shell import BAD_INPUT, finding, put_json, put_picture, put_text, warn_of, working
 
 if TYPE_CHECKING:
     from gyrowheel import Diagnosis
@@ -62,6 +62,7 @@ def compare(
         from gyrowheel.text.comparison import comparison
 
         result = gw.compare(recordings, loaded, progress=say)
+    warn_of(result.setup)
     if json is not None:
         put_json(json, result.to_dict())
     if json != "-":
@@ -108,6 +109,8 @@ def diagnose(
             for part in result.parts
         ]
         put_text(diagnosis(result.details, following=command, parts=parts))
+    if result.setup:
+        raise typer.Exit(BAD_INPUT)
     put_picture(picture, result.plot, quiet=json == "-")
     finding(fail_on_finding and result.verdict != "nothing_missing")
 

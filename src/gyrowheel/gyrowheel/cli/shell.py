@@ -19,6 +19,8 @@ from gyrowheel.errors import InputError, one_line
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
+    from gyrowheel_analysis.setups.cures import WrongSetup
+
 OK, FINDING, BAD_INPUT, NODE_FAILED, DEFECT, INTERRUPTED = 0, 1, 2, 3, 70, 130
 
 #: How limits of values, and kinds of numbers, are told.
@@ -90,6 +92,14 @@ def out() -> Console:
 def notes() -> Console:
     """Return the console of everything else."""
     return _console(stderr=True)
+
+
+def warn_of(setup: Sequence[WrongSetup]) -> None:
+    """Say on stderr in one line that the setup of a recording is wrong, if it is."""
+    if setup:
+        from gyrowheel.text.sentences.setup import setup_line
+
+        notes().print(f"warning: {setup_line(setup)}", soft_wrap=True, highlight=False, style="yellow")
 
 
 def put_text(parts: Iterable[RenderableType]) -> None:

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from gyrowheel.model import Model
     from gyrowheel_analysis.calibrate import Calibration as Details
     from gyrowheel_analysis.calibrate import Constant
+    from gyrowheel_analysis.setups.cures import WrongSetup
 
 
 @dataclass(frozen=True, repr=False)
@@ -25,9 +26,12 @@ class Calibration(Result):
     ----------
     details : gyrowheel_analysis.calibrate.Calibration
         The result of the analysis package, in full.
+    setup : tuple of WrongSetup
+        Columns that cannot be what they are called; then nothing else here is worth anything.
     """
 
     details: Details
+    setup: tuple[WrongSetup, ...] = ()
 
     @property
     def constants(self) -> Mapping[str, Constant]:
@@ -64,9 +68,10 @@ class Calibration(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of ``gyrowheel calibrate --json``, except whether it was written; SI units."""
-        from gyrowheel.results.contract import calibration_json
+        from gyrowheel.results.contract import calibration_json, setup_json
 
-        return calibration_json(self.details) | {"model": self.details.model.origin}
+        more = {"model": self.details.model.origin, "setup": setup_json(self.setup)}
+        return calibration_json(self.details) | more
 
     def to_columns(self) -> Mapping[str, Sequence[Any]]:
         """Return the constants as columns, a row for each; SI units."""

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from gyrowheel_analysis.compare import Comparison as Details
     from gyrowheel_analysis.residuals.maps import ResidualMap
     from gyrowheel_analysis.residuals.regions import Region
+    from gyrowheel_analysis.setups.cures import WrongSetup
 
 
 @dataclass(frozen=True, repr=False)
@@ -27,9 +28,12 @@ class Comparison(Result):
     ----------
     details : gyrowheel_analysis.compare.Comparison
         The result of the analysis package, in full.
+    setup : tuple of WrongSetup
+        Columns that cannot be what they are called; then nothing else here is worth anything.
     """
 
     details: Details
+    setup: tuple[WrongSetup, ...] = ()
 
     @property
     def channels(self) -> Mapping[str, ChannelMetrics]:
@@ -107,9 +111,9 @@ class Comparison(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of ``gyrowheel compare --json``; SI units."""
-        from gyrowheel.results.contract import comparison_json
+        from gyrowheel.results.contract import comparison_json, setup_json
 
-        return comparison_json(self.details)
+        return comparison_json(self.details) | {"setup": setup_json(self.setup)}
 
     def to_columns(self) -> Mapping[str, Sequence[Any]]:
         """Return the errors as columns, a row for each channel; RMS in N·m or V."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +11,7 @@ from gyrowheel.text.sentences.diagnosis import evidence, verdict_sentence
 from gyrowheel.text.sentences.events import event_sentence
 from gyrowheel.text.sentences.fits import calibration_notes
 from gyrowheel.text.sentences.residuals import dependence_sentences, region_description, region_name
+from gyrowheel.text.sentences.setup import cure_of, map_lines, problem
 from gyrowheel_analysis.channels import LISTED, TORQUES
 from gyrowheel_analysis.residuals.maps import maps_json
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from gyrowheel_analysis.diagnosis.events import DatedEvent
     from gyrowheel_analysis.model import Override
     from gyrowheel_analysis.residuals.regions import Region
+    from gyrowheel_analysis.setups.cures import WrongSetup
 
 
 def comparison_json(found: Comparison) -> dict[str, Any]:
@@ -42,6 +44,14 @@ def comparison_json(found: Comparison) -> dict[str, Any]:
         "model": found.model,
         "coverage": found.coverage.to_json(),
     }
+
+
+def setup_json(found: Sequence[WrongSetup]) -> list[dict[str, Any]]:
+    """Return wrong setups as JSON objects, each with the cure of its recording."""
+    return [
+        {"problem": problem(item), "cure": cure_of(item, found), "map": map_lines(item), **item.to_json()}
+        for item in found
+    ]
 
 
 def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
@@ -92,6 +102,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
             }
             for limit in found.detection_limits
         ],
+        "setup": setup_json(found.setup),
         "recordings": found.recordings,
         "model": found.model,
         "coverage": found.coverage.to_json(),

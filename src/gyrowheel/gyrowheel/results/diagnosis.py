@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from gyrowheel_analysis.diagnosis.events import DatedEvent
     from gyrowheel_analysis.residuals.error_table import ErrorTable
     from gyrowheel_analysis.residuals.regions import Region
+    from gyrowheel_analysis.setups.cures import WrongSetup
     from gyrowheel_sim.effects import Effect
 
 
@@ -85,6 +86,11 @@ class Diagnosis(Result):
     def limits(self) -> tuple[DetectionLimit, ...]:
         """Detection limits: the smallest size of every known effect that these recordings would show."""
         return tuple(self.details.detection_limits)
+
+    @property
+    def setup(self) -> tuple[WrongSetup, ...]:
+        """Columns of the recordings that cannot be what they are called; nothing is diagnosed then."""
+        return tuple(self.details.setup)
 
     @property
     def recordings(self) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from rich.text import Text
 from gyrowheel.text.comparison import coverage, failures
 from gyrowheel.text.errors import error_table
 from gyrowheel.text.formulas import pretty
-from gyrowheel.text.layout import command, heading, sentences, words_table
+from gyrowheel.text.layout import Unbroken, command, heading, sentences, words_table
 from gyrowheel.text.quantities import is_pure, quantity, span, with_error
 from gyrowheel.text.sentences.diagnosis import (
     evidence,
@@ -25,6 +25,7 @@ from gyrowheel.text.sentences.diagnosis import (
 )
 from gyrowheel.text.sentences.events import tie_of_event
 from gyrowheel.text.sentences.forms import form_sentence, place_text
+from gyrowheel.text.sentences.setup import cure, map_lines, problem
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.diagnosis.diagnose import (
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
         EffectFinding,
         FreeForm,
     )
+    from gyrowheel_analysis.setups.cures import WrongSetup
 
 _COLOURS = {
     "nothing_missing": "green",
@@ -61,6 +63,9 @@ def diagnosis(
     parts : sequence of str
         Commands that diagnose what lies between events.
     """
+    if result.setup:
+        yield from setup_page(result.setup)
+        return
     if result.verdict != "nothing_missing":
         yield from failures(result.where)
     yield Text()
@@ -77,6 +82,23 @@ def diagnosis(
     if following:
         yield heading("Next")
         yield command(following)
+
+
+def setup_page(found: Sequence[WrongSetup]) -> Iterator[RenderableType]:
+    """Yield what is wrong with the setup of recordings, and for each recording the cure."""
+    for place in dict.fromkeys(item.recording for item in found):
+        own = [item for item in found if item.recording == place]
+        yield Text()
+        yield Unbroken(place, style="bold")
+        yield from sentences([problem(item) for item in own])
+        mended = all(item.cure for item in own)
+        yield heading("Cure")
+        yield command(cure(own)) if mended else Padding(Text(f"{cure(own)}."), _INDENT)
+        lines = [line for item in own for line in map_lines(item)]
+        if mended and lines:
+            yield Padding(
+                Text(f"or, where it was imported, in the map: {'; '.join(lines)}", style="dim"), _INDENT
+            )
 
 
 def error_section(result: Diagnosis) -> Iterator[RenderableType]:

@@ -26,6 +26,8 @@ from gyrowheel_analysis.residuals.error_table import ErrorTable, Residuals, erro
 from gyrowheel_analysis.residuals.growth import Growth, growth
 from gyrowheel_analysis.residuals.regions import Region, regions
 from gyrowheel_analysis.residuals.windows import window_residuals
+from gyrowheel_analysis.setups.cures import WrongSetup
+from gyrowheel_analysis.setups.find import wrong_setups
 from gyrowheel_sim.effects import effect_to_mapping
 from gyrowheel_sim.effects.typed import effect_to_line
 
@@ -233,6 +235,8 @@ class Diagnosis:
         How much of the recordings takes part.
     events : list of DatedEvent
         What changed in the middle of a recording; it is taken along in the fit.
+    setup : list of WrongSetup
+        Columns that cannot be what they are called: then the verdict is ``insufficient_data`` and nothing is diagnosed.
     """
 
     verdict: Verdict
@@ -252,6 +256,7 @@ class Diagnosis:
     versions: dict[str, str] = field(default_factory=dict)
     coverage: Coverage = field(default_factory=Coverage)
     events: list[DatedEvent] = field(default_factory=list)
+    setup: list[WrongSetup] = field(default_factory=list)
 
 
 @one_thread()
@@ -283,6 +288,12 @@ def diagnose(
     began = clock.monotonic()
     say = progress or (lambda text: None)
     paths = [str(r.path) for r in recordings]
+    say("looking at the setup")
+    if wrong := wrong_setups([*recordings, *validate], model.reference_bench):
+        return Diagnosis(
+            "insufficient_data", 0, [], [], None, [], None, {}, [], [], paths, model.origin, {},
+            clock.monotonic() - began, _versions(), setup=wrong,
+        )  # fmt: skip
     try:
         first = prepare(recordings, model, validate=validate, harmonics=not averages, progress=progress)
     except TooFewWindowsError as few:

@@ -46,9 +46,7 @@ def air(recording: Recording, bench: Bench) -> list[WrongSetup]:
     if cold:
         value = _median(recording.readings[cold[0]])
         found.append(
-            WrongSetup(
-                "unit", tuple(cold), Cure(offset=dict.fromkeys(cold, _CELSIUS)), "deg C", value=value
-            )
+            WrongSetup("unit", tuple(cold), Cure(offset=dict.fromkeys(cold, _CELSIUS)), "deg C", value=value)
         )
     return found
 

@@ -31,7 +31,8 @@ NAMES: Final = (
     "tilt_x", "tilt_y", "coil_voltage_x", "coil_voltage_y", "spin_angle", "spin_rate", "motor_voltage",
     "motor_current",
 )  # fmt: skip
-TILT, COIL = NAMES[:2], NAMES[2:4]
+TILT: Final = (NAMES[0], NAMES[1])
+COIL: Final = (NAMES[2], NAMES[3])
 
 
 @dataclass(frozen=True)
@@ -153,7 +154,7 @@ def blocks_of(recording: Recording, *, angle_scale: float = 1.0) -> Array:
         Factor of the angle before the number of turns is counted: for an angle that is not in radians.
     """
     time, readings = recording.time, recording.readings
-    whole = np.isfinite(readings.array[:, Readings.columns(NAMES)]).all(axis=1)
+    whole: NDArray[np.bool_] = np.asarray(np.isfinite(readings.array[:, Readings.columns(NAMES)]).all(axis=1))
     if not whole.all():
         time, readings = time[whole], readings[whole]
     if len(time) < 3:

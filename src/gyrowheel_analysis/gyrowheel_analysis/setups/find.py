@@ -64,9 +64,7 @@ def of_one(recording: Recording, bench: Bench) -> list[WrongSetup]:
     return [*found, wrong[0][0], *others]
 
 
-def _of_tilt(
-    recording: Recording, now: Averages, bench: Bench, angle_factor: float
-) -> list[WrongSetup]:
+def _of_tilt(recording: Recording, now: Averages, bench: Bench, angle_factor: float) -> list[WrongSetup]:
     """Return what is wrong with tilts and coil voltages, or with the direction of the spin."""
     speed = now.rate[np.isfinite(now.rate)]
     if not len(speed) or np.median(speed) > 0.0:

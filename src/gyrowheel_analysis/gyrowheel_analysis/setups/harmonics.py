@@ -79,9 +79,7 @@ def harmonics(recording: Recording, *, angle_factor: float = 1.0) -> tuple[Turni
     rows, noise = [], []
     for k in chosen:
         own = readings[k * n : (k + 1) * n]
-        pair = np.column_stack(
-            [own.tilt_x + 1j * own.tilt_y, own.coil_voltage_x + 1j * own.coil_voltage_y]
-        )
+        pair = np.column_stack([own.tilt_x + 1j * own.tilt_y, own.coil_voltage_x + 1j * own.coil_voltage_y])
         angle = own.spin_angle
         if abs(angle_factor) in (0.5, 2.0):
             angle = np.unwrap(angle)  # the turns of another gear

@@ -1,7 +1,7 @@
 """What physics demands of the columns: the angle is that of the speed, voltage balances, precession, energy.
 
 Each relation is fitted with constants that may be wrong by more than any effect or tolerance makes them, and tells what
-part of the readings it leaves unexplained. Nothing here is an estimate: where a relation holds, the diagnosis estimates.
+part of the readings it leaves unexplained. Nothing here is an estimate: that is what the diagnosis is for.
 """
 
 from __future__ import annotations
@@ -25,7 +25,9 @@ _CONSTANT = (0.4, 1.8)
 _RATIO = (0.3, 2.9)
 _MOST_FRICTION = 40.0  # times the stated friction
 _STIFFEST = 6.0  # times the stated stiffness
-_DAMPED = 0.6  # of the precession torque: the most that a rotation of the sensors or a damping may add across it
+_DAMPED = (
+    0.6  # of the precession torque: the most that a rotation of the sensors or a damping may add across it
+)
 #: Slewing torque over holding torque from which on the law of precession can be judged.
 _SLEWS = 1.0
 _MOVED = 0.5 * DEG  # least change of the tilt
@@ -150,7 +152,7 @@ def _left(design: Array, values: Array, bounds: list[tuple[float, float]], size:
     scale = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
     # a fit of few unknowns: the triangle stands for all rows
     rows = np.column_stack([design / scale, values])
-    triangle = np.linalg.qr(rows, mode="r")
+    triangle: Array = np.asarray(np.linalg.qr(rows, mode="r"))
     low, high = (np.array([b[k] for b in bounds]) * scale for k in (0, 1))
     fit = lsq_linear(triangle[:, :-1], triangle[:, -1], (low, high), method="bvls")
     return float(math.sqrt(2.0 * fit.cost / len(values)) / size)

@@ -60,9 +60,7 @@ def _mending(
         mended = _cured(recording, now, unit, cure)
         after = spin(mended, bench).worst
         if after < _MENDED and after < _BETTER * before.worst:
-            result.append(
-                (WrongSetup(kind, columns, cure, unit, before=before.worst, after=after), mended)
-            )
+            result.append((WrongSetup(kind, columns, cure, unit, before=before.worst, after=after), mended))
     return result
 
 

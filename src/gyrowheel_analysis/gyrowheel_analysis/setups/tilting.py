@@ -33,7 +33,11 @@ _TWICE = 0.04  # how near to 2 or 1/2 a factor must be
 _SAME = 0.02  # part by which two columns of one signal may differ
 _UNITS = {"deg": DEG, "mrad": 1e-3, "arcmin": DEG / 60.0, "urad": 1e-6, "rad twice converted": 1.0 / DEG}
 _VOLTS = {"mV": 1e-3, "uV": 1e-6, "kV": 1e3, "MV": 1e6}
-_STEP, _NEAR, _COARSE = EVERY * BLOCK, 3, 0.5  # s between lags, lags about the likeliest one, s between those of the speed
+_STEP, _NEAR, _COARSE = (
+    EVERY * BLOCK,
+    3,
+    0.5,
+)  # s between lags, lags about the likeliest one, s between those of the speed
 _FINEST = 3e-6  # rad; no tilt sensor has less noise, nor moves less in a test
 
 
@@ -167,8 +171,8 @@ def _plain() -> Iterator[Change]:
     yield "reversed", "", SPINNING, mirrored
     yield "exchanged", "", (*TILT, *COIL), Cure(exchange=(TILT, COIL))
     for axis in (0, 1):
-        columns = (TILT[axis], COIL[axis])
-        yield "sign", "", columns, Cure(scale=dict.fromkeys(columns, -1.0))
+        own = (TILT[axis], COIL[axis])
+        yield "sign", "", own, Cure(scale=dict.fromkeys(own, -1.0))
     for pair, units in ((TILT, _UNITS), (COIL, _VOLTS)):
         for columns in (pair, *((name,) for name in pair)):
             for unit, factor in units.items():
@@ -217,9 +221,7 @@ def _same(a: Averages, bench: Bench) -> WrongSetup | None:
     return None
 
 
-def _halved(
-    a: Averages, bench: Bench, asked: Complex | None, commands: Complex | None
-) -> WrongSetup | None:
+def _halved(a: Averages, bench: Bench, asked: Complex | None, commands: Complex | None) -> WrongSetup | None:
     """Return that the tilts are read twice or half as large as they are.
 
     The coils' torque then fits the precession by half or twice. A constant of the coils may be as wrong; so the tilt
@@ -232,9 +234,7 @@ def _halved(
     cure = Cure(scale=dict.fromkeys(TILT, factor))
     if asked is not None:
         known = np.isfinite(a.tilt)
-        own = float(
-            np.real(np.vdot(asked[known], a.tilt[known])) / np.linalg.norm(asked[known]) ** 2
-        )
+        own = float(np.real(np.vdot(asked[known], a.tilt[known])) / np.linalg.norm(asked[known]) ** 2)
         fits = own > 0.0 and abs(math.log(own * factor)) < _TWICE
         if fits and _off(factor * a.tilt, asked) < _FOLLOWS and 0.6 < ratio / factor < 1.7:
             return WrongSetup("scale", TILT, cure)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from gyrowheel.text.sentences.events import drift_sentence, event_sentence
 from gyrowheel.text.sentences.forms import form_sentence
 from gyrowheel.text.sentences.residuals import growth_sentence
+from gyrowheel.text.sentences.setup import problem
 from gyrowheel_core.quantities import listed
 
 if TYPE_CHECKING:
@@ -52,6 +53,9 @@ def verdict_sentence(found: Diagnosis) -> str:
 
 
 def _verdict(found: Diagnosis) -> str:
+    if found.setup:
+        wrong = "; ".join(dict.fromkeys(problem(item).rstrip(".") for item in found.setup))
+        return f"Nothing was diagnosed, the setup is wrong: {wrong}."
     if found.verdict == "nothing_missing":
         besides = "Besides, nothing" if found.events else "Nothing"
         return (

@@ -1,0 +1,227 @@
+"""Wrong setups: named with the cure that works; right recordings are left alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import gyrowheel as gw
+from gyrowheel_analysis.recording import Recording
+from gyrowheel_analysis.setups.correct import correct, corrected
+from gyrowheel_analysis.setups.cures import Cure
+from gyrowheel_analysis.setups.find import of_one, wrong_setups
+from gyrowheel_core.errors import InputError
+from gyrowheel_sim.bench import Bench
+
+Samples = NDArray[Any]
+Spoil = Callable[[Samples], None]
+
+TILT, COIL = ("tilt_x", "tilt_y"), ("coil_voltage_x", "coil_voltage_y")
+TURN = 2.0 * math.pi
+
+
+@pytest.fixture(scope="module")
+def right() -> Recording:
+    # an effect of twice its usual size, on a machine of its own
+    return gw.simulate("quick", effects={"gravity_offset": {"G": 0.012}}, machine=11, seed=3).data
+
+
+@pytest.fixture(scope="module")
+def bench() -> Bench:
+    return Bench.load()
+
+
+def scaled(*names: str, by: float) -> Spoil:
+    def spoil(samples: Samples) -> None:
+        for name in names:
+            samples[name] *= by
+            if name == "spin_angle" and abs(by) <= 2.0:
+                samples[name] = np.mod(samples[name], TURN)
+
+    return spoil
+
+
+def exchanged(*pairs: tuple[str, str]) -> Spoil:
+    def spoil(samples: Samples) -> None:
+        for one, other in pairs:
+            samples[one], samples[other] = samples[other].copy(), samples[one].copy()
+
+    return spoil
+
+
+def late(*names: str, by: float) -> Spoil:
+    def spoil(samples: Samples) -> None:
+        for name in names:
+            samples[name] = np.roll(samples[name], round(by / 5e-4))
+
+    return spoil
+
+
+def geared(samples: Samples) -> None:
+    samples["spin_angle"] = np.mod(2.0 * np.unwrap(samples["spin_angle"]), TURN)
+
+
+def reversed_wheel(samples: Samples) -> None:
+    """Mirror the machine: what a wheel that turns the other way would have given."""
+    scaled("spin_angle", "spin_rate", "motor_voltage", "motor_current", "tilt_y", COIL[1], by=-1.0)(samples)
+
+
+def celsius(samples: Samples) -> None:
+    for name in ("coil_temperature", "air_temperature"):
+        samples[name] -= 273.15
+
+
+WRONG: list[tuple[str, Spoil, str, tuple[str, ...]]] = [
+    ("tilts exchanged", exchanged(TILT), "exchanged", TILT),
+    ("coils exchanged", exchanged(COIL), "exchanged", COIL),
+    ("both exchanged", exchanged(TILT, COIL), "exchanged", (*TILT, *COIL)),
+    *(
+        (f"sign of {name}", scaled(name, by=-1.0), "sign", (name,))
+        for name in (*TILT, *COIL, "motor_voltage", "motor_current", "spin_rate", "spin_angle")
+    ),
+    ("sign of both tilts", scaled(*TILT, by=-1.0), "sign", TILT),
+    ("sign of both coils", scaled(*COIL, by=-1.0), "sign", COIL),
+    ("tilts in degrees", scaled(*TILT, by=180.0 / math.pi), "unit", TILT),
+    ("angle in degrees", scaled("spin_angle", by=180.0 / math.pi), "unit", ("spin_angle",)),
+    ("speed in rpm", scaled("spin_rate", by=30.0 / math.pi), "unit", ("spin_rate",)),
+    ("speed in Hz", scaled("spin_rate", by=0.5 / math.pi), "unit", ("spin_rate",)),
+    ("coils in mV", scaled(*COIL, by=1e3), "unit", COIL),
+    ("mV of the coils read as µV", scaled(*COIL, by=1e-3), "unit", COIL),
+    ("motor in mV", scaled("motor_voltage", by=1e3), "unit", ("motor_voltage",)),
+    ("current in mA", scaled("motor_current", by=1e3), "unit", ("motor_current",)),
+    ("pressure in hPa", scaled("air_pressure", by=0.01), "unit", ("air_pressure",)),
+    ("temperatures in °C", celsius, "unit", ("coil_temperature", "air_temperature")),
+    (
+        "wheel turns the other way",
+        reversed_wheel,
+        "reversed",
+        ("spin_angle", "spin_rate", "motor_voltage", "motor_current"),
+    ),
+    ("tilts halved", scaled(*TILT, by=0.5), "scale", TILT),
+    ("tilts doubled", scaled(*TILT, by=2.0), "scale", TILT),
+    ("gear of 2", geared, "scale", ("spin_angle",)),
+    ("tilts late", late(*TILT, by=3.0), "shifted", TILT),
+    ("speed late", late("spin_rate", by=3.0), "shifted", ("spin_rate",)),
+    (
+        "voltage and current exchanged",
+        exchanged(("motor_voltage", "motor_current")),
+        "exchanged",
+        ("motor_voltage", "motor_current"),
+    ),
+]
+
+
+def spoilt(recording: Recording, spoil: Spoil) -> Recording:
+    samples = recording.measurement.copy()
+    spoil(samples)
+    return replace(recording, measurement=samples)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("spoil", "kind", "columns"), [w[1:] for w in WRONG], ids=[w[0] for w in WRONG])
+def test_wrong_setup_is_named_and_its_cure_brings_the_readings_back(
+    right: Recording, bench: Bench, spoil: Spoil, kind: str, columns: tuple[str, ...]
+) -> None:
+    wrong = spoilt(right, spoil)
+    (found,) = of_one(wrong, bench)
+    assert (found.kind, found.columns) == (kind, columns)
+    mended = corrected(wrong.measurement, found.cure)
+    assert not of_one(replace(right, measurement=mended), bench)
+    original = right.measurement[np.isin(right.measurement["sequence"], mended["sequence"])]
+    rolled = round(3.0 / 5e-4) if kind == "shifted" else 0  # the fixture's roll puts the end at the beginning
+    for name in columns if kind != "reversed" else ("tilt_x", "coil_voltage_x"):
+        difference = np.abs(mended[name] - original[name])[: len(mended) - rolled]
+        if name == "spin_angle":
+            difference = np.minimum(difference, TURN - difference)
+            if columns == ("spin_angle",) and kind == "scale":
+                continue  # half a turn of the sensor's own zero cannot be known
+        assert difference.max() <= 1e-6 * np.abs(original[name]).max()
+
+
+def test_column_that_stays_or_stands_twice_has_no_cure_but_is_named(right: Recording, bench: Bench) -> None:
+    for spoil, kind, columns in (
+        (lambda s: s["tilt_y"].fill(0.01), "stuck", ("tilt_y",)),
+        (lambda s: s["spin_angle"].fill(1.0), "stuck", ("spin_angle",)),
+        (lambda s: s["motor_voltage"].fill(11.0), "stuck", ("motor_voltage",)),
+        (lambda s: s.__setitem__("coil_voltage_y", s["coil_voltage_x"]), "same", COIL),
+    ):
+        (found,) = of_one(spoilt(right, spoil), bench)
+        assert (found.kind, found.columns, bool(found.cure)) == (kind, columns, False)
+
+
+def test_readings_of_another_run_are_not_joined(right: Recording, bench: Bench) -> None:
+    other = gw.simulate("check", machine=12, seed=5).data.measurement
+
+    def spoil(samples: Samples) -> None:
+        for name in COIL:
+            samples[name] = np.resize(other[name], len(samples))
+
+    (found,) = of_one(spoilt(right, spoil), bench)
+    assert (found.kind, found.columns) == ("foreign", (*TILT, *COIL))
+
+
+def test_two_mistakes_at_once(right: Recording, bench: Bench) -> None:
+    def spoil(samples: Samples) -> None:
+        exchanged(TILT)(samples)
+        scaled("spin_rate", by=30.0 / math.pi)(samples)
+
+    found = of_one(spoilt(right, spoil), bench)
+    assert [(f.kind, f.columns) for f in found] == [("unit", ("spin_rate",)), ("exchanged", TILT)]
+
+
+@pytest.mark.parametrize(
+    ("plan", "effects"),
+    [
+        ("cone", {"external_damping": {"D": 0.04}}),
+        ("check", {"coil_anisotropy": {"p_x": 0.2, "p_y": -0.2}, "coil_tilt": {}}),
+        ("rate_table", {}),
+        ("paper_speed", {"cubic_stiffness": {"q": 8.0}}),
+    ],
+)
+@pytest.mark.slow
+def test_right_recordings_are_not_accused(bench: Bench, plan: str, effects: dict[str, Any]) -> None:
+    recording = gw.simulate(plan, effects=effects, machine=8, seed=1).data
+    bare = replace(recording, setpoint=recording.setpoint[:0], command=recording.command[:0])
+    assert not wrong_setups([recording, bare], bench)
+
+
+def test_constants_that_are_half_as_large_again_are_no_setup(right: Recording) -> None:
+    stated = Bench.load()
+    for name in ("coil_constant", "rotor_inertia_z", "motor_constant", "flexure_stiffness_x"):
+        for factor in (0.55, 1.45):
+            other = stated.with_values({name: factor * stated.value(name)})
+            assert not of_one(right, other), (name, factor)
+
+
+def test_corrected_recording_is_whole(right: Recording, tmp_path: Path) -> None:
+    count = correct(right, Cure(scale={"tilt_x": -1.0}, shift={"motor_current": 0.25}), tmp_path / "new")
+    made = Recording.open(tmp_path / "new")
+    assert count == len(made.measurement) == len(right.measurement) - 500
+    assert made.environment == [replace(e, time=max(e.time - 0.25, 0.0)) for e in right.environment]
+    assert made.bench_text == right.bench_text
+    assert len(made.setpoint) == len(right.setpoint)
+    assert np.array_equal(made.measurement["tilt_x"], -right.measurement["tilt_x"][500:])
+    assert np.array_equal(made.measurement["motor_current"], right.measurement["motor_current"][:-500])
+    assert not made.topics.get("/gyrowheel/drag_estimate")
+
+
+@pytest.mark.parametrize(
+    ("cure", "what"),
+    [
+        (Cure(), "nothing to correct"),
+        (Cure(scale={"tilt": 2.0}), "did you mean"),
+        (Cure(scale={"tilt_x": 0.0}), "out of range"),
+        (Cure(exchange=(("tilt_x", "tilt_x"),)), "twice"),
+        (Cure(shift={"tilt_x": 1e4}), "nothing is left"),
+    ],
+)
+def test_corrections_that_make_no_sense_are_refused(right: Recording, cure: Cure, what: str) -> None:
+    with pytest.raises(InputError, match=what):
+        corrected(right.measurement, cure)
