@@ -19,7 +19,6 @@ from gyrowheel.errors import InputError, one_line
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
-    from gyrowheel_analysis.setups.cures import WrongSetup
 
 OK, FINDING, BAD_INPUT, NODE_FAILED, DEFECT, INTERRUPTED = 0, 1, 2, 3, 70, 130
 
@@ -94,7 +93,7 @@ def notes() -> Console:
     return _console(stderr=True)
 
 
-def warn_of(setup: Sequence[WrongSetup]) -> None:
+def warn_of(setup: Sequence[Any]) -> None:
     """Say on stderr in one line that the setup of a recording is wrong, if it is."""
     if setup:
         from gyrowheel.text.sentences.setup import setup_line
