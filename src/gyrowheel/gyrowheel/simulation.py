@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -13,6 +13,7 @@ from gyrowheel.machine import scenario, simulated_bench
 from gyrowheel.recording import Recording
 from gyrowheel_analysis.drag import Estimate
 from gyrowheel_analysis.drag_stream import drag_estimates
+from gyrowheel_analysis.fitting.preparation import one_thread
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.recording import write_run
 from gyrowheel_control.loops.closed_loop import Run
@@ -181,6 +182,7 @@ def _require_memory(plan: Plan, bench: Bench) -> None:
         )
 
 
-def _estimates(run: Run, model: Model) -> Iterator[Estimate]:
-    """Yield the drag estimates of a run."""
-    return drag_estimates(run.stamps, Readings(run.measurement), run.setpoints, model, run.environment)
+@one_thread()  # the last digit of a sum must not depend on the number of cores
+def _estimates(run: Run, model: Model) -> list[Estimate]:
+    """Return the drag estimates of a run."""
+    return list(drag_estimates(run.stamps, Readings(run.measurement), run.setpoints, model, run.environment))

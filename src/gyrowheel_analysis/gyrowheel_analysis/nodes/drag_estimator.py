@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from diagnostic_msgs.msg import DiagnosticStatus
 from gyrowheel_msgs.msg import DragEstimate
 from rclpy.time import Time
+from threadpoolctl import threadpool_limits
 
 from gyrowheel_analysis.drag import Estimate
 from gyrowheel_analysis.drag_stream import BLOCK, DragStream
@@ -32,6 +33,8 @@ class DragEstimatorNode(BenchNode):
         """Read the model, create the topics."""
         file = self.parameter("model")
         self._model = Model.load(file) if file else Model.new(self.parameter("bench"))
+        # the last digit of a sum must not depend on the number of cores
+        threadpool_limits(limits=1, user_api="blas")
         # now, not during the test
         DragStream.warm_up(self._model)
         self._active = False
