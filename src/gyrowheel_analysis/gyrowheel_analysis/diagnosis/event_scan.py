@@ -112,21 +112,36 @@ class Evidence:
             The course of the events.
         """
         what = QUANTITIES[quantity]
-        balance = self.problem.balances[recording]
-        rows = unit_rows(balance, what) * what.width(self.problem.bench)
-        unit = [
-            rows[balance.row(name)] if number == recording else np.zeros(len(block))
-            for (number, name), (block, _) in zip(self.average_rows, self._blocks, strict=True)
-        ]
+        unit = self._unit(quantity, recording)
+        count = len(self.problem.balances[recording].windows)
         best = np.full(len(profiles), -math.inf)
         without = self.state(self.scales).cost + scale_cost(self.scales)
         for scales in self.paths(what.drifts):
             state = self.state(scales)
-            square, along = state.of_windows(unit, len(balance.windows))
+            square, along = state.of_windows(unit, count)
             m, b = profiles.square(square), profiles.along(along)
             cost = state.cost + scale_cost(scales) + np.log1p(m) - b**2 / (1.0 + m)
             best = np.maximum(best, without - cost)
         return best
+
+    def limit(self, quantity: str, recording: int, profiles: Profiles, needed: float) -> float:
+        """Return the smallest size of the first of some events that is expected to bring a score [SI]."""
+        unit = self._unit(quantity, recording)
+        count = len(self.problem.balances[recording].windows)
+        square, _ = self.state(self.scales).of_windows(unit, count)
+        m = float(profiles.square(square)[0])
+        gain = needed + chance(profiles.kind, _count(profiles.kind, places(self.problem))) + math.log1p(m)
+        return QUANTITIES[quantity].width(self.problem.bench) * math.sqrt(gain * (1.0 + m)) / m
+
+    def _unit(self, quantity: str, recording: int) -> list[Array]:
+        """Return the rows of a large change of a quantity all the time, block by block."""
+        what = QUANTITIES[quantity]
+        balance = self.problem.balances[recording]
+        rows = unit_rows(balance, what) * what.width(self.problem.bench)
+        return [
+            rows[balance.row(name)] if number == recording else np.zeros(len(block))
+            for (number, name), (block, _) in zip(self.average_rows, self._blocks, strict=True)
+        ]
 
 
 @dataclass(frozen=True)
@@ -252,19 +267,30 @@ def _profiles(start: Array, duration: Array) -> list[Profiles]:
     return result
 
 
+def chance(kind: Kind, places: int) -> float:
+    """Return the gain that chance brings somewhere among all places at which an event of a kind may be."""
+    return 2.0 * math.log(max(places, 1) * len(QUANTITIES)) + _PRICE[kind]
+
+
+def places(problem: Problem) -> list[list[Profiles]]:
+    """Return the events that every recording may show, by kind."""
+    return [_profiles(balance.windows.start, balance.windows.duration) for balance in problem.balances]
+
+
 def scan(evidence: Evidence) -> list[Candidate]:
     """Return the best candidate of every quantity and kind, best first."""
     found = []
-    per_recording = [_profiles(b.windows.start, b.windows.duration) for b in evidence.problem.balances]
-    for recording, kinds in enumerate(per_recording):
+    of_recordings = places(evidence.problem)
+    for recording, kinds in enumerate(of_recordings):
         for profiles in kinds:
-            places = sum(
-                len(own) for other in per_recording for own in other if own.kind == profiles.kind
-            ) * len(QUANTITIES)
-            chance = 2.0 * math.log(places) + _PRICE[profiles.kind]
+            price = chance(profiles.kind, _count(profiles.kind, of_recordings))
             for quantity in QUANTITIES:
                 gains = evidence.gains(quantity, recording, profiles)
                 k = int(np.argmax(gains))
                 event = Event(recording, quantity, profiles.kind, *profiles.edges[k])
-                found.append(Candidate(event, float(gains[k]), float(gains[k]) - chance))
+                found.append(Candidate(event, float(gains[k]), float(gains[k]) - price))
     return sorted(found, key=lambda candidate: -candidate.score)
+
+
+def _count(kind: Kind, of_recordings: Sequence[Sequence[Profiles]]) -> int:
+    return sum(len(profiles) for kinds in of_recordings for profiles in kinds if profiles.kind == kind)
