@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from gyrowheel_analysis.diagnosis.diagnose import Estimate, estimates, nuisance_estimates
+from gyrowheel_analysis.diagnosis.events import DatedEvent, accepted, beside_events, unused_events, with_sizes
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.preparation import Progress, one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem
@@ -67,6 +68,8 @@ class Added:
         Window by window, before and after.
     doubts : list of Doubt
         What the fit gives reason to doubt.
+    events : list of DatedEvent
+        What changed in the middle of a recording: taken along in the fit, but not on the validation recordings.
     """
 
     model: Model
@@ -74,6 +77,7 @@ class Added:
     error: ErrorTable
     residuals: list[Residuals]
     doubts: list[Doubt]
+    events: list[DatedEvent]
 
 
 @one_thread()
@@ -120,8 +124,13 @@ def add_effect(
         prepared = replace(prepared, problem=prepared.problem.with_drift_estimated(first))
     else:
         prepared = prepared.reweighed(first)
+    happened = accepted(prepared.problem, prepared.problem.fit(terms), fit)
+    prepared = replace(prepared, problem=beside_events(prepared.problem, terms, happened))
     problem = prepared.problem
     before, after = _before(model, problem, air), problem.refined(problem.fit(terms))
+    events = with_sizes(problem, after, happened, [str(r.path) for r in fit])
+    if prepared.validation is not None:
+        events += unused_events(prepared.validation.problem, after, validate)
     errors = errors_of(before, after, prepared)
     coefficients = {term.name: estimates(term, after) for term in terms}
     doubts = [
@@ -159,7 +168,7 @@ def add_effect(
     changed = model.changed(
         entry, overrides=overrides, effects=effects, effect_errors=effect_errors, declared=declared
     )
-    return Added(changed, coefficients, errors.table, errors.residuals, doubts)
+    return Added(changed, coefficients, errors.table, errors.residuals, doubts, events)
 
 
 def _with_air(model: Model, air: Mapping[str, Mapping[str, tuple[float, float]]]) -> Model:
@@ -260,7 +269,8 @@ def _before(model: Model, problem: Problem, air: Mapping[str, Mapping[str, tuple
     if not air:
         return problem.fit_within()
     unknowns = Unknowns(problem.bench, model.effects, model.effect_errors, model.declared)
-    fit = Problem.of(problem.balances, unknowns).with_scales(problem.noise.scales).fit_within()
+    own = Problem.of(problem.balances, unknowns).with_events(problem.events)
+    fit = own.with_scales(problem.noise.scales).fit_within()
     # no air: every size as many uncertainties from the stated one as takes it to zero
     amplitudes = {name: {c.name for c in get(name).amplitudes} for name in air}
     none = [

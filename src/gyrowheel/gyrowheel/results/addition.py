@@ -41,10 +41,12 @@ class Addition(Result):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Warnings, such as an effect that may not be real."""
+        """Warnings, such as an effect that may not be real, and what happened in the middle of a recording."""
+        from gyrowheel.text.sentences.events import event_sentence
         from gyrowheel.text.sentences.fits import doubt_sentence
 
-        return tuple(doubt_sentence(doubt) for doubt in self.details.doubts)
+        happened = [event_sentence(event, several=True) for event in self.details.events]
+        return (*happened, *(doubt_sentence(doubt) for doubt in self.details.doubts))
 
     def __str__(self) -> str:
         """Return the coefficients and how the error fell, in a few lines."""
@@ -70,6 +72,8 @@ class Addition(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of ``gyrowheel model add --json``; SI units."""
+        from gyrowheel.results.contract import event_json
+
         content = self.details.model.to_mapping()
         return {
             "schema": 1,
@@ -77,6 +81,7 @@ class Addition(Result):
             "effects": content["effects"],
             "overrides": content["overrides"],
             "error": self.error.to_json(),
+            "events": [event_json(event, several=True) for event in self.details.events],
         }
 
     def to_columns(self) -> Mapping[str, Sequence[Any]]:

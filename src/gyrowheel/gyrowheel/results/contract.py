@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from gyrowheel.text.sentences.diagnosis import evidence, verdict_sentence
+from gyrowheel.text.sentences.diagnosis import evidence, several, verdict_sentence
 from gyrowheel.text.sentences.events import event_sentence
 from gyrowheel.text.sentences.fits import calibration_notes
 from gyrowheel.text.sentences.residuals import dependence_sentences, region_description, region_name
@@ -72,7 +72,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
             }
             for form in found.free_form
         ],
-        "events": [_event(event, several=len(found.recordings) > 1) for event in found.events],
+        "events": [event_json(event, several=several(found)) for event in found.events],
         "drift": dict(found.drift_scales),
         "error": None if found.error is None else found.error.to_json(),
         "where": [_region(region) for region in found.where],
@@ -155,7 +155,8 @@ def _effect(finding: EffectFinding) -> dict[str, Any]:
     }
 
 
-def _event(event: DatedEvent, *, several: bool) -> dict[str, Any]:
+def event_json(event: DatedEvent, *, several: bool) -> dict[str, Any]:
+    """Return an event as a JSON object; `several` as in `event_sentence`."""
     return {
         "time": event.time,
         "time_standard_error": event.time_error,

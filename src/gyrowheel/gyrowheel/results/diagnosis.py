@@ -102,7 +102,8 @@ class Diagnosis(Result):
         """What lies before, between and after the events, as paths for `Recording.open`; empty without events."""
         from gyrowheel_analysis.diagnosis.events import parts_between
 
-        return tuple(parts_between(self.details.events))
+        fitted = [event for event in self.events if event.recording in self.recordings]
+        return tuple(parts_between(fitted))
 
     def to_add(self) -> list[str | Effect]:
         """Return what `Model.add` takes: names of effects, and effects made from the proposed formulas.

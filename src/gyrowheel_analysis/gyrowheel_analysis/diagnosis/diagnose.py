@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from gyrowheel_analysis.diagnosis.events import DatedEvent, explain, with_sizes
+from gyrowheel_analysis.diagnosis.events import DatedEvent, explain, unused_events, with_sizes
 from gyrowheel_analysis.diagnosis.experiment_design import SETTLED, Planner, Separation, detection_limits
 from gyrowheel_analysis.diagnosis.selection import Finding, select
 from gyrowheel_analysis.diagnosis.unknown import Proposal, as_found, places
@@ -234,7 +234,8 @@ class Diagnosis:
     coverage : Coverage
         How much of the recordings takes part.
     events : list of DatedEvent
-        What changed in the middle of a recording; it is taken along in the fit.
+        What changed in the middle of a recording. In those that are fitted it is taken along; in those for validation
+        it stays in the error.
     setup : list of WrongSetup
         Columns that cannot be what they are called: then the verdict is ``insufficient_data`` and nothing is diagnosed.
     """
@@ -320,6 +321,9 @@ def diagnose(
         before.residual,
         problem.noise.deviation(),
     )
+    events = with_sizes(problem, best, outcome.events, paths)
+    if fitted.validation is not None:
+        events += unused_events(fitted.validation.problem, best, validate)
     say("judging ties, limits and the next test")
     planner = Planner(problem, best)
     if proposal:
@@ -360,7 +364,7 @@ def diagnose(
         seconds=clock.monotonic() - began,
         versions=_versions(),
         coverage=fitted.coverage,
-        events=with_sizes(problem, best, outcome.events, paths),
+        events=events,
     )
 
 

@@ -16,6 +16,7 @@ from gyrowheel_analysis.fitting.events import QUANTITIES, Event
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.preparation import samples_of
 from gyrowheel_analysis.fitting.problem import Problem
+from gyrowheel_analysis.fitting.terms import Term
 from gyrowheel_analysis.recording import Recording, parted
 from gyrowheel_analysis.reduction import readable
 from gyrowheel_analysis.reduction.onset import onset
@@ -208,6 +209,39 @@ def find(problem: Problem, fit: Fit, recordings: Sequence[Recording]) -> list[Fo
         )
         found.append(Found(event, errors, best.gain, ties))
     return found
+
+
+def accepted(problem: Problem, fit: Fit, recordings: Sequence[Recording]) -> list[Found]:
+    """Return the events beside a fit that effects and free forms do not explain better (`explain`)."""
+    if not find(problem, fit, recordings):
+        return []
+    return explain(problem, select(problem), recordings).events
+
+
+def beside_events(problem: Problem, terms: Sequence[Term], found: Sequence[Found]) -> Problem:
+    """Return a problem with events, and with what they do beside some terms taken from its measured rows."""
+    if not found:
+        return problem
+    beside = problem.with_events([f.event for f in found]).with_drift_estimated()
+    return beside.without_events(beside.fit(terms))
+
+
+def unused_events(validation: Problem, fit: Fit, recordings: Sequence[Recording]) -> list[DatedEvent]:
+    """Return the events in recordings on which nothing was fitted; their rows are left as they are.
+
+    Parameters
+    ----------
+    validation : Problem
+        The problem of these recordings.
+    fit : Fit
+        The fit to other recordings.
+    recordings : sequence of Recording
+        The recordings.
+    """
+    own = validation.fit(fit.terms)
+    found = find(validation, own, recordings)
+    beside = validation.with_events([f.event for f in found])
+    return with_sizes(beside, own, found, [str(recording.path) for recording in recordings])
 
 
 def _simplest(candidates: Sequence[Candidate]) -> Candidate:

@@ -48,8 +48,13 @@ def verdict_sentence(found: Diagnosis) -> str:
 
     What happened in the middle of a recording comes first, what its drifts are last.
     """
-    happened = [event_sentence(event, several=len(found.recordings) > 1) for event in found.events]
+    happened = [event_sentence(event, several=several(found)) for event in found.events]
     return " ".join(filter(None, [*happened, _verdict(found), drift_sentence(found.drift_scales)]))
+
+
+def several(found: Diagnosis) -> bool:
+    """Whether events must name their recording."""
+    return len({*found.recordings, *(event.recording for event in found.events)}) > 1
 
 
 def _verdict(found: Diagnosis) -> str:

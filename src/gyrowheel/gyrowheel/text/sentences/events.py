@@ -63,7 +63,10 @@ def tie_of_event(event: DatedEvent) -> str:
     if not event.ties:
         return ""
     names = [_WHAT[name].replace(" of {}", "").rstrip(",") for name in event.ties]
-    return f"could also be {listed(names, 'or')}: these recordings do not tell them apart"
+    begin = _time(event.time, event.time_error)
+    return (
+        f"what began at {begin} could also be {listed(names, 'or')}: these recordings do not tell them apart"
+    )
 
 
 def drift_sentence(scales: Mapping[str, float]) -> str:
