@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from gyrowheel_core.files import read_json
 from gyrowheel_core.schema import check
@@ -16,6 +16,18 @@ if TYPE_CHECKING:
     from gyrowheel_analysis.diagnosis.diagnose import Diagnosis
 
 Outcome = Literal["exact", "tied", "below_limit", "wrong"]
+
+
+class Finding(Protocol):
+    """What a verdict names: an effect or an instrument, with what explains the recordings as well."""
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+
+    @property
+    def ties(self) -> Any:
+        """Alternatives, each with its ``name`` and ``separating_plan``."""
 
 
 @dataclass(frozen=True)
@@ -73,13 +85,13 @@ def judge(diagnosis: Diagnosis, truth: EffectValues) -> Judgement:
     return Judgement("wrong", "WRONG: the verdict does not agree with the key.")
 
 
-def matched(diagnosis: Diagnosis, truth: Iterable[str]) -> tuple[set[str], list[str | None]] | None:
-    """Match the effects that a verdict names with those that were hidden.
+def matched(findings: Iterable[Finding], truth: Iterable[str]) -> tuple[set[str], list[str | None]] | None:
+    """Match what a verdict names with what was hidden.
 
     Parameters
     ----------
-    diagnosis : Diagnosis
-        The verdict.
+    findings : iterable of Finding
+        What the verdict names.
     truth : iterable of str
         Names of the hidden effects.
 
@@ -94,7 +106,7 @@ def matched(diagnosis: Diagnosis, truth: Iterable[str]) -> tuple[set[str], list[
     """
     left = set(truth)
     tests: list[str | None] = []
-    for finding in sorted(diagnosis.effects, key=lambda f: f.name not in left):
+    for finding in sorted(findings, key=lambda f: f.name not in left):
         if finding.name in left:
             left.discard(finding.name)
             continue
@@ -108,7 +120,7 @@ def matched(diagnosis: Diagnosis, truth: Iterable[str]) -> tuple[set[str], list[
 
 def _tests_for(diagnosis: Diagnosis, truth: EffectValues) -> str | None:
     """Return the tests that would separate the truth from its ties; None if the verdict misses the truth."""
-    left, tests = matched(diagnosis, truth) or (set(truth), [])
+    left, tests = matched(diagnosis.effects, truth) or (set(truth), [])
     named = [test for test in tests if test]
     if left or len(named) < len(tests):
         return None

@@ -5,12 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Literal, TypeAlias
 
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.blind.draw import KINDS, Kind
 
+CaseKind: TypeAlias = Kind | Literal["event"]
+#: How often each kind comes, among those asked for.
+SHARES: dict[CaseKind, float] = dict([*KINDS.items(), ("event", 0.3)])
 #: Largest fraction of samples that may be lost: with more missing no window is complete.
 MOST_LOST = 0.2
 
@@ -28,34 +32,39 @@ class Campaign:
     seed : int
         Seed of everything that is drawn; not negative.
     kinds : tuple of str
-        What may be hidden; see `gyrowheel_sim.blind.draw.KINDS` for how often.
+        What may be hidden; see `SHARES` for how often.
     noise, drift : float
         White noise and slow drifts of the readings, as multiples of those stated; every case varies about them.
     gains : float
         Spin gains, as multiples of those of the default controller; every case varies all gains.
     lost : float
         Fraction of the samples that is lost, 0 .. 0.2.
+    reality : bool
+        Whether the instruments are imperfect as well, and events may happen (kind ``event``).
     """
 
     plan: str
     validation_plan: str
     bench: Bench = field(default_factory=Bench.load)
     seed: int = 0
-    kinds: tuple[Kind, ...] = tuple(KINDS)
+    kinds: tuple[CaseKind, ...] = tuple(KINDS)
     noise: float = 1.0
     drift: float = 1.0
     gains: float = 1.0
     lost: float = 0.0
+    reality: bool = False
 
     def __post_init__(self) -> None:
         """Check every setting, and both plans against the bench."""
         if self.seed < 0:
             raise InputError(f"seed: {self.seed} is out of range; allowed: >= 0")
+        known = tuple(SHARES) if self.reality else tuple(KINDS)
         if not self.kinds:
-            raise InputError(f"kinds: none given; allowed: {', '.join(KINDS)}")
+            raise InputError(f"kinds: none given; allowed: {', '.join(known)}")
         for kind in self.kinds:
-            if kind not in KINDS:
-                raise InputError(f"kinds: '{kind}' is not known; allowed: {', '.join(KINDS)}")
+            if kind not in known:
+                hint = "" if self.reality or kind != "event" else "; events need --reality"
+                raise InputError(f"kinds: '{kind}' is not known; allowed: {', '.join(known)}{hint}")
         if len(set(self.kinds)) < len(self.kinds):
             raise InputError(f"kinds: {', '.join(self.kinds)}: one is given twice")
         for name, low, high in (
@@ -89,7 +98,7 @@ class Case:
 
     campaign: Campaign
     index: int
-    kind: Kind
+    kind: CaseKind
     ordinal: int
 
 
@@ -115,8 +124,8 @@ def cases(campaign: Campaign, count: int, only: Sequence[int] = ()) -> list[Case
     for index in only:
         if not 0 <= index < count:
             raise InputError(f"only: {index} is out of range; allowed: 0 .. {count - 1}")
-    total = sum(KINDS[kind] for kind in campaign.kinds)
-    share = {kind: KINDS[kind] / total for kind in campaign.kinds}
+    total = sum(SHARES[kind] for kind in campaign.kinds)
+    share = {kind: SHARES[kind] / total for kind in campaign.kinds}
     made = dict.fromkeys(campaign.kinds, 0)
     result = []
     for index in range(count):

@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 
 from gyrowheel.campaigns.cases import Case
 from gyrowheel.campaigns.outside import OutsideForm, declared, outside_forms
+from gyrowheel.campaigns.reality import HiddenEvent, draw_amounts, draw_event, draw_wrong, events
 from gyrowheel_analysis.balance.balance import Balance
+from gyrowheel_analysis.diagnosis.events import THRESHOLD as EVENT_THRESHOLD
 from gyrowheel_analysis.diagnosis.selection import ERROR_LIMIT, THRESHOLD, threshold
 from gyrowheel_analysis.fitting.preparation import one_thread
 from gyrowheel_analysis.fitting.problem import Problem
@@ -32,6 +34,7 @@ from gyrowheel_core.readings import Readings
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.blind.draw import draw_effect, draw_machine
 from gyrowheel_sim.effects import Effect, EffectValues, physical
+from gyrowheel_sim.effects.sizes import for_bench
 from gyrowheel_sim.environment import to_json
 from gyrowheel_sim.plant.scenario import Scenario
 
@@ -71,6 +74,12 @@ class Secret:
         Fraction of the samples that is lost.
     noise, drift : float
         White noise and slow drifts, as multiples of those stated.
+    instruments : dict
+        Instruments that are not as stated: {effect: {coefficient: value}}.
+    event : HiddenEvent or None
+        What happens in the middle of the first recording.
+    event_values : dict
+        Its coefficients.
     """
 
     scenario: Scenario
@@ -81,6 +90,9 @@ class Secret:
     lost: float = 0.0
     noise: float = 1.0
     drift: float = 1.0
+    instruments: EffectValues = field(default_factory=dict)
+    event: HiddenEvent | None = None
+    event_values: dict[str, float] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
         """Return the content of the key file."""
@@ -93,6 +105,8 @@ class Secret:
             "noise": self.noise,
             "drift": self.drift,
             "noise_seed": self.scenario.noise_seed,
+            "instruments": self.instruments,
+            "event": None if self.event is None else {**asdict(self.event), **self.event_values},
         }
 
 
@@ -119,7 +133,7 @@ class Yardstick:
             setpoint=run.setpoints,
             environment=run.environment,
         )
-        outside = {form.effect.name: form.effect for form in outside_forms()}
+        outside = {form.effect.name: form.effect for form in outside_forms()} | events()
         self._problem = Problem.of(
             [Balance(reduce(samples, bench), bench)], Unknowns(bench, declared=outside)
         )
@@ -132,7 +146,7 @@ class Yardstick:
         Parameters
         ----------
         name : str
-            A registered effect.
+            A registered effect, or an event.
         values : dict
             Its coefficients.
         drift : float
@@ -142,7 +156,8 @@ class Yardstick:
         """
         others = [self._response(other, given) for other, given in beside.items()]
         left = self._left(np.column_stack([*others, self._response(name, values)]), drift)
-        return _over_limit(_apart(left[:, -1], left[:, :-1]), threshold(self._term(name), 1.0))
+        needed = EVENT_THRESHOLD if name in events() else threshold(self._term(name), 1.0)
+        return _over_limit(_apart(left[:, -1], left[:, :-1]), needed)
 
     def size_outside(self, form: OutsideForm, values: dict[str, float], drift: float) -> float:
         """Return the same for an effect outside the library: only what no single library effect can explain counts."""
@@ -242,6 +257,18 @@ def hide(case: Case, measure: Yardstick) -> Secret:
         elif p.name.endswith("_drift"):
             values[p.name] = p.value * drift
     truth: EffectValues = {}
+    wrong: EffectValues = {}
+    if campaign.reality:
+        # a stream of its own: what else is hidden stays as it is without
+        apart = np.random.default_rng([campaign.seed, case.index, 0x7265616C])
+        values |= draw_amounts(bench, apart)
+        wrong = draw_wrong(
+            bench,
+            case.kind,
+            values,
+            apart,
+            lambda names: _turn(names, campaign.seed, case.index, "instrument"),
+        )
     resembles = None
     if case.kind == "outside":
         form = _turn(outside_forms(), campaign.seed, case.ordinal, "outside")
@@ -253,7 +280,7 @@ def hide(case: Case, measure: Yardstick) -> Secret:
         sizes = {form.effect.name: size}
         resembles = (form.resembles, form.exponent) if form.resembles else None
     else:
-        truth, sizes = _library(case, measure, drift, rng)
+        truth, sizes = _library(case, measure, drift, rng, wrong)
     for name, coefficients in truth.items():
         for group, parameters in bench.groups().items():
             if group in ERRORS.get(name, ()):
@@ -262,17 +289,40 @@ def hide(case: Case, measure: Yardstick) -> Secret:
                     drawn_part = values[p.name] if len(ERRORS[name]) > 1 else p.value
                     values[p.name] = drawn_part + p.value * coefficients["relative_error"]
     gains = _draw_gains(campaign.gains, rng)
+    for name, given in wrong.items():
+        others = {other: v for other, v in {**wrong, **truth}.items() if other != name}
+        sizes[name] = measure.size(name, given, drift, others)
+    event: HiddenEvent | None = None
+    event_values: dict[str, float] = {}
+    if case.kind == "event":
+        event, event_values = _event(case, measure, drift, apart, wrong)
+        sizes[event.name] = measure.size(event.name, event_values, drift, wrong)
     scenario = Scenario(
         values=values,
-        effects={name: v for name, v in truth.items() if name not in ERRORS},
+        effects={name: v for name, v in {**truth, **wrong}.items() if name not in ERRORS},
         noise_seed=int(rng.integers(2**32)),
         declared=declared() if set(truth) & set(declared()) else {},
     )
-    return Secret(scenario, truth, sizes, resembles, gains, campaign.lost, noise, drift)
+    return Secret(
+        scenario, truth, sizes, resembles, gains, campaign.lost, noise, drift, wrong, event, event_values
+    )
+
+
+def _event(
+    case: Case, measure: Yardstick, drift: float, rng: np.random.Generator, wrong: EffectValues
+) -> tuple[HiddenEvent, dict[str, float]]:
+    """Draw an event, and its size by the detection limit."""
+    bench, plan = case.campaign.bench, Plan.load(case.campaign.plan)
+    name = _turn(tuple(events()), case.campaign.seed, case.ordinal, "event")
+    event, drawn = draw_event(bench, name, plan.duration, rng)
+    effect = for_bench(events()[name], bench)
+    factor = _log_uniform(rng, SMALLEST, LARGEST)
+    values, _ = _scaled(effect, drawn, factor, lambda v: measure.size(name, v, drift, wrong), capped=True)
+    return event, values
 
 
 def _library(
-    case: Case, measure: Yardstick, drift: float, rng: np.random.Generator
+    case: Case, measure: Yardstick, drift: float, rng: np.random.Generator, wrong: EffectValues
 ) -> tuple[EffectValues, dict[str, float]]:
     """Draw effects of the library, or errors of bench parameters, and their sizes."""
     seed = case.campaign.seed
@@ -294,7 +344,7 @@ def _library(
             truth[name] = {"relative_error": error * float(rng.choice((-1.0, 1.0)))}
             sizes[name] = error / limit
             continue
-        beside = {other: values for other, values in drawn.items() if other != name}
+        beside = wrong | {other: values for other, values in drawn.items() if other != name}
         truth[name], sizes[name] = _scaled(
             known[name],
             drawn[name],
@@ -375,9 +425,14 @@ def record(case: Case, secret: Secret, plan: str, part: int, directory: Path) ->
     """
     bench = case.campaign.bench
     seeds = np.random.SeedSequence([secret.scenario.noise_seed, part]).generate_state(2)
-    run = simulate(
-        bench, replace(secret.scenario, noise_seed=int(seeds[0])), Plan.load(plan), gains=secret.gains
-    )
+    scenario = replace(secret.scenario, noise_seed=int(seeds[0]))
+    if secret.event is not None:
+        # it happens once, in the recording that is diagnosed
+        happens = {secret.event.name: secret.event_values} if part == 0 else {}
+        scenario = replace(
+            scenario, effects={**scenario.effects, **happens}, declared={**scenario.declared, **events()}
+        )
+    run = simulate(bench, scenario, Plan.load(plan), gains=secret.gains)
     arrived = np.random.default_rng(int(seeds[1])).random(len(run.measurement)) >= secret.lost
     write_run(
         directory,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 from gyrowheel.blind_trial import matched
@@ -29,6 +29,8 @@ OUTCOMES: dict[Outcome, str] = {
 #: Smallest size, in detection limits, at which an effect counts as detectable.
 DETECTABLE = 2.0
 _SAME_EXPONENT = 0.15  # an exponent as near as this is right too
+#: How near an event must be dated [s]; the beginning of a trend alternatively to three of its standard errors.
+DATED = 2.0
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,42 @@ class Interval:
         if self.standard_error > 0.0:
             return (self.value - self.truth) / self.standard_error
         return 0.0 if self.value == self.truth else math.inf
+
+
+@dataclass(frozen=True)
+class InstrumentJudged:
+    """An instrument that was not as stated: its name, size over its detection limit, and whether it was found.
+
+    `found` is ``named``, ``tied`` (it is an alternative of something named) or ``missed``.
+    """
+
+    name: str
+    size: float
+    found: Literal["named", "tied", "missed"]
+
+    @property
+    def detectable(self) -> bool:
+        """Whether it is at least twice as large as its detection limit."""
+        return self.size >= DETECTABLE
+
+
+@dataclass(frozen=True)
+class EventJudged:
+    """An event that was hidden: which, when it began [s], its size over its detection limit, and whether it was dated.
+
+    `off` is the distance of the nearest event that was told [s]; infinite if none was.
+    """
+
+    name: str
+    begin: float
+    size: float
+    off: float
+    dated: bool
+
+    @property
+    def detectable(self) -> bool:
+        """Whether it is at least twice as large as its detection limit."""
+        return self.size >= DETECTABLE
 
 
 @dataclass(frozen=True)
@@ -86,6 +124,14 @@ class Judged:
         Time that the diagnosis took [s].
     error : str
         Why the finder failed.
+    instruments : list of InstrumentJudged
+        The instruments that were not as stated.
+    instruments_named : list of str
+        Every instrument that was named.
+    instruments_wrong : list of str
+        Instruments that were named but are as stated, and so is every alternative.
+    event : EventJudged or None
+        What happened in the middle of the recording.
     """
 
     index: int
@@ -104,10 +150,19 @@ class Judged:
     formula: str = ""
     seconds: float = math.nan
     error: str = ""
+    instruments: list[InstrumentJudged] = field(default_factory=list)
+    instruments_named: list[str] = field(default_factory=list)
+    instruments_wrong: list[str] = field(default_factory=list)
+    event: EventJudged | None = None
 
     @property
     def right(self) -> bool:
-        """Whether the answer is right: no false finding, and nothing detectable missed or misnamed."""
+        """Whether the answer is right: no false finding, and nothing detectable missed or misnamed.
+
+        Of the instruments only those count that are named wrongly; `instruments` has which were found.
+        """
+        if self.instruments_wrong:
+            return False
         if self.kind == "outside":
             return self.outcome in ("unknown", "named_right")
         if self.outcome in ("exact", "tied"):
@@ -154,6 +209,10 @@ class Judged:
             "formula": self.formula,
             "seconds": self.seconds,
             "error": self.error,
+            "instruments": [asdict(item) for item in self.instruments],
+            "instruments_named": self.instruments_named,
+            "instruments_wrong": self.instruments_wrong,
+            "event": None if self.event is None else asdict(self.event),
         }
 
 
@@ -196,7 +255,42 @@ def judge(case: Case, secret: Secret, answer: Diagnosis) -> Judged:
         validation_before=before,
         formula=answer.free_form[0].formula if answer.free_form else "",
         seconds=answer.seconds,
+        instruments=_instruments(secret, answer),
+        instruments_named=[f.name for f in _named_instruments(answer)],
+        instruments_wrong=[
+            f.name
+            for f in _named_instruments(answer)
+            if not {f.name, *(tie.name for tie in f.ties)} & {*secret.instruments, *secret.truth}
+        ],
+        event=_event(secret, answer),
     )
+
+
+def _named_instruments(answer: Diagnosis) -> list[Any]:
+    return list(getattr(answer, "instruments", ()))
+
+
+def _instruments(secret: Secret, answer: Diagnosis) -> list[InstrumentJudged]:
+    named = {f.name for f in _named_instruments(answer)}
+    tied = {tie.name for f in (*answer.effects, *_named_instruments(answer)) for tie in f.ties}
+    return [
+        InstrumentJudged(
+            name, secret.sizes[name], "named" if name in named else "tied" if name in tied else "missed"
+        )
+        for name in secret.instruments
+    ]
+
+
+def _event(secret: Secret, answer: Diagnosis) -> EventJudged | None:
+    if secret.event is None:
+        return None
+    begin, off, dated = secret.event.begin, math.inf, False
+    for event in answer.events:
+        distance = abs(event.time - begin)
+        off = min(off, distance)
+        within = max(DATED, 3.0 * event.time_error) if secret.event.shape == "trend" else DATED
+        dated |= distance <= within
+    return EventJudged(secret.event.name, begin, secret.sizes[secret.event.name], off, dated)
 
 
 def failed(case: Case, secret: Secret, error: str) -> Judged:
@@ -212,11 +306,18 @@ def failed(case: Case, secret: Secret, error: str) -> Judged:
         [],
         "failed",
         error=error,
+        instruments=[InstrumentJudged(name, secret.sizes[name], "missed") for name in secret.instruments],
+        event=None
+        if secret.event is None
+        else EventJudged(
+            secret.event.name, secret.event.begin, secret.sizes[secret.event.name], math.inf, dated=False
+        ),
     )
 
 
 def _detectable(secret: Secret) -> bool:
-    return all(size >= DETECTABLE for size in secret.sizes.values())
+    """Whether all effects, or the event, can be seen; wrong instruments are counted on their own."""
+    return all(size >= DETECTABLE for name, size in secret.sizes.items() if name not in secret.instruments)
 
 
 def _outcome(case: Case, secret: Secret, answer: Diagnosis) -> Outcome:
@@ -224,18 +325,26 @@ def _outcome(case: Case, secret: Secret, answer: Diagnosis) -> Outcome:
         return "unknown"
     named = [finding.name for finding in answer.effects]
     truth = list(secret.truth)
+    if secret.event is not None and not named:
+        event = _event(secret, answer)
+        return "exact" if event is not None and event.dated else "missed"
     if sorted(named) == sorted(truth):
         return "exact"
-    if not named:
+    if not named and not secret.instruments:
         return "missed"
     if case.kind == "outside":
         return "named_right" if _right_but_for_exponent(secret, answer) else "misnamed"
-    found = matched(answer, truth)
+    found = matched(answer.effects, [*truth, *secret.instruments])
     if found is None:
         return "misnamed"
     left, tests = found
+    left &= {*truth}
+    # an effect that an instrument imitates may be an alternative of that instrument
+    of_instruments = {tie.name: tie.separating_plan for f in _named_instruments(answer) for tie in f.ties}
+    tests += [of_instruments[name] for name in sorted(left) if name in of_instruments]
+    left -= of_instruments.keys()
     if left:
-        return "partial"
+        return "partial" if named else "missed"
     return "tied" if all(tests) else "tied_without_test"
 
 

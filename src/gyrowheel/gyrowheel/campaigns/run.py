@@ -9,8 +9,11 @@ from typing import TYPE_CHECKING, cast
 from gyrowheel.results.campaign import CampaignResult
 
 if TYPE_CHECKING:
+    from gyrowheel.campaigns.cases import CaseKind
     from gyrowheel.campaigns.judge import Judged
-    from gyrowheel_sim.blind.draw import Kind
+
+#: What may be hidden if nothing is said, without and with imperfect instruments.
+_KINDS = {False: ("none", "single", "pair", "outside"), True: ("none", "single", "event")}
 
 
 def campaign(
@@ -19,7 +22,8 @@ def campaign(
     cases: int = 100,
     seed: int = 0,
     validation_plan: str | Path = "check",
-    kinds: Sequence[str] = ("none", "single", "pair", "outside"),
+    kinds: Sequence[str] = (),
+    reality: bool = False,
     noise: float = 1.0,
     drift: float = 1.0,
     gains: float = 1.0,
@@ -45,7 +49,10 @@ def campaign(
     seed : int
         Seed of everything that is drawn.
     kinds : sequence of str
-        What may be hidden: ``none``, ``single``, ``pair``, ``outside``.
+        What may be hidden: ``none``, ``single``, ``pair``, ``outside``, with `reality` also ``event``. If not given,
+        the first four; with `reality` ``none``, ``single`` and ``event``.
+    reality : bool
+        Whether the instruments are imperfect too, several at once, and events may happen.
     noise, drift, gains : float
         White noise, slow drifts and spin gains, times the stated ones.
     lost : float
@@ -88,7 +95,8 @@ def campaign(
         validation_plan=unused.to_yaml(),
         bench=Bench.load(bench),
         seed=seed,
-        kinds=tuple(cast("Kind", kind) for kind in kinds),  # checked by Campaign
+        kinds=tuple(cast("CaseKind", kind) for kind in kinds or _KINDS[reality]),  # checked by Campaign
+        reality=reality,
         noise=noise,
         drift=drift,
         gains=gains,
@@ -116,6 +124,7 @@ def campaign(
         interrupted = True
     varied = {"noise": noise, "drift": drift, "spin gains": gains}
     changes = [f"{name} × {value:g}" for name, value in varied.items() if value != 1.0]
+    changes += ["imperfect instruments"] if reality else []
     changes += [f"{100.0 * lost:g} % of the samples lost"] if lost else []
     title = ", ".join([f"{len(wanted)} blind cases of plan {chosen.name}", f"seed {seed}", *changes])
     return CampaignResult(Summary.of(seed, len(wanted), done), title, interrupted)

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from gyrowheel.campaigns.judge import Interval, Judged
+from gyrowheel.campaigns.judge import EventJudged, InstrumentJudged, Interval, Judged
 
 #: Levels at which the stated intervals are checked.
 LEVELS = (0.5, 0.8, 0.9, 0.95, 0.99)
@@ -71,9 +71,23 @@ class Summary:
 
     @property
     def false_alarms(self) -> Rate:
-        """Cases with nothing hidden in which something was found."""
+        """Cases with nothing hidden in which something was found.
+
+        Where instruments are not as stated, an effect that ties with one that is wrong is none.
+        """
         none = self.of_kind("none")
-        return Rate(sum(c.outcome not in ("exact", "missed") for c in none), len(none))
+        fine = {"exact", "missed", "tied", "tied_without_test"}
+        return Rate(sum(c.outcome not in fine for c in none), len(none))
+
+    @property
+    def instruments(self) -> list[InstrumentJudged]:
+        """All instruments that were not as stated."""
+        return [i for c in self.cases for i in c.instruments]
+
+    @property
+    def events(self) -> list[EventJudged]:
+        """All events that were hidden."""
+        return [c.event for c in self.cases if c.event is not None]
 
     def detectable(self, kind: str) -> list[Judged]:
         """Return the cases of a kind in which everything is detectable."""
@@ -144,6 +158,7 @@ class Summary:
                 "missed": how["missed"],
                 "formula_validated": self.formulas_validated.count,
             },
+            **self._reality(),
             "coverage95": covered(self.intervals, 0.95).part,
             "validated": {"n": self.validated.n, "within_1p2_floor": self.validated.count},
             "median_seconds": self.median_seconds,
@@ -158,6 +173,32 @@ class Summary:
             "failed": [c.index for c in self.cases if c.outcome == "failed"],
             "not_right": [c.index for c in self.cases if not c.right],
         }
+
+    def _reality(self) -> dict[str, Any]:
+        """Return the counts of instruments and events, if there were any; all but ``n`` are of the detectable."""
+        result: dict[str, Any] = {}
+        wrong = [name for c in self.cases for name in c.instruments_wrong]
+        if self.instruments or wrong:
+            seen = [i for i in self.instruments if i.detectable]
+            how = Counter(i.found for i in seen)
+            result["instrument"] = {
+                "n": len(self.instruments),
+                "detectable": len(seen),
+                "named": how["named"],
+                "tied": how["tied"],
+                "wrong": len(wrong),
+                "missed": how["missed"],
+            }
+        if self.events:
+            visible = [e for e in self.events if e.detectable]
+            dated = sum(e.dated for e in visible)
+            result["event"] = {
+                "n": len(self.events),
+                "detectable": len(visible),
+                "dated": dated,
+                "missed": len(visible) - dated,
+            }
+        return result
 
     def _found(self, kind: str) -> dict[str, Any]:
         """Return the counts of a kind; exact, tied and wrong are among the detectable and add up to them."""

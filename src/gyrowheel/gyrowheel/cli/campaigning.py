@@ -33,8 +33,20 @@ def campaign(
     cases: Annotated[int, typer.Option("--cases", metavar="N", help="Number of cases.")] = 100,
     seed: Annotated[int, typer.Option("--seed", metavar="N", help="Seed of everything that is drawn.")] = 0,
     kinds: Annotated[
-        str, typer.Option("--kinds", metavar="K,K..", help="What may be hidden: none, single, pair, outside.")
-    ] = "none,single,pair,outside",
+        str | None,
+        typer.Option(
+            "--kinds",
+            metavar="K,K..",
+            help="What may be hidden: none, single, pair, outside; with --reality also event.",
+            show_default="none,single,pair,outside; with --reality none,single,event",
+        ),
+    ] = None,
+    reality: Annotated[
+        bool,
+        typer.Option(
+            "--reality", help="Imperfect instruments as well, several at once, and events in the recordings."
+        ),
+    ] = False,
     noise: Annotated[
         float, typer.Option("--noise", metavar="X", help="White noise, as a multiple of the stated one.")
     ] = 1.0,
@@ -94,7 +106,9 @@ def campaign(
     Each case is a machine of its own: parameters within their uncertainties,
     noise, drift and controller varied, and hidden in it nothing, one effect,
     two, or one that no library has, 1 to 10 times as large as the detection
-    limit of the plan. Ctrl-C ends it and reports the cases that were finished.
+    limit of the plan. With --reality instruments are not as the bench file
+    states them, and events happen. Ctrl-C ends it and reports the cases that
+    were finished.
     """
     from gyrowheel.campaigns.run import campaign as run
     from gyrowheel.text.campaign import campaign_page, case_line
@@ -111,7 +125,8 @@ def campaign(
             cases=cases,
             seed=seed,
             validation_plan=validation_plan,
-            kinds=[kind.strip() for kind in kinds.split(",")],
+            kinds=[] if kinds is None else [kind.strip() for kind in kinds.split(",")],
+            reality=reality,
             noise=noise,
             drift=drift,
             gains=gains,

@@ -11,7 +11,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from gyrowheel.campaigns.judge import DETECTABLE, OUTCOMES
+from gyrowheel.campaigns.judge import DATED, DETECTABLE, OUTCOMES
 from gyrowheel.campaigns.summary import LEVELS, WITHIN_FLOOR, WITHIN_FORMULA, Rate, covered
 from gyrowheel.text.layout import figures_table, heading, sentences, words_table
 from gyrowheel.text.quantities import fixed, seconds
@@ -26,6 +26,7 @@ _KINDS = {
     "single": "one effect",
     "pair": "two effects",
     "outside": "outside library",
+    "event": "an event",
 }
 _WORDS = {
     "tied_without_test": "tied, no test named",
@@ -56,6 +57,7 @@ def campaign_page(summary: Summary, title: str) -> Iterator[RenderableType]:
     yield Text()
     yield _kinds(summary)
     yield from sentences(_remarks(summary))
+    yield from sentences(_reality(summary))
     yield from _mistakes(summary)
     yield from _confusion(summary)
     yield heading("Do the numbers hold?")
@@ -107,6 +109,26 @@ def _remarks(summary: Summary) -> Iterator[str]:
     if below:
         parts = [f"{_WORDS.get(k, k)} {v}" for k, v in summary.outcomes(below).most_common()]
         yield f"smaller than that: {', '.join(parts)}"
+
+
+def _reality(summary: Summary) -> Iterator[str]:
+    """Yield how instruments and events were found."""
+    wrong = sum(len(c.instruments_wrong) for c in summary.cases)
+    if summary.instruments or wrong:
+        seen = [i for i in summary.instruments if i.detectable]
+        named, tied = (sum(i.found == how for i in seen) for how in ("named", "tied"))
+        yield (
+            f"instruments that are not as stated: {len(summary.instruments)}, {len(seen)} of them ≥ {DETECTABLE:g}×; "
+            f"named {named}, tied {tied}: {_rate(Rate(named + tied, len(seen)))}; "
+            f"named without being wrong: {wrong}"
+        )
+    if summary.events:
+        visible = [e for e in summary.events if e.detectable]
+        dated = Rate(sum(e.dated for e in visible), len(visible))
+        yield (
+            f"events: {len(summary.events)}, {len(visible)} of them ≥ {DETECTABLE:g}×; "
+            f"dated within {DATED:g} s: {dated.count}: {_rate(dated)}"
+        )
 
 
 def _mistakes(summary: Summary) -> Iterator[RenderableType]:
@@ -182,19 +204,20 @@ def _numbers(summary: Summary) -> Iterator[str]:
 
 
 def _hidden(case: Judged) -> str:
-    if not case.truth:
+    names = [*case.truth, *([case.event.name] if case.event else []), *(i.name for i in case.instruments)]
+    if not names:
         return "nothing"
-    sizes = (case.sizes.get(name, math.nan) for name in case.truth)
+    sizes = (case.sizes.get(name, math.nan) for name in names)
     return " + ".join(
         name + (f" ({fixed(size, 2)})" if math.isfinite(size) else "")
-        for name, size in zip(case.truth, sizes, strict=True)
+        for name, size in zip(names, sizes, strict=True)
     )
 
 
 def _answered(case: Judged) -> str:
     if case.outcome == "failed":
         return case.error
-    text = " + ".join(case.named) or _plain(case.verdict)
+    text = " + ".join(case.named + case.instruments_named) or _plain(case.verdict)
     if case.beside_unknown:
         text = f"unknown, beside {text}"
     if case.ties:
