@@ -1,0 +1,207 @@
+"""Campaigns with imperfect instruments and events: what is hidden, and how answers are judged and counted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gyrowheel.campaigns import judge
+from gyrowheel.campaigns.cases import Campaign, Case, cases
+from gyrowheel.campaigns.hiding import Secret, Yardstick, hide, record, yardstick
+from gyrowheel.campaigns.reality import HiddenEvent, events
+from gyrowheel.campaigns.summary import Summary
+from gyrowheel.text.campaign import campaign_page
+from gyrowheel.text.layout import plain_text
+from gyrowheel_analysis.recording import Recording
+from gyrowheel_core.errors import InputError
+from gyrowheel_sim.effects import registry
+from gyrowheel_sim.parameter import INSTRUMENTS
+from gyrowheel_sim.plant.scenario import Scenario
+
+from .findings import diagnosis, finding, tie
+from .helpers import DRAG_PLAN, OTHER_PLAN, Shell
+
+CAMPAIGN = Campaign(DRAG_PLAN, OTHER_PLAN, seed=5, kinds=("none", "single", "event"), reality=True)
+
+
+@pytest.fixture(scope="module")
+def measure() -> Yardstick:
+    return yardstick(CAMPAIGN.bench, CAMPAIGN.plan)
+
+
+def test_events_need_reality(gyrowheel: Shell) -> None:
+    with pytest.raises(InputError, match=r"kinds: 'event' is not known; allowed: .*; events need --reality"):
+        replace(CAMPAIGN, reality=False)
+    assert gyrowheel("campaign", "--kinds", "event", "--cases", "1").code == 2
+
+
+def test_a_secret_depends_on_its_case_alone_and_instruments_change_nothing_else(measure: Yardstick) -> None:
+    for case in cases(replace(CAMPAIGN, kinds=("none", "single")), 6):
+        secret = hide(case, measure)
+        assert secret == hide(case, measure)
+        without = hide(
+            Case(replace(case.campaign, reality=False), case.index, case.kind, case.ordinal), measure
+        )
+        own = {n: v for n, v in without.scenario.values.items() if n not in INSTRUMENTS}
+        assert own.items() <= secret.scenario.values.items()
+        assert secret.truth.keys() == without.truth.keys()
+        assert secret.gains == without.gains
+        assert secret.instruments or case.kind == "single"
+
+
+def test_instruments_are_wrong_in_turn_and_within_reach(measure: Yardstick) -> None:
+    secrets = [hide(case, measure) for case in cases(replace(CAMPAIGN, kinds=("none",)), 40)]
+    seen = {name for secret in secrets for name in secret.instruments}
+    assert seen == {name for name, e in registry().items() if e.category == "instrument"}
+    assert {len(secret.instruments) for secret in secrets} == {1, 2, 3}
+    period = CAMPAIGN.bench.sample_period
+    for secret in secrets:
+        for name, values in secret.instruments.items():
+            if "d" in values:
+                assert values["d"] + secret.scenario.values[name] >= -period - 1e-12
+        assert all(
+            secret.scenario.values[n] >= 0.0 for n in INSTRUMENTS if n.endswith(("_resolution", "_hum"))
+        )
+
+
+@pytest.mark.parametrize("name", events())
+def test_an_event_happens_when_it_should_and_once(name: str, measure: Yardstick, tmp_path: Path) -> None:
+    quiet = {n: 0.0 for n in CAMPAIGN.bench.parameters if n.endswith(("_noise", "_drift"))}
+    shape: Any = name.rpartition("_")[2]
+    event = HiddenEvent(name, shape, 9.0, 12.0)
+    values = {"t_0": 9.0} | ({} if shape == "step" else {"t_1": 12.0})
+    values |= {"A": 5e-4} if "friction" in name else {"A_x": 5e-4, "A_y": -3e-4}
+    case = cases(CAMPAIGN, 1)[0]
+    secret = Secret(Scenario(values=quiet), sizes={name: 3.0}, event=event, event_values=values)
+    nothing = replace(secret, event_values={key: 0.0 if key[0] == "A" else v for key, v in values.items()})
+    readings = []
+    for number, (given, part) in enumerate(((secret, 0), (secret, 1), (nothing, 0))):
+        record(case, given, CAMPAIGN.plan, part, tmp_path / str(number))
+        readings.append(Recording.open(tmp_path / str(number)))
+    happened, unused, without = readings
+    columns = ("tilt_x", "coil_voltage_x", "motor_current")
+    change = sum(np.abs(happened.measurement[c] - without.measurement[c]) for c in columns)
+    time = happened.time - happened.time[0]
+    assert not change[time < 8.99].any()
+    assert change[(time > 9.0) & (time < 9.5)].max() > 1e-5
+    np.testing.assert_array_equal(unused.measurement["coil_voltage_x"], without.measurement["coil_voltage_x"])
+    assert measure.size(name, values, 1.0, {}) > 0.1
+
+
+# ---- judgement
+
+
+@dataclass(frozen=True)
+class Named:
+    """What a verdict says of an instrument."""
+
+    name: str
+    ties: list[Any] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Told:
+    """What a verdict says of an event."""
+
+    time: float
+    time_error: float = 0.3
+
+
+def judged(
+    secret: Secret, monkeypatch: pytest.MonkeyPatch, *, kind: str = "none", **answer: Any
+) -> judge.Judged:
+    told = diagnosis("effect", *answer.pop("effects", ()), events=answer.pop("events", []))
+    instruments = answer.pop("instruments", [])
+    monkeypatch.setattr(judge, "_named_instruments", lambda _: instruments)
+    case = next(c for c in cases(CAMPAIGN, 9) if c.kind == kind)
+    return judge.judge(case, secret, told)
+
+
+LATE = Secret(Scenario(), sizes={"coil_voltage_delay": 8.0}, instruments={"coil_voltage_delay": {"d": 3e-4}})
+
+
+def test_a_wrong_instrument_is_named_tied_or_missed(monkeypatch: pytest.MonkeyPatch) -> None:
+    how: dict[str, dict[str, Any]] = {
+        "named": {"instruments": [Named("coil_voltage_delay")]},
+        "tied": {"instruments": [Named("coil_voltage_filter", [tie("coil_voltage_delay", None)])]},
+        "missed": {},
+    }
+    for expected, answer in how.items():
+        case = judged(LATE, monkeypatch, **answer)
+        assert [item.found for item in case.instruments] == [expected]
+        assert case.right
+        assert not case.instruments_wrong
+    other = judged(LATE, monkeypatch, instruments=[Named("encoder_zero")])
+    assert other.instruments_wrong == ["encoder_zero"]
+    assert not other.right
+
+
+def test_an_effect_in_place_of_an_instrument_is_an_alarm_unless_it_is_a_tie(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    alarm = judged(LATE, monkeypatch, effects=[finding("coil_inductance")])
+    assert alarm.outcome == "misnamed"
+    assert not alarm.right
+    honest = judged(LATE, monkeypatch, effects=[finding("coil_inductance", tie("coil_voltage_delay"))])
+    assert honest.outcome == "tied"
+    assert [item.found for item in honest.instruments] == ["tied"]
+    assert Summary.of(1, 2, [alarm, replace(honest, index=1)]).false_alarms.count == 1
+
+
+def test_an_effect_beside_a_wrong_instrument_counts_for_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    secret = replace(
+        LATE, truth={"coil_inductance": {"t_L": 3e-4}}, sizes={**LATE.sizes, "coil_inductance": 5.0}
+    )
+    both = judged(
+        secret, monkeypatch, kind="single",
+        effects=[finding("coil_inductance")], instruments=[Named("coil_voltage_delay")],
+    )  # fmt: skip
+    assert both.outcome == "exact"
+    imitated = judged(
+        secret, monkeypatch, kind="single",
+        instruments=[Named("coil_voltage_delay", [tie("coil_inductance", "survey")])],
+    )  # fmt: skip
+    assert imitated.outcome == "tied"
+    assert (
+        judged(secret, monkeypatch, kind="single", instruments=[Named("coil_voltage_delay")]).outcome
+        == "missed"
+    )
+
+
+@pytest.mark.parametrize(
+    ("shape", "told", "dated"),
+    [
+        ("step", [Told(41.5)], True),
+        ("step", [Told(12.0), Told(38.5)], True),
+        ("step", [Told(42.5, 5.0)], False),
+        ("trend", [Told(45.0, 2.0)], True),
+        ("burst", [], False),
+    ],
+)
+def test_an_event_must_be_dated(
+    shape: Any, told: list[Told], dated: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = f"torque_{shape}"
+    secret = Secret(Scenario(), sizes={name: 4.0}, event=HiddenEvent(name, shape, 40.0, 60.0))
+    case = judged(secret, monkeypatch, kind="event", events=told)
+    assert case.event is not None
+    assert case.event.dated is dated
+    assert case.right is dated
+    swallowed = judged(secret, monkeypatch, kind="event", events=told, effects=[finding("windage")])
+    assert not swallowed.right
+    content = Summary.of(1, 1, [case]).to_json()
+    assert content["event"] == {"n": 1, "detectable": 1, "dated": int(dated), "missed": int(not dated)}
+    assert "instrument" not in content
+    page = plain_text(campaign_page(Summary.of(1, 1, [case]), "title"))
+    assert "dated within 2 s" in page
+
+
+def test_instruments_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = judged(LATE, monkeypatch, instruments=[Named("coil_voltage_delay"), Named("encoder_zero")])
+    small = judged(replace(LATE, sizes={"coil_voltage_delay": 1.0}), monkeypatch)
+    content = Summary.of(1, 2, [found, replace(small, index=1)]).to_json()["instrument"]
+    assert content == {"n": 2, "detectable": 1, "named": 1, "tied": 0, "wrong": 1, "missed": 0}
