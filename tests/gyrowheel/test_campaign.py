@@ -35,7 +35,7 @@ from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.blind.draw import KINDS
-from gyrowheel_sim.effects import registry
+from gyrowheel_sim.effects import physical, registry
 from gyrowheel_sim.plant.scenario import Scenario
 
 from .findings import diagnosis, finding, tie
@@ -112,7 +112,7 @@ def test_machines_controllers_and_noise_vary(measure: Yardstick):
 
 
 def test_effects_take_turns_and_are_as_large_as_limits_allow(measure: Yardstick):
-    pool = [*registry(), *ERRORS]
+    pool = [*physical(), *ERRORS]
     secrets = [hide(case_of("single", ordinal=k), measure) for k in range(len(pool))]
     assert {name for s in secrets for name in s.truth} == set(pool)
     for secret in secrets:
@@ -123,7 +123,7 @@ def test_effects_take_turns_and_are_as_large_as_limits_allow(measure: Yardstick)
             assert not secret.scenario.effects
         else:
             assert secret.scenario.effects == secret.truth
-            for c in registry()[name].amplitudes:
+            for c in physical()[name].amplitudes:
                 assert abs(values[c.name]) <= 1.001 * max(hiding.MOST_OF_USUAL * c.usual[1], 0.0)
     assert sum(s.sizes[next(iter(s.truth))] >= 1.0 for s in secrets) > 0.5 * len(pool)
 
@@ -139,7 +139,7 @@ def test_a_size_is_in_proportion_and_says_what_the_finder_says(measure: Yardstic
 
 def test_the_error_of_a_parameter_is_hidden_in_the_parameter(measure: Yardstick):
     campaign = replace(CAMPAIGN, kinds=("single",))
-    for case in cases(campaign, len(registry()) + len(ERRORS)):
+    for case in cases(campaign, len(physical()) + len(ERRORS)):
         secret = hide(case, measure)
         if "coil_gain_error" in secret.truth:
             error = secret.truth["coil_gain_error"]["relative_error"]
