@@ -281,6 +281,11 @@ def _parameter(name: str, entry: ParameterEntry, where: str) -> Parameter:
     )
 
 
+def physical_range(name: str) -> tuple[float, float]:
+    """Return the values that physics allows a parameter (low, high), infinite where it sets no limit."""
+    return (0.0 if name in _POSITIVE | _NOT_NEGATIVE else -math.inf, math.inf)
+
+
 def check_value(name: str, value: Any, where: str) -> float:
     """Return a value [SI] as a number that is allowed for the parameter `name`.
 

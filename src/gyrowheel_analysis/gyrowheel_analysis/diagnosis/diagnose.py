@@ -13,8 +13,10 @@ import numpy as np
 
 from gyrowheel_analysis.diagnosis.events import DatedEvent, explain, unused_events, with_sizes
 from gyrowheel_analysis.diagnosis.experiment_design import SETTLED, Planner, Separation, detection_limits
+from gyrowheel_analysis.diagnosis.limits import Beyond, beyond
+from gyrowheel_analysis.diagnosis.proof import RANGE, Proof, lack_of_fit, prove
 from gyrowheel_analysis.diagnosis.selection import Finding, select
-from gyrowheel_analysis.diagnosis.unknown import Proposal, as_found, places
+from gyrowheel_analysis.diagnosis.unknown import Proposal, as_found, places, settled
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.preparation import Prepared, TooFewWindowsError, one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem
@@ -238,6 +240,12 @@ class Diagnosis:
         it stays in the error.
     setup : list of WrongSetup
         Columns that cannot be what they are called: then the verdict is ``insufficient_data`` and nothing is diagnosed.
+    beyond : list of Beyond
+        Values beyond what is possible or far beyond what is usual, the gravest first.
+    lack_of_fit : float
+        By how many of its standard deviations chi-squared of the fit is above what is expected.
+    proof : Proof or None
+        Whether what was found predicts what was not fitted; None for ``insufficient_data``.
     """
 
     verdict: Verdict
@@ -258,6 +266,9 @@ class Diagnosis:
     coverage: Coverage = field(default_factory=Coverage)
     events: list[DatedEvent] = field(default_factory=list)
     setup: list[WrongSetup] = field(default_factory=list)
+    beyond: list[Beyond] = field(default_factory=list)
+    lack_of_fit: float = 0.0
+    proof: Proof | None = None
 
 
 @one_thread()
@@ -312,6 +323,7 @@ def diagnose(
     fitted = replace(fitted, problem=outcome.problem)
     if proposal is not None:
         fitted = replace(fitted, problem=fitted.problem.with_drift_estimated(proposal.fit))
+        proposal = settled(fitted.problem, proposal)
     problem = fitted.problem
     best = proposal.fit if proposal else selection.best
     before = problem.fit_within() if proposal or selection.findings else best
@@ -345,8 +357,12 @@ def diagnose(
         for c in limit.term.effect.coefficients
         if c.name == limit.coefficient
     ]
-    verdict = _verdict(findings, proposal, limits)
     errors = errors_of(before, best, fitted)
+    null = selection.null if proposal is None else problem.fit(())
+    proof = prove(fitted, null, best, errors.table)
+    far = beyond(problem, best, [t for t in best.terms if proposal is None or t != proposal.term])
+    lack = lack_of_fit(problem, best)
+    verdict = _verdict(findings, proposal, limits, far, lack, proof)
     return Diagnosis(
         verdict=verdict,
         windows=fitted.windows,
@@ -365,6 +381,9 @@ def diagnose(
         versions=_versions(),
         coverage=fitted.coverage,
         events=events,
+        beyond=far,
+        lack_of_fit=lack,
+        proof=proof,
     )
 
 
@@ -375,14 +394,26 @@ def _beside(problem: Problem, proposal: Proposal, term: Term) -> Finding:
 
 
 def _verdict(
-    findings: list[EffectFinding], proposal: Proposal | None, limits: list[DetectionLimit]
+    findings: list[EffectFinding],
+    proposal: Proposal | None,
+    limits: list[DetectionLimit],
+    far: list[Beyond],
+    lack: float,
+    proof: Proof,
 ) -> Verdict:
-    if proposal is not None:
+    """Return the verdict. What is impossible, or does not explain the recordings, is no explanation."""
+    unexplained = lack > RANGE
+    if proposal is not None or any(b.kind == "impossible" for b in far):
         return "unknown"
     if findings:
+        # alone, an effect of any possible size may be what it is; several may only make up for another one
+        if any(b.kind == "unusual" for b in far) and (len(findings) > 1 or unexplained):
+            return "unknown"
         return "ambiguous" if any(f.ties for f in findings) else "effect"
+    if unexplained or far or (proof.proven is False and proof.reason != "unfixed"):
+        return "unknown"
     blind = bool(limits) and not any(limit.visible for limit in limits)
-    return "insufficient_data" if blind else "nothing_missing"
+    return "insufficient_data" if blind or proof.proven is False else "nothing_missing"
 
 
 def _report(fitted: Prepared, finding: Finding, best: Fit, planner: Planner) -> EffectFinding:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_analysis.diagnosis.limits import is_possible
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.fitting.terms import ERRORS, Term
@@ -25,12 +26,12 @@ ERROR_LIMIT = 5.0
 #: As a tie of a finding it is named from here on: stated uncertainties are at times too small.
 ERROR_TIE = 3.0
 _MOST_TERMS = 4
+_MOST_SEARCHES = 6  # after which terms that fail are only removed
 #: Increase of chi-squared in cross-validation that chance alone explains.
 _WORSENING = 4.0
 _SHORTLIST = 5
 #: Number of groups of each kind from which on one can be left out.
 _FEWEST_PARTS = {"speed": 3, "azimuth": 3, "recording": 2}
-_NEGATIVE = 2.0  # standard errors below zero at which an effect of one sign may be estimated by chance
 
 Progress = Callable[[str], None]
 
@@ -102,26 +103,57 @@ def select(problem: Problem, *, progress: Progress | None = None) -> Selection:
     parameter then lies beyond five of its stated uncertainties. An effect of the model is a candidate like any other:
     its coefficients may differ from those of the model. Every selected term is tried against every other (swaps) and
     against none (elimination). When no further term reaches the threshold, each term must pass cross-validation: with
-    it, the prediction of a speed, a tilt direction or a recording that was left out must not become worse. A term that
-    fails is removed, and the search continues without it. (Cross-validation comes last: earlier it would judge a term
-    by what is still missing beside it.)
+    it, the prediction of a speed, a tilt direction or a recording that was left out must not become worse.
+    (Cross-validation comes last: earlier it would judge a term by what is still missing beside it.) In the final fit
+    each term must still reach the threshold, by the noise that this fit leaves, and have coefficients that are
+    possible. A term that fails is removed, and the search continues without it.
     """
     say = progress or (lambda text: None)
     pool = problem.unknowns.candidates()
     null = problem.fit(())
     dof = max(expected_chi2(problem), 1.0)
-    current = null
-    for _ in range(_MOST_TERMS):
-        current = _extended(problem, current, pool, dof, say)
+    current, searching = null, _MOST_SEARCHES
+    while True:
+        if searching:
+            current = _extended(problem, current, pool, dof, say)
         failed = _fails_cross_validation(problem, current)
+        if failed is None and current.terms:
+            current = problem.refined(current)
+            failed = unsupported(problem, current, current.chi2_rows / dof)
         if failed is None:
             break
+        searching = max(searching - 1, 0)
         pool = [t for t in pool if t != failed]
         current = problem.fit(tuple(t for t in current.terms if t != failed), current)
-    if current.terms:
-        current = problem.refined(current)
     findings = tuple(_finding(problem, current, t, pool) for t in current.terms)
     return Selection(null, current, findings, current.chi2_rows / dof)
+
+
+def unsupported(
+    problem: Problem, fit: Fit, inflation: float, among: Sequence[Term] | None = None
+) -> Term | None:
+    """Return the term of a fit that it can do without most easily, or that is not possible; None if each is needed.
+
+    Parameters
+    ----------
+    problem : Problem
+        What was fitted, with the final noise.
+    fit : Fit
+        The fit.
+    inflation : float
+        Chi-squared over its expectation, by which the threshold grows.
+    among : sequence of Term, optional
+        The terms that are judged; all of them by default.
+    """
+    weakest, least = None, 0.0
+    for term in fit.terms if among is None else among:
+        if implausible(problem, fit) == term:
+            return term
+        without = problem.fit(tuple(t for t in fit.terms if t != term), fit)
+        spare = without.chi2 - fit.chi2 - threshold(term, inflation)
+        if spare < least:
+            weakest, least = term, spare
+    return weakest
 
 
 def _extended(problem: Problem, current: Fit, pool: Sequence[Term], dof: float, say: Progress) -> Fit:
@@ -131,7 +163,7 @@ def _extended(problem: Problem, current: Fit, pool: Sequence[Term], dof: float, 
         for gain, term in rank(problem, current, [t for t in pool if t not in current.terms])[:_SHORTLIST]:
             if gain > 0.4 * threshold(term, 1.0):
                 fit = problem.fit((*current.terms, term), current)
-                if _plausible(problem, fit):
+                if implausible(problem, fit) is None:
                     tried.append((fit, term))
         if not tried:
             break
@@ -156,23 +188,20 @@ def _fails_cross_validation(problem: Problem, fit: Fit) -> Term | None:
     return min(failing, key=lambda pair: pair[0])[1] if failing else None
 
 
-def _plausible(problem: Problem, fit: Fit, limit: float = ERROR_LIMIT) -> bool:
-    """Whether every term of a fit is physically plausible.
+def implausible(problem: Problem, fit: Fit, limit: float = ERROR_LIMIT) -> Term | None:
+    """Return a term of a fit that is no explanation; None if there is none.
 
-    The error of a bench parameter must be more than `limit` stated uncertainties. An effect of one sign (it can only
-    brake, push back or heat) must not be estimated clearly negative: that happens where two effects make up for a third
-    one that is not in the fit.
+    The error of a bench parameter must be more than `limit` stated uncertainties. The coefficients of an effect must be
+    possible: one of one sign (it can only brake, push back or heat) that is clearly negative makes up for another one
+    that is not in the fit.
     """
     for term in fit.terms:
         if term.effect is None:
             if relative_deviation(problem, fit, term) <= limit:
-                return False
-            continue
-        for c in term.effect.amplitudes:
-            value = fit.coefficients[term.name][c.name]
-            if not c.signed and value < -_NEGATIVE * fit.standard_error(term.name, c.name):
-                return False
-    return True
+                return term
+        elif not is_possible(fit, term):
+            return term
+    return None
 
 
 def relative_deviation(problem: Problem, fit: Fit, term: Term) -> float:
@@ -224,7 +253,7 @@ def _swapped(problem: Problem, fit: Fit, pool: Sequence[Term]) -> Fit:
                 if without.chi2 - gain > fit.chi2 + 20.0:
                     continue
                 trial = problem.fit((*rest, other), without)
-                if _plausible(problem, trial) and trial.chi2 < fit.chi2 - 2.0 - (
+                if implausible(problem, trial) is None and trial.chi2 < fit.chi2 - 2.0 - (
                     THRESHOLD_FURTHER * (len(other.amplitudes) - len(term.amplitudes))
                 ):
                     fit, improved = trial, True
@@ -258,7 +287,7 @@ def _finding(problem: Problem, fit: Fit, term: Term, pool: Sequence[Term]) -> Fi
         trial = problem.fit((*rest, other), without)
         if abs(trial.chi2 - fit.chi2) < 2.0 * TIE:
             trial = problem.refined(trial)
-        if _plausible(problem, trial, ERROR_TIE):
+        if implausible(problem, trial, ERROR_TIE) is None:
             tried.append(Tie(other, trial.chi2 - fit.chi2, trial))
     tried.sort(key=lambda tie: tie.delta_chi2)
     ties = tuple(tie for tie in tried if tie.delta_chi2 < TIE)
@@ -282,7 +311,7 @@ def groups(problem: Problem) -> dict[str, list[NDArray[np.bool_]]]:
     }
 
 
-def _inverse(normal: Array) -> Array:
+def inverse_of(normal: Array) -> Array:
     """Return the inverse of a normal matrix whose parameters differ by orders of magnitude."""
     scale = np.sqrt(np.diag(normal))
     scale[scale == 0.0] = 1.0
@@ -321,12 +350,12 @@ def _survives_cross_validation(problem: Problem, without: Fit, with_: Fit, term:
             for design, residual, inverse in pairs:
                 part = design[mask]
                 kept = design[keep].T @ design[keep] + np.diag(inverse**2)
-                covariance = _inverse(kept)
+                covariance = inverse_of(kept)
                 # the residual belongs to the full fit, whose pulls balance its gradient
                 left_out = residual[mask] + part @ (covariance @ (part.T @ residual[mask]))
                 # the prediction is not blamed for what the rest leaves undetermined
                 slope = part.T @ left_out
-                error = left_out @ left_out - slope @ _inverse(kept + part.T @ part) @ slope
+                error = left_out @ left_out - slope @ inverse_of(kept + part.T @ part) @ slope
                 found.append((float(error), covariance))
             own = found[1][1][np.ix_(amplitudes, amplitudes)]
             null = problem.unknowns.null(term)

@@ -18,13 +18,20 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.diagnosis.selection import Progress, Selection, rank
+from gyrowheel_analysis.diagnosis.selection import (
+    Progress,
+    Selection,
+    expected_chi2,
+    implausible,
+    rank,
+    unsupported,
+)
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.fitting.terms import Term
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law
-from gyrowheel_sim.effects.quantities import QUANTITIES, Omega, Omega_ref, z, z_ref
+from gyrowheel_sim.effects.quantities import QUANTITIES, Omega, Omega_ref, z, z_rate, z_ref
 from gyrowheel_sim.effects.sizes import for_bench
 
 Array = NDArray[np.float64]
@@ -78,16 +85,24 @@ class Proposal:
         return tuple(t for t in self.fit.terms if t != self.term)
 
 
-def _amplitude(name: str, target: str) -> Coefficient:
-    size = (1.0e-4, 2.0e-3) if target == "rotor_torque" else (5.0e-5, 1.0e-3)
+#: Usual sizes of a free form: on rotor and shaft, and where it is in proportion to the tilt rate.
+_SIZES = {"rotor_torque": (1.0e-4, 2.0e-3), "rate": (2.0e-2, 0.4)}
+_SIZE = (5.0e-5, 1.0e-3)
+
+
+def _amplitude(name: str, kind: str) -> Coefficient:
+    size = _SIZES.get(kind, _SIZE)
     return Coefficient(
         name, "N*m", "size at the reference tilt and speed", size, (-1.0, 1.0), "fitted", signed=True
     )
 
 
-def _form(name: str, sentence: str, target: str, shape: sp.Expr, *shapes: Coefficient) -> Term:
+def _form(
+    name: str, sentence: str, target: str, shape: sp.Expr, *shapes: Coefficient, sized: str = ""
+) -> Term:
     law = (_a + sp.I * _b) * shape if target == "rotor_torque" else _a * shape
-    amplitudes = [_amplitude("a", target)] + ([_amplitude("b", target)] if target == "rotor_torque" else [])
+    names = ("a", "b") if target == "rotor_torque" else ("a",)
+    amplitudes = [_amplitude(own, sized or target) for own in names]
     name = name.replace(".", "_")
     effect = Effect(
         name=name,
@@ -169,6 +184,15 @@ def forms() -> tuple[Term, ...]:
         begins = _shape("p", edge, 0.04, "tilt where it begins over the reference tilt")
         text = "torque along the tilt beyond an edge"
         result.append(_form(f"dead_zone_{edge:g}", text, "rotor_torque", zone, begins))
+    for q in (1, 2, 3):
+        power = _exponent("q", q, of_speed)
+        text = "torque in a direction that is fixed in the case, speed^q"
+        result.append(_form(f"fixed_power_{q}", text, "rotor_torque", _r**_q, power))
+    for q in (0, 2):
+        power = _exponent("q", q, of_speed)
+        text = "torque along or across the tilt rate, speed^q"
+        shape = z_rate / (z_ref * Omega_ref) * _r**_q
+        result.append(_form(f"rate_{q}", text, "rotor_torque", shape, power, sized="rate"))
     for q in (1, 3, 4):
         power = _exponent("q", q, of_speed)
         result.append(_form(f"spin_power_{q}", "torque on the shaft, speed^q", "shaft_torque", _r**_q, power))
@@ -240,7 +264,8 @@ def search(problem: Problem, selection: Selection, *, progress: Progress | None 
                 continue
             fit = problem.fit((*start.terms, term), start)
             found = Proposal(term, fit, base - problem.evidence(fit))
-            if found.gain > needed and (best is None or found.gain > best.gain):
+            better = found.gain > needed and (best is None or found.gain > best.gain)
+            if better and implausible(problem, fit) is None:
                 best = found
     return None if best is None else _simplest(problem, best, base)
 
@@ -323,12 +348,29 @@ def _simplest(problem: Problem, proposal: Proposal, base: float) -> Proposal:
         for term in proposal.fit.terms:
             if term != proposal.term:
                 fit = problem.fit(tuple(t for t in proposal.fit.terms if t != term), proposal.fit)
-                trials.append(Proposal(proposal.term, fit, base - problem.evidence(fit)))
+                if implausible(problem, fit) is None:
+                    trials.append(Proposal(proposal.term, fit, base - problem.evidence(fit)))
+        if not trials:
+            break
         best = max(trials, key=lambda trial: trial.gain)
         if best.gain < proposal.gain - _SUPERFLUOUS:
             break
         proposal = best
     return proposal
+
+
+def settled(problem: Problem, proposal: Proposal) -> Proposal:
+    """Return a proposal fitted to a problem with another noise, without effects that this noise does not support."""
+    dof = max(expected_chi2(problem), 1.0)
+    before, found = problem.evidence(proposal.fit), proposal
+    while True:
+        fit = problem.refined(problem.fit(found.fit.terms, found.fit))
+        found = Proposal(found.term, fit, proposal.gain + before - problem.evidence(fit))
+        failed = unsupported(problem, fit, fit.chi2_rows / dof, found.kept)
+        if failed is None:
+            return found
+        rest = problem.fit(tuple(t for t in fit.terms if t != failed), fit)
+        found = Proposal(found.term, rest, found.gain)
 
 
 def cancelling(problem: Problem, fit: Fit) -> bool:

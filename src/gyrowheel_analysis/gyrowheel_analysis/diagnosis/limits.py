@@ -1,0 +1,155 @@
+"""What is possible, and what is usual: the limits within which a finding is an explanation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from gyrowheel_analysis.fitting.fit import Fit
+from gyrowheel_analysis.fitting.problem import Problem
+from gyrowheel_analysis.fitting.terms import Term
+from gyrowheel_sim.effects import registry
+from gyrowheel_sim.parameter import physical_range
+
+#: Standard errors by which an estimate may lie outside of a range by chance.
+MARGIN = 2.0
+#: Times the largest usual size from which on an effect is far beyond what is usual.
+FAR = 5.0
+#: Relative error of a bench parameter, below and above, from which on it is far beyond what its file can be wrong by.
+_FAR_ERROR = (-0.5, 1.0)
+#: Stated uncertainties from which on a bench parameter that is fitted along is no longer as stated.
+FAR_STATED = 5.0
+_AT_BOUND = 1.0e-6  # of the width of the range that a fit searches
+
+
+@dataclass(frozen=True)
+class Beyond:
+    """A value beyond what is possible, or far beyond what is usual.
+
+    Attributes
+    ----------
+    kind : str
+        ``impossible``: a bench parameter where physics has none. ``unusual``: an effect, or the error of a parameter,
+        many times as large as is usual. ``not_as_stated``: a bench parameter that was fitted along, many of its stated
+        uncertainties away.
+    name, coefficient : str
+        The effect, error or bench parameter; of an effect its coefficient.
+    value, limit : float
+        As fitted, and what it is beyond [`unit`].
+    unit : str
+        Their unit.
+    times : float
+        How far beyond: times the largest usual size, or stated uncertainties; 0 where it is impossible.
+    """
+
+    kind: Literal["impossible", "unusual", "not_as_stated"]
+    name: str
+    coefficient: str
+    value: float
+    limit: float
+    unit: str
+    times: float
+
+
+def is_possible(fit: Fit, term: Term) -> bool:
+    """Whether the coefficients of an effect in a fit are possible: within what physics and its declaration allow.
+
+    A coefficient that the fit has driven to the end of the range that it searches is none: it would go farther.
+    """
+    if term.effect is None:
+        return True
+    for c in term.effect.coefficients:
+        value, error = fit.coefficients[term.name][c.name], fit.standard_error(term.name, c.name)
+        low, high = c.physical
+        if not low - MARGIN * error <= value <= high + MARGIN * error:
+            return False
+        near = _AT_BOUND * (c.bounds[1] - c.bounds[0])
+        at_end = value <= c.bounds[0] + near or value >= c.bounds[1] - near
+        if c.shape is None and value != c.null and at_end:
+            return False
+    if term.effect.greatest is not None:
+        size, error = _size(fit, term)
+        return size - MARGIN * error <= term.effect.greatest
+    return True
+
+
+def _size(fit: Fit, term: Term) -> tuple[float, float]:
+    """Return the size of all amplitudes of a term together, and its standard error."""
+    names = term.amplitudes
+    values = np.array([fit.coefficients[term.name][name] for name in names])
+    at = [len(fit.nuisance) + fit.columns.index((term.name, name)) for name in names]
+    size = float(np.linalg.norm(values))
+    along = values / size if size > 0.0 else np.zeros(len(names))
+    return size, math.sqrt(max(float(along @ fit.covariance[np.ix_(at, at)] @ along), 0.0))
+
+
+def beyond(problem: Problem, fit: Fit, terms: Sequence[Term]) -> list[Beyond]:
+    """Return what of a fit is impossible or far beyond what is usual, the gravest first.
+
+    Parameters
+    ----------
+    problem : Problem
+        What was fitted.
+    fit : Fit
+        The fit.
+    terms : sequence of Term
+        The findings in it. Free forms have no usual size.
+    """
+    found = _parameters(problem, fit, terms)
+    for term in terms:
+        found += _unusual(fit, term)
+    order = ("impossible", "unusual", "not_as_stated")
+    return sorted(found, key=lambda b: (order.index(b.kind), -b.times))
+
+
+def _unusual(fit: Fit, term: Term) -> list[Beyond]:
+    if term.effect is None:
+        value = fit.coefficients[term.name]["relative_error"]
+        margin = MARGIN * fit.standard_error(term.name, "relative_error")
+        limit = _FAR_ERROR[value > 0.0]
+        if abs(value) - margin <= abs(limit):
+            return []
+        return [Beyond("unusual", term.name, "relative_error", value, limit, "1", value / limit)]
+    if term.name not in registry():
+        return []  # what a user calls usual need not be measured
+    result = []
+    for c in term.effect.amplitudes:
+        value = fit.coefficients[term.name][c.name]
+        times = (abs(value) - MARGIN * fit.standard_error(term.name, c.name)) / c.usual[1]
+        if times > FAR:
+            result.append(
+                Beyond("unusual", term.name, c.name, value, c.usual[1], c.unit, abs(value) / c.usual[1])
+            )
+    return result
+
+
+def _parameters(problem: Problem, fit: Fit, terms: Sequence[Term]) -> list[Beyond]:
+    result = []
+    values = problem.unknowns.values(fit)
+    for index, (_, parameters) in enumerate(problem.unknowns.nuisances):
+        error = math.sqrt(max(float(fit.covariance[index, index]), 0.0))
+        away = float(fit.nuisance[index])
+        for p in parameters:
+            margin = MARGIN * error * p.uncertainty
+            low, high = physical_range(p.name)
+            value = values[p.name]
+            if value + margin < low or value - margin > high:
+                limit = low if value < low else high
+                result.append(Beyond("impossible", p.name, "", value, limit, p.unit, 0.0))
+            elif abs(away) - MARGIN * error > FAR_STATED:
+                result.append(
+                    Beyond(
+                        "not_as_stated",
+                        p.name,
+                        "",
+                        value,
+                        p.value,
+                        p.unit,
+                        abs(value - p.value) / p.uncertainty,
+                    )
+                )
+    return result

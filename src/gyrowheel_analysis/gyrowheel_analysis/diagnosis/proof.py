@@ -1,0 +1,371 @@
+"""Proof: whether a fit predicts what it has not seen, within the noise and what the fit leaves uncertain.
+
+What it has not seen are recordings for validation, or else parts of the fitted recordings that are left out in turn.
+Predictions are linear about the fit. Their uncertainty is the covariance of the fit, carried to the rows.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel_analysis.channels import LISTED
+from gyrowheel_analysis.diagnosis.selection import expected_chi2, groups, inverse_of, threshold
+from gyrowheel_analysis.fitting.fit import Fit
+from gyrowheel_analysis.fitting.preparation import Prepared
+from gyrowheel_analysis.fitting.problem import Problem
+from gyrowheel_analysis.fitting.terms import Term
+from gyrowheel_analysis.residuals.error_table import ErrorRow, ErrorTable, error_row, floor_row
+
+Array = NDArray[np.float64]
+
+#: Standard deviations of chi-squared that chance explains.
+RANGE = 3.0
+#: Gain in chi-squared on what was not seen that shows that a finding predicts something.
+_PREDICTS = 9.0
+#: Uncertainty of the prediction, in noise variances, from which on it says little.
+_VAGUE = 0.5
+#: Share of a misfit that a cause must account for to be named.
+_ACCOUNTS = 0.8
+_BLOCKS = 4  # of time, where there are too few speeds and directions to leave one out
+_FEWEST = {"recording": 2, "speed": 3, "azimuth": 3, "time": _BLOCKS}
+_FEWEST_ROWS = 12
+
+Left = Literal["", "recording", "speed", "azimuth", "time"]
+Reason = Literal["predicted", "unfixed", "differs", "resembles", "misfit", "no_gain", "not_tried"]
+
+
+@dataclass(frozen=True)
+class Proof:
+    """Whether a fit predicts what was not fitted.
+
+    Attributes
+    ----------
+    recording : str
+        What was predicted: the recordings for validation, or those of which parts were left out.
+    proven : bool or None
+        None where nothing could be tried.
+    reason : str
+        ``predicted``: within noise and the uncertainty of the prediction. ``unfixed``: within it only because
+        `causes` are not fixed by what was fitted. ``differs``: the unknown in `causes` would need another value there.
+        ``resembles``: the misfit there looks like the term in `causes`. ``misfit``: none of these. ``no_gain``: the
+        prediction without the findings is as good. ``not_tried``: there is nothing that could be left out.
+    left_out : str
+        What was left out in turn: ``recording``, ``speed``, ``azimuth`` or ``time``; empty for a validation.
+    parts : int
+        In how many parts.
+    causes : tuple of str
+        See `reason`.
+    value, fitted : float or None
+        For ``differs``: what the bench parameter would have to be there, and what it is in the fit [`unit`].
+    unit : str
+        Their unit.
+    chi2_per_n, allowed : float
+        Of the prediction, and what noise and uncertainty of the prediction allow.
+    channel : str
+        Channel in which the error falls most, or is largest where nothing was found.
+    before, after, noise : float
+        Its error without and with the findings, and its noise [SI].
+    """
+
+    recording: str
+    proven: bool | None
+    reason: Reason
+    left_out: Left = ""
+    parts: int = 0
+    causes: tuple[str, ...] = ()
+    value: float | None = None
+    fitted: float | None = None
+    unit: str = ""
+    chi2_per_n: float = 0.0
+    allowed: float = 0.0
+    channel: str = ""
+    before: float = 0.0
+    after: float = 0.0
+    noise: float = 0.0
+
+
+def lack_of_fit(problem: Problem, fit: Fit) -> float:
+    """Return by how many of its standard deviations chi-squared of a fit is above what is expected."""
+    free = sum(len(term.coefficients) for term in fit.terms)
+    expected = max(expected_chi2(problem) - free, 1.0)
+    return (fit.chi2_rows - expected) / math.sqrt(2.0 * expected)
+
+
+def prove(prepared: Prepared, null: Fit, best: Fit, table: ErrorTable) -> Proof:
+    """Return whether a fit predicts what it has not seen.
+
+    Parameters
+    ----------
+    prepared : Prepared
+        Recordings, and those for validation if there are any.
+    null, best : Fit
+        The fits without and with the findings, both at their minimum.
+    table : ErrorTable
+        The errors of both.
+    """
+    if prepared.validation is not None:
+        return _validated(prepared, best, table)
+    return _left_out(prepared, null, best)
+
+
+# --- on recordings for validation ---
+
+
+class _Prediction:
+    """Residual of a validation, whitened, and its derivatives by the unknowns of the fit."""
+
+    def __init__(self, problem: Problem, fit: Fit) -> None:
+        self.rows = problem.measured - problem.predict(fit)
+        self.white = problem.noise.whiten(self.rows)
+        jacobian = problem.jacobian(fit, problem.predict(fit))
+        self.slopes = problem.noise.whiten(jacobian)
+        self.covariance = fit.covariance
+        # the square root of the covariance, which may be singular
+        size = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
+        size[size == 0.0] = 1.0
+        values, vectors = np.linalg.eigh(fit.covariance / np.outer(size, size))
+        root = size[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+        self._spread = self.slopes @ root
+        self._inner = np.linalg.inv(np.eye(root.shape[1]) + self._spread.T @ self._spread)
+
+    @property
+    def count(self) -> int:
+        return len(self.white)
+
+    @property
+    def plain(self) -> float:
+        """Chi-squared, the prediction taken as exact."""
+        return float(self.white @ self.white)
+
+    @property
+    def vagueness(self) -> float:
+        """Variance of the prediction over that of the noise, on average."""
+        return float(np.sum(self._spread**2)) / self.count
+
+    @property
+    def spread_deviation(self) -> float:
+        """Standard deviation of the plain chi-squared."""
+        gram = self._spread.T @ self._spread
+        return math.sqrt(2.0 * (self.count + 2.0 * float(np.trace(gram)) + float(np.sum(gram**2))))
+
+    def solved(self, columns: Array) -> Array:
+        """Return columns times the inverse of the covariance of noise and prediction."""
+        return np.asarray(columns - self._spread @ (self._inner @ (self._spread.T @ columns)))
+
+    @property
+    def judged(self) -> float:
+        """Chi-squared by noise and uncertainty of the prediction."""
+        return float(self.white @ self.solved(self.white))
+
+
+def _validated(prepared: Prepared, best: Fit, table: ErrorTable) -> Proof:
+    validation, problem = prepared.validation, prepared.problem
+    assert validation is not None
+    other = validation.problem.with_scales(problem.noise.scales)
+    seen = _Prediction(other, best)
+    name = ", ".join(validation.names)
+    n = seen.count
+    slack = RANGE * math.sqrt(2.0 * n)
+    before, after = table.validation_before, table.validation_after
+    floor = table.validation_noise_floor
+    shown: dict[str, Any] = {
+        "chi2_per_n": seen.plain / n,
+        "allowed": (n * (1.0 + min(seen.vagueness, _VAGUE)) + RANGE * seen.spread_deviation) / n
+        if seen.vagueness < _VAGUE
+        else (n + slack) / n,
+    }
+    if before is not None and after is not None and floor is not None:
+        shown |= _channel(before, after, floor, found=bool(best.terms))
+    if seen.plain <= n + slack or (
+        seen.vagueness < _VAGUE
+        and seen.judged <= n + slack
+        and seen.plain <= n * (1.0 + seen.vagueness) + RANGE * seen.spread_deviation
+    ):
+        worse = before is not None and before.chi2_per_n * n < seen.plain + _PREDICTS
+        if best.terms and worse:
+            return Proof(name, False, "no_gain", **shown)
+        return Proof(name, True, "predicted", **shown)
+    if seen.judged <= n + slack:
+        return Proof(name, False, "unfixed", causes=_unfixed(problem, best, seen), **shown)
+    return _misfit(problem, other, best, seen, name, shown)
+
+
+def _labels(problem: Problem, fit: Fit) -> list[str]:
+    """Return what each unknown of a fit is called."""
+    loose = [f"{effect} {key}" for effect, key, _ in problem.unknowns.loose]
+    terms = [term if key == "relative_error" else f"{term} {key}" for term, key in fit.columns]
+    return [*(group for group, _ in problem.unknowns.nuisances), *loose, *terms]
+
+
+def _unfixed(problem: Problem, best: Fit, seen: _Prediction) -> tuple[str, ...]:
+    """Return the unknowns whose uncertainty accounts for a misfit: the fewest that do."""
+    shift = seen.covariance @ (seen.slopes.T @ seen.solved(seen.white))
+    deviation = np.sqrt(np.maximum(np.diag(seen.covariance), 1e-300))
+    # what each unknown moves on the rows once the validation is fitted too
+    moved = np.linalg.norm(seen.slopes * shift, axis=0)
+    moved[np.abs(shift) < 0.5 * deviation] = 0.0
+    order = np.argsort(-moved)
+    labels = _labels(problem, best)
+    return tuple(labels[k] for k in order[:2] if moved[k] > 0.3 * moved[order[0]] and moved[k] > 0.0)
+
+
+def _misfit(
+    problem: Problem, other: Problem, best: Fit, seen: _Prediction, name: str, shown: dict[str, Any]
+) -> Proof:
+    """Return what a misfit beyond the uncertainty of the prediction looks like."""
+    excess = seen.judged - seen.count
+    left = seen.solved(seen.white)
+    slopes = seen.solved(seen.slopes)
+    gains = (seen.slopes.T @ left) ** 2 / np.maximum(np.einsum("ij,ij->j", seen.slopes, slopes), 1e-300)
+    k = int(np.argmax(gains))
+    found, gain = _resembling(other, best, seen)
+    if gains[k] >= _ACCOUNTS * excess and gains[k] >= gain - threshold(Term(name), 1.0):
+        step = float(seen.slopes[:, k] @ left) / float(seen.slopes[:, k] @ slopes[:, k])
+        value, fitted, unit = _there(problem, best, k, step)
+        label = _labels(problem, best)[k]
+        return Proof(name, False, "differs", causes=(label,), value=value, fitted=fitted, unit=unit, **shown)
+    if found is not None and gain >= _ACCOUNTS * excess:
+        return Proof(name, False, "resembles", causes=(found.name,), **shown)
+    return Proof(name, False, "misfit", **shown)
+
+
+def _there(problem: Problem, best: Fit, k: int, step: float) -> tuple[float | None, float | None, str]:
+    """Return the value of an unknown after a step, the fitted one, and their unit."""
+    groups = problem.unknowns.nuisances
+    if k < len(groups):
+        p = groups[k][1][0]
+        fitted = problem.unknowns.values(best)[p.name]
+        return fitted + step * p.uncertainty, fitted, p.unit
+    at = k - len(best.nuisance)
+    if at >= 0:
+        term, key = best.columns[at]
+        effect = next(t.effect for t in best.terms if t.name == term)
+        unit = "1" if effect is None else next(c.unit for c in effect.coefficients if c.name == key)
+        fitted = best.coefficients[term][key]
+        return fitted + step, fitted, unit
+    return None, None, ""
+
+
+def _resembling(other: Problem, best: Fit, seen: _Prediction) -> tuple[Term | None, float]:
+    """Return the term that a misfit looks like most, and by how much it would lower chi-squared."""
+    at = other.measured - seen.rows
+    left = seen.solved(seen.white)
+    found: tuple[Term | None, float] = (None, 0.0)
+    for term in other.unknowns.candidates():
+        if term in best.terms:
+            continue
+        columns = other.noise.whiten(other.term_jacobian(term, best, at, term.amplitudes))
+        gram, slope = columns.T @ seen.solved(columns), columns.T @ left
+        gain = float(slope @ np.linalg.pinv(gram, rcond=1e-10) @ slope)
+        if gain - threshold(term, 1.0) > found[1]:
+            found = term, gain
+    return found
+
+
+# --- on parts that are left out ---
+
+
+def _left_out(prepared: Prepared, null: Fit, best: Fit) -> Proof:
+    problem = prepared.problem
+    name = ", ".join(prepared.names)
+    tried: list[Proof] = []
+    for kind, parts in _parts(problem).items():
+        after = _predicted(problem, best, parts)
+        before = _predicted(problem, null, parts) if best.terms else after
+        n = sum(int(mask.sum()) for mask in parts)
+        floor = floor_row(problem.balances, problem.noise.deviation())
+        rows = [error_row(problem.balances, rows, white) for rows, white, _ in (before, after)]
+        proven = after[2] <= n + RANGE * math.sqrt(2.0 * n)
+        reason: Reason = "predicted" if proven else "misfit"
+        if proven and best.terms and before[2] - after[2] < _PREDICTS:
+            proven, reason = False, "no_gain"
+        tried.append(
+            Proof(
+                name,
+                proven,
+                reason,
+                left_out=kind,
+                parts=len(parts),
+                chi2_per_n=after[2] / n,
+                allowed=1.0 + RANGE * math.sqrt(2.0 / n),
+                **_channel(rows[0], rows[1], floor, found=bool(best.terms)),
+            )
+        )
+        if proven:
+            return tried[-1]
+    # a part that does not fit is told before one that says nothing
+    tried.sort(key=lambda proof: proof.reason != "misfit")
+    return tried[0] if tried else Proof(name, None, "not_tried")
+
+
+def _parts(problem: Problem) -> dict[Left, list[NDArray[np.bool_]]]:
+    """Return what can be left out in turn, as masks over all rows; each kind covers all of them."""
+    found: dict[Left, list[NDArray[np.bool_]]] = {}
+    own = groups(problem)
+    kinds: tuple[Left, ...] = ("recording", "speed", "azimuth")
+    for kind in kinds:
+        found[kind] = own[kind]
+    times, at = [], 0.0
+    for balance in problem.balances:
+        middle = balance.windows.middle
+        times.append(np.tile(middle + at, len(balance.rows)))
+        at += float(middle.max(initial=0.0)) + 1.0
+    time = np.concatenate(times)
+    edges = np.quantile(time, np.linspace(0.0, 1.0, _BLOCKS + 1)[1:-1])
+    block = np.searchsorted(edges, time, side="right")
+    found["time"] = [block == number for number in range(_BLOCKS)]
+    return {
+        kind: parts
+        for kind, parts in found.items()
+        if len(parts) >= _FEWEST[kind]
+        and all(mask.sum() >= _FEWEST_ROWS for mask in parts)
+        and sum(int(mask.sum()) for mask in parts) == len(time)
+    }
+
+
+def _predicted(problem: Problem, fit: Fit, parts: Sequence[NDArray[np.bool_]]) -> tuple[Array, Array, float]:
+    """Return the residual rows of every part as predicted from the rest, the same whitened, and chi-squared.
+
+    Chi-squared is judged by noise and uncertainty of each prediction.
+    """
+    design, white = problem.noise.whiten(fit.jacobian), problem.noise.whiten(fit.residual)
+    inverse, _ = problem.unknowns.prior(fit.terms)
+    rows, left, chi2 = fit.residual.copy(), white.copy(), 0.0
+    for mask in parts:
+        part, rest = design[mask], design[~mask]
+        kept = rest.T @ rest + np.diag(inverse**2)
+        # the residual belongs to the full fit, whose pulls balance its gradient
+        shift = inverse_of(kept) @ (part.T @ white[mask])
+        own = white[mask] + part @ shift
+        slope = part.T @ own
+        chi2 += float(own @ own - slope @ inverse_of(kept + part.T @ part) @ slope)
+        rows[mask] += fit.jacobian[mask] @ shift
+        left[mask] = own
+    return rows, left, chi2
+
+
+def _channel(before: ErrorRow, after: ErrorRow, floor: ErrorRow, *, found: bool) -> dict[str, Any]:
+    """Return the channel in which the error falls most, in noise floors, or is largest where nothing was found."""
+    names = [n for n in LISTED if all(n in row.channels for row in (before, after, floor))]
+    if not names:
+        return {}
+
+    def size(row: ErrorRow, name: str) -> float:
+        return row.channels[name].rms / (floor.channels[name].rms or 1.0)
+
+    most = max(
+        names,
+        key=lambda n: size(before, n) ** 2 - size(after, n) ** 2 if found else size(after, n),
+    )
+    return {
+        "channel": most,
+        "before": before.channels[most].rms,
+        "after": after.channels[most].rms,
+        "noise": floor.channels[most].rms,
+    }
