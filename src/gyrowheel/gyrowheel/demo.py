@@ -264,6 +264,7 @@ def _validate(
     """Record once more and predict; return what was added with the errors on the new recording."""
     from gyrowheel.text.comparison import channel_table
     from gyrowheel.text.errors import error_table
+    from gyrowheel.text.sentences.proof import proof_line
     from gyrowheel_analysis.add import add_effect
     from gyrowheel_analysis.compare import compare
     from gyrowheel_analysis.model import Model
@@ -284,7 +285,7 @@ def _validate(
         # the same fit again, from the model before it, so that the history includes the validation
         proven = add_effect(model.undone(), names, [Recording.open(place.recording)], [unused], progress=say)
     proven.model.save(place.model)
-    stage.show([error_table(proven.error)])
+    stage.show([error_table(proven.error), proof_line(proven.proof)])
     return proven
 
 

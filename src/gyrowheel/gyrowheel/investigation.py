@@ -320,6 +320,8 @@ def _next(
     if found.verdict == "unknown":
         if BROAD not in ran:
             return Wanted(BROAD, "shows whether the formula holds at other speeds and tilts")
+        if not found.free_form:
+            return False, "no known effect explains it, at any speed and tilt tried, and no simple formula"
         return True, "no known effect explains it, at any speed and tilt tried; the formula describes it"
     if found.verdict == "effect":
         from gyrowheel_analysis.diagnosis.precision import precision_test

@@ -11,6 +11,8 @@ import numpy as np
 
 from gyrowheel_analysis.diagnosis.diagnose import Estimate, estimates, nuisance_estimates
 from gyrowheel_analysis.diagnosis.events import DatedEvent, accepted, beside_events, unused_events, with_sizes
+from gyrowheel_analysis.diagnosis.limits import beyond, is_possible
+from gyrowheel_analysis.diagnosis.proof import Proof, prove
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.preparation import Progress, one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem
@@ -39,14 +41,16 @@ class Doubt:
     kind : str
         ``weak``: an added effect hardly differs from zero. ``moved``: a coefficient of the model moved farther than
         chance. ``off_air_model``: a coefficient lies far from what the air model gives. ``unconstrained``: the
-        recordings say nothing of a coefficient of the air model.
+        recordings say nothing of a coefficient of the air model. ``impossible``: an added effect has a coefficient
+        that physics does not allow. ``unusual``: one is many times as large as is usual.
     effect, coefficient : str
-        Which one; of a ``weak`` effect no coefficient.
+        Which one; of a ``weak`` or ``impossible`` effect no coefficient.
     size : float
-        Distance [standard errors, or uncertainties of the air model]; 0 for ``unconstrained``.
+        Distance [standard errors, or uncertainties of the air model], or times the largest usual size; 0 for
+        ``unconstrained`` and ``impossible``.
     """
 
-    kind: Literal["weak", "moved", "off_air_model", "unconstrained"]
+    kind: Literal["weak", "moved", "off_air_model", "unconstrained", "impossible", "unusual"]
     effect: str
     coefficient: str = ""
     size: float = 0.0
@@ -70,6 +74,8 @@ class Added:
         What the fit gives reason to doubt.
     events : list of DatedEvent
         What changed in the middle of a recording: taken along in the fit, but not on the validation recordings.
+    proof : Proof
+        Whether the model with the effects predicts what was not fitted.
     """
 
     model: Model
@@ -78,6 +84,7 @@ class Added:
     residuals: list[Residuals]
     doubts: list[Doubt]
     events: list[DatedEvent]
+    proof: Proof
 
 
 @one_thread()
@@ -138,6 +145,12 @@ def add_effect(
         for term in terms
         if after.significance(term.name) < _HARDLY
     ]
+    doubts += [Doubt("impossible", term.name) for term in terms if not is_possible(after, term)]
+    doubts += [
+        Doubt("unusual", b.name, b.coefficient, b.times)
+        for b in beyond(problem, after, terms)
+        if b.kind == "unusual"
+    ]
     doubts += [
         Doubt("moved", name, key, abs(far))
         for (name, key), far in problem.unknowns.moved(after.nuisance).items()
@@ -168,7 +181,9 @@ def add_effect(
     changed = model.changed(
         entry, overrides=overrides, effects=effects, effect_errors=effect_errors, declared=declared
     )
-    return Added(changed, coefficients, errors.table, errors.residuals, doubts, events)
+    null = problem.fit(()) if terms else after
+    proof = prove(prepared, null, after, errors.table)
+    return Added(changed, coefficients, errors.table, errors.residuals, doubts, events, proof)
 
 
 def _with_air(model: Model, air: Mapping[str, Mapping[str, tuple[float, float]]]) -> Model:

@@ -95,6 +95,7 @@ def add(
             from gyrowheel.text.errors import error_table
             from gyrowheel.text.layout import heading, sentences
             from gyrowheel.text.models import changes
+            from gyrowheel.text.sentences.proof import proof_line
 
             better = loaded.add(chosen, fit=recordings, validate=unused, progress=say)
             better.save(model)
@@ -103,9 +104,8 @@ def add(
     if json is not None:
         put_json(json, added.to_dict())
     if json != "-":
-        put_text(
-            [*changes(better.details), heading("Error"), error_table(added.error), *sentences(added.notes)]
-        )
+        errors = [heading("Error"), error_table(added.error), *sentences(added.notes)]
+        put_text([*changes(better.details), *errors, proof_line(added.details.proof)])
         out().print(f"\nmodel: {model}", soft_wrap=True)
     put_picture(picture, added.plot, quiet=json == "-")
 

@@ -146,6 +146,13 @@ def following(
 ) -> str | None:
     """Return the command to type after a diagnosis; None where there is nothing to do."""
     named = " ".join(shlex.quote(str(directory)) for directory in directories)
+    proof = result.proof
+    if proof is not None and proof.proven is False and validate:
+        # what the validation has and the fit has not shows only where both are fitted
+        every = " ".join([named, *(shlex.quote(str(directory)) for directory in validate)])
+        return (
+            f"gyrowheel diagnose {every} --model {shlex.quote(str(model))}{' --averages' if averages else ''}"
+        )
     if result.verdict == "effect" or result.free_form:
         fit = " ".join(f"--fit {shlex.quote(str(directory))}" for directory in directories)
         unused = "".join(f" --validate {shlex.quote(str(directory))}" for directory in validate)

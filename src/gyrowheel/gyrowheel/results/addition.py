@@ -51,6 +51,7 @@ class Addition(Result):
     def __str__(self) -> str:
         """Return the coefficients and how the error fell, in a few lines."""
         from gyrowheel.text.errors import fall
+        from gyrowheel.text.sentences.proof import proof_sentence
 
         e = self.error
         if e.validation_before is not None and e.validation_after is not None:
@@ -58,21 +59,25 @@ class Addition(Result):
             sentence = fall(e.validation_before, e.validation_after, floor, "the validation recordings")
         else:
             sentence = fall(e.before, e.after, e.noise_floor, "the fitted recordings")
-        return "\n".join([f"Added {', '.join(self.details.coefficients)}. {sentence}", *self.notes])
+        lines = [f"Added {', '.join(self.details.coefficients)}. {sentence}", *self.notes]
+        return "\n".join([*lines, proof_sentence(self.details.proof)])
 
     def _page(self) -> Iterable[RenderableType]:
+
         from gyrowheel.text.errors import error_table
         from gyrowheel.text.layout import heading, sentences
         from gyrowheel.text.models import changes
+        from gyrowheel.text.sentences.proof import proof_line
 
         yield from changes(self.details.model)
         yield heading("Error")
         yield error_table(self.error)
         yield from sentences(self.notes)
+        yield proof_line(self.details.proof)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of ``gyrowheel model add --json``; SI units."""
-        from gyrowheel.results.contract import event_json
+        from gyrowheel.results.contract import event_json, proof_json
 
         content = self.details.model.to_mapping()
         return {
@@ -82,6 +87,7 @@ class Addition(Result):
             "overrides": content["overrides"],
             "error": self.error.to_json(),
             "events": [event_json(event, several=True) for event in self.details.events],
+            "proof": proof_json(self.details.proof),
         }
 
     def to_columns(self) -> Mapping[str, Sequence[Any]]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from gyrowheel.text.sentences.diagnosis import evidence, several, verdict_sentence
 from gyrowheel.text.sentences.events import event_sentence
 from gyrowheel.text.sentences.fits import calibration_notes
+from gyrowheel.text.sentences.proof import proof_sentence
 from gyrowheel.text.sentences.residuals import dependence_sentences, region_description, region_name
 from gyrowheel.text.sentences.setup import cure_of, map_lines, problem
 from gyrowheel_analysis.channels import LISTED, TORQUES
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from gyrowheel_analysis.compare import Comparison
     from gyrowheel_analysis.diagnosis.diagnose import Diagnosis, EffectFinding, Estimate
     from gyrowheel_analysis.diagnosis.events import DatedEvent
+    from gyrowheel_analysis.diagnosis.proof import Proof
     from gyrowheel_analysis.model import Override
     from gyrowheel_analysis.residuals.regions import Region
     from gyrowheel_analysis.setups.cures import WrongSetup
@@ -83,6 +85,11 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
             "expected_separation": test.expected_separation,
             "minutes": test.minutes,
         },
+        "proof": proof_json(found.proof),
+        "beyond": [
+            {key: value if value != math.inf else None for key, value in asdict(item).items()}
+            for item in found.beyond
+        ],
         "nuisance": {
             name: {
                 "value": n.value,
@@ -107,6 +114,21 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "model": found.model,
         "coverage": found.coverage.to_json(),
         "versions": found.versions,
+    }
+
+
+def proof_json(proof: Proof | None) -> dict[str, Any] | None:
+    """Return a proof as a JSON object; its reason is a sentence, its cause a word."""
+    if proof is None:
+        return None
+    own = asdict(proof)
+    own["causes"] = list(proof.causes)
+    return {
+        "recording": own.pop("recording"),
+        "proven": own.pop("proven"),
+        "reason": proof_sentence(proof),
+        "kind": own.pop("reason"),
+        **own,
     }
 
 

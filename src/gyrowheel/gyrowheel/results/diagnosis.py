@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     )
     from gyrowheel_analysis.diagnosis.diagnose import Diagnosis as Details
     from gyrowheel_analysis.diagnosis.events import DatedEvent
+    from gyrowheel_analysis.diagnosis.proof import Proof
     from gyrowheel_analysis.residuals.error_table import ErrorTable
     from gyrowheel_analysis.residuals.regions import Region
     from gyrowheel_analysis.setups.cures import WrongSetup
@@ -51,6 +52,11 @@ class Diagnosis(Result):
         from gyrowheel.text.sentences.diagnosis import verdict_sentence
 
         return verdict_sentence(self.details)
+
+    @property
+    def proof(self) -> Proof | None:
+        """Whether what was found predicts what was not fitted: ``.proven``, ``.recording``, ``.reason`` and numbers."""
+        return self.details.proof
 
     @property
     def effects(self) -> tuple[EffectFinding, ...]:
@@ -126,6 +132,8 @@ class Diagnosis(Result):
                 raise InputError(
                     f"diagnosis: the recordings cannot decide between {names}; name the effect to add{test}"
                 )
+        if self.verdict == "unknown" and not self.free_form:
+            raise InputError(f"diagnosis: nothing to add: {self.sentence}")
         found: list[str | Effect] = [finding.name for finding in self.effects]
         found += [effect_from_mapping(f.name, f.declaration, "diagnosis.free_form") for f in self.free_form]
         if not found:
@@ -135,13 +143,14 @@ class Diagnosis(Result):
     def __str__(self) -> str:
         """Return the verdict and the findings in a few lines."""
         from gyrowheel.text.diagnosis import coefficients_line
+        from gyrowheel.text.sentences.proof import proof_sentence
 
         lines = [self.sentence]
         lines += [f"  {finding.name}: {coefficients_line(finding)}" for finding in self.effects]
         lines += [f"  {form.formula}" for form in self.free_form]
         if self.next_test is not None:
             lines.append(f"  next test: plan {self.next_test.plan}, {self.next_test.minutes:.1f} min")
-        return "\n".join(lines)
+        return "\n".join([*lines, proof_sentence(self.details.proof)])
 
     def _page(self) -> Iterable[RenderableType]:
         from gyrowheel.text.diagnosis import error_section, findings

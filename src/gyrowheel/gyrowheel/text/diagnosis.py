@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from rich.console import RenderableType
+from rich.console import Group, RenderableType
 from rich.padding import Padding
 from rich.panel import Panel
 from rich.text import Text
@@ -26,6 +26,7 @@ from gyrowheel.text.sentences.diagnosis import (
 from gyrowheel.text.sentences.events import tie_of_event
 from gyrowheel.text.sentences.forms import form_sentence, place_text
 from gyrowheel.text.sentences.setup import cure, map_lines, problem
+from gyrowheel.text.sentences.proof import proof_line
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.diagnosis.diagnose import (
@@ -111,7 +112,8 @@ def error_section(result: Diagnosis) -> Iterator[RenderableType]:
 def findings(result: Diagnosis) -> Iterator[RenderableType]:
     """Yield the verdict and what it rests on."""
     colour = _COLOURS.get(result.verdict, "")
-    yield Panel(Text(verdict_sentence(result), style="bold"), border_style=colour, expand=False)
+    verdict = Text(verdict_sentence(result), style="bold")
+    yield Panel(Group(verdict, proof_line(result.proof)), border_style=colour, expand=False)
     if told := [text for text in map(tie_of_event, result.events) if text]:
         yield heading("What happened")
         yield from sentences(told)

@@ -106,8 +106,10 @@ def fall(before: ErrorRow, after: ErrorRow, floor: ErrorRow | None, where: str) 
     gain = {
         name: (_rms(before, name) ** 2 - _rms(after, name) ** 2) / (level[name] ** 2 or 1.0) for name in names
     }
-    falls = max(gain.values()) > 0.0
+    falls = after.chi2_per_n < before.chi2_per_n
     most = (max if falls else min)(gain, key=lambda name: gain[name])
+    if (gain[most] > 0.0) != falls:
+        return f"{text}."  # no channel shows by itself what all of them show together
     shown = unit_of({name: _rms(floor or after, name) for name in names})[most]
     was, now = (fixed(_rms(row, most) / shown.size) for row in (before, after))
     verb = "falls" if falls else "rises"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from gyrowheel.text.quantities import is_pure, quantity
 from gyrowheel.text.sentences.events import drift_sentence, event_sentence
 from gyrowheel.text.sentences.forms import form_sentence
 from gyrowheel.text.sentences.residuals import growth_sentence
@@ -13,6 +14,7 @@ from gyrowheel_core.quantities import listed
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.diagnosis.diagnose import Diagnosis, EffectFinding, NextTest, TieReport
+    from gyrowheel_analysis.diagnosis.limits import Beyond
 
 _ERROR_TITLES = {
     "stiffness_error": "flexure stiffness differs from the bench file",
@@ -46,10 +48,28 @@ def physics(finding: EffectFinding) -> str:
 def verdict_sentence(found: Diagnosis) -> str:
     """Return the verdict in plain words; the same in terminal, notebook, pictures and JSON.
 
-    What happened in the middle of a recording comes first, what its drifts are last.
+    What is impossible or far from usual comes first, then what happened in the middle of a recording; what its drifts
+    are comes last.
     """
-    happened = [event_sentence(event, several=several(found)) for event in found.events]
-    return " ".join(filter(None, [*happened, _verdict(found), drift_sentence(found.drift_scales)]))
+    said = [beyond_sentence(item) for item in found.beyond]
+    said += [event_sentence(event, several=several(found)) for event in found.events]
+    return " ".join(filter(None, [*said, _verdict(found), drift_sentence(found.drift_scales)]))
+
+
+def beyond_sentence(item: Beyond) -> str:
+    """Return in a sentence what is impossible, or far beyond what is usual."""
+    name = f"{item.name} {item.coefficient}".strip()
+    pure = item.unit == "1" and is_pure(item.name, item.coefficient)
+    value, limit = (quantity(v, item.unit, pure=pure) for v in (item.value, item.limit))
+    if item.kind == "impossible":
+        return f"{name} would have to be {value}, which is impossible: the limit is {limit}."
+    if item.kind == "not_as_stated":
+        return (
+            f"{name} would have to be {value}, {item.times:.1f} stated uncertainties from the stated {limit}."
+        )
+    if item.coefficient == "relative_error":
+        return f"{item.name} of {value} is far beyond what a bench file can be wrong by."
+    return f"{name} of {value} is {item.times:.1f} times the largest usual size."
 
 
 def several(found: Diagnosis) -> bool:
@@ -62,11 +82,22 @@ def _verdict(found: Diagnosis) -> str:
         wrong = "; ".join(dict.fromkeys(problem(item).rstrip(".") for item in found.setup))
         return f"Nothing was diagnosed, the setup is wrong: {wrong}."
     if found.verdict == "nothing_missing":
-        besides = "Besides, nothing" if found.events else "Nothing"
-        return (
-            f"{besides} is missing: the model explains the recordings within noise and stated uncertainties."
-        )
+        explained = "the model explains the recordings within noise and stated uncertainties."
+        hidden = dict.fromkeys(limit.effect for limit in found.detection_limits if not limit.visible)
+        nothing = "Besides, nothing" if found.events else "Nothing"
+        if not hidden:
+            return f"{nothing} is missing: {explained}"
+        return f"{nothing} shows: {explained} {_some(list(hidden))} of a usual size could hide in them."
     if found.verdict == "unknown":
+        if _fails_elsewhere(found):
+            return (
+                "Nothing shows in these recordings, but something is missing: "
+                f"the model does not predict {found.proof.recording if found.proof else 'others'}."
+            )
+        if any(b.kind == "impossible" for b in found.beyond) or (
+            found.effects and not found.free_form and found.beyond
+        ):
+            return "That is no explanation: something is missing that no known effect explains."
         known = listed([named(f) for f in found.effects], "and") if found.effects else ""
         what = f"Besides {known}, something" if known else "Something"
         formula = f"; proposed formula: {form_sentence(found.free_form[0])}" if found.free_form else ""
@@ -77,6 +108,20 @@ def _verdict(found: Diagnosis) -> str:
     if found.verdict == "insufficient_data":
         return f"These recordings do not show whether anything is missing: {_too_little(found)}."
     return " ".join(_named_effects(found.effects))
+
+
+def _fails_elsewhere(found: Diagnosis) -> bool:
+    """Whether nothing was found, and the model does not predict a recording for validation."""
+    proof = found.proof
+    missed = proof is not None and proof.proven is False and not proof.left_out
+    return missed and not found.effects and not found.free_form
+
+
+def _some(names: Sequence[str], most: int = 4) -> str:
+    """Return some names as a subject, and how many more there are."""
+    if len(names) <= most:
+        return f"{'A ' if len(names) == 1 else ''}{listed(names, 'or')}"
+    return f"{', '.join(names[: most - 1])} or one of {len(names) - most + 1} more"
 
 
 def _named_effects(findings: Sequence[EffectFinding]) -> list[str]:
@@ -103,6 +148,8 @@ def _too_little(found: Diagnosis) -> str:
 
     if found.windows < FEWEST_WINDOWS:
         return too_few_windows(found.windows, found.coverage)
+    if found.proof is not None and found.proof.proven is False:
+        return f"nothing shows in them, but the model does not predict {found.proof.recording}"
     return "nothing was found, but no effect of a usual size would have shown"
 
 

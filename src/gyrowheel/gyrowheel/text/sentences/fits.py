@@ -18,6 +18,10 @@ def doubt_sentence(doubt: Doubt) -> str:
         return f"{name} of the model moved by {doubt.size:.1f} of its standard errors: its size there may be wrong"
     if doubt.kind == "off_air_model":
         return f"{name} lies {doubt.size:.1f} uncertainties from the value of the air model"
+    if doubt.kind == "impossible":
+        return f"{name} is of a size or sign that is impossible: it stands for something else"
+    if doubt.kind == "unusual":
+        return f"{name} is {abs(doubt.size):.1f} times as large as is usual: it may stand for something else"
     return f"{name} keeps the value of the air model: the recordings do not constrain it"
 
 

@@ -1,0 +1,99 @@
+"""Whether what was found predicts what was not fitted: the line that ends every verdict."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rich.text import Text
+
+from gyrowheel.text.quantities import fixed, quantity
+from gyrowheel_analysis.channels import LISTED
+from gyrowheel_core.quantities import listed
+from gyrowheel_core.units import unit_for
+
+if TYPE_CHECKING:
+    from gyrowheel_analysis.diagnosis.proof import Proof
+
+_PARTS = {
+    "recording": "recordings",
+    "speed": "spin rates",
+    "azimuth": "tilt directions",
+    "time": "stretches of time",
+}
+_ROOM = 30.0
+#: What a reader can do where nothing was tried or proven.
+HOW = "A recording that was not fitted proves it: --validate."
+
+
+def proof_sentence(proof: Proof | None) -> str:
+    """Return whether what was found is proven, and why not where it is not.
+
+    Parameters
+    ----------
+    proof : Proof or None
+        The proof; None where there was too little to diagnose.
+    """
+    if proof is None:
+        return "NOT proven: the recordings have too little steady motion."
+    if proof.proven is None:
+        return f"Not tried on anything that was not fitted: too few windows to leave some out. {HOW}"
+    on = f" on {proof.recording}" if not proof.left_out else ""
+    if proof.proven:
+        return f"Proven{on}: {_parts(proof)}{_error(proof)}."
+    return f"NOT proven{on}: {_parts(proof)}{_why(proof)}."
+
+
+def proof_line(proof: Proof | None) -> Text:
+    """Return the same as the line that ends what was said: bold, and green or red where there is an answer."""
+    colour = "" if proof is None or proof.proven is None else "green" if proof.proven else "red"
+    return Text(proof_sentence(proof), style=f"bold {colour}".strip())
+
+
+def _parts(proof: Proof) -> str:
+    if not proof.left_out:
+        return ""
+    return f"each of {proof.parts} {_PARTS[proof.left_out]} predicted from the others, "
+
+
+def _error(proof: Proof) -> str:
+    """Return how the error falls on what was predicted."""
+    if not proof.channel:
+        return _chi2(proof)
+    channel = LISTED[proof.channel]
+    # a tenth of a large unit reads better here than hundreds of a small one
+    unit = unit_for(_ROOM * max(proof.before, proof.after, proof.noise), channel.unit)
+    before, after, noise = (fixed(v / unit.size) for v in (proof.before, proof.after, proof.noise))
+    fall = after if before == after else f"{before} → {after}"
+    return f"error of {channel.title} {fall} {unit.label} (noise {noise}), {_chi2(proof)}"
+
+
+def _chi2(proof: Proof) -> str:
+    return f"χ²/N {fixed(proof.chi2_per_n)}"
+
+
+def _why(proof: Proof) -> str:
+    misfit = f"{_chi2(proof)}, where chance allows {fixed(proof.allowed)}"
+    if proof.reason == "no_gain":
+        return f"the error does not fall there, {_error(proof)}"
+    if proof.reason == "unfixed":
+        causes = listed(list(proof.causes), "and") or "what was fitted"
+        verb = "are" if len(proof.causes) > 1 else "is"
+        return f"{misfit}: {causes} {verb} not known well enough from what was fitted"
+    if proof.reason == "differs":
+        return f"{misfit}; {_differs(proof)}"
+    if proof.reason == "resembles":
+        return f"{misfit}; what is left there looks like {proof.causes[0]}"
+    return f"{misfit}; no single parameter or known effect accounts for it"
+
+
+def _differs(proof: Proof) -> str:
+    """Return which unknown would need another value there."""
+    (name,) = proof.causes
+    if proof.value is None or proof.fitted is None:
+        return f"{name} would have to be another one there: the machine may be another one, or have changed"
+    there = quantity(proof.value, proof.unit, pure=proof.unit == "1")
+    fitted = quantity(proof.fitted, proof.unit, pure=proof.unit == "1")
+    return (
+        f"it would take {name} {there} there instead of {fitted}: another machine, one that has changed, "
+        "or a law that does not hold there"
+    )
