@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,7 +70,8 @@ class Proof:
     channel : str
         Channel in which the error falls most, or is largest where nothing was found.
     before, after, noise : float
-        Its error without and with the findings, and its noise [SI].
+        Its error without and with the findings, and its noise [SI]; where parts were left out, the noise with the
+        uncertainty of their prediction.
     """
 
     recording: str
@@ -199,7 +200,15 @@ def _validated(prepared: Prepared, best: Fit, table: ErrorTable) -> Proof:
 def _labels(problem: Problem, fit: Fit) -> list[str]:
     """Return what each unknown of a fit is called."""
     loose = [f"{effect} {key}" for effect, key, _ in problem.unknowns.loose]
-    terms = [term if key == "relative_error" else f"{term} {key}" for term, key in fit.columns]
+    registered = {t.name for t in fit.terms if t.effect is None or t.name in problem.unknowns.library}
+    terms = [
+        f"{key} of the formula"
+        if term not in registered
+        else term
+        if key == "relative_error"
+        else f"{term} {key}"
+        for term, key in fit.columns
+    ]
     return [*(group for group, _ in problem.unknowns.nuisances), *loose, *terms]
 
 
@@ -271,6 +280,19 @@ def _resembling(other: Problem, best: Fit, seen: _Prediction) -> tuple[Term | No
 # --- on parts that are left out ---
 
 
+class _Predicted(NamedTuple):
+    """Rows that were predicted.
+
+    Residuals, the same whitened by the noise, their standard deviations by noise and prediction, and chi-squared by
+    both.
+    """
+
+    rows: Array
+    white: Array
+    deviation: Array
+    chi2: float
+
+
 def _left_out(prepared: Prepared, null: Fit, best: Fit) -> Proof:
     problem = prepared.problem
     name = ", ".join(prepared.names)
@@ -279,11 +301,11 @@ def _left_out(prepared: Prepared, null: Fit, best: Fit) -> Proof:
         after = _predicted(problem, best, parts)
         before = _predicted(problem, null, parts) if best.terms else after
         n = sum(int(mask.sum()) for mask in parts)
-        floor = floor_row(problem.balances, problem.noise.deviation())
-        rows = [error_row(problem.balances, rows, white) for rows, white, _ in (before, after)]
-        proven = after[2] <= n + RANGE * math.sqrt(2.0 * n)
+        floor = floor_row(problem.balances, after.deviation)
+        rows = [error_row(problem.balances, own.rows, own.white) for own in (before, after)]
+        proven = after.chi2 <= n + RANGE * math.sqrt(2.0 * n)
         reason: Reason = "predicted" if proven else "misfit"
-        if proven and best.terms and before[2] - after[2] < _PREDICTS:
+        if proven and best.terms and before.chi2 - after.chi2 < _PREDICTS:
             proven, reason = False, "no_gain"
         tried.append(
             Proof(
@@ -292,7 +314,7 @@ def _left_out(prepared: Prepared, null: Fit, best: Fit) -> Proof:
                 reason,
                 left_out=kind,
                 parts=len(parts),
-                chi2_per_n=after[2] / n,
+                chi2_per_n=after.chi2 / n,
                 allowed=1.0 + RANGE * math.sqrt(2.0 / n),
                 **_channel(rows[0], rows[1], floor, found=bool(best.terms)),
             )
@@ -329,25 +351,26 @@ def _parts(problem: Problem) -> dict[Left, list[NDArray[np.bool_]]]:
     }
 
 
-def _predicted(problem: Problem, fit: Fit, parts: Sequence[NDArray[np.bool_]]) -> tuple[Array, Array, float]:
-    """Return the residual rows of every part as predicted from the rest, the same whitened, and chi-squared.
-
-    Chi-squared is judged by noise and uncertainty of each prediction.
-    """
+def _predicted(problem: Problem, fit: Fit, parts: Sequence[NDArray[np.bool_]]) -> _Predicted:
+    """Return every part as predicted from the rest."""
     design, white = problem.noise.whiten(fit.jacobian), problem.noise.whiten(fit.residual)
     inverse, _ = problem.unknowns.prior(fit.terms)
     rows, left, chi2 = fit.residual.copy(), white.copy(), 0.0
+    variance = problem.noise.deviation() ** 2
     for mask in parts:
         part, rest = design[mask], design[~mask]
         kept = rest.T @ rest + np.diag(inverse**2)
         # the residual belongs to the full fit, whose pulls balance its gradient
-        shift = inverse_of(kept) @ (part.T @ white[mask])
+        covariance = inverse_of(kept)
+        shift = covariance @ (part.T @ white[mask])
         own = white[mask] + part @ shift
         slope = part.T @ own
         chi2 += float(own @ own - slope @ inverse_of(kept + part.T @ part) @ slope)
-        rows[mask] += fit.jacobian[mask] @ shift
+        slopes = fit.jacobian[mask]
+        rows[mask] += slopes @ shift
+        variance[mask] += np.einsum("ij,ij->i", slopes @ covariance, slopes)
         left[mask] = own
-    return rows, left, chi2
+    return _Predicted(rows, left, np.sqrt(variance), chi2)
 
 
 def _channel(before: ErrorRow, after: ErrorRow, floor: ErrorRow, *, found: bool) -> dict[str, Any]:

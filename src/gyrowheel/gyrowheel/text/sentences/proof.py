@@ -64,7 +64,8 @@ def _error(proof: Proof) -> str:
     unit = unit_for(_ROOM * max(proof.before, proof.after, proof.noise), channel.unit)
     before, after, noise = (fixed(v / unit.size) for v in (proof.before, proof.after, proof.noise))
     fall = after if before == after else f"{before} → {after}"
-    return f"error of {channel.title} {fall} {unit.label} (noise {noise}), {_chi2(proof)}"
+    floor = "noise" if not proof.left_out else "noise and uncertainty of the prediction"
+    return f"error of {channel.title} {fall} {unit.label} ({floor} {noise}), {_chi2(proof)}"
 
 
 def _chi2(proof: Proof) -> str:

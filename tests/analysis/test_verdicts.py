@@ -1,0 +1,189 @@
+"""What no diagnosis may say, whatever is hidden: a verdict that its own numbers contradict."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from gyrowheel.results.contract import diagnosis_json
+from gyrowheel.text.sentences.diagnosis import verdict_sentence
+from gyrowheel.text.sentences.proof import proof_sentence
+from gyrowheel_analysis.diagnosis.diagnose import Diagnosis, diagnose
+from gyrowheel_analysis.diagnosis.limits import FAR
+from gyrowheel_analysis.diagnosis.proof import RANGE
+from gyrowheel_analysis.diagnosis.selection import threshold
+from gyrowheel_analysis.fitting.terms import ERRORS, Term
+from gyrowheel_analysis.model import Model
+from gyrowheel_analysis.recording import Recording
+from gyrowheel_sim.effects import Effect, EffectValues, effect_from_mapping, registry
+from gyrowheel_sim.plant.scenario import Scenario
+
+from .machines import BENCH, hidden_machine, record
+
+pytestmark = pytest.mark.slow
+
+
+def formula(target: str, law: str, **values: tuple[float, str]) -> tuple[Effect, dict[str, float]]:
+    """Return an effect that no library has, with the values of its coefficients."""
+    units = {name: {"unit": unit} for name, (_, unit) in values.items()}
+    effect = effect_from_mapping("own", {target: law, "coefficients": units})
+    return effect, {name: value for name, (value, _) in values.items()}
+
+
+#: What no known effect explains, or only one of an impossible size or sign.
+FORMULAS = {
+    "torque of the square of the speed, fixed in the case": formula(
+        "rotor_torque", "(a + i*b)*r^2", a=(3e-4, "N*m"), b=(-2e-4, "N*m")
+    ),
+    "torque that drives the tilt": formula("rotor_torque", "a*z_rate", a=(5e-3, "N*m*s/rad")),
+    "torque that drives the spin": formula("axial_torque", "a*r^2", a=(2.5e-3, "N*m")),
+}
+EFFECTS: dict[str, EffectValues] = {
+    "nothing": {},
+    "one effect": {"aero_cross": {"c": 0.006, "n": 1.98}},
+    "two effects that oppose each other": {"coil_tilt": {"g": 0.08}, "cubic_stiffness": {"q": -3.0}},
+    "an effect ten times as large as usual": {"coil_heating": {"a": -0.035}},
+    "an Earth that turns ten times too fast": {"earth_rate": {"E_x": 6e-4, "E_y": -4e-4}},
+    "three effects": {
+        "fixed_torque": {"F_x": 0.002, "F_y": -0.001},
+        "bearing_viscous": {"b": 8e-6},
+        "tilt_rotation": {"a": 0.02},
+    },
+}
+
+
+@functools.cache
+def hidden(name: str, seed: int = 31) -> Scenario:
+    if name in EFFECTS:
+        return hidden_machine(seed, EFFECTS[name])
+    effect, values = FORMULAS[name]
+    return replace(hidden_machine(seed, {"own": values}), declared={"own": effect})
+
+
+def consistent(found: Diagnosis) -> None:
+    """Check that nothing in a diagnosis contradicts its verdict."""
+    for finding in found.effects:
+        effect = registry().get(finding.name)
+        assert finding.delta_chi2 >= threshold(Term(finding.name, effect), 1.0) > 0.0
+        for tie in finding.ties:
+            assert tie.name in registry() or tie.name in ERRORS
+        if effect is None:
+            continue
+        for c in effect.coefficients:
+            estimate, (low, high) = finding.coefficients[c.name], c.physical
+            assert low - 2.0 * estimate.standard_error <= estimate.value
+            assert estimate.value <= high + 2.0 * estimate.standard_error
+    far = [b for b in found.beyond if b.kind == "unusual"]
+    assert all(b.times > FAR or b.name in ERRORS for b in far)
+    sentence = verdict_sentence(found)
+    if far:
+        assert sentence.startswith(far[0].name), "what is far beyond the usual is said first"
+        assert found.verdict == "unknown" or (len(found.effects) == 1 and found.lack_of_fit <= RANGE)
+    proof = found.proof
+    assert proof is not None
+    if proof.proven:
+        assert proof.chi2_per_n <= proof.allowed
+    if found.verdict == "nothing_missing":
+        assert not found.effects
+        assert not found.free_form
+        assert not far
+        assert found.lack_of_fit <= RANGE
+        assert proof.proven is not False
+    else:
+        assert not sentence.startswith(("Nothing is missing", "Nothing shows:"))
+    assert proof_sentence(proof).startswith(
+        {True: "Proven", False: "NOT proven", None: "Not tried"}[proof.proven]
+    )
+    written = diagnosis_json(found)
+    assert written["proof"]["proven"] is proof.proven
+    assert all(effect["delta_chi2"] > 0.0 for effect in written["effects"])
+
+
+def diagnosed(folder: Path, name: str, *, validate: str = "") -> Diagnosis:
+    machine = hidden(name)
+    others = [record(folder, "check", machine, validate, noise_seed=77)] if validate else []
+    return diagnose([record(folder, "fit", machine, "quick")], Model.new(), validate=others)
+
+
+@pytest.mark.parametrize("name", [*EFFECTS, *FORMULAS])
+def test_a_verdict_does_not_contradict_itself(name: str, tmp_path: Path) -> None:
+    found = diagnosed(tmp_path, name, validate="check" if name in FORMULAS else "")
+    consistent(found)
+    named = {finding.name for finding in found.effects}
+    if name in FORMULAS or "Earth" in name:
+        assert found.verdict == "unknown" or found.proof is None or not found.proof.proven, verdict_sentence(
+            found
+        )
+        assert "earth_rate" not in named
+        assert "earth_rate" not in {tie.name for finding in found.effects for tie in finding.ties}
+    elif "effects" not in name:
+        assert named == set(EFFECTS[name]), verdict_sentence(found)
+
+
+def test_a_torque_that_grows_with_the_square_of_the_speed_is_not_the_earth(tmp_path: Path) -> None:
+    found = diagnosed(tmp_path, "torque of the square of the speed, fixed in the case", validate="check")
+    assert found.verdict == "unknown"
+    assert not found.effects
+    (form,) = found.free_form
+    assert "fixed in the case" in form.description
+    assert form.coefficients["a"].value == pytest.approx(
+        3e-4, abs=4.0 * form.coefficients["a"].standard_error
+    )
+    assert form.coefficients["b"].value == pytest.approx(
+        -2e-4, abs=4.0 * form.coefficients["b"].standard_error
+    )
+    assert found.proof is not None
+    assert found.proof.proven
+
+
+def test_what_shows_only_in_the_validation_is_not_nothing(tmp_path: Path) -> None:
+    """A centre of gravity off the pivot cannot be seen upright, but a model without it fails upside down."""
+    machine = hidden_machine(4, {"gravity_offset": {"G": 0.005}})
+    fit = record(tmp_path, "fit", machine, "quick")
+    alone = diagnose([fit], Model.new())
+    assert alone.verdict == "nothing_missing"
+    assert "gravity_offset" in verdict_sentence(alone)
+    unused = record(tmp_path, "inverted", machine, "inverted", noise_seed=8)
+    found = diagnose([fit], Model.new(), validate=[unused])
+    consistent(found)
+    assert found.verdict in ("unknown", "insufficient_data")
+    assert found.proof is not None
+    assert found.proof.proven is False
+    assert "gravity_offset" in found.proof.causes or found.proof.reason == "unfixed"
+
+
+def test_another_machine_proves_nothing(tmp_path: Path) -> None:
+    machine = hidden_machine(6, {})
+    heavy = {
+        name: 1.3 * BENCH.value(name) for name in ("rotor_inertia_x", "rotor_inertia_y", "rotor_inertia_z")
+    }
+    other = replace(machine, values={**machine.values, **heavy})
+    found = diagnose(
+        [record(tmp_path, "fit", machine, "quick")],
+        Model.new(),
+        validate=[record(tmp_path, "other", other, "check", noise_seed=9)],
+    )
+    consistent(found)
+    assert found.verdict != "nothing_missing"
+    assert found.proof is not None
+    assert found.proof.proven is False
+    assert "NOT proven on other" in proof_sentence(found.proof)
+
+
+def test_a_finding_is_proven_on_what_was_left_out(tmp_path: Path) -> None:
+    machine = hidden_machine(12, EFFECTS["one effect"])
+    recording = record(tmp_path, "fit", machine, "quick")
+    found = diagnose([recording], Model.new())
+    assert found.proof is not None
+    assert found.proof.left_out == "speed"
+    assert found.proof.proven
+    assert found.proof.after < 0.5 * found.proof.before
+    # two recordings: each is predicted from the other
+    again = Recording.open(record(tmp_path, "check", machine, "check", noise_seed=5).path)
+    both = diagnose([recording, again], Model.new())
+    assert both.proof is not None
+    assert (both.proof.left_out, both.proof.parts) == ("recording", 2)
+    assert both.proof.proven
