@@ -231,15 +231,16 @@ def _misfit(
     excess = seen.judged - seen.count
     left = seen.solved(seen.white)
     slopes = seen.solved(seen.slopes)
-    gains = (seen.slopes.T @ left) ** 2 / np.maximum(np.einsum("ij,ij->j", seen.slopes, slopes), 1e-300)
+    own = np.einsum("ij,ij->j", seen.slopes, slopes)
+    gains = np.where(own > 0.0, (seen.slopes.T @ left) ** 2 / np.where(own > 0.0, own, 1.0), 0.0)
     k = int(np.argmax(gains))
-    found, gain = _resembling(other, best, seen)
-    if gains[k] >= _ACCOUNTS * excess and gains[k] >= gain - threshold(Term(name), 1.0):
+    found, share = _resembling(problem, other, best, seen)
+    if gains[k] >= _ACCOUNTS * excess and gains[k] >= share * excess:
         step = float(seen.slopes[:, k] @ left) / float(seen.slopes[:, k] @ slopes[:, k])
         value, fitted, unit = _there(problem, best, k, step)
         label = _labels(problem, best)[k]
         return Proof(name, False, "differs", causes=(label,), value=value, fitted=fitted, unit=unit, **shown)
-    if found is not None and gain >= _ACCOUNTS * excess:
+    if found is not None and share >= _ACCOUNTS:
         return Proof(name, False, "resembles", causes=(found.name,), **shown)
     return Proof(name, False, "misfit", **shown)
 
@@ -261,19 +262,39 @@ def _there(problem: Problem, best: Fit, k: int, step: float) -> tuple[float | No
     return None, None, ""
 
 
-def _resembling(other: Problem, best: Fit, seen: _Prediction) -> tuple[Term | None, float]:
-    """Return the term that a misfit looks like most, and by how much it would lower chi-squared."""
-    at = other.measured - seen.rows
-    left = seen.solved(seen.white)
+def _resembling(problem: Problem, other: Problem, best: Fit, seen: _Prediction) -> tuple[Term | None, float]:
+    """Return the term that fit and validation together look like most, and the share of their misfit it accounts for.
+
+    What is missing in the fit has bent its parameters, so that the validation alone does not show what it is.
+    """
+    white = problem.noise.whiten
+    inverse, _ = problem.unknowns.prior(best.terms)
+    design = np.vstack([white(best.jacobian), seen.slopes, np.diag(inverse)])
+    size = np.linalg.norm(design, axis=0)
+    size[size == 0.0] = 1.0
+    basis, _ = np.linalg.qr(design / size)
+
+    def left(columns: Array) -> Array:
+        return np.asarray(columns - basis @ (basis.T @ columns))
+
+    rows = left(np.concatenate([white(best.residual), seen.white, -best.pull]))
+    excess = float(rows @ rows) - len(best.residual) - seen.count
     found: tuple[Term | None, float] = (None, 0.0)
-    for term in other.unknowns.candidates():
+    most = 0.0
+    for term in problem.unknowns.candidates():
         if term in best.terms:
             continue
-        columns = other.noise.whiten(other.term_jacobian(term, best, at, term.amplitudes))
-        gram, slope = columns.T @ seen.solved(columns), columns.T @ left
-        gain = float(slope @ np.linalg.pinv(gram, rcond=1e-10) @ slope)
-        if gain - threshold(term, 1.0) > found[1]:
-            found = term, gain
+        own = [
+            p.noise.whiten(p.term_jacobian(term, best, p.measured - residual, term.amplitudes))
+            for p, residual in ((problem, best.residual), (other, seen.rows))
+        ]
+        columns = left(np.vstack([*own, np.zeros((len(inverse), own[0].shape[1]))]))
+        norm = np.linalg.norm(columns, axis=0)
+        norm[norm == 0.0] = 1.0
+        solution, *_ = np.linalg.lstsq(columns / norm, rows, rcond=1e-8)
+        gain = float(rows @ (columns / norm @ solution))
+        if gain - threshold(term, 1.0) > most:
+            most, found = gain - threshold(term, 1.0), (term, gain / excess if excess > 0.0 else 0.0)
     return found
 
 
