@@ -25,8 +25,8 @@ from gyrowheel.text.sentences.diagnosis import (
 )
 from gyrowheel.text.sentences.events import tie_of_event
 from gyrowheel.text.sentences.forms import form_sentence, place_text
-from gyrowheel.text.sentences.setup import cure, map_lines, problem
 from gyrowheel.text.sentences.proof import proof_line
+from gyrowheel.text.sentences.setup import cure, map_lines, problem
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.diagnosis.diagnose import (

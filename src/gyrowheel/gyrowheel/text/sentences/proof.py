@@ -31,10 +31,10 @@ def proof_sentence(proof: Proof | None) -> str:
     Parameters
     ----------
     proof : Proof or None
-        The proof; None where there was too little to diagnose.
+        The proof; None where nothing could be diagnosed.
     """
     if proof is None:
-        return "NOT proven: the recordings have too little steady motion."
+        return "NOT proven: nothing could be diagnosed."
     if proof.proven is None:
         return f"Not tried on anything that was not fitted: too few windows to leave some out. {HOW}"
     on = f" on {proof.recording}" if not proof.left_out else ""
