@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from gyrowheel.correcting import wrong_setups
-from gyrowheel.inputs import Recordings, Say, data, opened, opened_apart
+from gyrowheel.inputs import Recordings, Say, data, opened, opened_apart, require_one_machine
 from gyrowheel.model import Model
 from gyrowheel.results.calibration import Calibration
 from gyrowheel.results.comparison import Comparison
@@ -19,7 +19,9 @@ if TYPE_CHECKING:
     from gyrowheel_analysis.setups.cures import WrongSetup
 
 
-def compare(recordings: Recordings, model: Model, *, progress: Say | None = None) -> Comparison:
+def compare(
+    recordings: Recordings, model: Model, *, mixed: bool = False, progress: Say | None = None
+) -> Comparison:
     """Compare a model with recordings: how large the error is, and where it sits.
 
     The bench's uncertain parameters are fitted within their stated uncertainties, so that what remains is what the
@@ -31,17 +33,20 @@ def compare(recordings: Recordings, model: Model, *, progress: Say | None = None
         Recordings of one machine.
     model : Model
         The model.
+    mixed : bool
+        Join recordings that state different machines.
     progress : callable, optional
         Called with a line of text now and then.
 
     Raises
     ------
     InputError
-        If a recording cannot be read, is given twice, or has too little steady motion.
+        If a recording cannot be read, is given twice, has too little steady motion, or is of another machine.
     """
     from gyrowheel_analysis.compare import compare as run
 
     given = opened(recordings)
+    require_one_machine(given, mixed=mixed)
     wrong = wrong_setups(given, model.details)
     with _instead(wrong):
         return Comparison(run(data(given), model.details, progress=progress), tuple(wrong))
@@ -53,6 +58,7 @@ def diagnose(
     *,
     validate: Recordings = (),
     averages: bool = False,
+    mixed: bool = False,
     progress: Say | None = None,
 ) -> Diagnosis:
     """Find out which physical effects a model lacks.
@@ -67,23 +73,28 @@ def diagnose(
         Further recordings of the machine, which are only predicted: the error on them shows whether the finding holds.
     averages : bool
         Use averages over whole revolutions alone, as where filters hide what happens within one.
+    mixed : bool
+        Join recordings that state different machines.
     progress : callable, optional
         Called with a line of text now and then.
 
     Raises
     ------
     InputError
-        If a recording cannot be read or is given twice.
+        If a recording cannot be read, is given twice, or is of another machine.
     """
     from gyrowheel_analysis.diagnosis.diagnose import diagnose as run
 
     fitted, unused = opened_apart(recordings, validate)
+    require_one_machine([*fitted, *unused], mixed=mixed)
     return Diagnosis(
         run(data(fitted), model.details, validate=data(unused), averages=averages, progress=progress)
     )
 
 
-def calibrate(recordings: Recordings, model: Model, *, progress: Say | None = None) -> Calibration:
+def calibrate(
+    recordings: Recordings, model: Model, *, mixed: bool = False, progress: Say | None = None
+) -> Calibration:
     """Calibrate the torque constants of coils and motor.
 
     The reference of the coils is the angular momentum of the rotor: its precession takes a torque that follows from
@@ -95,6 +106,8 @@ def calibrate(recordings: Recordings, model: Model, *, progress: Say | None = No
         Recordings of one machine.
     model : Model
         The model; its effects are taken into account, its constants of coils and motor are not.
+    mixed : bool
+        Join recordings that state different machines.
     progress : callable, optional
         Called with a line of text now and then.
 
@@ -111,12 +124,13 @@ def calibrate(recordings: Recordings, model: Model, *, progress: Say | None = No
     from gyrowheel_analysis.calibrate import calibrate as run
 
     given = opened(recordings)
+    require_one_machine(given, mixed=mixed)
     wrong = wrong_setups(given, model.details)
     with _instead(wrong):
         return Calibration(run(data(given), model.details, progress=progress), tuple(wrong))
 
 
-def rate(recordings: Recordings, model: Model, *, progress: Say | None = None) -> Rates:
+def rate(recordings: Recordings, model: Model, *, mixed: bool = False, progress: Say | None = None) -> Rates:
     """Use the wheel as a two-axis rate sensor: estimate the angular rate of the case.
 
     Where a rate table turned the rig (plan ``rate_table``), scale and bias of both axes are calibrated against it.
@@ -127,6 +141,8 @@ def rate(recordings: Recordings, model: Model, *, progress: Say | None = None) -
         Recordings of one machine.
     model : Model
         The model whose torques are subtracted.
+    mixed : bool
+        Join recordings that state different machines.
     progress : callable, optional
         Called with a line of text now and then.
 
@@ -137,7 +153,9 @@ def rate(recordings: Recordings, model: Model, *, progress: Say | None = None) -
     """
     from gyrowheel_analysis.rate_sensor import rates
 
-    return Rates(rates(data(opened(recordings)), model.details, progress=progress))
+    given = opened(recordings)
+    require_one_machine(given, mixed=mixed)
+    return Rates(rates(data(given), model.details, progress=progress))
 
 
 @contextlib.contextmanager

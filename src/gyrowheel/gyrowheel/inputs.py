@@ -35,6 +35,30 @@ def opened(given: Recordings) -> list[Recording]:
     return [item if isinstance(item, Recording) else Recording.open(Path(item)) for item in items]
 
 
+def require_one_machine(recordings: Sequence[Recording], *, mixed: bool = False) -> None:
+    """Refuse recordings that state different machines, unless asked for; those that state none pass.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Recordings that are to be joined.
+    mixed : bool
+        Whether recordings of different machines are wanted.
+
+    Raises
+    ------
+    InputError
+        Naming two recordings and their machines.
+    """
+    named = [recording for recording in recordings if recording.data.machine]
+    for recording in named[1:] if not mixed else ():
+        if recording.data.machine != named[0].data.machine:
+            raise InputError(
+                f"{recording.path}: is of machine {recording.data.machine}, {named[0].path} of machine "
+                f"{named[0].data.machine}; allowed: recordings of one machine, unless a mix is asked for (--mixed)"
+            )
+
+
 def opened_apart(fitted: Recordings, unused: Recordings) -> tuple[list[Recording], list[Recording]]:
     """Return recordings to fit and those to validate the fit on; InputError also if one is given as both."""
     places = [_place(item) for item in _items(fitted)]

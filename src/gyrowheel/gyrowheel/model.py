@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gyrowheel.correcting import wrong_setups
-from gyrowheel.inputs import Recordings, Say, data, opened_apart
+from gyrowheel.inputs import Recordings, Say, data, opened_apart, require_one_machine
 from gyrowheel.results.addition import Addition
 from gyrowheel_analysis.model import Model as Details
 from gyrowheel_core.errors import InputError
@@ -117,6 +117,7 @@ class Model:
         *,
         fit: Recordings,
         validate: Recordings = (),
+        mixed: bool = False,
         progress: Say | None = None,
     ) -> Model:
         """Return a new model with further effects, refitted.
@@ -131,6 +132,8 @@ class Model:
             Recordings on which coefficients and bench parameters are fitted.
         validate : Recording, path or list, optional
             Recordings that are only predicted.
+        mixed : bool
+            Join recordings that state different machines.
         progress : callable, optional
             Called with a line of text now and then.
 
@@ -152,6 +155,7 @@ class Model:
             if isinstance(item, str):
                 require_known(item)
         fitted, unused = opened_apart(fit, validate)
+        require_one_machine([*fitted, *unused], mixed=mixed)
         if wrong := wrong_setups([*fitted, *unused], self._details):
             from gyrowheel.text.sentences.setup import setup_line
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -154,6 +155,7 @@ def record_simulation(
         If the plan is beyond the limits of the bench or too long for the memory, or the directory cannot be written.
     """
     _require_memory(plan, bench)
+    machine = scenario.identity(bench)
     with new_directory(directory) as place:
         run = run_loop(bench, scenario, plan, progress=progress)
         write_run(
@@ -161,7 +163,7 @@ def record_simulation(
             run.measurement,
             run.command,
             run.setpoints,
-            to_json(run.environment),
+            to_json(replace(event, machine=machine) for event in run.environment),
             bench.describe(),
             sample_period=bench.sample_period,
             stamps=run.stamps,

@@ -15,6 +15,8 @@ from gyrowheel_core.schema import Number
 
 #: Attitudes of the rig: case z up, case z down (turned about x), case x up, case y up.
 Rig = Literal["upright", "inverted", "x_up", "y_up"]
+#: Characters in the name of a machine.
+LONGEST_NAME: Final = 64
 RIGS: Final[tuple[Rig, ...]] = get_args(Rig)
 #: In the place of an attitude: neither weight nor the rate of the Earth. No rig has it, hence no plan file either.
 ORBIT: Final = "orbit"
@@ -53,6 +55,8 @@ class Environment:
         Temperature of the coils above that of the air, kept by the coil heater [K]; 0 switches it off.
     table_rate : float
         Rate at which a rate table turns the rig about the vertical [rad/s].
+    machine : str
+        Name of the machine on the rig, by which recordings of two machines are told apart; empty where unknown.
     """
 
     time: float = 0.0
@@ -61,11 +65,17 @@ class Environment:
     air_density_ratio: float = 1.0
     preheat: float = 0.0
     table_rate: float = 0.0
+    machine: str = ""
 
     def __post_init__(self) -> None:
         """Check every field."""
         if self.rig not in _TURNS:
             raise InputError(f"environment.rig: {self.rig!r}; allowed: {', '.join(RIGS)}")
+        named = self.machine
+        if not isinstance(named, str) or len(named) > LONGEST_NAME or not named.isprintable():
+            raise InputError(
+                f"environment.machine: {named!r} is no name; allowed: up to {LONGEST_NAME} printable characters"
+            )
         for name, low, high in (
             ("time", 0.0, math.inf),
             ("yaw", -2 * math.pi, 2 * math.pi),

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from gyrowheel.cli.options import Json, ModelFile, Recordings, example
+from gyrowheel.cli.options import Json, Mixed, ModelFile, Recordings, example
 from gyrowheel.cli.shell import editing, put_json, put_text, warn_of, working
 from gyrowheel.errors import InputError
 from gyrowheel.files import require_writable
@@ -23,6 +23,7 @@ def calibrate(
     directories: Recordings,
     model: ModelFile,
     write: Annotated[bool, typer.Option("--write", help="Write the constants into the model file.")] = False,
+    mixed: Mixed = False,
     json: Json = None,
 ) -> None:
     """Calibrate the torque constants of coils and motor from recordings.
@@ -43,7 +44,7 @@ def calibrate(
         with working("calibrating") as say:
             from gyrowheel.text.calibration import calibration_page
 
-            result = gw.calibrate(recordings, loaded, progress=say)
+            result = gw.calibrate(recordings, loaded, mixed=mixed, progress=say)
         if write and result.setup:
             from gyrowheel.text.sentences.setup import setup_line
 

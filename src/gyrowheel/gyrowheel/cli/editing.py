@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gyrowheel.cli.options import BenchName, ErrorPicture, Json, ModelFile, Validation, example
+from gyrowheel.cli.options import BenchName, ErrorPicture, Json, Mixed, ModelFile, Validation, example
 from gyrowheel.cli.shell import editing, out, put_json, put_picture, put_text, working
 from gyrowheel.errors import InputError
 from gyrowheel.files import require_writable
@@ -74,6 +74,7 @@ def add(
         typer.Option("--target", metavar="T", help="What the formula acts on.", show_default="rotor_torque"),
     ] = None,
     validate: Validation = None,
+    mixed: Mixed = False,
     picture: ErrorPicture = None,
     json: Json = None,
 ) -> None:
@@ -97,7 +98,7 @@ def add(
             from gyrowheel.text.models import changes
             from gyrowheel.text.sentences.proof import proof_line
 
-            better = loaded.add(chosen, fit=recordings, validate=unused, progress=say)
+            better = loaded.add(chosen, fit=recordings, validate=unused, mixed=mixed, progress=say)
             better.save(model)
     added = better.added
     assert added is not None  # what made it

@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gyrowheel.cli.options import ErrorPicture, Json, ModelFile, Picture, Recordings, Validation, example
+from gyrowheel.cli.options import (
+    ErrorPicture,
+    Json,
+    Mixed,
+    ModelFile,
+    Picture,
+    Recordings,
+    Validation,
+    example,
+)
 from gyrowheel.cli.shell import BAD_INPUT, finding, put_json, put_picture, put_text, warn_of, working
 
 if TYPE_CHECKING:
@@ -47,6 +56,7 @@ def compare(
             show_default="speed,tilt where the model fails",
         ),
     ] = None,
+    mixed: Mixed = False,
     picture: Picture = None,
     json: Json = None,
 ) -> None:
@@ -61,7 +71,7 @@ def compare(
     with working("comparing") as say:
         from gyrowheel.text.comparison import comparison
 
-        result = gw.compare(recordings, loaded, progress=say)
+        result = gw.compare(recordings, loaded, mixed=mixed, progress=say)
     warn_of(result.setup)
     if json is not None:
         put_json(json, result.to_dict())
@@ -85,6 +95,7 @@ def diagnose(
     fail_on_finding: Annotated[
         bool, typer.Option("--fail-on-finding", help="Exit with 1 unless nothing is missing.")
     ] = False,
+    mixed: Mixed = False,
     picture: ErrorPicture = None,
     json: Json = None,
 ) -> None:
@@ -97,7 +108,9 @@ def diagnose(
     with working("diagnosing") as say:
         from gyrowheel.text.diagnosis import diagnosis
 
-        result = gw.diagnose(recordings, loaded, validate=unused, averages=averages, progress=say)
+        result = gw.diagnose(
+            recordings, loaded, validate=unused, averages=averages, mixed=mixed, progress=say
+        )
     if json is not None:
         put_json(json, result.to_dict())
     if json != "-":
@@ -115,7 +128,7 @@ def diagnose(
     finding(fail_on_finding and result.verdict != "nothing_missing")
 
 
-def rate(directories: Recordings, model: ModelFile, json: Json = None) -> None:
+def rate(directories: Recordings, model: ModelFile, mixed: Mixed = False, json: Json = None) -> None:
     """Use the wheel as a two-axis rate sensor: estimate the angular rate of the case.
 
     Where a rate table turned the rig (plan rate_table), scale and bias of both axes are calibrated against it.
@@ -128,7 +141,7 @@ def rate(directories: Recordings, model: ModelFile, json: Json = None) -> None:
     with working("estimating rates") as say:
         from gyrowheel.text.rates import rates_page
 
-        result = gw.rate(recordings, loaded, progress=say)
+        result = gw.rate(recordings, loaded, mixed=mixed, progress=say)
     if json is not None:
         put_json(json, result.to_dict())
     if json != "-":

@@ -113,6 +113,11 @@ Validation: TypeAlias = Annotated[
 ]
 
 
+Mixed: TypeAlias = Annotated[
+    bool, typer.Option("--mixed", help="Join recordings that state different machines.")
+]
+
+
 def example(text: str) -> str:
     """Return the end of a help text: one good example."""
     return f"Example: [cyan]{text}[/cyan]"

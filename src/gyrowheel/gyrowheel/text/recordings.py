@@ -27,6 +27,7 @@ def info_page(found: RecordingInfo) -> Iterator[RenderableType]:
     yield Unbroken.assemble((found.path, "bold cyan"), f"  {found.size / 1e6:.1f} MB")
     facts = words_table("", "")
     facts.add_row("bench", found.bench or "not stated")
+    facts.add_row("machine", found.machine or "not stated")
     facts.add_row(
         "duration", f"{found.duration:.2f} s, {found.integrity.samples} samples at {found.rate:.1f} Hz"
     )

@@ -198,6 +198,7 @@ def _map_text(recording: Recording, groups: dict[str, dict[str, str]]) -> str:
                 "preheat_k": event.preheat,
                 "table_rate_deg_s": event.table_rate / DEG,
             }
+            | ({"machine": event.machine} if event.machine else {})
             for event in recording.environment
         ]
     return _MAP_HEAD + yaml.safe_dump(content, sort_keys=False, default_flow_style=None)

@@ -13,7 +13,7 @@ from gyrowheel_analysis.exchange.fields import GROUPS, Reading
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.schema import Number, Section, Text, Whole, check, refuse, shown
 from gyrowheel_core.units import DEG, conversion
-from gyrowheel_sim.environment import AirDensityRatio, Environment, Preheat, Rig, TableRate, Yaw
+from gyrowheel_sim.environment import LONGEST_NAME, AirDensityRatio, Environment, Preheat, Rig, TableRate, Yaw
 
 SCHEMA: Final = 1
 #: Unit of time stamps written as dates, such as 2026-05-04T10:00:00.0005.
@@ -127,6 +127,7 @@ class EnvironmentEntry(Section):
     air_density_ratio: AirDensityRatio = 1.0
     preheat_k: Preheat = 0.0
     table_rate_deg_s: TableRate = 0.0
+    machine: Annotated[str, Field(max_length=LONGEST_NAME)] = ""
 
     def in_si(self) -> Environment:
         """Return the same in SI units."""
@@ -137,6 +138,7 @@ class EnvironmentEntry(Section):
             air_density_ratio=self.air_density_ratio,
             preheat=self.preheat_k,
             table_rate=self.table_rate_deg_s * DEG,
+            machine=self.machine,
         )
 
 

@@ -69,6 +69,8 @@ class RecordingInfo:
         Attitudes of the rig that were planned, in order.
     unchecked : int
         Messages that no checksum covers.
+    machine : str
+        Name of the machine; empty where unknown.
     """
 
     path: str
@@ -84,6 +86,7 @@ class RecordingInfo:
     tilt: tuple[float, float]
     rigs: tuple[str, ...]
     unchecked: int = 0
+    machine: str = ""
 
 
 def info(source: str | Path | Recording) -> RecordingInfo:
@@ -115,6 +118,7 @@ def info(source: str | Path | Recording) -> RecordingInfo:
         tilt=_extremes(tilt),
         rigs=tuple(dict.fromkeys(event.rig for event in recording.environment)),
         unchecked=recording.unchecked,
+        machine=recording.machine,
     )
 
 

@@ -159,6 +159,12 @@ class Recording:
         """Time from the first to the last sample [s]."""
         return float(self.seconds(self.measurement["stamp_ns"][-1:])[0])
 
+    @property
+    def machine(self) -> str:
+        """Name of the machine, as the environment states it; empty where unknown."""
+        names = [event.machine for event in self.environment if event.machine]
+        return names[-1] if names else ""
+
     @cached_property
     def carried_bench(self) -> tuple[str, dict[str, float]] | None:
         """Name and parameters [SI] of the bench that the recording carries; None without a valid description."""

@@ -38,6 +38,7 @@ def node_parameters(
     hold_after_plan: bool = True,
     realtime: bool = False,
     nodes: Collection[str] = tuple(EXECUTABLES),
+    machine: str = "",
 ) -> dict[str, dict[str, object]]:
     """Return the parameters with which the nodes run a plan together: {node: {parameter: value}}.
 
@@ -59,6 +60,8 @@ def node_parameters(
         Whether the plant runs in wall-clock time instead of lock-step.
     nodes : collection of str
         The nodes that take part.
+    machine : str
+        Name of the machine in its recordings; empty: unknown.
     """
     events = [] if plan is None else [event for event in plan.environment() if event.time == 0.0]
     priority = REALTIME_PRIORITY if realtime else 0
@@ -77,6 +80,7 @@ def node_parameters(
         "controller": {"bench": bench, "wait_for_subscribers": 1 + recorders, "priority": priority},
         "conductor": {
             "bench": bench,
+            "machine": machine,
             "hold_after_plan": hold_after_plan or realtime,
             "lead": REALTIME_LEAD if realtime else LOCKSTEP_LEAD,
             "priority": priority,

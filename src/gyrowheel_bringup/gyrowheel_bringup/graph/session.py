@@ -339,6 +339,13 @@ class Graph:
         self._plans = ActionClient(self._node, RunPlan, "/gyrowheel/run_plan")
         self._cleanup.callback(self._plans.destroy)
 
+    def _machine(self) -> str:
+        """Return the name of the machine, of which nothing of it can be read."""
+        known = self._scenario if isinstance(self._scenario, Scenario) else Scenario()
+        if self._scenario is not None and not isinstance(self._scenario, Scenario):
+            known = Scenario.load(self._scenario, self._bench)
+        return known.identity(self._bench)
+
     def _node_parameters(self, work: Path) -> dict[str, dict[str, object]]:
         scenario = "" if self._scenario is None else str(self._scenario)
         if isinstance(self._scenario, Scenario):
@@ -357,6 +364,7 @@ class Graph:
             hold_after_plan=self._hold,
             realtime=self._realtime,
             nodes=self._names,
+            machine=self._machine(),
         )
         if "drag_estimator" in self._names:
             result["drag_estimator"]["wait_for_subscribers"] = 1 + int(

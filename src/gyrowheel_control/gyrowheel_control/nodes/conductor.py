@@ -88,6 +88,7 @@ class ConductorNode(BenchNode):
     NODE_NAME = "conductor"
     PARAMETERS = (
         Param("bench", "gyrowheel", "Bench whose limits bind the plans: shipped name, or path of a file"),
+        Param("machine", "", "Name of the machine on the rig, for the environment; empty: unknown"),
         Param("hold_after_plan", True, "After a plan go on publishing its last setpoint"),
         Param("lead", 0.5, "How far the setpoints run ahead of the clock [s]", low=0.02, high=10.0),
         Param("wait_for_subscribers", 1, "Subscribers needed for the first setpoint", low=0, high=100),
@@ -290,7 +291,11 @@ class ConductorNode(BenchNode):
         if self._held is not None:
             self._publish_held(start)
             self._held = None
-        events = [replace(event, time=event.time + start * 1e-9) for event in walk.plan.environment()]
+        machine = self.parameter("machine")
+        events = [
+            replace(event, time=event.time + start * 1e-9, machine=machine)
+            for event in walk.plan.environment()
+        ]
         self._environment.publish(String(data=to_json(events)))
         # The plant must have them before the command that the first setpoint brings about.
         self.deliver(self._environment)

@@ -6,6 +6,7 @@ Only the key file holds what was drawn; a recording of the machine contains none
 from __future__ import annotations
 
 import math
+import secrets
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -93,8 +94,13 @@ def reuse_or_draw(bench: Bench, key: Path, seed: int, *, kinds: Sequence[Kind] =
             return replace(read_key(bench, key), noise_seed=seed)
         except InputError as error:
             raise InputError(f"{error}; or name a new file, to have a key drawn") from None
-    scenario = draw(bench, seed, kinds=kinds)
-    content = {"values": dict(scenario.values), "effects": scenario.effects}
+    # the name tells nothing of the machine, not even its seed
+    scenario = replace(draw(bench, seed, kinds=kinds), machine=secrets.token_hex(2))
+    content = {
+        "values": dict(scenario.values),
+        "effects": scenario.effects,
+        "machine": scenario.machine,
+    }
     write_text(key, json_text(content), private=True)
     return replace(scenario, noise_seed=seed)
 
@@ -114,4 +120,4 @@ def read_key(bench: Bench, key: Path) -> Scenario:
         name: validated(name, given, where=f"{key}: effects", declared=outside, bench=bench)
         for name, given in content.effects.items()
     }
-    return Scenario(values=content.values, effects=effects)
+    return Scenario(values=content.values, effects=effects, machine=content.machine)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,7 +12,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field
 
 from gyrowheel_core.files import json_text, read_json, write_text
-from gyrowheel_core.schema import Name, Names, Number, Section, Whole, check
+from gyrowheel_core.schema import Name, Names, Number, Section, Text, Whole, check
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import (
     Effect,
@@ -30,6 +32,7 @@ class KeyFile(BaseModel):
 
     values: dict[Name, Number]
     effects: dict[Name, dict[Name, Number]]
+    machine: Text = ""
 
 
 class ScenarioFile(Section):
@@ -39,6 +42,7 @@ class ScenarioFile(Section):
     effects: dict[Name, dict[Name, Number]]
     noise_seed: Whole
     declared: Names[Any] = Field(default_factory=dict)
+    machine: Text = ""
 
 
 @dataclass(frozen=True)
@@ -55,12 +59,29 @@ class Scenario:
         Seed of sensor noise and drift.
     declared : dict of str to Effect
         Declarations of the effects that are not registered.
+    machine : str
+        Name of the machine, of which nothing can be read; empty for one that `identity` makes.
     """
 
     values: Mapping[str, float] = field(default_factory=dict)
     effects: EffectValues = field(default_factory=dict)
     noise_seed: int = 0
     declared: Mapping[str, Effect] = field(default_factory=dict)
+    machine: str = ""
+
+    def identity(self, bench: Bench) -> str:
+        """Return the name of the machine in its recordings: the same for every run of it, another for another machine.
+
+        Four digits of a digest: they tell two machines apart, and are too few to hold what one is.
+        """
+        if self.machine:
+            return self.machine
+        parameters = {name: float(value) for name, value in (bench.values() | dict(self.values)).items()}
+        effects = {name: dict(values) for name, values in self.effects.items()}
+        declared = {name: effect_to_mapping(effect) for name, effect in self.declared.items()}
+        content = {"bench": parameters, "effects": effects, "declared": declared}
+        text = json.dumps(content, sort_keys=True, default=float)
+        return hashlib.blake2b(text.encode(), digest_size=2, person=b"gyrowheel").hexdigest()
 
     @classmethod
     def nominal(cls, effects: EffectValues | None = None, *, noise_seed: int = 0) -> Scenario:
@@ -90,11 +111,17 @@ class Scenario:
             for name, given in content.effects.items()
         }
         bench.with_values(content.values, where=f"{path}: values")
-        return cls(content.values, effects, content.noise_seed, declared)
+        return cls(content.values, effects, content.noise_seed, declared, content.machine)
 
     def save(self, path: str | Path) -> None:
         """Write a scenario file atomically; only its owner may read it."""
-        content = {"values": dict(self.values), "effects": self.effects, "noise_seed": self.noise_seed}
+        content: dict[str, Any] = {
+            "values": dict(self.values),
+            "effects": self.effects,
+            "noise_seed": self.noise_seed,
+        }
+        if self.machine:
+            content["machine"] = self.machine
         if self.declared:
             content["declared"] = {name: effect_to_mapping(effect) for name, effect in self.declared.items()}
         write_text(Path(path), json_text(content), private=True)
