@@ -83,7 +83,7 @@ HOUSE = (
             ("plots",),
             ("results",),
             ("recording", "air"),
-            ("correcting", "inputs", "tables", "catalogue"),
+            ("correcting", "inputs", "origins", "tables", "catalogue"),
             ("machine",),
             ("model",),
             ("simulation", "results.calibration", "investigation"),

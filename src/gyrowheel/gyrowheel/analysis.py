@@ -46,7 +46,7 @@ def compare(
     from gyrowheel_analysis.compare import compare as run
 
     given = opened(recordings)
-    require_one_machine(given, mixed=mixed)
+    require_one_machine(data(given), mixed=mixed)
     wrong = wrong_setups(given, model.details)
     with _instead(wrong):
         return Comparison(run(data(given), model.details, progress=progress), tuple(wrong))
@@ -86,7 +86,7 @@ def diagnose(
     from gyrowheel_analysis.diagnosis.diagnose import diagnose as run
 
     fitted, unused = opened_apart(recordings, validate)
-    require_one_machine([*fitted, *unused], mixed=mixed)
+    require_one_machine(data([*fitted, *unused]), mixed=mixed)
     return Diagnosis(
         run(data(fitted), model.details, validate=data(unused), averages=averages, progress=progress)
     )
@@ -124,7 +124,7 @@ def calibrate(
     from gyrowheel_analysis.calibrate import calibrate as run
 
     given = opened(recordings)
-    require_one_machine(given, mixed=mixed)
+    require_one_machine(data(given), mixed=mixed)
     wrong = wrong_setups(given, model.details)
     with _instead(wrong):
         return Calibration(run(data(given), model.details, progress=progress), tuple(wrong))
@@ -154,7 +154,7 @@ def rate(recordings: Recordings, model: Model, *, mixed: bool = False, progress:
     from gyrowheel_analysis.rate_sensor import rates
 
     given = opened(recordings)
-    require_one_machine(given, mixed=mixed)
+    require_one_machine(data(given), mixed=mixed)
     return Rates(rates(data(given), model.details, progress=progress))
 
 

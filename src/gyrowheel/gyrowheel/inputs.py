@@ -35,7 +35,7 @@ def opened(given: Recordings) -> list[Recording]:
     return [item if isinstance(item, Recording) else Recording.open(Path(item)) for item in items]
 
 
-def require_one_machine(recordings: Sequence[Recording], *, mixed: bool = False) -> None:
+def require_one_machine(recordings: Sequence[Data], *, mixed: bool = False) -> None:
     """Refuse recordings that state different machines, unless asked for; those that state none pass.
 
     Parameters
@@ -50,12 +50,12 @@ def require_one_machine(recordings: Sequence[Recording], *, mixed: bool = False)
     InputError
         Naming two recordings and their machines.
     """
-    named = [recording for recording in recordings if recording.data.machine]
+    named = [recording for recording in recordings if recording.machine]
     for recording in named[1:] if not mixed else ():
-        if recording.data.machine != named[0].data.machine:
+        if recording.machine != named[0].machine:
             raise InputError(
-                f"{recording.path}: is of machine {recording.data.machine}, {named[0].path} of machine "
-                f"{named[0].data.machine}; allowed: recordings of one machine, unless a mix is asked for (--mixed)"
+                f"{recording.path}: is of machine {recording.machine}, {named[0].path} of machine "
+                f"{named[0].machine}; allowed: recordings of one machine, unless a mix is asked for (--mixed)"
             )
 
 

@@ -207,6 +207,7 @@ def pursue(
     InputError
         If there is nothing to begin with, or the first plans take more time than there is.
     """
+    from gyrowheel.inputs import require_one_machine
     from gyrowheel.text.sentences.investigation import learned
     from gyrowheel_analysis.diagnosis.diagnose import diagnose
     from gyrowheel_analysis.recording import Recording
@@ -238,6 +239,7 @@ def pursue(
             run(plan, path, place)
             made.append(path)
             recordings.append(Recording.open(path))
+            require_one_machine(recordings)
         before = done.steps[-1].diagnosis if done.steps else None
         with listener.working("diagnosing") as say:
             found = diagnose(recordings, model, averages=done.averages, progress=say)

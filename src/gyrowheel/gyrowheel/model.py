@@ -155,7 +155,7 @@ class Model:
             if isinstance(item, str):
                 require_known(item)
         fitted, unused = opened_apart(fit, validate)
-        require_one_machine([*fitted, *unused], mixed=mixed)
+        require_one_machine(data([*fitted, *unused]), mixed=mixed)
         if wrong := wrong_setups([*fitted, *unused], self._details):
             from gyrowheel.text.sentences.setup import setup_line
 

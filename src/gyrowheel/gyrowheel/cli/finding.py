@@ -176,7 +176,11 @@ def following(
     if plan is None or result.verdict == "nothing_missing":
         return None
     new = shlex.quote(str(directories[0].with_name(plan)))
-    other = "" if bench == "gyrowheel" else f" --bench {shlex.quote(bench)}"
+    from gyrowheel.origins import noted_machine
+
+    machine = noted_machine(directories)
+    other = "" if bench == "gyrowheel" or "--bench" in machine else f" --bench {shlex.quote(bench)}"
+    other += f" {machine}" if machine else ""
     return (
         f"gyrowheel up --plan {shlex.quote(plan)}{other} --record {new} && "
         f"gyrowheel diagnose {named} {new} --model {shlex.quote(str(model))}{' --averages' if averages else ''}"

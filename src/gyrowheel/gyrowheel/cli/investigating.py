@@ -85,6 +85,7 @@ def investigate(
     from gyrowheel import Model
     from gyrowheel.files import new_folder
     from gyrowheel.investigator import investigate as run
+    from gyrowheel.origins import machine_options, note_machine
 
     # with JSON on stdout the tour goes to stderr
     stage = Terminal(notes() if json == "-" else out())
@@ -104,6 +105,8 @@ def investigate(
         folder=new_folder(Path("out"), "investigation", 1) if output is None else output,
         listener=_Teller(stage),
     )
+    for path in done.recordings:
+        note_machine(path, machine_options(effect=effect, blind=blind, machine=machine, seed=seed))
     recordings = [*at_hand, *done.recordings]
     again = _again(
         recordings,

@@ -72,6 +72,7 @@ def up(
     """
     from gyrowheel import graph as graphs
     from gyrowheel.catalogue import load_plan
+    from gyrowheel.origins import machine_options, note_machine
 
     chosen = None if plan is None else load_plan(plan)
     believed = _model(model)
@@ -99,6 +100,11 @@ def up(
             graph.wait()
             return
         result = walk(graph, chosen)
+    if record is not None:
+        note_machine(
+            record,
+            machine_options(effect=effect, truth=truth, blind=blind, machine=machine, seed=seed, bench=bench),
+        )
     _report(result, json)
 
 
@@ -130,6 +136,7 @@ def simulate(
 ) -> None:
     """Simulate a test plan without ROS, into the same recording that `up` would make."""
     from gyrowheel.catalogue import load_plan
+    from gyrowheel.origins import machine_options, note_machine
     from gyrowheel.simulation import simulate as run
 
     machine_model, belief = _model(truth), _model(model)
@@ -150,6 +157,10 @@ def simulate(
             progress=advance,
         )
     wall = time.monotonic() - begin
+    note_machine(
+        output,
+        machine_options(effect=effect, truth=truth, blind=blind, machine=machine, seed=seed, bench=bench),
+    )
     if json is not None:
         put_json(json, _run_json(chosen.name, str(output), chosen.duration, wall))
     if json != "-":
