@@ -173,6 +173,20 @@ def test_another_machine_proves_nothing(tmp_path: Path) -> None:
     assert "NOT proven on other" in proof_sentence(found.proof)
 
 
+def test_an_event_in_the_validation_is_named_as_the_cause(tmp_path: Path) -> None:
+    machine = hidden_machine(14, {})
+    unused = record(tmp_path, "check", machine, "check", noise_seed=9)
+    measurement = unused.measurement.copy()
+    late = unused.time > 0.5 * unused.time[-1]
+    measurement["coil_voltage_x"] += late * 1.5e-3 / BENCH.value("coil_constant")
+    fit = record(tmp_path, "fit", machine, "quick")
+    found = diagnose([fit], Model.new(), validate=[replace(unused, measurement=measurement)])
+    consistent(found)
+    assert found.proof is not None
+    assert (found.proof.proven, found.proof.reason) == (False, "event")
+    assert found.verdict == "insufficient_data"
+
+
 def test_a_finding_is_proven_on_what_was_left_out(tmp_path: Path) -> None:
     machine = hidden_machine(12, EFFECTS["one effect"])
     recording = record(tmp_path, "fit", machine, "quick")

@@ -42,9 +42,12 @@ from gyrowheel.text.quantities import (
 )
 from gyrowheel.text.sentences.diagnosis import verdict_sentence
 from gyrowheel.text.sentences.forms import form_sentence
+from gyrowheel.text.sentences.proof import proof_sentence
 from gyrowheel_analysis.channels import LISTED
 from gyrowheel_analysis.compare import ChannelMetrics
 from gyrowheel_analysis.diagnosis.diagnose import Estimate
+from gyrowheel_analysis.diagnosis.limits import Beyond
+from gyrowheel_analysis.diagnosis.proof import Proof
 from gyrowheel_analysis.drag import Estimate as DragEstimate
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction import Coverage
@@ -126,6 +129,9 @@ def test_torques_of_a_small_bench_are_shown_in_a_smaller_unit():
     large = ErrorRow({name: 100.0 * value for name, value in floor.rms.items()}, 1.0)
     assert "mN·m" in fall(row, after, large, "it")
     assert "rises most" in fall(after, row, floor, "it")
+    # one channel falls while all of them together rise
+    mixed = ErrorRow({**row.rms, "spin": 1e-9}, 140.0)
+    assert "falls" not in fall(row, mixed, floor, "it")
 
 
 def test_formulas_are_written_with_signs():
@@ -274,6 +280,68 @@ def test_verdicts_are_plain_sentences():
     assert verdict_sentence(VERDICTS["two"]).startswith("Two effects are missing: ")
     either = "either cross torque of the air on the tilted rotor (aero_cross) or additional"
     assert either in verdict_sentence(AMBIGUOUS)
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({}, "Proven on check: error of tilt x 0.123 → 0.0340 mN·m (noise 0.0320), χ²/N 0.969."),
+        (
+            {"left_out": "speed", "parts": 5},
+            "Proven: each of 5 spin rates predicted from the others, error of tilt x 0.123 → 0.0340 mN·m "
+            "(noise and uncertainty of the prediction 0.0320), χ²/N 0.969.",
+        ),
+        (
+            {"proven": False, "reason": "unfixed", "chi2_per_n": 35.0, "causes": ("shaft_inertia",)},
+            "NOT proven on check: χ²/N 35.0, where chance allows 1.30: shaft_inertia is not known well enough from "
+            "what was fitted.",
+        ),
+        (
+            {
+                "proven": False, "reason": "differs", "chi2_per_n": 35.0, "causes": ("rotor_inertia_z",),
+                "value": 3.6e-3, "fitted": 1.78e-3, "unit": "kg*m^2",
+            },
+            "NOT proven on check: χ²/N 35.0, where chance allows 1.30; it would take rotor_inertia_z 3600 mg·m² "
+            "there instead of 1780 mg·m²: another machine, one that has changed, or a law that does not hold "
+            "there.",
+        ),
+        (
+            {"proven": False, "reason": "resembles", "chi2_per_n": 35.0, "causes": ("gravity_offset",)},
+            "NOT proven on check: χ²/N 35.0, where chance allows 1.30; what is left there looks like gravity_offset.",
+        ),
+        ({"proven": None, "reason": "not_tried"}, "Not tried on anything that was not fitted"),
+    ],
+)  # fmt: skip
+def test_every_verdict_ends_with_whether_it_is_proven(changes: dict[str, Any], expected: str):
+    proof = Proof(
+        "check", True, "predicted", chi2_per_n=0.969, allowed=1.3, channel="tilt_x", before=1.23e-4, after=3.4e-5,
+        noise=3.2e-5,
+    )  # fmt: skip
+    assert proof_sentence(replace(proof, **changes)).startswith(expected)
+
+
+def test_what_is_far_from_usual_is_said_first():
+    far = Beyond("unusual", "windage", "w", 0.0104, 0.0013, "N*m", 8.0)
+    alone = verdict_sentence(replace(VERDICTS["effect"], beyond=[far]))
+    assert alone.startswith(
+        "windage w of 10.4 mN·m is 8.0 times the largest usual size. An effect is missing"
+    )
+    several = verdict_sentence(replace(VERDICTS["two"], verdict="unknown", beyond=[far]))
+    assert several.startswith(
+        "windage w of 10.4 mN·m is 8.0 times the largest usual size. That is no explanation"
+    )
+    never = Beyond("impossible", "flexure_stiffness_x", "", -0.02, 0.0, "N*m/rad", 0.0)
+    assert "impossible" in verdict_sentence(replace(VERDICTS["nothing"], verdict="unknown", beyond=[never]))
+
+
+def test_what_could_hide_is_named_where_nothing_shows():
+    quiet = VERDICTS["nothing"]
+    assert verdict_sentence(replace(quiet, detection_limits=limit("windage", 1e-4))).startswith(
+        "Nothing is missing:"
+    )
+    sentence = verdict_sentence(replace(quiet, detection_limits=limit("gravity_offset", 0.011)))
+    assert sentence.startswith("Nothing shows:")
+    assert sentence.endswith("A gravity_offset of a usual size could hide in them.")
 
 
 def test_an_effect_of_the_model_that_does_not_fit_is_told_from_one_that_is_missing():

@@ -10,7 +10,14 @@ from typing import Any, Literal
 import numpy as np
 
 from gyrowheel_analysis.diagnosis.diagnose import Estimate, estimates, nuisance_estimates
-from gyrowheel_analysis.diagnosis.events import DatedEvent, accepted, beside_events, unused_events, with_sizes
+from gyrowheel_analysis.diagnosis.events import (
+    DatedEvent,
+    accepted,
+    as_events,
+    beside_events,
+    unused_events,
+    with_sizes,
+)
 from gyrowheel_analysis.diagnosis.limits import beyond, is_possible
 from gyrowheel_analysis.diagnosis.proof import Proof, prove
 from gyrowheel_analysis.fitting.fit import Fit
@@ -182,7 +189,8 @@ def add_effect(
         entry, overrides=overrides, effects=effects, effect_errors=effect_errors, declared=declared
     )
     null = problem.fit(()) if terms else after
-    proof = prove(prepared, null, after, errors.table)
+    unused = as_events(events, [str(r.path) for r in validate])
+    proof = prove(prepared, null, after, errors.table, unused)
     return Added(changed, coefficients, errors.table, errors.residuals, doubts, events, proof)
 
 

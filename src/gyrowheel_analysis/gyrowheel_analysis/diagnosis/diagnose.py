@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from gyrowheel_analysis.diagnosis.events import DatedEvent, explain, unused_events, with_sizes
+from gyrowheel_analysis.diagnosis.events import DatedEvent, as_events, explain, unused_events, with_sizes
 from gyrowheel_analysis.diagnosis.experiment_design import SETTLED, Planner, Separation, detection_limits
 from gyrowheel_analysis.diagnosis.limits import Beyond, beyond
 from gyrowheel_analysis.diagnosis.proof import RANGE, Proof, lack_of_fit, prove
@@ -359,7 +359,8 @@ def diagnose(
     ]
     errors = errors_of(before, best, fitted)
     null = selection.null if proposal is None else problem.fit(())
-    proof = prove(fitted, null, best, errors.table)
+    unused = as_events(events, [str(recording.path) for recording in validate])
+    proof = prove(fitted, null, best, errors.table, unused)
     far = beyond(problem, best, [t for t in best.terms if proposal is None or t != proposal.term])
     lack = lack_of_fit(problem, best)
     verdict = _verdict(findings, proposal, limits, far, lack, proof)
@@ -410,7 +411,7 @@ def _verdict(
         if any(b.kind == "unusual" for b in far) and (len(findings) > 1 or unexplained):
             return "unknown"
         return "ambiguous" if any(f.ties for f in findings) else "effect"
-    if unexplained or far or (proof.proven is False and proof.reason != "unfixed"):
+    if unexplained or far or (proof.proven is False and proof.reason not in ("unfixed", "event")):
         return "unknown"
     blind = bool(limits) and not any(limit.visible for limit in limits)
     return "insufficient_data" if blind or proof.proven is False else "nothing_missing"

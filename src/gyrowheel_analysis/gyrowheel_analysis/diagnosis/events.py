@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gyrowheel_analysis.diagnosis.event_scan import PREFERRED, Candidate, Evidence, Profiles, scan
 from gyrowheel_analysis.diagnosis.selection import Progress, Selection, select
 from gyrowheel_analysis.diagnosis.unknown import Proposal, search
-from gyrowheel_analysis.fitting.events import QUANTITIES, Event
+from gyrowheel_analysis.fitting.events import QUANTITIES, Event, Kind
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.preparation import samples_of
 from gyrowheel_analysis.fitting.problem import Problem
@@ -66,7 +66,7 @@ class DatedEvent:
     time_error: float
     end: float | None
     end_error: float | None
-    kind: str
+    kind: Kind
     channel: str
     size: float
     standard_error: float
@@ -242,6 +242,15 @@ def unused_events(validation: Problem, fit: Fit, recordings: Sequence[Recording]
     found = find(validation, own, recordings)
     beside = validation.with_events([f.event for f in found])
     return with_sizes(beside, own, found, [str(recording.path) for recording in recordings])
+
+
+def as_events(dated: Sequence[DatedEvent], names: Sequence[str]) -> list[Event]:
+    """Return the events in the recordings `names` as a problem of these recordings takes them."""
+    return [
+        Event(names.index(d.recording), d.channel, d.kind, d.time, math.inf if d.end is None else d.end)
+        for d in dated
+        if d.recording in names
+    ]
 
 
 def _simplest(candidates: Sequence[Candidate]) -> Candidate:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from gyrowheel_analysis.channels import LISTED
 from gyrowheel_analysis.diagnosis.selection import expected_chi2, groups, inverse_of, threshold
+from gyrowheel_analysis.fitting.events import Event
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.preparation import Prepared
 from gyrowheel_analysis.fitting.problem import Problem
@@ -37,7 +38,7 @@ _FEWEST = {"recording": 2, "speed": 3, "azimuth": 3, "time": _BLOCKS}
 _FEWEST_ROWS = 12
 
 Left = Literal["", "recording", "speed", "azimuth", "time"]
-Reason = Literal["predicted", "unfixed", "differs", "resembles", "misfit", "no_gain", "not_tried"]
+Reason = Literal["predicted", "unfixed", "event", "differs", "resembles", "misfit", "no_gain", "not_tried"]
 
 
 @dataclass(frozen=True)
@@ -52,9 +53,10 @@ class Proof:
         None where nothing could be tried.
     reason : str
         ``predicted``: within noise and the uncertainty of the prediction. ``unfixed``: within it only because
-        `causes` are not fixed by what was fitted. ``differs``: the unknown in `causes` would need another value there.
-        ``resembles``: the misfit there looks like the term in `causes`. ``misfit``: none of these. ``no_gain``: the
-        prediction without the findings is as good. ``not_tried``: there is nothing that could be left out.
+        `causes` are not fixed by what was fitted. ``event``: within it but for what happened there. ``differs``: the
+        unknown in `causes` would need another value there. ``resembles``: fit and prediction together look like the
+        term in `causes`. ``misfit``: none of these. ``no_gain``: the prediction without the findings is as good.
+        ``not_tried``: there is nothing that could be left out.
     left_out : str
         What was left out in turn: ``recording``, ``speed``, ``azimuth`` or ``time``; empty for a validation.
     parts : int
@@ -98,7 +100,9 @@ def lack_of_fit(problem: Problem, fit: Fit) -> float:
     return (fit.chi2_rows - expected) / math.sqrt(2.0 * expected)
 
 
-def prove(prepared: Prepared, null: Fit, best: Fit, table: ErrorTable) -> Proof:
+def prove(
+    prepared: Prepared, null: Fit, best: Fit, table: ErrorTable, happened: Sequence[Event] = ()
+) -> Proof:
     """Return whether a fit predicts what it has not seen.
 
     Parameters
@@ -109,9 +113,11 @@ def prove(prepared: Prepared, null: Fit, best: Fit, table: ErrorTable) -> Proof:
         The fits without and with the findings, both at their minimum.
     table : ErrorTable
         The errors of both.
+    happened : sequence of Event
+        Events in the recordings for validation.
     """
     if prepared.validation is not None:
-        return _validated(prepared, best, table)
+        return _validated(prepared, best, table, happened)
     return _left_out(prepared, null, best)
 
 
@@ -165,7 +171,7 @@ class _Prediction:
         return float(self.white @ self.solved(self.white))
 
 
-def _validated(prepared: Prepared, best: Fit, table: ErrorTable) -> Proof:
+def _validated(prepared: Prepared, best: Fit, table: ErrorTable, happened: Sequence[Event]) -> Proof:
     validation, problem = prepared.validation, prepared.problem
     assert validation is not None
     other = validation.problem.with_scales(problem.noise.scales)
@@ -194,6 +200,8 @@ def _validated(prepared: Prepared, best: Fit, table: ErrorTable) -> Proof:
         return Proof(name, True, "predicted", **shown)
     if seen.judged <= n + slack:
         return Proof(name, False, "unfixed", causes=_unfixed(problem, best, seen), **shown)
+    if happened and _Prediction(other.with_events(happened), best).judged <= n + slack:
+        return Proof(name, False, "event", **shown)
     return _misfit(problem, other, best, seen, name, shown)
 
 

@@ -80,6 +80,8 @@ def _why(proof: Proof) -> str:
         causes = listed(list(proof.causes), "and") or "what was fitted"
         verb = "are" if len(proof.causes) > 1 else "is"
         return f"{misfit}: {causes} {verb} not known well enough from what was fitted"
+    if proof.reason == "event":
+        return f"{misfit}; something happened in it, without which it is predicted"
     if proof.reason == "differs":
         return f"{misfit}; {_differs(proof)}"
     if proof.reason == "resembles":
