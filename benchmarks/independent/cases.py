@@ -200,7 +200,9 @@ def record(folder: Path, taken: Run, asked: References, *, setpoints: bool = Tru
         table["tilt_x"], table["tilt_y"] = asked.tilt[rows].real, asked.tilt[rows].imag
         table["tilt_rate_x"], table["tilt_rate_y"] = asked.tilt_rate[rows].real, asked.tilt_rate[rows].imag
         table["spin_rate"], table["spin_acceleration"] = asked.spin[rows], asked.spin_rate[rows]
-    write_run(folder, taken.readings, taken.commands, table, "[]", "", sample_period=period)
+    write_run(
+        folder, taken.readings, taken.commands, table, "[]", "", sample_period=period, stamps=taken.stamps
+    )
     return Recording.open(folder)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.independent.controller import Controller
+from benchmarks.independent.instruments import hum, in_steps, stamps
 from benchmarks.independent.machine import Machine, Secret, bench_file
 from benchmarks.independent.sequence import References
 
@@ -42,10 +43,13 @@ class Run:
         Columns as `COLUMNS` says [SI].
     commands : ndarray (n, 3)
         Voltages that answer each sample; they act from the next one on [V].
+    stamps : ndarray (n,)
+        What the clock said at each [ns].
     """
 
     readings: Array
     commands: Array
+    stamps: NDArray[np.int64]
 
 
 def run(
@@ -85,15 +89,28 @@ def run(
     air, pressure = secret.numbers["air_temperature"], secret.numbers["air_pressure"]
     held = (0.0, 0.0, secret.numbers["motor_constant"] * float(asked.spin[0]))
     waiting = held
-    more = white + slow
+    more = white + slow + hum(secret.numbers, n)
+    eyes = machine.instruments
+    x, y, angle, spin, _ = machine.read(held[2])
+    eyes.start((x, y), angle, spin, held)
+
+    def note() -> None:
+        x, y, angle, spin, _ = machine.read(waiting[2])
+        eyes.note((x, y), angle, spin, waiting)
+
     for k in range(n):
         if k:
-            machine.advance(*waiting)
+            machine.advance(*waiting, None if eyes.perfect else note)
             held, waiting = waiting, tuple(commands[k - 1])
         x, y, angle, spin, current = machine.read(held[2])
         row = readings[k]
-        row[:] = x, y, angle, spin, *held, current, machine.coil_temperature, air, pressure
+        if eyes.perfect:
+            row[:] = x, y, eyes.encoder(angle), spin, *held, current, machine.coil_temperature, air, pressure
+        else:
+            x, y, angle, *volts, current = eyes.read(waiting)
+            row[:] = x, y, angle, spin, *volts, current, machine.coil_temperature, air, pressure
         row += more[k]
+        in_steps(secret.numbers, row)
         if k == 0:
             controller.start(row[0], row[1], row[3])
         commands[k] = controller.answer(
@@ -108,7 +125,7 @@ def run(
     readings[:, 2] %= 2.0 * math.pi
     readings[:, 8] += secret.numbers["temperature_bias"]
     readings[:, 10] += secret.numbers["pressure_bias"]
-    return Run(readings, commands)
+    return Run(readings, commands, stamps(secret.numbers, n, rng))
 
 
 def _white(stated: dict[str, float], n: int, rng: np.random.Generator | None, level: float) -> Array:

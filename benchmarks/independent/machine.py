@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,8 @@ import numpy as np
 import yaml
 from numba import njit
 from numpy.typing import NDArray
+
+from benchmarks.independent.instruments import WRONG, Instruments, is_instrument
 
 Array = NDArray[np.float64]
 
@@ -140,18 +142,37 @@ class Secret:
     def stated(cls, effects: Mapping[str, Mapping[str, float]] | None = None) -> Secret:
         """Return a machine as the bench file says, with some effects."""
         numbers = {name: line.value for name, line in bench_file().items()}
-        return cls(numbers, {name: dict(values) for name, values in (effects or {}).items()})
+        return cls(numbers, {name: dict(values) for name, values in (effects or {}).items()})._with_wrong()
+
+    def _with_wrong(self) -> Secret:
+        """Return the same machine with what is wrong of its instruments in their numbers."""
+        for name, lines in WRONG.items():
+            for key, line in lines.items():
+                self.numbers[line] += self.effects.get(name, {}).get(key, 0.0)
+        return self
 
     @classmethod
-    def drawn(cls, rng: np.random.Generator, effects: Mapping[str, Mapping[str, float]]) -> Secret:
+    def drawn(
+        cls,
+        rng: np.random.Generator,
+        effects: Mapping[str, Mapping[str, float]],
+        *,
+        instruments: bool = False,
+    ) -> Secret:
         """Return a machine with every parameter drawn within its uncertainty; what shares a group moves together.
 
         The error of a parameter is added to what is drawn where several parameters have it, else it takes its place.
+        Instruments are as stated, but for those among the effects, unless `instruments` lets them be drawn as well.
         """
         lines = bench_file()
+        (apart,) = rng.spawn(1)
         normal = {
-            group: float(rng.normal()) for group in dict.fromkeys(line.group for line in lines.values())
+            line.group: float((apart if is_instrument(name) else rng).normal())
+            for name, line in lines.items()
+            if next(n for n, other in lines.items() if other.group == line.group) == name
         }
+        if not instruments:
+            normal |= {line.group: 0.0 for name, line in lines.items() if is_instrument(name)}
         numbers = {n: line.value + normal[line.group] * line.uncertainty for n, line in lines.items()}
         for name, values in effects.items():
             wrong = ERRORS.get(name, ())
@@ -161,7 +182,7 @@ class Secret:
                 numbers[parameter] = (line.value if alone else numbers[parameter]) + line.value * values[
                     "relative_error"
                 ]
-        return cls(numbers, {name: dict(values) for name, values in effects.items()})
+        return cls(numbers, {name: dict(values) for name, values in effects.items()})._with_wrong()
 
 
 class Machine:
@@ -181,7 +202,7 @@ class Machine:
         coefficients = np.zeros(len(COEFFICIENTS))
         for name, values in secret.effects.items():
             for key, value in values.items():
-                if name not in ERRORS:
+                if name not in ERRORS and name not in WRONG:
                     coefficients[_PLACE[name, key]] = value
         softer = float(coefficients[_PLACE["stiffness_anisotropy", "k"]])
         step = n["sample_period"] / substeps
@@ -202,6 +223,7 @@ class Machine:
         self._c = coefficients
         self._damping = n["flexure_damping_x"], n["flexure_damping_y"]
         self._n = n
+        self.instruments = Instruments(n, substeps)
         #: Spin, inner and outer joint [rad], [rad/s].
         self.angles, self.rates = data.qpos, data.qvel
         self._torque, self._joint_torque = data.xfrc_applied[3, 3:6], data.qfrc_applied
@@ -214,8 +236,10 @@ class Machine:
         self.rates[0] = spin
         self.coil_temperature = self._n["air_temperature"]
 
-    def advance(self, coil_x: float, coil_y: float, motor: float) -> None:
-        """Hold three voltages for one sample."""
+    def advance(
+        self, coil_x: float, coil_y: float, motor: float, each: Callable[[], None] | None = None
+    ) -> None:
+        """Hold three voltages for one sample; `each` is called after every step of the integrator."""
         n, c = self._n, self._c
         model, data = self._model, self._data
         # what the flexures lose: with the rate, and (as hysteresis does) with the rate over the speed
@@ -229,11 +253,13 @@ class Machine:
                 self._torque, self._joint_torque,
             )  # fmt: skip
             mujoco.mj_step(model, data)
+            if each is not None:
+                each()
         power = (coil_x**2 + coil_y**2) / n["coil_resistance"] - warm / n["coil_thermal_resistance"]
         self.coil_temperature += self._period * power / n["coil_heat_capacity"]
 
     def read(self, motor: float) -> tuple[float, float, float, float, float]:
-        """Return the readings without noise.
+        """Return what the sensors show at this instant, without noise.
 
         Two tilts [rad], spin angle [rad], spin rate [rad/s] and motor current [A].
 
@@ -251,7 +277,8 @@ class Machine:
         x = n["tilt_scale"] * math.atan(zx) + n["tilt_bias_x"] + c[_PLACE["tilt_bias", "B_x"]] - turned * zy
         y = n["tilt_scale"] * math.atan(zy) + n["tilt_bias_y"] + c[_PLACE["tilt_bias", "B_y"]] + turned * zx
         current = (motor - n["motor_constant"] * spin) / n["motor_resistance"]
-        return x + out * cos - across * sin, y + out * sin + across * cos, angle, spin, current
+        x, y = x + out * cos - across * sin, y + out * sin + across * cos
+        return *self.instruments.sensor(x, y, math.atan(zx), math.atan(zy)), angle, spin, current
 
 
 @njit(cache=True)

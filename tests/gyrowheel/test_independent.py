@@ -12,11 +12,14 @@ from numpy.typing import NDArray
 
 import benchmarks.independent as package
 from benchmarks.independent.cases import solve
+from benchmarks.independent.instruments import WRONG, Instruments, is_instrument
 from benchmarks.independent.loop import run
 from benchmarks.independent.machine import COEFFICIENTS, ERRORS, Secret, bench_file
 from benchmarks.independent.sequence import Step, long_sequence, references, short_sequence
 from gyrowheel_analysis.fitting.terms import ERRORS as KNOWN_ERRORS
 from gyrowheel_sim.effects import registry
+from gyrowheel_sim.instruments.response import held_response, smooth_response
+from gyrowheel_sim.parameter import INSTRUMENTS
 
 Array = NDArray[np.float64]
 MNM = 1e3 * 0.02  # mN m of a coil a volt
@@ -38,7 +41,7 @@ def holds(steps: list[Step], effects: dict[str, dict[str, float]] | None = None,
 
 def test_machine_controller_and_sequence_share_nothing_with_the_project() -> None:
     folder = Path(package.__file__).parent
-    for name in ("machine", "controller", "sequence", "loop"):
+    for name in ("machine", "controller", "instruments", "sequence", "loop"):
         tree = ast.parse((folder / f"{name}.py").read_text(encoding="utf-8"))
         for node in ast.walk(tree):
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
@@ -48,6 +51,65 @@ def test_machine_controller_and_sequence_share_nothing_with_the_project() -> Non
     for effect, key in COEFFICIENTS:
         assert key in registry()[effect].defaults(), effect
     assert ERRORS.keys() == KNOWN_ERRORS.keys()
+    instruments = {name: e for name, e in registry().items() if e.category == "instrument"}
+    assert {name: set(lines) for name, lines in WRONG.items()} == {
+        n: set(e.defaults()) for n, e in instruments.items()
+    }
+    assert {line for line in bench_file() if is_instrument(line)} == set(INSTRUMENTS)
+
+
+@pytest.mark.parametrize(
+    ("delay", "time", "order"),
+    [(0.0, 0.0, 1), (2.7e-4, 0.0, 1), (1.25e-3, 0.0, 1), (0.0, 1e-4, 1), (3e-4, 3e-4, 1), (1e-4, 1.5e-4, 3)],
+)
+def test_instruments_of_both_makes_show_the_same(delay: float, time: float, order: int) -> None:
+    """A tilt that turns and voltages that do, once and twice a turn: amplitudes and phases of the readings."""
+    channels = ("tilt", "coil_voltage", "motor_voltage", "motor_current", "spin_angle")
+    wrong = {f"{name}_delay": {"d": delay} for name in channels}
+    wrong |= {f"{name}_filter": {"t_f": time} for name in channels[:-1]}
+    numbers = Secret.stated(wrong).numbers
+    numbers |= {f"{name}_filter_order": float(order) for name in channels[:-1]}
+    period, substeps = numbers["sample_period"], 4
+    for omega in (366.5, 733.0):
+        eyes = Instruments(numbers, substeps)
+        eyes.start((1.0, 0.0), 0.0, omega, (1.0, 0.0, 0.0))
+        readings = []
+        for k in range(1, 200):
+            held = np.exp(1j * omega * period * k)
+            for part in range(1, substeps + 1):
+                turn = omega * period * (k - 1 + part / substeps)
+                eyes.note((math.cos(turn), math.sin(turn)), turn, omega, (held.real, held.imag, 0.0))
+            after = np.exp(1j * omega * period * (k + 1))
+            readings.append(eyes.read((after.real, after.imag, 0.0)))
+        x, y, angle, coil_x, coil_y = np.array(readings)[60:, :5].T
+        true = np.exp(1j * omega * period * np.arange(61, 200))
+        tilt, coil = (x + 1j * y) / true, (coil_x + 1j * coil_y) / true
+        np.testing.assert_allclose(tilt, smooth_response(omega, delay, time, order), atol=6e-4)
+        np.testing.assert_allclose(coil, held_response(omega, delay, time, order, period=period), atol=6e-4)
+        np.testing.assert_allclose(np.exp(1j * angle) / true, np.exp(-1j * omega * delay), atol=1e-9)
+
+
+def test_voltages_of_the_independent_loop_belong_to_the_interval_that_ends_at_the_sample() -> None:
+    asked = references([Step(2000.0, 1 + 0j, hold=0.3)], 5e-4)
+    for delay, older, newer in ((0.0, 2, 2), (-5e-4, 1, 1), (5e-4, 3, 3), (2.5e-4, 3, 2)):
+        taken = run(Secret.stated({"coil_voltage_delay": {"d": delay}}), asked, None)
+        volts, k = taken.commands[:, 0], np.arange(10, len(taken.commands))
+        np.testing.assert_allclose(
+            taken.readings[k, 4], 0.5 * (volts[k - older] + volts[k - newer]), atol=1e-12
+        )
+
+
+def test_encoder_steps_and_clock_of_the_independent_bench() -> None:
+    asked = references([Step(2000.0, 1 + 0j, hold=0.3)], 5e-4)
+    wrong = Secret.stated({"encoder_zero": {"E_0": 0.02}, "encoder_once": {"E_x": 3e-3, "E_y": 1e-3}})
+    wrong.numbers["motor_voltage_resolution"], wrong.numbers["clock_rate_error"] = 0.05, 1e-4
+    plain, taken = run(Secret.stated(), asked, None), run(wrong, asked, None)
+    angle = plain.readings[:, 2]
+    error = np.angle(np.exp(1j * (taken.readings[:, 2] - angle)))
+    np.testing.assert_allclose(error, 0.02 + 3e-3 * np.cos(angle) + 1e-3 * np.sin(angle), atol=1e-9)
+    steps = taken.readings[:, 6] / 0.05
+    np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
+    np.testing.assert_allclose(taken.stamps, plain.stamps * (1.0 + 1e-4), atol=1.0)
 
 
 @pytest.mark.slow
