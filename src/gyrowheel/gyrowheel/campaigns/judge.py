@@ -256,11 +256,11 @@ def judge(case: Case, secret: Secret, answer: Diagnosis) -> Judged:
         formula=answer.free_form[0].formula if answer.free_form else "",
         seconds=answer.seconds,
         instruments=_instruments(secret, answer),
-        instruments_named=[f.name for f in _named_instruments(answer)],
+        instruments_named=list(_alternatives(answer)),
         instruments_wrong=[
-            f.name
-            for f in _named_instruments(answer)
-            if not {f.name, *(tie.name for tie in f.ties)} & {*secret.instruments, *secret.truth}
+            name
+            for name, alternatives in _alternatives(answer).items()
+            if not {name, *alternatives} & {*secret.instruments, *secret.truth}
         ],
         event=_event(secret, answer),
     )
@@ -268,6 +268,14 @@ def judge(case: Case, secret: Secret, answer: Diagnosis) -> Judged:
 
 def _named_instruments(answer: Diagnosis) -> list[Any]:
     return list(getattr(answer, "instruments", ()))
+
+
+def _alternatives(answer: Diagnosis) -> dict[str, list[str]]:
+    """Return the instruments named with their ties; one of several parameters is named once for each."""
+    result: dict[str, list[str]] = {}
+    for finding in _named_instruments(answer):
+        result.setdefault(finding.name, []).extend(tie.name for tie in finding.ties)
+    return result
 
 
 def _instruments(secret: Secret, answer: Diagnosis) -> list[InstrumentJudged]:
