@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import replace
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +27,15 @@ Spoil = Callable[[Samples], None]
 
 TILT, COIL = ("tilt_x", "tilt_y"), ("coil_voltage_x", "coil_voltage_y")
 TURN = 2.0 * math.pi
+#: Slow enough that the coils can turn twice the momentum.
+SLOW = """\
+schema: 1
+name: slow
+hold_s: 1.3
+segments:
+  - {spin_rpm: 2000, tilt_deg: [[0, 0], [2, 0], [0, 2], [-2, 0]]}
+  - {spin_rpm: 1500, tilt_deg: [[0, 0], [0, -2], [2, 0]]}
+"""
 
 
 @pytest.fixture(scope="module")
@@ -225,3 +236,37 @@ def test_corrected_recording_is_whole(right: Recording, tmp_path: Path) -> None:
 def test_corrections_that_make_no_sense_are_refused(right: Recording, cure: Cure, what: str) -> None:
     with pytest.raises(InputError, match=what):
         corrected(right.measurement, cure)
+
+
+@pytest.mark.parametrize("factors", [{"rotor_inertia_z": 1.5}, dict.fromkeys(("x", "y", "z"), 2.0)])
+def test_recording_of_another_machine_is_told_by_its_inertia(
+    right: Recording, factors: dict[str, float], tmp_path: Path
+) -> None:
+    stated = Bench.load()
+    names = {key if "_" in key else f"rotor_inertia_{key}": by for key, by in factors.items()}
+    text = (resources.files("gyrowheel_sim") / "config/bench.yaml").read_text()
+    for name, by in names.items():
+        value = stated.value(name)
+        text = re.sub(rf"(  {name}: {{value: )[^,]*", rf"\g<1>{by * value:.6e}", text)
+    (tmp_path / "other.yaml").write_text(text)
+    (tmp_path / "slow.yaml").write_text(SLOW)
+    other = gw.simulate(tmp_path / "slow.yaml", bench=tmp_path / "other.yaml", machine=2).data
+    # neither tells what it is of
+    unnamed = [
+        replace(r, environment=[replace(e, machine="") for e in r.environment]) for r in (right, other)
+    ]
+    (found,) = wrong_setups(unnamed, stated)
+    assert (found.kind, found.recording) == ("another_machine", str(other.path))
+    assert found.value == pytest.approx(max(factors.values()), rel=0.06)
+    assert not wrong_setups(unnamed, stated, mixed=True)
+
+
+def test_recordings_of_one_machine_belong_together(right: Recording, bench: Bench) -> None:
+    effects = {"gravity_offset": {"G": 0.012}}
+    others = [
+        gw.simulate(plan, effects=effects, machine=11).data for plan in ("cone", "coast_down", "preheat")
+    ]
+    unnamed = [
+        replace(r, environment=[replace(e, machine="") for e in r.environment]) for r in (right, *others)
+    ]
+    assert not wrong_setups(unnamed, bench)

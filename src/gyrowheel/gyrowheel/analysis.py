@@ -47,7 +47,7 @@ def compare(
 
     given = opened(recordings)
     require_one_machine(data(given), mixed=mixed)
-    wrong = wrong_setups(given, model.details)
+    wrong = wrong_setups(given, model.details, mixed=mixed)
     with _instead(wrong):
         return Comparison(run(data(given), model.details, progress=progress), tuple(wrong))
 
@@ -88,7 +88,14 @@ def diagnose(
     fitted, unused = opened_apart(recordings, validate)
     require_one_machine(data([*fitted, *unused]), mixed=mixed)
     return Diagnosis(
-        run(data(fitted), model.details, validate=data(unused), averages=averages, progress=progress)
+        run(
+            data(fitted),
+            model.details,
+            validate=data(unused),
+            averages=averages,
+            mixed=mixed,
+            progress=progress,
+        )
     )
 
 
@@ -125,7 +132,7 @@ def calibrate(
 
     given = opened(recordings)
     require_one_machine(data(given), mixed=mixed)
-    wrong = wrong_setups(given, model.details)
+    wrong = wrong_setups(given, model.details, mixed=mixed)
     with _instead(wrong):
         return Calibration(run(data(given), model.details, progress=progress), tuple(wrong))
 

@@ -61,8 +61,8 @@ def correct(
     return Recording.made(place, scratch)
 
 
-def wrong_setups(recordings: Sequence[Recording], model: Model) -> list[WrongSetup]:
+def wrong_setups(recordings: Sequence[Recording], model: Model, *, mixed: bool = False) -> list[WrongSetup]:
     """Return the wrong setups of recordings: columns that cannot be what they are called."""
     from gyrowheel_analysis.setups.find import wrong_setups as find
 
-    return find([recording.data for recording in recordings], model.reference_bench)
+    return find([recording.data for recording in recordings], model.reference_bench, mixed=mixed)

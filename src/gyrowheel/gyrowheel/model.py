@@ -156,7 +156,7 @@ class Model:
                 require_known(item)
         fitted, unused = opened_apart(fit, validate)
         require_one_machine(data([*fitted, *unused]), mixed=mixed)
-        if wrong := wrong_setups([*fitted, *unused], self._details):
+        if wrong := wrong_setups([*fitted, *unused], self._details, mixed=mixed):
             from gyrowheel.text.sentences.setup import setup_line
 
             raise InputError(setup_line(wrong))

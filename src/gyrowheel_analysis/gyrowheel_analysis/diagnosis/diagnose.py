@@ -278,6 +278,7 @@ def diagnose(
     *,
     validate: Sequence[Recording] = (),
     averages: bool = False,
+    mixed: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> Diagnosis:
     """Find out which physical effect is missing in a model.
@@ -294,6 +295,8 @@ def diagnose(
     averages : bool
         Whether to use averages over whole revolutions alone: for recordings in which filters hide what happens within
         one.
+    mixed : bool
+        Whether recordings of different machines are wanted; if not, their inertias must agree.
     progress : callable, optional
         Called with a line of text now and then.
     """
@@ -301,7 +304,7 @@ def diagnose(
     say = progress or (lambda text: None)
     paths = [str(r.path) for r in recordings]
     say("looking at the setup")
-    if wrong := wrong_setups([*recordings, *validate], model.reference_bench):
+    if wrong := wrong_setups([*recordings, *validate], model.reference_bench, mixed=mixed):
         return Diagnosis(
             "insufficient_data", 0, [], [], None, [], None, {}, [], [], paths, model.origin, {},
             clock.monotonic() - began, _versions(), setup=wrong,

@@ -12,6 +12,7 @@ from gyrowheel_analysis.setups.air import air
 from gyrowheel_analysis.setups.blocks import BLOCK, COIL, TILT, Array, Averages, averages, blocks_of
 from gyrowheel_analysis.setups.cures import Cure, WrongSetup
 from gyrowheel_analysis.setups.harmonics import harmonics
+from gyrowheel_analysis.setups.machines import other_machines
 from gyrowheel_analysis.setups.relations import precession, slews
 from gyrowheel_analysis.setups.spinning import SPINNING, spinning
 from gyrowheel_analysis.setups.stuck import stuck
@@ -21,7 +22,7 @@ from gyrowheel_sim.bench import Bench
 _AROUND = 0.5  # s before and after a change of the rate table
 
 
-def wrong_setups(recordings: Sequence[Recording], bench: Bench) -> list[WrongSetup]:
+def wrong_setups(recordings: Sequence[Recording], bench: Bench, *, mixed: bool = False) -> list[WrongSetup]:
     """Return the wrong setups of some recordings.
 
     A setup is accused only where physics fails far beyond what any effect or tolerance can do, and a plain change of
@@ -33,35 +34,48 @@ def wrong_setups(recordings: Sequence[Recording], bench: Bench) -> list[WrongSet
         The recordings, each judged by itself.
     bench : Bench
         The bench as stated.
+    mixed : bool
+        Whether recordings of different machines are wanted; if not, their inertias must agree.
     """
-    return [
-        replace(found, recording=str(recording.path))
-        for recording in recordings
-        for found in of_one(recording, bench)
-    ]
+    found, averaged = [], []
+    for recording in recordings:
+        wrong, now = _judged(recording, bench)
+        found += [replace(item, recording=str(recording.path)) for item in wrong]
+        averaged.append(now)
+    if not found and len(recordings) > 1 and not mixed:
+        found = other_machines(recordings, averaged, bench)
+    return found
 
 
 def of_one(recording: Recording, bench: Bench) -> list[WrongSetup]:
     """Return the wrong setups of one recording, see `wrong_setups`."""
-    found = air(recording, bench)
+    return _judged(recording, bench)[0]
+
+
+def _judged(recording: Recording, bench: Bench) -> tuple[list[WrongSetup], Averages]:
+    """Return the wrong setups of one recording, and its averages as they stand."""
     blocks = blocks_of(recording)
-    if not len(blocks):
-        return found
-    if still := stuck(recording, blocks, bench):
-        return [*found, *still]
     now = averages(_at_rest(recording, blocks))
+    still = stuck(recording, blocks, bench) if len(blocks) else []
+    return [*air(recording, bench), *(still or _of_motion(recording, now, bench))], now
+
+
+def _of_motion(recording: Recording, now: Averages, bench: Bench) -> list[WrongSetup]:
+    """Return what is wrong with the columns that move."""
+    if not len(now):
+        return []
     wrong = spinning(recording, now, bench)
     if not wrong:
-        return [*found, *_of_tilt(recording, now, bench, 1.0)]
+        return _of_tilt(recording, now, bench, 1.0)
     # where several changes explain the spin as well, the precession decides
     wrong.sort(key=lambda item: round(precession(item[1], bench), 1))
     others: list[WrongSetup] = []
     for own, mended in wrong:
         further = _of_tilt(recording, mended, bench, own.cure.scale.get(SPINNING[0], 1.0))
         if not further:
-            return [*found, own]
+            return [own]
         others = others or further
-    return [*found, wrong[0][0], *others]
+    return [wrong[0][0], *others]
 
 
 def _of_tilt(recording: Recording, now: Averages, bench: Bench, angle_factor: float) -> list[WrongSetup]:

@@ -31,6 +31,8 @@ _DAMPED = (
 #: Slewing torque over holding torque from which on the law of precession can be judged.
 _SLEWS = 1.0
 _MOVED = 0.5 * DEG  # least change of the tilt
+_RAMPS = 0.3  # least part of the motor's torque that accelerates the rotor
+_OVERLAP = 16.0  # averages that share their blocks
 
 
 @dataclass(frozen=True)
@@ -129,20 +131,51 @@ def precession(a: Averages, bench: Bench) -> float:
     return _left(design, _parts(torque), [bounds for _, bounds in columns], _size(_parts(torque)))
 
 
-def coil_ratio(a: Averages, bench: Bench) -> float:
-    """Return the torque of precession that the coils give over the one that the motion needs; NaN without slews."""
+@dataclass(frozen=True)
+class Ratio:
+    """An inertia as a recording shows it, over the stated one, and its standard error; NaN where it shows none."""
+
+    value: float
+    error: float
+
+
+def precession_ratio(a: Averages, bench: Bench) -> Ratio:
+    """Return the torque of precession that the coils give over the one that the motion takes by the stated inertia."""
     finite = np.isfinite(a.tilt + a.coil + a.rate)
-    z, rate, omega = a.tilt[finite], a.tilt_rate[finite], a.rate[finite]
-    torque = bench.value("coil_constant") * a.coil[finite]
     if not slews(a, bench):
-        return math.nan
+        return Ratio(math.nan, math.nan)
+    z, rate, omega = a.tilt[finite], a.tilt_rate[finite], a.rate[finite]
     slewing = -1j * bench.precession_inertia * omega * rate
     columns = [slewing, 1j * slewing, z, omega**2 * z, 1j * omega * z, np.ones_like(z), 1j * np.ones_like(z)]
     columns.append(a.tilt_acceleration[finite])
     design = np.column_stack([_parts(column) for column in columns])
+    return _first(design, _parts(bench.value("coil_constant") * a.coil[finite]))
+
+
+def spin_up_ratio(a: Averages, bench: Bench) -> Ratio:
+    """Return the torque of the motor that accelerates the rotor over the one that the stated inertia takes."""
+    finite = np.isfinite(a.acceleration + a.rate + a.current)
+    acceleration, rate = a.acceleration[finite], a.rate[finite]
+    torque = bench.value("motor_constant") * a.current[finite]
+    inertial = bench.axial_inertia * acceleration
+    if not len(rate) or _size(inertial) < _RAMPS * _size(torque) or not np.any(inertial):
+        return Ratio(math.nan, math.nan)
+    design = np.column_stack([inertial, np.ones_like(rate), rate, rate**2])
+    return _first(design, torque)
+
+
+def _first(design: Array, values: Array) -> Ratio:
+    """Return the first coefficient of a fit; neighbouring averages overlap, so its error is widened."""
     scale = np.linalg.norm(design, axis=0)
-    fit, *_ = np.linalg.lstsq(design / scale, _parts(torque), rcond=None)
-    return float(fit[0] / scale[0])
+    if not np.all(scale > 0.0):
+        return Ratio(math.nan, math.nan)
+    design = design / scale
+    fit, *_ = np.linalg.lstsq(design, values, rcond=None)
+    left = float(np.var(values - design @ fit))
+    inverse = np.linalg.pinv(design.T @ design)
+    return Ratio(
+        float(fit[0] / scale[0]), math.sqrt(_OVERLAP * left * float(inverse[0, 0])) / float(scale[0])
+    )
 
 
 def _left(design: Array, values: Array, bounds: list[tuple[float, float]], size: float) -> float:

@@ -14,7 +14,7 @@ from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.setups.blocks import BLOCK, COIL, EVERY, TILT, Averages, asked_tilt, commanded
 from gyrowheel_analysis.setups.cures import Cure, Kind, WrongSetup
 from gyrowheel_analysis.setups.harmonics import Turning
-from gyrowheel_analysis.setups.relations import coil_ratio, precession, slews
+from gyrowheel_analysis.setups.relations import precession, precession_ratio, slews
 from gyrowheel_analysis.setups.spinning import SPINNING, Change, best_lag
 from gyrowheel_core.units import DEG
 from gyrowheel_sim.bench import Bench
@@ -227,7 +227,7 @@ def _halved(a: Averages, bench: Bench, asked: Complex | None, commands: Complex 
     The coils' torque then fits the precession by half or twice. A constant of the coils may be as wrong; so the tilt
     must differ from what was asked for by the same factor, or nobody has asked and the factor is exactly two.
     """
-    ratio = coil_ratio(a, bench)
+    ratio = precession_ratio(a, bench).value
     if not ratio > 0.0:
         return None
     factor = 2.0 if ratio > 1.0 else 0.5

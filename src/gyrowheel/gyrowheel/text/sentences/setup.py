@@ -86,7 +86,7 @@ def _what(found: WrongSetup) -> str:
             return f"spin_angle counts {1.0 / abs(factor):g} turns a turn of the rotor{sense}"
         other = " (or the coil voltages the other way)" if found.otherwise else ""
         return f"{names} {verb} read {'half' if factor > 1.0 else 'twice'} as large as they are{other}"
-    return "the recordings are of two machines"
+    return f"is of another machine than {found.unit}"
 
 
 def _evidence(found: WrongSetup) -> str:
@@ -101,7 +101,7 @@ def _evidence(found: WrongSetup) -> str:
             else "to the last digit"
         )
     if found.kind == "another_machine":
-        return "the inertias that precession and ramps give differ"
+        return f"the inertia that precession and ramps of the speed show is {found.value:.2f} times the one there"
     if set(found.columns) <= set(_SPIN) and found.kind != "reversed":
         return "angle, speed, motor voltage and current contradict each other, and agree with the cure"
     if found.kind == "foreign":
