@@ -115,6 +115,7 @@ COMMANDS: dict[str, list[str]] = {
     "simulate": ["simulate --plan PLAN -o NEW"],
     "info": ["info RUN"],
     "salvage": ["salvage RUN -o NEW"],
+    "correct": ["correct RUN -o NEW --scale tilt_x=-1 --exchange coil_voltage_x:coil_voltage_y"],
     "import": ["export RUN -o TABLE.csv --map TABLE.yaml", "import TABLE.csv --map TABLE.yaml -o NEW"],
     "export": ["export RUN -o TABLE.parquet"],
     "compare": [

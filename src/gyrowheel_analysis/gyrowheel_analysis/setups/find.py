@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.setups.air import air
@@ -38,18 +39,20 @@ def wrong_setups(recordings: Sequence[Recording], bench: Bench, *, mixed: bool =
         Whether recordings of different machines are wanted; if not, their inertias must agree.
     """
     found, averaged = [], []
-    for recording in recordings:
-        wrong, now = _judged(recording, bench)
-        found += [replace(item, recording=str(recording.path)) for item in wrong]
-        averaged.append(now)
-    if not found and len(recordings) > 1 and not mixed:
-        found = other_machines(recordings, averaged, bench)
+    # the matrices are small: several threads would only wait for each other
+    with threadpool_limits(limits=1, user_api="blas"):
+        for recording in recordings:
+            wrong, now = _judged(recording, bench)
+            found += [replace(item, recording=str(recording.path)) for item in wrong]
+            averaged.append(now)
+        if not found and len(recordings) > 1 and not mixed:
+            found = other_machines(recordings, averaged, bench)
     return found
 
 
 def of_one(recording: Recording, bench: Bench) -> list[WrongSetup]:
     """Return the wrong setups of one recording, see `wrong_setups`."""
-    return _judged(recording, bench)[0]
+    return wrong_setups([recording], bench)
 
 
 def _judged(recording: Recording, bench: Bench) -> tuple[list[WrongSetup], Averages]:

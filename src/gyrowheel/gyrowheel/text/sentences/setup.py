@@ -51,7 +51,8 @@ def _what(found: WrongSetup) -> str:
     if found.kind == "sign":
         signs = "sign" if len(found.columns) == 1 else "signs"
         turned = f"the {signs} of {names}{other} {verb} turned"
-        return f"{turned}, or the wheel turns the other way" if _mirrored(found.columns) else turned
+        mirrored = ", or the axes x and y of both are exchanged, or the wheel turns the other way"
+        return turned + mirrored if _mirrored(found.columns) else turned
     if found.kind == "unit":
         units = [_UNITS.get(unit, f"in {unit}") for unit in found.unit.split(", ")]
         if len(units) > 1:
@@ -149,8 +150,8 @@ def _hopeless(found: WrongSetup) -> str:
 def map_lines(found: WrongSetup) -> list[str]:
     """Return what to change in the map of an imported table; nothing where a map cannot say it."""
     own = found.cure
-    if own.shift:
-        return []
+    if own.shift or (found.kind == "scale" and "spin_angle" in own.scale):
+        return []  # neither times nor the turns of another gear
     lines = [f"exchange the columns of columns.{one} and columns.{other}" for one, other in own.exchange]
     lines += [f"columns.{name}.scale: {value:.10g}" for name, value in own.scale.items()]
     # an offset of a map is in the unit of the table
