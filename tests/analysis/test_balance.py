@@ -11,8 +11,10 @@ import pytest
 from gyrowheel_analysis.balance.balance import ActiveEffect, Balance
 from gyrowheel_analysis.fitting.preparation import samples_of
 from gyrowheel_analysis.fitting.unknowns import NUISANCE_GROUPS
+from gyrowheel_analysis.fitting.variance import MODEL_ABSOLUTE
 from gyrowheel_analysis.reduction import reduce
 from gyrowheel_sim.effects import registry
+from gyrowheel_sim.effects.targets import INSTRUMENT_PARAMETERS
 
 from .machines import BENCH, hidden_machine, record
 
@@ -59,7 +61,9 @@ def test_moving_a_bench_parameter_the_quick_way_gives_the_same_rows(
         quick += 1
         whole = balance.predicted(after, effects)
         change = np.abs(whole - rows).max()
-        assert np.abs(found - whole).max() <= 1.0e-4 * change + 1.0e-12, group
+        # what the error of an encoder does to the motion that goes in is far below the accuracy of the balance
+        part, least = (1.0e-2, 0.2 * MODEL_ABSOLUTE) if group in INSTRUMENT_PARAMETERS else (1.0e-4, 1.0e-12)
+        assert np.abs(found - whole).max() <= part * change + least, group
     assert quick >= 10
 
 

@@ -306,11 +306,11 @@ def _next(
         test = found.next_test
         if test is not None and fresh(test.plan):
             return Wanted(test.plan, purpose(test))
-        for finding in found.effects:
-            for tie in finding.ties:
+        for name, ties in found.ties.items():
+            for tie in ties:
                 if tie.separating_plan is not None and fresh(tie.separating_plan):
-                    return Wanted(tie.separating_plan, f"separates {finding.name} from {tie.name}")
-        if all(tie.separating_plan is None for f in found.effects for tie in f.ties):
+                    return Wanted(tie.separating_plan, f"separates {name} from {tie.name}")
+        if all(tie.separating_plan is None for ties in found.ties.values() for tie in ties):
             return False, "no test on this bench separates what is left"
         return False, f"the tests that should separate them were run {MOST_RUNS} times and have not"
     if found.verdict == "insufficient_data":
@@ -347,7 +347,7 @@ def _why_so_soon(
     found: Diagnosis, recordings: Sequence[Recording], model: Model, progress: Callable[[str], None]
 ) -> list[str]:
     """Return why the first recordings settle what averages over revolutions leave open; nothing where they do not."""
-    if found.verdict != "effect" or len(found.effects) != 1:
+    if found.verdict != "effect" or len(found.effects) != 1 or found.instruments:
         return []
     from gyrowheel.text.sentences.investigation import settled_by
     from gyrowheel_analysis.diagnosis.diagnose import diagnose
@@ -369,4 +369,4 @@ def _why_so_soon(
 
 
 def _alternatives(found: Diagnosis) -> set[str]:
-    return {name for f in found.effects for name in (f.name, *(tie.name for tie in f.ties))}
+    return {name for own, ties in found.ties.items() for name in (own, *(tie.name for tie in ties))}

@@ -14,8 +14,10 @@ from typing import Literal
 #: When a channel is looked at: averaged over whole revolutions, once or twice a revolution, at the motor's ripple.
 Group = Literal["average", "revolution", "ripple"]
 #: What a channel is: torque of the coils, torque or voltage of the motor, torque that accelerates the shaft, voltage
-#: across the resistance of the winding.
-Quantity = Literal["coil_torque", "motor_torque", "motor_voltage", "shaft_torque", "winding_voltage"]
+#: across the resistance of the winding, angle of the shaft beside its steady growth.
+Quantity = Literal[
+    "coil_torque", "motor_torque", "motor_voltage", "shaft_torque", "winding_voltage", "encoder_angle"
+]
 #: The groups in the order of the rows.
 GROUPS: tuple[Group, ...] = ("average", "revolution", "ripple")
 
@@ -33,7 +35,7 @@ class Channel:
     title : str
         Short name for people.
     unit : str
-        ``N·m`` or ``V``.
+        ``N·m``, ``V`` or ``rad``.
     group : Group
         When it is looked at.
     quantity : Quantity
@@ -87,6 +89,14 @@ _DECLARED = (
         "tilt_2n", ("tilt_2n_x", "tilt_2n_y"), "tilt 2N", "N·m", "revolution", "coil_torque",
         "coil torque twice a revolution", "the torque of the coils twice a revolution",
         ("mirror", "still", "tilt"), order=2,
+    ),
+    Channel(
+        "angle_1n", ("angle_1n_x", "angle_1n_y"), "angle 1N", "rad", "revolution", "encoder_angle",
+        "angle once a revolution", "the reading of the angle once a revolution", ("still", "tilt"), order=1,
+    ),
+    Channel(
+        "angle_2n", ("angle_2n_x", "angle_2n_y"), "angle 2N", "rad", "revolution", "encoder_angle",
+        "angle twice a revolution", "the reading of the angle twice a revolution", ("still", "tilt"), order=2,
     ),
     Channel(
         "spin_ripple", ("spin_ripple_x", "spin_ripple_y"), "spin ripple", "N·m", "ripple", "shaft_torque",

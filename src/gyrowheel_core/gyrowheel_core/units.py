@@ -34,7 +34,7 @@ _SHOWN: Final[dict[str, tuple[tuple[Unit, float], ...]]] = {
     "N*m/V": ((Unit("mN·m/V", 1e-3), 0.0),),
     "N*m/A": ((Unit("mN·m/A", 1e-3), 0.0),),
     "kg*m^2": ((Unit("mg·m²", 1e-6), 0.0),),
-    "rad": ((Unit("deg", DEG), 0.0),),
+    "rad": ((Unit("deg", DEG), 2e-5), (Unit("µrad", 1e-6), 0.0)),
     "rad/s": ((Unit("rpm", RPM), 0.01), (Unit("deg/h", DEG / 3600.0), 0.0)),
     "s": ((Unit("s", 1.0), 0.01), (Unit("ms", 1e-3), 0.0)),
     "1/K": ((Unit("%/K", 1e-2), 0.0),),

@@ -169,7 +169,7 @@ def following(
     if result.verdict == "effect" or result.free_form:
         fit = " ".join(f"--fit {shlex.quote(str(directory))}" for directory in directories)
         unused = "".join(f" --validate {shlex.quote(str(directory))}" for directory in validate)
-        names = [finding.name for finding in result.effects]
+        names = list(result.details.ties)
         names += [f"--formula {shlex.quote(f'{form.name}: {form.formula}')}" for form in result.free_form]
         return f"gyrowheel model add {' '.join(names)} --model {shlex.quote(str(model))} {fit}{unused}"
     plan = result.next_test.plan if result.next_test is not None else None

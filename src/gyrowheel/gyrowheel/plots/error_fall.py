@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+#: Scale and unit of a panel, by the unit of its channel.
+_UNITS = {"N·m": (1e-3, "mN·m"), "V": (1e-3, "mV"), "rad": (1e-6, "µrad")}
 _MILLI = 1e-3
 _ROLES = {"fit": "fitted", "validation": "not used to fit"}
 _SAME_SPEED = 0.04  # relative
@@ -84,7 +86,7 @@ def _draw(residuals: Sequence[Residuals], error: ErrorTable, title: str, subtitl
         for column, role in enumerate(roles):
             axes = figure.add_subplot(left[row, column], sharey=first)
             own = [r for r in residuals if r.role == role]
-            scale, unit = _MILLI, "mN·m" if LISTED[channel].unit == "N·m" else "mV"
+            scale, unit = _UNITS[LISTED[channel].unit]
             _residual_panel(axes, own, channel, scale, named=row == 0, changed=changed)
             if first is None:
                 first = axes

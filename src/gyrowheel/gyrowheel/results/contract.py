@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from gyrowheel.text.sentences.diagnosis import evidence, several, verdict_sentence
 from gyrowheel.text.sentences.events import event_sentence
 from gyrowheel.text.sentences.fits import calibration_notes
+from gyrowheel.text.sentences.instruments import instrument_sentence
 from gyrowheel.text.sentences.proof import proof_sentence
 from gyrowheel.text.sentences.residuals import dependence_sentences, region_description, region_name
 from gyrowheel.text.sentences.setup import cure_of, map_lines, problem
@@ -19,8 +20,9 @@ from gyrowheel_analysis.residuals.maps import maps_json
 if TYPE_CHECKING:
     from gyrowheel_analysis.calibrate import Calibration
     from gyrowheel_analysis.compare import Comparison
-    from gyrowheel_analysis.diagnosis.diagnose import Diagnosis, EffectFinding, Estimate
+    from gyrowheel_analysis.diagnosis.diagnose import Diagnosis, EffectFinding, Estimate, TieReport
     from gyrowheel_analysis.diagnosis.events import DatedEvent
+    from gyrowheel_analysis.diagnosis.instruments import InstrumentFinding
     from gyrowheel_analysis.diagnosis.proof import Proof
     from gyrowheel_analysis.model import Override
     from gyrowheel_analysis.residuals.regions import Region
@@ -99,6 +101,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
             }
             for name, n in found.nuisance.items()
         },
+        "instruments": [_instrument(finding) for finding in found.instruments],
         "detection_limits": [
             {
                 "effect": limit.effect,
@@ -165,15 +168,7 @@ def _effect(finding: EffectFinding) -> dict[str, Any]:
         "formula": finding.formula,
         "evidence": evidence(finding),
         "in_model": None if finding.in_model is None else _coefficients(finding.in_model),
-        "ties": [
-            {
-                "name": tie.name,
-                "delta_chi2": tie.delta_chi2,
-                "separating_plan": tie.separating_plan,
-                "expected_separation": tie.expected_separation,
-            }
-            for tie in finding.ties
-        ],
+        "ties": _ties(finding.ties),
     }
 
 
@@ -194,6 +189,33 @@ def event_json(event: DatedEvent, *, several: bool) -> dict[str, Any]:
         "ties": list(event.ties),
         "sentence": event_sentence(event, several=several),
     }
+
+
+def _instrument(finding: InstrumentFinding) -> dict[str, Any]:
+    return {
+        "name": finding.name,
+        "channel": finding.channel,
+        "quantity": finding.quantity,
+        "value": finding.value,
+        "standard_error": finding.standard_error,
+        "stated": finding.stated,
+        "unit": finding.unit,
+        "delta_chi2": finding.delta_chi2,
+        "sentence": instrument_sentence(finding),
+        "ties": _ties(finding.ties),
+    }
+
+
+def _ties(ties: Sequence[TieReport]) -> list[dict[str, Any]]:
+    return [
+        {
+            "name": tie.name,
+            "delta_chi2": tie.delta_chi2,
+            "separating_plan": tie.separating_plan,
+            "expected_separation": tie.expected_separation,
+        }
+        for tie in ties
+    ]
 
 
 def _region(region: Region) -> dict[str, Any]:

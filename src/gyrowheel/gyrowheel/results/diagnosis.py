@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     )
     from gyrowheel_analysis.diagnosis.diagnose import Diagnosis as Details
     from gyrowheel_analysis.diagnosis.events import DatedEvent
+    from gyrowheel_analysis.diagnosis.instruments import InstrumentFinding
     from gyrowheel_analysis.diagnosis.proof import Proof
     from gyrowheel_analysis.residuals.error_table import ErrorTable
     from gyrowheel_analysis.residuals.regions import Region
@@ -60,8 +61,13 @@ class Diagnosis(Result):
 
     @property
     def effects(self) -> tuple[EffectFinding, ...]:
-        """The missing effects, strongest first: ``.name``, ``.coefficients``, ``.delta_chi2``, ``.ties`` and more."""
+        """The missing physical effects, strongest first: ``.name``, ``.coefficients``, ``.delta_chi2``, ``.ties``."""
         return tuple(self.details.effects)
+
+    @property
+    def instruments(self) -> tuple[InstrumentFinding, ...]:
+        """Instruments that are not as the bench states them: ``.channel``, ``.quantity``, ``.value``, ``.stated``."""
+        return tuple(self.details.instruments)
 
     @property
     def free_form(self) -> tuple[FreeForm, ...]:
@@ -121,9 +127,9 @@ class Diagnosis(Result):
         """
         from gyrowheel_sim.effects import effect_from_mapping
 
-        for finding in self.effects:
-            if finding.ties:
-                names = ", ".join((finding.name, *(tie.name for tie in finding.ties)))
+        for own, ties in self.details.ties.items():
+            if ties:
+                names = ", ".join((own, *(tie.name for tie in ties)))
                 test = (
                     ""
                     if self.next_test is None
@@ -134,7 +140,7 @@ class Diagnosis(Result):
                 )
         if self.verdict == "unknown" and not self.free_form:
             raise InputError(f"diagnosis: nothing to add: {self.sentence}")
-        found: list[str | Effect] = [finding.name for finding in self.effects]
+        found: list[str | Effect] = list(self.details.ties)
         found += [effect_from_mapping(f.name, f.declaration, "diagnosis.free_form") for f in self.free_form]
         if not found:
             raise InputError(f"diagnosis: nothing to add, its verdict is {self.verdict}")
@@ -143,10 +149,12 @@ class Diagnosis(Result):
     def __str__(self) -> str:
         """Return the verdict and the findings in a few lines."""
         from gyrowheel.text.diagnosis import coefficients_line
+        from gyrowheel.text.sentences.instruments import instrument_sentence
         from gyrowheel.text.sentences.proof import proof_sentence
 
         lines = [self.sentence]
         lines += [f"  {finding.name}: {coefficients_line(finding)}" for finding in self.effects]
+        lines += [f"  {finding.name}: {instrument_sentence(finding)}" for finding in self.instruments]
         lines += [f"  {form.formula}" for form in self.free_form]
         if self.next_test is not None:
             lines.append(f"  next test: plan {self.next_test.plan}, {self.next_test.minutes:.1f} min")
@@ -165,9 +173,15 @@ class Diagnosis(Result):
         return diagnosis_json(self.details)
 
     def to_columns(self) -> Mapping[str, Sequence[Any]]:
-        """Return the findings as columns, one row for each coefficient."""
+        """Return the findings as columns, one row for each coefficient; those of instruments in whole, as found."""
+        from gyrowheel_analysis.diagnosis.diagnose import Estimate
+
         items = [(f.name, f.delta_chi2, f.coefficients) for f in self.effects]
         items += [(f.name, f.delta_chi2, f.coefficients) for f in self.free_form]
+        items += [
+            (f.name, f.delta_chi2, {f.quantity: Estimate(f.value, f.standard_error, f.unit)})
+            for f in self.instruments
+        ]
         rows = [
             (name, key, e.value, e.standard_error, e.unit, delta)
             for name, delta, coefficients in items

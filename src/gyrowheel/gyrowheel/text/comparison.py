@@ -37,7 +37,8 @@ _POOR, _BAD = 2.0, 5.0  # χ²/N
 _SAME_SPEED = 0.04
 _SHORT = {
     "tilt": "tilt", "spin": "spin",
-    "tilt_1n": "1N", "tilt_2n": "2N", "spin_ripple": "rip", "motor_voltage": "volt", "voltage_ripple": "vrip",
+    "tilt_1n": "1N", "tilt_2n": "2N", "angle_1n": "a1N", "angle_2n": "a2N",
+    "spin_ripple": "rip", "motor_voltage": "volt", "voltage_ripple": "vrip",
 }  # fmt: skip
 _SUSPICIOUS = 1.3  # mean square of the residuals in units of their noise
 _LEGEND = (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +26,7 @@ from gyrowheel.text.sentences.diagnosis import (
 )
 from gyrowheel.text.sentences.events import tie_of_event
 from gyrowheel.text.sentences.forms import form_sentence, place_text
+from gyrowheel.text.sentences.instruments import instrument_sentence
 from gyrowheel.text.sentences.proof import proof_line
 from gyrowheel.text.sentences.setup import cure, map_lines, problem
 
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
         EffectFinding,
         FreeForm,
     )
+    from gyrowheel_analysis.diagnosis.instruments import InstrumentFinding
     from gyrowheel_analysis.setups.cures import WrongSetup
 
 _COLOURS = {
@@ -105,7 +108,9 @@ def setup_page(found: Sequence[WrongSetup]) -> Iterator[RenderableType]:
 def error_section(result: Diagnosis) -> Iterator[RenderableType]:
     """Yield the error without and with what was found; nothing where there was too little to compare."""
     if result.error is not None:
-        yield heading("Error before and after" if result.effects or result.free_form else "Error")
+        yield heading(
+            "Error before and after" if result.effects or result.instruments or result.free_form else "Error"
+        )
         yield Padding(error_table(result.error), _INDENT)
 
 
@@ -119,6 +124,7 @@ def findings(result: Diagnosis) -> Iterator[RenderableType]:
         yield from sentences(told)
     for finding in result.effects:
         yield from _finding(finding)
+    yield from _instruments(result.instruments)
     for form in result.free_form:
         yield from _free_form(form)
     if result.next_test is not None:
@@ -171,6 +177,29 @@ def _finding(finding: EffectFinding) -> Iterator[RenderableType]:
     yield from sentences([physics(finding), *evidence(finding)])
     for tie in finding.ties:
         yield from sentences([tie_sentence(tie)])
+
+
+def _instruments(found: Sequence[InstrumentFinding]) -> Iterator[RenderableType]:
+    for name, own in itertools.groupby(found, lambda f: f.name):
+        items = list(own)
+        yield Text.assemble((f"\n{name}", "bold cyan"), f"  {items[0].title}")
+        body = words_table("", "")
+        for item in items:
+            shown = with_error(item.value, item.standard_error, item.unit)
+            stated = quantity(item.stated, item.unit) if item.stated else "0"
+            body.add_row(
+                f"{item.channel} {item.quantity.removeprefix('encoder_')}", f"{shown}, stated {stated}"
+            )
+        yield Padding(body, _INDENT)
+        yield from sentences(
+            [
+                items[0].sentence,
+                *(instrument_sentence(item) for item in items),
+                f"without it χ² is {items[0].delta_chi2:.0f} worse, all else fitted again",
+            ]
+        )
+        for tie in items[0].ties:
+            yield from sentences([tie_sentence(tie)])
 
 
 def _free_form(form: FreeForm) -> Iterator[RenderableType]:

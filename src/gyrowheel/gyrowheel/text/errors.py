@@ -31,7 +31,7 @@ def unit_of(noise: Mapping[str, float]) -> dict[str, Unit]:
         if _unit(name) == "V"
         else averages
         if _average(name)
-        else column_unit([value], "N·m")
+        else column_unit([value], _unit(name))
         for name, value in noise.items()
     }
 

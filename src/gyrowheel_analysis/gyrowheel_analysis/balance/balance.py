@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import copy
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance import laws
+from gyrowheel_analysis.balance.instruments import Instruments
 from gyrowheel_analysis.balance.laws import ActiveEffect
 from gyrowheel_analysis.balance.motion import Motion
 from gyrowheel_analysis.balance.quadrature import mean
@@ -32,15 +34,15 @@ from gyrowheel_analysis.channels import GROUPS, in_groups
 from gyrowheel_analysis.reduction import MOTOR_THERMAL, Windows, without_noise
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.declaration import Effect
-from gyrowheel_sim.effects.targets import TORQUE_PARAMETERS, added
+from gyrowheel_sim.effects.targets import INSTRUMENT_PARAMETERS, TORQUE_PARAMETERS, added
 
 __all__ = ["ActiveEffect", "Balance", "Instants"]
 
 Array = NDArray[np.float64]
 
 #: Bench parameters that leave the motion as it is: those that act as a torque, those that turn torques into readings,
-#: and the motor's heat, which acts through effects that know its warmth, if at all.
-_QUICK = {*TORQUE_PARAMETERS, "coil_constant", "motor_resistance", *MOTOR_THERMAL}
+#: the motor's heat, which acts through effects that know its warmth, if at all, and most of those of the instruments.
+_QUICK = {*TORQUE_PARAMETERS, "coil_constant", "motor_resistance", *MOTOR_THERMAL, *INSTRUMENT_PARAMETERS}
 
 
 class Balance:
@@ -151,7 +153,15 @@ class Balance:
 
     def rows_at(self, at: Instants, values: Mapping[str, float]) -> Array:
         """Return the predicted rows of a state (see `predicted`)."""
-        return predicted_rows(at, values, self.windows, self.motion, self.bench, self._channels)
+        return predicted_rows(at, values, self.windows, self.bench, self._channels)
+
+    def motion_at(self, values: Mapping[str, float], effects: Sequence[ActiveEffect]) -> Motion:
+        """Return the true motion, if bench parameters and effects are right: what the instruments did is undone."""
+        own: laws.Laws = {}
+        if any(laws.laws_on(effects, laws.INSTRUMENT)):
+            known = self.motion.quantities_at(self.motion.spin, values) | laws.AT_REST
+            own = laws.evaluated(effects, known, laws.INSTRUMENT)
+        return self.motion.undone(Instruments.of(values, own))
 
     def instants(
         self, values: Mapping[str, float], effects: Sequence[ActiveEffect], near: Instants | None = None
@@ -170,13 +180,14 @@ class Balance:
         near : Instants, optional
             A state from which this one is but the step of a derivative away.
         """
+        motion = self.motion_at(values, effects)
 
         def torques(ripple: Any) -> Instants:
-            return required_torques(self.motion, values, effects, ripple)
+            return required_torques(motion, values, effects, ripple)
 
-        wanted = values["motor_constant"] * self.motion.current
+        wanted = values["motor_constant"] * motion.current
         if self._response is None:
-            self._response = RippleResponse.about(self.motion, self.bench.axial_inertia, wanted, torques)
+            self._response = RippleResponse.about(motion, self.bench.axial_inertia, wanted, torques)
         return self._response.solved(wanted, torques, near)
 
     def changed(
@@ -211,10 +222,17 @@ class Balance:
         new, old = (
             {}
             if given is None
-            else laws.evaluated([ActiveEffect(effect, given)], at.quantities, laws.AFTER, at.joint)
+            else laws.evaluated(
+                [ActiveEffect(effect, given)], at.quantities, laws.AFTER | laws.INSTRUMENT, at.joint
+            )
             for given in (after, before)
         )
         state = at.with_laws(laws.replaced(at.laws, new, old))
+        if targets & laws.INSTRUMENT:
+            other = self._read_by(state, Instruments.of(values, state.laws), values)
+            if other is None:
+                return None
+            state = other
         if targets & laws.TORQUES:
             state = self._pushed(state, law_torques(laws.difference(new, old), values))
         return self.rows_at(state, values)
@@ -245,6 +263,11 @@ class Balance:
         by = {name: after[name] - value for name, value in before.items() if after[name] != value}
         if not by.keys() <= _QUICK:
             return None
+        if by.keys() & set(INSTRUMENT_PARAMETERS):
+            other = self._read_by(at, Instruments.of(after, at.laws), after)
+            if other is None:
+                return None
+            at = other
         if by.keys() & set(MOTOR_THERMAL) and laws.know_warmth_of_motor(effects):
             return None
         if by.keys() & set(TORQUE_PARAMETERS):
@@ -255,6 +278,22 @@ class Balance:
             }
             at = self._pushed(at, bench_torques(changes, at.quantities["Omega"], at.joint))
         return self.rows_at(at, after)
+
+    def _read_by(
+        self, at: Instants, instruments: Instruments, values: Mapping[str, float]
+    ) -> Instants | None:
+        """Return a state with other instruments; None if the true motion is another one then."""
+        assert self._response is not None  # the state was found with it
+        harmonics = bool(np.any(self.windows.tilt_harmonics))
+        if at.motion.instruments.turns_motion(instruments, harmonics=harmonics):
+            return None
+        motion = at.motion.current_read_by(instruments)
+        if motion.current is at.motion.current:
+            return replace(at, motion=motion)
+        wanted = self.motion.harmonics_of(at.motor) + values["motor_constant"] * (
+            motion.current - at.motion.current
+        )
+        return self._response.corrected(replace(at, motion=motion), wanted)
 
     def _pushed(self, at: Instants, torques: Torques) -> Instants:
         """Return a state in which further torques act, with the ripple that belongs to them."""

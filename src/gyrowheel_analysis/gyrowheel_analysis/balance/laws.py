@@ -14,7 +14,13 @@ import numpy as np
 from gyrowheel_sim.effects.code import array_law
 from gyrowheel_sim.effects.declaration import Effect, Law
 from gyrowheel_sim.effects.quantities import T_motor, T_winding
-from gyrowheel_sim.effects.targets import INERTIAS, TARGETS, TORQUE_PARAMETERS, TORQUE_PLACES
+from gyrowheel_sim.effects.targets import (
+    INERTIAS,
+    INSTRUMENT_PARAMETERS,
+    TARGETS,
+    TORQUE_PARAMETERS,
+    TORQUE_PLACES,
+)
 from gyrowheel_sim.mechanics.dynamics import Joint
 
 #: Sum of the laws of every target that has one; of a target with a law for each flexure, a pair.
@@ -33,7 +39,9 @@ READING = frozenset(
 AHEAD = frozenset(
     t.name for t in TARGETS.values() for e in t.enters if e.place == "case_rate" or e.of in INERTIAS
 )
-AFTER = frozenset(TARGETS) - READING - AHEAD
+#: Targets that change an instrument; their laws are constant, and evaluated before everything else.
+INSTRUMENT = frozenset(t.name for t in TARGETS.values() for e in t.enters if e.of in INSTRUMENT_PARAMETERS)
+AFTER = frozenset(TARGETS) - READING - AHEAD - INSTRUMENT
 TORQUES = frozenset(t.name for t in TARGETS.values() for e in t.enters if e.place in TORQUE_PLACES)
 #: Targets of laws whose change makes the state of the balance another one.
 ANEW = READING | AHEAD | {t.name for t in TARGETS.values() for e in t.enters if e.of in TORQUE_PARAMETERS}

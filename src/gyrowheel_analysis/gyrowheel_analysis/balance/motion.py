@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from typing import Any
 
 import numpy as np
 
+from gyrowheel_analysis.balance.instruments import Instruments
 from gyrowheel_analysis.balance.quadrature import NODES, WEIGHTS, at_nodes, summed
 from gyrowheel_analysis.reduction import FORWARD, HARMONICS, MOTOR_THERMAL, Windows
 from gyrowheel_sim.bench import Bench
@@ -49,6 +51,8 @@ class Motion:
         Weights of the amplitude of an order of `FORWARD`.
     ripple_weights : ndarray (nodes, phases)
         Weights of the amplitude at the order of the motor's ripple.
+    instruments : Instruments
+        The instruments whose doing is undone in it.
     quantities : dict
         What the laws know beside the motion, see `effects.quantities`.
     table_rate : ndarray (n, 1, 1)
@@ -59,10 +63,10 @@ class Motion:
         w = self._windows = windows
         self._bench = bench
         half = 0.5 * w.duration[:, None]
-        ripple_order = bench.value("motor_ripple_order")
+        ripple_order = self._ripple_order = bench.value("motor_ripple_order")
         # enough of them that the ripple is not mistaken for its mirror image
         phases = max(_PHASES, round(2.0 * ripple_order) + 4)
-        theta = np.arange(phases) * (2.0 * np.pi / phases)
+        theta = self._phases = np.arange(phases) * (2.0 * np.pi / phases)
         h = np.array(HARMONICS)
         self.wave = np.exp(1j * np.outer(h, theta))
         self.orders = 1j * h
@@ -71,23 +75,8 @@ class Motion:
         self.angle = np.broadcast_to(theta, self.shape)
         self.turn = np.exp(1j * self.angle)
         self.sines, self.cosines = np.sin(self.angle).reshape(-1), np.cos(self.angle).reshape(-1)
-
-        def waves(c: Any, derivative: int = 0) -> Any:
-            """Sum of the harmonics with amplitudes `c` (n, harmonics, nodes), or its derivative by the angle."""
-            return summed(c * ((1j * h) ** derivative)[None, :, None], self.wave)
-
-        a0, a1, a2 = (at_nodes(w.tilt_harmonics, half, d) for d in range(3))
-        self.spin = at_nodes(w.spin, half)[:, :, None]
-        self.spin_rate = at_nodes(w.spin, half, 1)[:, :, None]
-        self.tilt = at_nodes(w.tilt, half)[:, :, None] + waves(a0)
-        # derivatives of the tilt: what does not go with the spin rate, what goes with it, what with its square
-        self._slow_rate, self._turning_rate = at_nodes(w.tilt, half, 1)[:, :, None] + waves(a1), waves(a0, 1)
-        self._slow_acceleration = at_nodes(w.tilt, half, 2)[:, :, None] + waves(a2)
-        self._coriolis, self._centripetal = 2.0 * waves(a1, 1), waves(a0, 2)
-        self.current = at_nodes(w.current_harmonics, half)
-        turning = summed(self.current, self.wave).real
-        ripple = w.current_ripple[:, None] * np.exp(1j * ripple_order * theta)
-        self.current_ripple = turning + 2.0 * ripple.real[:, None, :]
+        self.instruments = Instruments.of(bench.values(), {}).as_perfect()
+        self._read_motion(w)
         share = np.repeat(WEIGHTS[:, None] / (2.0 * phases), phases, axis=1)
         self.weights = np.broadcast_to(share, self.shape)
         self.order_weights = {order: np.exp(-1j * order * theta) * share for order in FORWARD}
@@ -96,7 +85,6 @@ class Motion:
         time = w.middle[:, None] + tau
         self.quantities: dict[str, Any] = {
             "theta_z": self.angle,
-            "i_motor": w.motor_current[:, None, None] + turning,
             "T_coil": (w.coil_temperature[:, None] + w.coil_temperature_rate[:, None] * tau)[:, :, None],
             "T_air": w.air_temperature[:, None, None],
             # the reading of a vacuum may be below zero
@@ -110,8 +98,58 @@ class Motion:
             "t": time[:, :, None],
             **{name: bench.value(parameter) for name, parameter in REFERENCES.items()},
         }
+        self._read_current(w)
         self.table_rate = w.table_rate[:, None, None]
         self._warming = w.motor_temperature_rates[:, :, None] * tau[:, None, :]
+
+    def _read_motion(self, w: Windows) -> None:
+        """Take tilt and spin rate from windows."""
+        half, h = 0.5 * w.duration[:, None], np.array(HARMONICS)
+
+        def waves(c: Any, derivative: int = 0) -> Any:
+            """Sum of the harmonics with amplitudes `c` (n, harmonics, nodes), or its derivative by the angle."""
+            return summed(c * ((1j * h) ** derivative)[None, :, None], self.wave)
+
+        a0, a1, a2 = (at_nodes(w.tilt_harmonics, half, d) for d in range(3))
+        self.spin = at_nodes(w.spin, half)[:, :, None]
+        self.spin_rate = at_nodes(w.spin, half, 1)[:, :, None]
+        self.tilt = at_nodes(w.tilt, half)[:, :, None] + waves(a0)
+        # derivatives of the tilt: what does not go with the spin rate, what goes with it, what with its square
+        self._slow_rate, self._turning_rate = at_nodes(w.tilt, half, 1)[:, :, None] + waves(a1), waves(a0, 1)
+        self._slow_acceleration = at_nodes(w.tilt, half, 2)[:, :, None] + waves(a2)
+        self._coriolis, self._centripetal = 2.0 * waves(a1, 1), waves(a0, 2)
+
+    def _read_current(self, w: Windows) -> None:
+        """Take the current of the motor from windows."""
+        self.current = at_nodes(w.current_harmonics, 0.5 * w.duration[:, None])
+        turning = summed(self.current, self.wave).real
+        ripple = w.current_ripple[:, None] * np.exp(1j * self._ripple_order * self._phases)
+        self.current_ripple = turning + 2.0 * ripple.real[:, None, :]
+        self.quantities = {**self.quantities, "i_motor": w.motor_current[:, None, None] + turning}
+
+    def undone(self, instruments: Instruments) -> Motion:
+        """Return the true motion, where these readings are those of some instruments.
+
+        The non-linearity of the tilt sensors is left to `Instruments.true_tilt`.
+        """
+        if instruments.perfect:
+            return self
+        result = copy(self)
+        result.instruments = instruments
+        result._read_motion(instruments.true_motion(self._windows))
+        result._read_current(instruments.true_current(self._windows))
+        return result
+
+    def current_read_by(self, instruments: Instruments) -> Motion:
+        """Return the motion with the current as other instruments show it; tilt and spin rate stay as they are."""
+        result = copy(self)
+        result.instruments = instruments
+        w = self._windows
+        if (np.any(w.current_harmonics) or np.any(w.current_ripple)) and self.instruments.turns_current(
+            instruments
+        ):
+            result._read_current(instruments.true_current(w))
+        return result
 
     def spin_with(self, ripple: Any) -> tuple[Any, Any]:
         """Return spin rate and acceleration for amplitudes (n, harmonics, nodes) of the rate's ripple [rad/s]."""

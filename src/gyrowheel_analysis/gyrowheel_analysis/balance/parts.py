@@ -73,7 +73,7 @@ def torque_parts(
 
     def at(kept: Sequence[str]) -> Instants:
         only = {name: value if name in kept or name not in acting else 0.0 for name, value in values.items()}
-        return required_torques(balance.motion, only, reading, whole.ripple)
+        return required_torques(whole.motion, only, reading, whole.ripple)
 
     nothing = at(())
     parts = [
@@ -104,11 +104,11 @@ def effect_parts(
         return []
     # a law may also act through a part of the bench: a case that turns through the inertias, a flexure that softens
     reading = _readings(effects)
-    bench = required_torques(balance.motion, values, reading, whole.ripple)
+    bench = required_torques(whole.motion, values, reading, whole.ripple)
     return [
         _part(
             active.effect.name,
-            required_torques(balance.motion, values, [*reading, _only(active, reading=False)], whole.ripple),
+            required_torques(whole.motion, values, [*reading, _only(active, reading=False)], whole.ripple),
             bench,
             whole,
             effect=True,

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.balance.motion import Motion
-from gyrowheel_analysis.balance.quadrature import ACROSS, amplitude, mean
+from gyrowheel_analysis.balance.instruments import Held
+from gyrowheel_analysis.balance.quadrature import ACROSS, WEIGHTS, amplitude, mean
 from gyrowheel_analysis.balance.torques import Instants
 from gyrowheel_analysis.channels import Channel, Quantity
-from gyrowheel_analysis.reduction import FORWARD, Windows
+from gyrowheel_analysis.reduction import FORWARD, HARMONICS, Windows
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.targets import added, changed
 
@@ -29,7 +29,6 @@ def predicted_rows(
     at: Instants,
     values: Mapping[str, float],
     windows: Windows,
-    motion: Motion,
     bench: Bench,
     channels: Sequence[Channel],
 ) -> Array:
@@ -41,14 +40,14 @@ def predicted_rows(
         What the motion needs.
     values : mapping
         Bench parameters by name [SI].
-    windows, motion : Windows, Motion
+    windows : Windows
         The measured motion.
     bench : Bench
         The model's bench, whose constants convert readings to torques.
     channels : sequence of Channel
         The channels, in the order of their rows.
     """
-    state = _Predicted(at, values, windows, motion, bench)
+    state = _Predicted(at, values, windows, bench)
     return np.concatenate([row for c in channels for row in _PREDICTED[c.quantity](state, c)])
 
 
@@ -77,13 +76,17 @@ def _winding_measured(w: Windows, bench: Bench, channel: Channel) -> list[Array]
     return _components(bench.value("motor_resistance") * w.current_ripple)
 
 
+def _angle_measured(w: Windows, bench: Bench, channel: Channel) -> list[Array]:
+    return _components(w.angle_harmonics[:, FORWARD.index(channel.order)])
+
+
 class _Predicted:
     """A state of the balance with what several of its rows are made of."""
 
-    def __init__(
-        self, at: Instants, values: Mapping[str, float], windows: Windows, motion: Motion, bench: Bench
-    ) -> None:
-        self.at, self.values, self.windows, self.motion, self.bench = at, values, windows, motion, bench
+    def __init__(self, at: Instants, values: Mapping[str, float], windows: Windows, bench: Bench) -> None:
+        self.at, self.values, self.windows, self.bench = at, values, windows, bench
+        self.motion, self.instruments = at.motion, at.motion.instruments
+        self.perfect = self.instruments.perfect
 
     @cached_property
     def coil(self) -> Any:
@@ -151,15 +154,24 @@ class _Predicted:
         if channel.group == "average":
             average = mean(self.coil, self.at.weights)
             # what the torque gains from the beginning to the end is missing in the mean of what follows with a lag
-            average = average + self.lag * (self.coil.mean(axis=2) @ ACROSS) / self.windows.duration
+            late = self.lag - self.instruments.lateness("coil_voltage")
+            average = average + late * (self.coil.mean(axis=2) @ ACROSS) / self.windows.duration
             return _components(average + self.mean_of(error))
         lagging = 1.0 + 1j * channel.order * self.windows.mean_spin * self.lag
         weights = self.motion.order_weights[channel.order]
-        return _components(amplitude(self.coil, weights) * lagging + amplitude(error, weights))
+        torque = amplitude(self.coil, weights) * lagging + amplitude(error, weights)
+        return _components(torque * self.shown("coil_voltage", channel.order))
+
+    def shown(self, reading: Held, order: float) -> Any:
+        """Return the amplitude of a reading over the true one, of what turns `order` times as fast as the shaft."""
+        return 1.0 if self.perfect else self.instruments.held(reading, order, self.windows.mean_spin)
 
     def motor_torque(self, channel: Channel) -> list[Array]:
         """Return the torque that the current of the motor stands for."""
         read = self.mean_current + self.mean_of(self.error("motor_current"))
+        if late := self.instruments.lateness("motor_current"):
+            current = self.at.motor.mean(axis=2) / self.values["motor_constant"]
+            read = read - late * (current @ ACROSS) / self.windows.duration
         return [self.bench.value("motor_constant") * read]
 
     def motor_voltage(self, channel: Channel) -> list[Array]:
@@ -167,30 +179,57 @@ class _Predicted:
         weights = self.at.weights
         current = self.at.motor / self.constant
         current = current + (self.mean_current - mean(current, weights))[:, None, None]
-        voltage = mean(self.resistance * current + self.constant * self.at.rate, weights)
+        volts = self.resistance * current + self.constant * self.at.rate
+        voltage = mean(volts, weights)
+        if late := self.instruments.lateness("motor_voltage"):
+            voltage = voltage - late * (volts.mean(axis=2) @ ACROSS) / self.windows.duration
         return [voltage + self.mean_of(self.error("motor_voltage"))]
 
     def shaft_torque(self, channel: Channel) -> list[Array]:
         """Return the torque that accelerates the shaft: the ripple of the speed follows from that of the torque."""
         values = self.values
         shaft = (
-            values["motor_constant"] * (self.windows.current_ripple - self.ripple_of("motor_current"))
+            values["motor_constant"] * (self.current_ripple - self.ripple_of("motor_current"))
             + self.constant_ripple * self.mean_current
         )
         shaft = shaft - amplitude(self.at.motor, self.motion.ripple_weights)
         inertia = values["rotor_inertia_z"] + values["gimbal_inertia_z"] + values["shaft_inertia"]
+        if not self.perfect:
+            shaft = shaft * self.instruments.angle(self.order, self.windows.mean_spin)
         return _components(shaft * (self.bench.axial_inertia / inertia))
+
+    @property
+    def order(self) -> float:
+        """Periods a turn of the motor's ripple."""
+        return self.bench.value("motor_ripple_order")
+
+    @property
+    def current_ripple(self) -> Any:
+        """Amplitude of the true current at that order, by the true angle [A]."""
+        return self.windows.current_ripple / self.shown("motor_current", self.order)
 
     def winding_voltage(self, channel: Channel) -> list[Array]:
         """Return the voltage across the winding: the ripple of the current follows from that of the back-EMF."""
         w, values = self.windows, self.values
-        volts = (
-            w.voltage_ripple - values["motor_constant"] * w.spin_ripple - self.constant_ripple * w.mean_spin
-        )
+        voltage, speed = w.voltage_ripple, w.spin_ripple
+        if not self.perfect:
+            voltage = voltage / self.shown("motor_voltage", self.order)
+            speed = speed / self.instruments.angle(self.order, w.mean_spin)
+        volts = voltage - values["motor_constant"] * speed - self.constant_ripple * w.mean_spin
         volts = volts - amplitude(self.resistance, self.motion.ripple_weights) * self.mean_current
         volts = volts - self.ripple_of("motor_voltage")
         own = self.bench.value("motor_resistance")
-        return _components(volts * (own / values["motor_resistance"]) + own * self.ripple_of("motor_current"))
+        current = volts * (own / values["motor_resistance"]) + own * self.ripple_of("motor_current")
+        return _components(current * self.shown("motor_current", self.order))
+
+    def encoder_angle(self, channel: Channel) -> list[Array]:
+        """Return the angle's reading less its steady growth: the ripple of the speed, and the encoder's error."""
+        order = channel.order
+        place = HARMONICS.index(order)
+        ripple = self.at.ripple[:, place] @ (0.5 * WEIGHTS) / (1j * order * self.windows.mean_spin)
+        # the reading is late for the ripple as it is for the angle itself: only its zero turns what it shows
+        zero = np.exp(-1j * order * self.instruments.values["encoder_zero"])
+        return _components(ripple * zero + self.instruments.encoder(order))
 
 
 _MEASURED: dict[Quantity, Callable[[Windows, Bench, Channel], list[Array]]] = {
@@ -199,6 +238,7 @@ _MEASURED: dict[Quantity, Callable[[Windows, Bench, Channel], list[Array]]] = {
     "motor_voltage": _motor_voltage_measured,
     "shaft_torque": _shaft_measured,
     "winding_voltage": _winding_measured,
+    "encoder_angle": _angle_measured,
 }
 _PREDICTED: dict[Quantity, Callable[[_Predicted, Channel], list[Array]]] = {
     "coil_torque": _Predicted.coil_torque,
@@ -206,6 +246,7 @@ _PREDICTED: dict[Quantity, Callable[[_Predicted, Channel], list[Array]]] = {
     "motor_voltage": _Predicted.motor_voltage,
     "shaft_torque": _Predicted.shaft_torque,
     "winding_voltage": _Predicted.winding_voltage,
+    "encoder_angle": _Predicted.encoder_angle,
 }
 
 

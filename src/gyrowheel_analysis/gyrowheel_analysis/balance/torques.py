@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gyrowheel_analysis.balance.laws import AFTER, AHEAD, AT_REST, ActiveEffect, Laws, evaluated
+from gyrowheel_analysis.balance.laws import AFTER, AHEAD, AT_REST, INSTRUMENT, ActiveEffect, Laws, evaluated
 from gyrowheel_analysis.balance.motion import Motion
 from gyrowheel_analysis.balance.sensor import tilt_reading_error
 from gyrowheel_sim.compiled import compile_kernels
@@ -34,6 +34,8 @@ class Instants:
 
     Attributes
     ----------
+    motion : Motion
+        The true motion.
     ripple : complex ndarray (n, harmonics, nodes)
         Amplitudes of the ripple of the spin rate [rad/s].
     coil, motor : ndarray
@@ -52,6 +54,7 @@ class Instants:
         The spin axis.
     """
 
+    motion: Motion
     ripple: Any
     coil: Any
     motor: Any
@@ -75,7 +78,7 @@ def required_torques(
     Parameters
     ----------
     motion : Motion
-        The measured motion.
+        The measured motion, with what the instruments do to it undone.
     values : mapping
         Bench parameters by name [SI].
     effects : sequence of ActiveEffect
@@ -92,8 +95,9 @@ def required_torques(
     error, error_rate, error_acc = tilt_reading_error(
         effects, q, (motion.tilt - bias) / scale, tilt_rate, tilt_acc, acceleration, motion
     )
-    phi = (motion.tilt - bias - error) / scale
-    phi_rate, phi_acc = (tilt_rate - error_rate) / scale, (tilt_acc - error_acc) / scale
+    phi, phi_rate, phi_acc = motion.instruments.true_tilt(
+        (motion.tilt - bias - error) / scale, (tilt_rate - error_rate) / scale, (tilt_acc - error_acc) / scale
+    )
     ahead = evaluated(effects, q | AT_REST, AHEAD)
     points = _inverse(motion, (phi, phi_rate, phi_acc), rate, acceleration, values, ahead)
     q["z"], q["z_rate"] = points.tilt_x + 1j * points.tilt_y, points.tilt_rate_x + 1j * points.tilt_rate_y
@@ -109,7 +113,7 @@ def required_torques(
         theta_y_rate=points.theta_rate_y,
         inertial=(points.inertial_x, points.inertial_y, points.inertial_z),
     )
-    laws = {**evaluated(effects, q, AFTER, joint), **ahead}
+    laws = {**evaluated(effects, q, AFTER, joint), **ahead, **evaluated(effects, q, INSTRUMENT)}
     own = bench_torques({name: changed(laws, values, name) for name in TORQUE_PARAMETERS}, rate, joint)
     forces = _forces(
         joint,
@@ -126,7 +130,7 @@ def required_torques(
     # a spin angle that is passed quickly takes little time
     weights = motion.weights * motion.spin / rate
     weights = weights / weights.sum(axis=(1, 2), keepdims=True)
-    return Instants(ripple, coil, motor, rate, weights, laws, q, joint, axis)
+    return Instants(motion, ripple, coil, motor, rate, weights, laws, q, joint, axis)
 
 
 class Torques(NamedTuple):

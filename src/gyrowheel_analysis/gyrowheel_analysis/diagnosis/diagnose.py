@@ -13,6 +13,11 @@ import numpy as np
 
 from gyrowheel_analysis.diagnosis.events import DatedEvent, as_events, explain, unused_events, with_sizes
 from gyrowheel_analysis.diagnosis.experiment_design import SETTLED, Planner, Separation, detection_limits
+from gyrowheel_analysis.diagnosis.instruments import (
+    InstrumentFinding,
+    instrument_findings,
+    is_instrument,
+)
 from gyrowheel_analysis.diagnosis.limits import Beyond, beyond
 from gyrowheel_analysis.diagnosis.proof import RANGE, Proof, lack_of_fit, prove
 from gyrowheel_analysis.diagnosis.selection import Finding, select
@@ -210,7 +215,7 @@ class Diagnosis:
     windows : int
         Steady windows in the recordings.
     effects : list of EffectFinding
-        What is missing, strongest first.
+        Physical effects that are missing, strongest first.
     free_form : list of FreeForm
         For ``unknown``: a formula that describes it.
     error : ErrorTable or None
@@ -246,6 +251,8 @@ class Diagnosis:
         By how many of its standard deviations chi-squared of the fit is above what is expected.
     proof : Proof or None
         Whether what was found predicts what was not fitted; None for ``insufficient_data``.
+    instruments : list of InstrumentFinding
+        Instruments that are not as stated, strongest first.
     """
 
     verdict: Verdict
@@ -269,6 +276,12 @@ class Diagnosis:
     beyond: list[Beyond] = field(default_factory=list)
     lack_of_fit: float = 0.0
     proof: Proof | None = None
+    instruments: list[InstrumentFinding] = field(default_factory=list)
+
+    @property
+    def ties(self) -> dict[str, list[TieReport]]:
+        """What ties with each finding, by the names of effects and of instruments."""
+        return {f.name: f.ties for f in self.effects} | {f.name: f.ties for f in self.instruments}
 
 
 @one_thread()
@@ -370,7 +383,7 @@ def diagnose(
     return Diagnosis(
         verdict=verdict,
         windows=fitted.windows,
-        effects=findings,
+        effects=[f for f in findings if not is_instrument(f.name)],
         free_form=[_free_form(proposal, problem)] if proposal else [],
         error=errors.table,
         where=regions(data, problem.bench),
@@ -388,6 +401,12 @@ def diagnose(
         beyond=far,
         lack_of_fit=lack,
         proof=proof,
+        instruments=[
+            wrong
+            for f in findings
+            if is_instrument(f.name)
+            for wrong in instrument_findings(f, problem.bench)
+        ],
     )
 
 

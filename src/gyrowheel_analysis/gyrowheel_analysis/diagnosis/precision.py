@@ -92,7 +92,7 @@ def precision_test(
     problem = prepare(recordings, model, harmonics=not averages, progress=progress).problem
     if progress:
         progress("finding the test that improves the precision most")
-    fit = problem.fit([problem.unknowns.term(f.name) for f in diagnosis.effects])
+    fit = problem.fit([problem.unknowns.term(name) for name in diagnosis.ties])
     now = _relative(fit, weakest.name, fit.covariance)
     tests = []
     for plan in (*SEPARATING_PLANS, *VARIED_PLANS):

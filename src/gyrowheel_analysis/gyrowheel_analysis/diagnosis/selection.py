@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gyrowheel_analysis.diagnosis.limits import is_possible
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.problem import Problem
-from gyrowheel_analysis.fitting.terms import ERRORS, Term
+from gyrowheel_analysis.fitting.terms import ERRORS, Term, is_instrument
 from gyrowheel_analysis.reduction.groups import direction_groups, masks, speed_groups
 
 Array = NDArray[np.float64]
@@ -25,7 +25,8 @@ TIE = 14.0
 ERROR_LIMIT = 5.0
 #: As a tie of a finding it is named from here on: stated uncertainties are at times too small.
 ERROR_TIE = 3.0
-_MOST_TERMS = 4
+_MOST_TERMS = 4  # beside instruments
+_MOST_INSTRUMENTS = 5
 _MOST_SEARCHES = 6  # after which terms that fail are only removed
 #: Increase of chi-squared in cross-validation that chance alone explains.
 _WORSENING = 4.0
@@ -158,9 +159,9 @@ def unsupported(
 
 def _extended(problem: Problem, current: Fit, pool: Sequence[Term], dof: float, say: Progress) -> Fit:
     """Add terms until no further one reaches the threshold."""
-    while len(current.terms) < _MOST_TERMS:
+    while able := _further(current, pool):
         tried = []
-        for gain, term in rank(problem, current, [t for t in pool if t not in current.terms])[:_SHORTLIST]:
+        for gain, term in rank(problem, current, able)[:_SHORTLIST]:
             if gain > 0.4 * threshold(term, 1.0):
                 fit = problem.fit((*current.terms, term), current)
                 if implausible(problem, fit) is None:
@@ -175,6 +176,16 @@ def _extended(problem: Problem, current: Fit, pool: Sequence[Term], dof: float, 
         say(f"{term.name}: gains {current.chi2 - fit.chi2:.0f} in chi-squared")
         current = _eliminated(problem, _swapped(problem, fit, pool), inflation)
     return current
+
+
+def _further(current: Fit, pool: Sequence[Term]) -> list[Term]:
+    """Return what may still be added to a fit."""
+    instruments = sum(map(is_instrument, current.terms))
+    full = {
+        True: instruments >= _MOST_INSTRUMENTS,
+        False: len(current.terms) - instruments >= _MOST_TERMS,
+    }
+    return [t for t in pool if t not in current.terms and not full[is_instrument(t)]]
 
 
 def _fails_cross_validation(problem: Problem, fit: Fit) -> Term | None:
@@ -228,7 +239,7 @@ def rank(problem: Problem, current: Fit, pool: Sequence[Term]) -> list[tuple[flo
     at = problem.measured - current.residual
     result = []
     for term in pool:
-        own = problem.term_jacobian(term, current, at, term.amplitudes)
+        own = problem.amplitude_columns(term, current, at, current.jacobian)
         columns = np.vstack([problem.noise.whiten(own), np.zeros((padding, own.shape[1]))])
         total = np.linalg.norm(columns, axis=0)
         columns = columns - basis @ (basis.T @ columns)

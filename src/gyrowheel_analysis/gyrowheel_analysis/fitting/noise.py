@@ -80,7 +80,11 @@ class Noise:
         return replace(self, events=columns if columns.shape[1] else None)
 
     def on_bench_of(
-        self, balances: Sequence[Balance], predicted: Sequence[Array], values: Mapping[str, float]
+        self,
+        balances: Sequence[Balance],
+        predicted: Sequence[Array],
+        values: Mapping[str, float],
+        lateness: Mapping[str, float] | None = None,
     ) -> Noise:
         """Return the noise on a bench of other values; the same object where it hardly differs.
 
@@ -93,12 +97,14 @@ class Noise:
             As given to `stated`, the rows as predicted with those values.
         values : mapping
             All bench parameters [SI].
+        lateness : mapping, optional
+            By how much readings are late without being stated so [s], by channel (`amplitude_variance`).
         """
         try:
             benches = [balance.bench.with_values(values) for balance in balances]
         except InputError:  # the fit diverged
             return self
-        amplitudes = _amplitudes(balances, predicted, benches)
+        amplitudes = _amplitudes(balances, predicted, benches, lateness)
         other = any(
             np.any(np.abs(np.log(b / a)) > _OTHER) for a, b in zip(self.amplitudes, amplitudes, strict=True)
         )
@@ -229,7 +235,10 @@ def _narrowed(
 
 
 def _amplitudes(
-    balances: Sequence[Balance], predicted: Sequence[Array], benches: Sequence[Bench]
+    balances: Sequence[Balance],
+    predicted: Sequence[Array],
+    benches: Sequence[Bench],
+    lateness: Mapping[str, float] | None = None,
 ) -> tuple[Array, ...]:
     """Return the standard deviations of the rows of the amplitudes of every recording."""
     result = []
@@ -237,6 +246,6 @@ def _amplitudes(
         variances = [np.zeros(0)]
         for channel in in_groups("revolution", "ripple"):
             if channel.rows[0] in balance.rows:
-                variances += [amplitude_variance(balance, bench, rows, channel)] * len(channel.rows)
+                variances += [amplitude_variance(balance, bench, rows, channel, lateness)] * len(channel.rows)
         result.append(np.sqrt(np.concatenate(variances)))
     return tuple(result)

@@ -22,6 +22,8 @@ from gyrowheel_sim.bench import Bench
 
 Array = NDArray[np.float64]
 
+#: Channels whose amplitudes a filter of unknown shape would spoil.
+FILTERED = ("tilt", "coil_voltage")
 #: What counts as within the stated uncertainty of a parameter [standard uncertainties].
 STATED_RANGE = 3.0
 
@@ -103,6 +105,15 @@ class Problem:
     def term_jacobian(self, term: Term, point: Point, at: Array, names: Sequence[str] | None = None) -> Array:
         """Return derivatives by the coefficients of a term, see `Prediction.term_jacobian`."""
         return self.prediction.term_jacobian(term, point, at, names)
+
+    def amplitude_columns(self, term: Term, point: Point, at: Array, nuisance: Array) -> Array:
+        """Return the derivatives by the amplitudes of a term that is not in a point.
+
+        Those that a nuisance unknown has as well are taken from `nuisance` (N, q), its derivatives thereabouts.
+        """
+        if same := self.unknowns.same_as(term):
+            return np.column_stack([nuisance[:, k] / unit for k, unit in (same[n] for n in term.amplitudes)])
+        return self.term_jacobian(term, point, at, term.amplitudes)
 
     def jacobian(self, point: Point, at: Array) -> Array:
         """Return the derivatives of the rows by all unknowns, those by the nuisance unknowns taken as stated."""
@@ -260,15 +271,30 @@ class Problem:
         scales, _ = self.noise.best_scales(rows, np.hstack([own, self.prediction.candidate_columns]))
         return self.with_scales(scales)
 
+    def _found_late(self, fit: Fit) -> dict[str, float]:
+        """Return by how much the terms of a fit make readings late [s], by channel."""
+        late: dict[str, float] = {}
+        for term in fit.terms:
+            if term.effect is None:
+                continue
+            for channel in FILTERED:
+                if term.name == f"{channel}_delay":
+                    late[channel] = late.get(channel, 0.0) + fit.coefficients[term.name]["d"]
+                elif term.name == f"{channel}_filter":
+                    poles = self.bench.value(f"{channel}_filter_order")
+                    late[channel] = late.get(channel, 0.0) + poles * fit.coefficients[term.name]["t_f"]
+        return late
+
     def reweighed(self, fit: Fit) -> Problem:
         """Return the problem with the noise of the machine that a fit describes; this one where it hardly differs.
 
         See `Noise.on_bench_of` and `Balance.cleared`.
         """
         values = self.unknowns.values(fit)
-        noise = self.noise.on_bench_of(self.balances, self.prediction.split(self.predict(fit)), values)
+        effects = self.unknowns.effects(fit)
+        rows = self.prediction.split(self.predict(fit))
+        noise = self.noise.on_bench_of(self.balances, rows, values, self._found_late(fit))
         if noise is self.noise:
             return self
-        effects = self.unknowns.effects(fit)
         balances = [balance.cleared(values, effects) for balance in self.balances]
         return replace(self, prediction=self.prediction.with_measured(balances), noise=noise)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.effects import Effect, physical
+from gyrowheel_sim.effects import Effect, physical, registry
 from gyrowheel_sim.effects.sizes import for_bench
 
 #: Bench parameters whose error is a finding of its own name: {finding: groups that move by one common factor}.
@@ -47,3 +47,13 @@ def candidate_terms(bench: Bench) -> list[Term]:
     """Return every physical effect, as usual on a bench, and every parameter error that can be a finding."""
     effects = [Term(name, for_bench(effect, bench)) for name, effect in physical().items()]
     return effects + [Term(name) for name in parameter_errors(bench)]
+
+
+def is_instrument(term: Term) -> bool:
+    """Whether a term is an instrument that is not as stated."""
+    return term.effect is not None and term.effect.category == "instrument"
+
+
+def instrument_terms() -> list[Term]:
+    """Return every instrument that may not be as stated; its size is the same on every bench."""
+    return [Term(name, effect) for name, effect in registry().items() if is_instrument(Term(name, effect))]

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance.balance import ActiveEffect
 from gyrowheel_analysis.fitting.fit import Point
-from gyrowheel_analysis.fitting.terms import ERRORS, Term, candidate_terms
+from gyrowheel_analysis.fitting.terms import ERRORS, Term, candidate_terms, instrument_terms, is_instrument
 from gyrowheel_analysis.reduction import MOTOR_THERMAL
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import Effect, EffectValues, registry
 from gyrowheel_sim.effects.sizes import for_bench
+from gyrowheel_sim.effects.targets import INSTRUMENT_PARAMETERS
 from gyrowheel_sim.parameter import Parameter
 
 Array = NDArray[np.float64]
@@ -40,6 +41,7 @@ NUISANCE_GROUPS = (
     "tilt_bias_x",
     "tilt_bias_y",
     "tilt_scale",
+    *INSTRUMENT_PARAMETERS,
 )
 _HELD = 1.0e4  # inverse prior deviation of an unknown that is held at its prior value
 _RELATIVE_ERROR_BOUNDS = (-0.9, 10.0)
@@ -148,13 +150,13 @@ class Unknowns:
         return self._known_at(point.nuisance).get(term.name)
 
     def candidates(self) -> list[Term]:
-        """Return every term that may be missing: registered effects, and errors of parameters that can be a finding.
+        """Return every term that may be missing: effects, instruments, and errors of parameters that can be a finding.
 
         An effect of the model is among them, for its coefficients may be wrong. As a term it replaces what the model
         has of it.
         """
         own = [Term(name, self.library[name]) for name in self.known if name not in registry()]
-        return candidate_terms(self.bench) + own
+        return candidate_terms(self.bench) + instrument_terms() + own
 
     def null(self, term: Term) -> dict[str, float]:
         """Return the coefficients for which a term changes nothing: those of the model if it has the effect."""
@@ -181,18 +183,43 @@ class Unknowns:
         """Return the inverse prior deviations of all unknowns and the list of the coefficients among them.
 
         The error of a parameter has no prior. Where it is the error of one group alone, the deviation of that group
-        means the same and is held at zero. Shapes keep the uncertainty that their declaration states.
+        means the same and is held at zero; so it is where an instrument is not as stated. Shapes keep the uncertainty
+        that their declaration states.
         """
         columns = [(t.name, name) for t in terms for name in t.coefficients]
         inverse = [1.0] * self.count
+        places = {name: k for k, (name, _) in enumerate(self.nuisances)}
         for term in terms:
-            groups = ERRORS[term.name] if term.effect is None else ()
-            if len(groups) == 1:
-                inverse[[name for name, _ in self.nuisances].index(groups[0])] = _HELD
+            for group in self._replaced(term):
+                if group in places:
+                    inverse[places[group]] = _HELD
             for name in term.coefficients:
                 shape = term.effect is not None and name not in term.amplitudes
                 inverse.append(1.0 / self.scale(term, name) if shape else 0.0)
         return np.array(inverse), columns
+
+    def same_as(self, term: Term) -> dict[str, tuple[int, float]]:
+        """Return which nuisance unknowns mean the same as coefficients of a term: an instrument that is not as stated.
+
+        Returns
+        -------
+        dict of str to (int, float)
+            By coefficient, the number of the unknown and its unit [unit of the coefficient]. Empty where one of the
+            coefficients has no such unknown.
+        """
+        if not is_instrument(term) or term.effect is None:
+            return {}
+        places = {name: (k, own[0].uncertainty) for k, (name, own) in enumerate(self.nuisances)}
+        found = {str(law.expression): places[law.target] for law in term.effect.laws if law.target in places}
+        return found if set(found) == set(term.coefficients) else {}
+
+    @staticmethod
+    def _replaced(term: Term) -> tuple[str, ...]:
+        """Return the groups of bench parameters whose deviations mean the same as the coefficients of a term."""
+        if term.effect is None:
+            groups = ERRORS[term.name]
+            return groups if len(groups) == 1 else ()
+        return tuple(law.target for law in term.effect.laws if law.target in INSTRUMENT_PARAMETERS)
 
     def centre(self, terms: Sequence[Term]) -> Array:
         """Return the prior centre of all unknowns."""

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.channels import Channel
 from gyrowheel_analysis.fitting.drift import DriftCovariance
-from gyrowheel_analysis.reduction import FORWARD
+from gyrowheel_analysis.reduction import FORWARD, HARMONICS
+from gyrowheel_analysis.reduction.windows import MEAN, MODULATION
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.sizes import torque_scale
 
@@ -20,6 +23,12 @@ MODEL_RELATIVE = 5.0e-4
 MODEL_ABSOLUTE = 4.0e-6
 #: Accuracy of the ripple of the speed while the tilt moves [N m].
 MODEL_RIPPLE = 1.0e-4
+#: By how much the response of a filter may differ from that of a delay and a pole that are as late, for a phase of one
+#: radian; it goes with the cube of the phase. A Butterworth filter of two poles differs from a delay by 0.17.
+SHAPE = 0.1
+#: Accuracy of the ripple of the angle itself: part of it, and a constant part [rad].
+MODEL_ANGLE = 5.0e-3
+_ANGLE_FLOOR = 1.0e-6
 _VOLTAGE_FLOOR = 1e-14  # V², of the amplitude of a voltage
 
 
@@ -34,7 +43,13 @@ def average_covariance(balance: Balance, predicted: Array, channel: Channel, row
     return _AVERAGES[channel.quantity](balance, np.abs(predicted[balance.row(row)]))
 
 
-def amplitude_variance(balance: Balance, bench: Bench, predicted: Array, channel: Channel) -> Array:
+def amplitude_variance(
+    balance: Balance,
+    bench: Bench,
+    predicted: Array,
+    channel: Channel,
+    lateness: Mapping[str, float] | None = None,
+) -> Array:
     """Return the variance of each part of an amplitude in every window.
 
     Parameters
@@ -47,9 +62,20 @@ def amplitude_variance(balance: Balance, bench: Bench, predicted: Array, channel
         The predicted rows.
     channel : Channel
         A channel of the group ``revolution`` or ``ripple``.
+    lateness : dict of str to float, optional
+        By how much readings are late without being stated so [s], by channel. The filter that makes them late has an
+        unknown shape.
     """
     size = np.hypot(*(predicted[balance.row(row)] for row in channel.rows))
-    return np.asarray(_AMPLITUDES[channel.quantity](balance, bench, size, channel.order))
+    variance = np.asarray(_AMPLITUDES[channel.quantity](balance, bench, size, channel.order))
+    if not lateness or channel.quantity != "coil_torque":
+        return variance
+    w, order = balance.windows, channel.order
+    turn = order * w.mean_spin
+    wobble = np.abs(w.tilt_harmonics[:, HARMONICS.index(order)] @ MEAN[:MODULATION])
+    for reading, torque in (("coil_voltage", size), ("tilt", _resistance(balance, bench, order) * wobble)):
+        variance = variance + (SHAPE * np.abs(turn * lateness.get(reading, 0.0)) ** 3 * torque) ** 2
+    return variance
 
 
 def _coil_average(balance: Balance, rows: Array) -> DriftCovariance:
@@ -90,13 +116,26 @@ def _spin_acceleration(balance: Balance) -> tuple[Array, Array]:
 
 def _coil_amplitude(balance: Balance, bench: Bench, size: Array, order: int) -> Array:
     v, w = bench.value, balance.windows
-    # torque that a reading of the tilt once or twice a revolution stands for
-    inertia = v("rotor_inertia_x") + 0.5 * v("gimbal_inertia_x")
-    stiffness = 0.5 * (v("flexure_stiffness_x") + v("flexure_stiffness_y"))
-    stiff = np.abs(stiffness + (order * bench.precession_inertia - order**2 * inertia) * w.mean_spin**2)
+    stiff = _resistance(balance, bench, order)
     white = (v("coil_constant") * w.noise("coil_voltage_noise")) ** 2 + (stiff * w.noise("tilt_noise")) ** 2
     white = white * w.harmonic_variance[:, FORWARD.index(order)] / w.samples
     return np.asarray(white + _absolute(balance) ** 2 + (MODEL_RELATIVE * size) ** 2)
+
+
+def _resistance(balance: Balance, bench: Bench, order: int) -> Array:
+    """Return the torque that a tilt once or twice a revolution takes, over the tilt [N m/rad]."""
+    v = bench.value
+    inertia = v("rotor_inertia_x") + 0.5 * v("gimbal_inertia_x")
+    stiffness = 0.5 * (v("flexure_stiffness_x") + v("flexure_stiffness_y"))
+    spin = balance.windows.mean_spin
+    return np.abs(stiffness + (order * bench.precession_inertia - order**2 * inertia) * spin**2)
+
+
+def _angle_amplitude(balance: Balance, bench: Bench, size: Array, order: int) -> Array:
+    w = balance.windows
+    # the two signs of a harmonic of a real reading share its noise
+    white = 0.5 * w.noise("spin_angle_noise") ** 2 * w.harmonic_variance[:, FORWARD.index(order)] / w.samples
+    return np.asarray(white + _ANGLE_FLOOR**2 + (MODEL_ANGLE * size) ** 2)
 
 
 def _shaft_amplitude(balance: Balance, bench: Bench, size: Array, order: int) -> Array:
@@ -137,4 +176,5 @@ _AMPLITUDES = {
     "coil_torque": _coil_amplitude,
     "shaft_torque": _shaft_amplitude,
     "winding_voltage": _winding_amplitude,
+    "encoder_angle": _angle_amplitude,
 }

@@ -83,6 +83,7 @@ def planned_windows(plan: Plan, bench: Bench) -> Windows:
                     "motor_temperature_rates": np.zeros(2),
                     "temperature_sensitivity": np.zeros((2, len(MOTOR_THERMAL))),
                     "coil_harmonics": np.zeros(len(FORWARD), dtype=complex),
+                    "angle_harmonics": np.zeros(len(FORWARD), dtype=complex),
                     "harmonic_variance": np.ones(len(FORWARD)),
                     "spin_ripple": 0.0j,
                     "current_ripple": 0.0j,

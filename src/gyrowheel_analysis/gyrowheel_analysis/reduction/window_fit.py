@@ -158,6 +158,7 @@ def fit_window(
         "motor_temperature_rates": heating / duration,
         "temperature_sensitivity": interpolated(heat[0], heat[2], 0.5 * (begin + end)),
         "coil_harmonics": harmonics[_COIL, forward] @ mean * held,
+        "angle_harmonics": _harmonics(turned[:, smooth:])[0, forward] @ mean,
         "harmonic_variance": len(time) * _wave_variance(gram[degree:, degree:], mean),
         "spin_ripple": spin_ripple,
         "current_ripple": current_ripple,

@@ -67,6 +67,8 @@ class Windows:
         Derivatives of these temperatures by the parameters of `MOTOR_THERMAL`.
     coil_harmonics : complex ndarray (n, 2)
         Amplitudes of exp(i h theta_z) in the coil voltages x + i y as they act between two samples, h in `FORWARD` [V].
+    angle_harmonics : complex ndarray (n, 2)
+        Amplitudes of exp(i h theta_z) in the reading of the angle less its smooth part, h in `FORWARD` [rad].
     harmonic_variance : ndarray (n, 2)
         Variance of these amplitudes, and of those of the tilt, relative to that of a mean: above one where a window
         has so few revolutions that harmonics and slow motion are hard to separate.
@@ -106,6 +108,7 @@ class Windows:
     motor_temperature_rates: Array
     temperature_sensitivity: Array
     coil_harmonics: NDArray[np.complex128]
+    angle_harmonics: NDArray[np.complex128]
     harmonic_variance: Array
     spin_ripple: NDArray[np.complex128]
     current_ripple: NDArray[np.complex128]
@@ -140,6 +143,7 @@ class Windows:
             "spin": (0, DEGREE),
             "current_harmonics": harmonics,
             "coil_harmonics": (0, len(FORWARD)),
+            "angle_harmonics": (0, len(FORWARD)),
             "harmonic_variance": (0, len(FORWARD)),
             "motor_temperatures": (0, 2),
             "motor_temperature_rates": (0, 2),

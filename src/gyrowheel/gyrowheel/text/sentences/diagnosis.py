@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from gyrowheel.text.quantities import is_pure, quantity
 from gyrowheel.text.sentences.events import drift_sentence, event_sentence
 from gyrowheel.text.sentences.forms import form_sentence
+from gyrowheel.text.sentences.instruments import instrument_sentence
 from gyrowheel.text.sentences.residuals import growth_sentence
 from gyrowheel.text.sentences.setup import problem
 from gyrowheel_core.quantities import listed
@@ -104,10 +105,16 @@ def _verdict(found: Diagnosis) -> str:
         return f"{what} is missing that no known effect explains{formula.rstrip('.')}."
     if found.verdict == "ambiguous":
         choices = [_either([named(f), *(named(tie) for tie in f.ties)]) for f in found.effects]
-        return f"Missing: {'; and '.join(choices)}. These recordings do not separate them."
+        choices += [
+            _either([f"{f.title} ({f.name})", *(named(tie) for tie in f.ties)])
+            for f in {f.name: f for f in found.instruments}.values()
+        ]
+        begin = "Missing" if found.effects else "Not as stated"
+        return f"{begin}: {'; and '.join(choices)}. These recordings do not separate them."
     if found.verdict == "insufficient_data":
         return f"These recordings do not show whether anything is missing: {_too_little(found)}."
-    return " ".join(_named_effects(found.effects))
+    said = [instrument_sentence(f) for f in found.instruments]
+    return " ".join([*_named_effects(found.effects), *said])
 
 
 def _fails_elsewhere(found: Diagnosis) -> bool:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from gyrowheel.text.quantities import quantity, seconds
 from gyrowheel.text.sentences.diagnosis import named, verdict_sentence
+from gyrowheel.text.sentences.instruments import instrument_open, instrument_sentence
 from gyrowheel_core.quantities import listed
 
 if TYPE_CHECKING:
@@ -22,11 +23,13 @@ def learned(found: Diagnosis, ruled_out: Sequence[str]) -> list[str]:
         said = [f"Something acts that no known effect explains.{formula}"]
     elif found.verdict == "ambiguous":
         said = [_open(finding) for finding in found.effects]
+        said += [instrument_open(finding) for finding in found.instruments]
     elif found.verdict == "effect":
         said = [f"Found: {named(finding)}, {_size(finding)}." for finding in found.effects]
+        said += [instrument_sentence(finding) for finding in found.instruments]
     else:
         said = [verdict_sentence(found)]
-    if ruled_out and found.effects:
+    if ruled_out and (found.effects or found.instruments):
         said.append(f"{listed(ruled_out, 'and')} {'is' if len(ruled_out) == 1 else 'are'} ruled out.")
     return said
 

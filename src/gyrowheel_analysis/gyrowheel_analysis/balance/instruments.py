@@ -1,0 +1,231 @@
+"""What the instruments make of the true motion and voltages, and how it is undone.
+
+A reading shows its quantity late and weakened by the filter before its converter, and the angle by which everything
+that turns is told apart has errors of its own. What turns with the shaft is told by its amplitude of
+exp(i h angle); the reading's amplitude over the true one is one complex number for every channel and order
+(`Instruments.smooth`, `Instruments.held`). What moves slowly is shifted in time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from gyrowheel_analysis.reduction import HARMONICS, Windows
+from gyrowheel_sim.effects.targets import INSTRUMENT_PARAMETERS, added
+from gyrowheel_sim.instruments.response import held_response, smooth_response
+
+Smooth = Literal["tilt", "spin_angle"]
+Held = Literal["coil_voltage", "motor_voltage", "motor_current"]
+
+#: Parameters of instruments that change the motion that goes into the balance; the others turn rows alone.
+OF_MOTION = frozenset(
+    (
+        "tilt_delay",
+        "tilt_filter_time",
+        "spin_angle_delay",
+        "encoder_zero",
+        "tilt_cubic",
+        "tilt_cross_talk",
+    )
+)
+#: Of these, the ones that show in nothing but what turns with the shaft, the tilt's rate being small.
+_OF_HARMONICS = OF_MOTION - {"tilt_cubic", "tilt_cross_talk"}
+#: Part of the tilt by which sensors err, up to which one round, and two, find the tilt that they show.
+_SMALL, _LARGE = 1.0e-3, 3.0e-2
+
+
+@dataclass(frozen=True)
+class Instruments:
+    """The instruments of a bench, with what effects change in them.
+
+    Attributes
+    ----------
+    values : dict of str to float
+        Delay and time constant of every channel, errors of encoder and tilt sensors, by bench parameter [SI].
+    orders : dict of str to int
+        Number of poles of every filter, by channel.
+    period : float
+        Sampling period [s].
+    ripple_order : float
+        Periods a turn of the motor's ripple.
+    """
+
+    values: Mapping[str, float]
+    orders: Mapping[str, int]
+    period: float
+    ripple_order: float
+
+    @classmethod
+    def of(cls, values: Mapping[str, float], laws: Mapping[str, Any]) -> Instruments:
+        """Return the instruments of bench parameters and laws."""
+        found = {
+            name: float(np.mean(added(laws, values, "offset", name, start=values[name])))
+            for name in INSTRUMENT_PARAMETERS
+        }
+        orders = {
+            name.removesuffix("_filter_time"): round(values[name.replace("_time", "_order")])
+            for name in INSTRUMENT_PARAMETERS
+            if name.endswith("_filter_time")
+        }
+        return cls(found, orders, values["sample_period"], values["motor_ripple_order"])
+
+    def as_perfect(self) -> Instruments:
+        """Return instruments that show what is, when it is."""
+        return replace(self, values=dict.fromkeys(self.values, 0.0))
+
+    @property
+    def perfect(self) -> bool:
+        """Whether every reading shows what is, when it is."""
+        return not any(self.values.values())
+
+    def turns_motion(self, other: Instruments, *, harmonics: bool) -> bool:
+        """Whether the true motion differs between these instruments and others.
+
+        Parameters
+        ----------
+        other : Instruments
+            The others.
+        harmonics : bool
+            Whether the readings of the tilt have a part that turns with the shaft.
+        """
+        names = OF_MOTION if harmonics else OF_MOTION - _OF_HARMONICS
+        return any(self.values[name] != other.values[name] for name in names)
+
+    def turns_current(self, other: Instruments) -> bool:
+        """Whether the true current differs between these instruments and others."""
+        return any(
+            self.values[name] != other.values[name]
+            for name in self.values
+            if name.startswith(("motor_current", "spin_angle", "encoder"))
+        )
+
+    def phase(self, spin: Any) -> Any:
+        """Return by how much the true angle at a stamp is ahead of the reading [rad], its ripple aside."""
+        return spin * self.values["spin_angle_delay"] - self.values["encoder_zero"]
+
+    def smooth(self, channel: Smooth, order: float, spin: Any) -> Any:
+        """Return amplitude of the reading over true amplitude of exp(i order angle), for a smooth quantity."""
+        return self._turned(
+            order, spin, smooth_response(order * spin, *self._chain(channel)) if self._acts(channel) else 1.0
+        )
+
+    def held(self, channel: Held, order: float, spin: Any) -> Any:
+        """Return the same for a quantity that is held for each sampling period."""
+        own = (
+            held_response(order * spin, *self._chain(channel), period=self.period)
+            if self._acts(channel)
+            else 1.0
+        )
+        return self._turned(order, spin, own)
+
+    def angle(self, order: float, spin: Any) -> Any:
+        """Return the same for what is read at the stamp itself."""
+        return self._turned(order, spin, 1.0)
+
+    def _turned(self, order: float, spin: Any, response: Any) -> Any:
+        if self.values["spin_angle_delay"] == 0.0 and self.values["encoder_zero"] == 0.0:
+            return response
+        return response * np.exp(1j * order * self.phase(spin))
+
+    def _chain(self, channel: str) -> tuple[float, float, int]:
+        """Return delay, time constant and number of poles of a channel."""
+        return (
+            self.values[f"{channel}_delay"],
+            self.values.get(f"{channel}_filter_time", 0.0),
+            self.orders.get(channel, 1),
+        )
+
+    def _acts(self, channel: str) -> bool:
+        delay, time, _ = self._chain(channel)
+        return delay != 0.0 or time != 0.0
+
+    def lateness(self, channel: str) -> float:
+        """Return by how much a reading shows what moves slowly late [s]."""
+        delay, time, order = self._chain(channel)
+        return delay + order * time
+
+    def encoder(self, order: int) -> complex:
+        """Return the amplitude of exp(i order angle) in the error of the angle reading [rad], once or twice a turn."""
+        times = {1: "once", 2: "twice"}.get(abs(order))
+        if times is None:
+            return 0.0j
+        x, y = self.values[f"encoder_{times}_x"], self.values[f"encoder_{times}_y"]
+        return 0.5 * complex(x, -y if order > 0 else y)
+
+    def true_motion(self, windows: Windows) -> Windows:
+        """Return windows in which tilt and spin rate are the true ones, harmonics by the true angle."""
+        spin, half = windows.mean_spin, 0.5 * windows.duration
+        late = self.lateness("tilt")
+        harmonics = windows.tilt_harmonics
+        if np.any(harmonics):
+            one = np.ones(len(windows), dtype=complex)
+            turned = np.stack([one / self.smooth("tilt", h, spin) for h in HARMONICS], axis=1)
+            harmonics = self._unmixed(
+                turned[:, :, None] * (harmonics + late * _rate(harmonics, half[:, None, None]))
+            )
+        return replace(
+            windows,
+            tilt=windows.tilt + late * _rate(windows.tilt, half[:, None]),
+            tilt_harmonics=harmonics,
+            spin=windows.spin + self.values["spin_angle_delay"] * _rate(windows.spin, half[:, None]),
+        )
+
+    def true_current(self, windows: Windows) -> Windows:
+        """Return windows in which the harmonics and the ripple of the current are the true ones, by the true angle."""
+        spin = windows.mean_spin
+        one = np.ones(len(windows), dtype=complex)
+        turned = np.stack([one / self.held("motor_current", h, spin) for h in HARMONICS], axis=1)
+        return replace(
+            windows,
+            current_harmonics=self._unmixed(turned[:, :, None] * windows.current_harmonics),
+            current_ripple=windows.current_ripple / self.held("motor_current", self.ripple_order, spin),
+        )
+
+    def _unmixed(self, amplitudes: Any) -> Any:
+        """Return amplitudes (n, harmonics, terms) by the true angle from those by a reading with errors in a turn."""
+        errors = {k: self.encoder(k) for k in HARMONICS}
+        if not any(errors.values()):
+            return amplitudes
+        mixing = np.array(
+            [[1j * h * errors.get(to - h, 0.0) if to != h else 1.0 for h in HARMONICS] for to in HARMONICS]
+        )
+        return np.einsum("th,nhk->ntk", mixing, amplitudes)
+
+    def true_tilt(self, reading: Any, rate: Any, acceleration: Any) -> tuple[Any, Any, Any]:
+        """Return the tilt that sensors with cubic error and cross-talk show so, and its two derivatives.
+
+        Parameters
+        ----------
+        reading, rate, acceleration : complex ndarray
+            The reading with its zero and scale taken out, and its derivatives [rad], [rad/s], [rad/s²].
+        """
+        cubic, cross = self.values["tilt_cubic"], self.values["tilt_cross_talk"]
+        if cubic == 0.0 and cross == 0.0:
+            return reading, rate, acceleration
+        # sensors that share the tilt alike: two equations, solved at once
+        z, dz, ddz = (
+            (part - 1j * cross * np.conj(part)) / (1.0 - cross**2) for part in (reading, rate, acceleration)
+        )
+        if cubic == 0.0:
+            return z, dz, ddz
+        size = 3.0 * abs(cubic) * float(np.abs(z).max(initial=0.0)) ** 2
+        straight, straight_rate, straight_acceleration = z, dz, ddz
+        for _ in range(1 if size < _SMALL else 2 if size < _LARGE else 4):
+            x, y, dx, dy = z.real, z.imag, dz.real, dz.imag
+            x2, y2 = 3.0 * x * x, 3.0 * y * y
+            error = cubic * (x2 * x + 1j * (y2 * y)) / 3.0
+            first = cubic * (x2 * dx + 1j * (y2 * dy))
+            second = cubic * (6.0 * x * dx * dx + x2 * ddz.real + 1j * (6.0 * y * dy * dy + y2 * ddz.imag))
+            z, dz, ddz = straight - error, straight_rate - first, straight_acceleration - second
+        return z, dz, ddz
+
+
+def _rate(polynomial: Any, half: Any) -> Any:
+    """Return the time derivative of polynomials in x over the last axis, with as many terms."""
+    result = np.zeros_like(polynomial)
+    result[..., :-1] = polynomial[..., 1:] * np.arange(1, polynomial.shape[-1])
+    return result / half
