@@ -45,6 +45,9 @@ Array = NDArray[np.float64]
 _QUICK = {*TORQUE_PARAMETERS, "coil_constant", "motor_resistance", *MOTOR_THERMAL, *INSTRUMENT_PARAMETERS}
 
 
+_STEP = 1.0e-3  # of the reference tilt: step of a derivative by a parameter that is stated as exact
+
+
 class Balance:
     """Predicted and measured rows of a set of windows.
 
@@ -83,6 +86,7 @@ class Balance:
         self.rows = tuple(row for channel in self._channels for row in channel.rows)
         self.motion = Motion(self.windows, bench)
         self._response: RippleResponse | None = None
+        self._derivatives: dict[str, Array] = {}
         self.measured = measured_rows(self.windows, bench, self._channels)
         if clean:
             self.measured = self._without_noise(bench.values(), [])
@@ -103,6 +107,17 @@ class Balance:
         result = copy(self)
         result.measured = self._without_noise(values, effects)
         return result
+
+    def by_parameter(self, name: str) -> Array:
+        """Return the derivative of the predicted rows (N,) by a parameter of the bench, with everything as stated."""
+        if name not in self._derivatives:
+            values = self.bench.values()
+            step = self.bench.parameters[name].uncertainty or _STEP * self.bench.value("tilt_reference")
+            at = self.instants(values, [])
+            moved = {**values, name: values[name] + step}
+            there = self.rows_at(self.instants(moved, [], at), moved)
+            self._derivatives[name] = (there - self.rows_at(at, values)) / step
+        return self._derivatives[name]
 
     def with_measured(self, rows: Array) -> Balance:
         """Return the balance with other measured rows (N,)."""

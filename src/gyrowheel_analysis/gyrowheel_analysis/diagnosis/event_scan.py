@@ -31,6 +31,7 @@ _DRIFT_STEPS = 5
 _RAISED = 1.05  # scale of a drift that counts as enlarged
 _BREAKS = 28  # times at which a trend may begin or end
 _SHORTEST_TREND = 8.0  # s; anything shorter is a step
+_BESIDE = 3  # windows at least before and after a burst
 #: Gain that a kind must bring beyond its number of places, so that the simplest kind is taken where two serve.
 _PRICE: dict[Kind, float] = {"step": 0.0, "burst": 3.0, "trend": 3.0}
 PREFERRED = 6.0  # likelihood by which a quantity must be better than a simpler one
@@ -251,6 +252,9 @@ def _profiles(start: Array, duration: Array) -> list[Profiles]:
         Profiles("step", [(float(t),) for t in between], (np.arange(n) >= steps[:, None]).astype(np.float64))
     ]
     first, last = (part + 1 for part in np.triu_indices(n - 1, k=1))
+    # a burst with hardly anything before or after it is a step
+    within = (first >= _BESIDE) & (last <= n - _BESIDE)
+    first, last = first[within], last[within]
     if len(first):
         edges = [(float(between[a - 1]), float(between[b - 1])) for a, b in zip(first, last, strict=True)]
         result.append(_Bursts(edges, first, last))

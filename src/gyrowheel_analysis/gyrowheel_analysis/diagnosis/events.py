@@ -20,7 +20,6 @@ from gyrowheel_analysis.fitting.terms import Term
 from gyrowheel_analysis.recording import Recording, parted
 from gyrowheel_analysis.reduction import readable
 from gyrowheel_analysis.reduction.onset import onset
-from gyrowheel_sim.bench import Bench
 
 Array = NDArray[np.float64]
 
@@ -30,6 +29,7 @@ _MOST = 6
 _ROUNDS = 3  # of selecting effects beside events and looking for events beside effects
 _SAME = 1.0  # s; an event that moves by less is the same
 _FINE = 0.1  # s between the edges that are tried within windows
+_NEAR = 5.0  # s within which another change may be the same event
 _TIE = 14.0  # gain within which another quantity explains an event as well
 #: Readings whose shift looks like a torque in every window.
 _READINGS = {"torque_x": ("coil_voltage_x",), "torque_y": ("coil_voltage_y",)}
@@ -197,18 +197,42 @@ def find(problem: Problem, fit: Fit, recordings: Sequence[Recording]) -> list[Fo
         best = _simplest(candidates)
         if best.score < THRESHOLD:
             break
-        event, errors = _dated(evidence, best.event, recordings[best.event.recording], problem.bench)
-        ties = tuple(
-            dict.fromkeys(
-                c.event.quantity
-                for c in candidates
-                if c.event.quantity != best.event.quantity
-                and c.event.recording == best.event.recording
-                and c.gain > best.gain - _TIE
-            )
-        )
-        found.append(Found(event, errors, best.gain, ties))
+        dated = _dated(evidence, best.event, recordings[best.event.recording])
+        if best.event.kind == "trend" and (steps := [c for c in candidates if _may_be(c, best.event)]):
+            # a step within a window looks like a short trend
+            step = _dated(evidence, steps[0].event, recordings[best.event.recording])
+            dated = step if step.gain > dated.gain - PREFERRED else dated
+        if any(_alike(dated.event, f.event) for f in found):
+            break
+        found.append(Found(dated.event, dated.errors, dated.gain, _ties(candidates, best.event, best.gain)))
     return found
+
+
+def _may_be(candidate: Candidate, trend: Event) -> bool:
+    """Whether a candidate is a step that may be what a trend shows."""
+    e = candidate.event
+    return (e.kind, e.recording, e.quantity) == ("step", trend.recording, trend.quantity) and (
+        trend.time - _NEAR < e.time < trend.end + _NEAR
+    )
+
+
+def _alike(left: Event, right: Event) -> bool:
+    """Whether two events are the same change of the same quantity."""
+    same = (left.recording, left.quantity, left.kind) == (right.recording, right.quantity, right.kind)
+    return same and all(abs(a - b) < _SAME for a, b in zip(left.edges, right.edges, strict=True))
+
+
+def _ties(candidates: Sequence[Candidate], event: Event, gain: float) -> tuple[str, ...]:
+    """Return other quantities of which a change at the same time brings nearly as much."""
+    near = [
+        c.event.quantity
+        for c in candidates
+        if c.gain > gain - _TIE
+        and c.event.quantity != event.quantity
+        and (c.event.recording, c.event.kind) == (event.recording, event.kind)
+        and all(abs(a - b) < _NEAR for a, b in zip(c.event.edges, event.edges, strict=True))
+    ]
+    return tuple(dict.fromkeys(near))
 
 
 def accepted(problem: Problem, fit: Fit, recordings: Sequence[Recording]) -> list[Found]:
@@ -260,37 +284,64 @@ def _simplest(candidates: Sequence[Candidate]) -> Candidate:
     return min(serving, key=lambda c: (order.index(c.event.quantity), -c.score))
 
 
-def _dated(
-    evidence: Evidence, event: Event, recording: Recording, bench: Bench
-) -> tuple[Event, tuple[float, ...]]:
-    """Return an event with its edges as exactly as windows and samples show them, and their standard errors [s]."""
+@dataclass(frozen=True)
+class _Dated:
+    """An event with its edges as exactly as they are seen, their standard errors [s], and its gain."""
+
+    event: Event
+    errors: tuple[float, ...]
+    gain: float
+
+
+def _dated(evidence: Evidence, event: Event, recording: Recording) -> _Dated:
+    """Return an event with its edges as exactly as windows and samples show them."""
+    bench = evidence.problem.bench
+    data, _, _ = readable(samples_of(recording), bench)
     windows = evidence.problem.balances[event.recording].windows
     start, stop = windows.start, windows.start + windows.duration
-    data, _, _ = readable(samples_of(recording), bench)
     edges, errors = list(event.edges), [0.0] * len(event.edges)
-    trend = event.kind == "trend"
-    # the edges of a trend depend on each other
-    for k in (0, 1, 0, 1) if trend else range(len(edges)):
+    ranges = []
+    # the edges of a trend or a burst depend on each other
+    for k in (0,) if event.kind == "step" else (0, 1, 0, 1):
         after = int(np.searchsorted(start, edges[k]))
-        reach = 4 if trend else 1
+        reach = 4 if event.kind == "trend" else 2 if event.quantity.startswith("tilt_reading") else 1
         begin = float(start[max(after - reach, 0)])
         end = float(stop[min(after + reach - 1, len(stop) - 1)])
         edges[k], errors[k] = _by_windows(evidence, event.at(*edges), k, begin, end)
-        if not trend:
-            seen = onset(data, bench, event.quantity, begin, end)
-            if seen is not None:
-                edges[k], errors[k] = seen
-    return event.at(*edges), tuple(errors)
+        ranges.append((k, begin, end))
+    by_windows = _Dated(event.at(*edges), tuple(errors), _gain(evidence, event.at(*edges)))
+    if event.kind == "trend":
+        return by_windows
+    for k, begin, end in ranges:
+        other = edges[1 - k] if event.kind == "burst" else None
+        seen = onset(data, bench, event.quantity, begin, end, other)
+        if seen is not None:
+            edges[k], errors[k] = seen
+    if len(edges) > 1 and edges[1] <= edges[0]:
+        return by_windows
+    by_samples = _Dated(event.at(*edges), tuple(errors), _gain(evidence, event.at(*edges)))
+    return by_samples if by_samples.gain > by_windows.gain - PREFERRED else by_windows
+
+
+def _gain(evidence: Evidence, *events: Event) -> float:
+    """Return the largest gain of events of one quantity and kind in one recording."""
+    return float(_gains(evidence, events).max())
+
+
+def _gains(evidence: Evidence, events: Sequence[Event]) -> Array:
+    first = events[0]
+    w = evidence.problem.balances[first.recording].windows
+    weights = np.array([event.profile(w.start, w.duration) for event in events])
+    profiles = Profiles(first.kind, [event.edges for event in events], weights)
+    return evidence.gains(first.quantity, first.recording, profiles)
 
 
 def _by_windows(evidence: Evidence, event: Event, k: int, begin: float, end: float) -> tuple[float, float]:
     """Return the likeliest time of edge `k` between two times, and its standard error [s]."""
-    w = evidence.problem.balances[event.recording].windows
     span = np.arange(begin, end, _FINE * (5.0 if event.kind == "trend" else 1.0))
     edges = [tuple(t if i == k else own for i, own in enumerate(event.edges)) for t in span.tolist()]
     edges = [own for own in edges if len(own) == 1 or own[1] > own[0] + _FINE]
-    weights = np.array([event.at(*own).profile(w.start, w.duration) for own in edges])
-    gains = evidence.gains(event.quantity, event.recording, Profiles(event.kind, edges, weights))
+    gains = _gains(evidence, [event.at(*own) for own in edges])
     likely = np.exp(0.5 * (gains - gains.max()))
     times = np.array([own[k] for own in edges])
     mean = float(likely @ times / likely.sum())

@@ -93,7 +93,8 @@ def expected_chi2(problem: Problem) -> float:
     """
     design = problem.noise.whiten(problem.base_jacobian)
     singular = np.linalg.svd(design, compute_uv=False)
-    fitted = len(problem.events) + float((singular**2 / (1.0 + singular**2)).sum())
+    freed = 0 if problem.noise.events is None else problem.noise.events.shape[1]
+    fitted = freed + float((singular**2 / (1.0 + singular**2)).sum())
     return len(problem.measured) - fitted
 
 

@@ -16,12 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance.balance import Balance
+from gyrowheel_analysis.channels import in_groups
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.sizes import torque_scale
 
 Array = NDArray[np.float64]
 Kind = Literal["step", "trend", "burst"]
 
+#: Quantities of which a jump looks like a motion.
+_MOTION = ("tilt_reading_x", "tilt_reading_y")
 _TORQUE = 1.0e-3  # N m on the default bench: size of a large event
 
 
@@ -38,7 +41,7 @@ class EventQuantity:
     drifts : tuple of str
         Readings whose drifts its rows carry.
     rows : callable
-        Gives the rows (of the averages, by name) of a balance in which the quantity is larger by one unit.
+        Gives the rows (by name) of a balance in which the quantity is larger by one unit.
     width : callable
         Gives a large size of it on a bench.
     """
@@ -119,6 +122,28 @@ def event_columns(balances: Sequence[Balance], events: Sequence[Event]) -> Array
     return columns
 
 
+def edge_columns(balances: Sequence[Balance], events: Sequence[Event], deviation: Array) -> Array:
+    """Return a column for every row of the windows in which something changes, (N, rows) [standard deviations].
+
+    A jump in a reading of the tilt disturbs what is fitted there as a smooth motion. Such a window counts for nothing.
+    """
+    edges = np.cumsum([0, *(len(b) for b in balances)])
+    rows: list[int] = []
+    for event in events:
+        w, count = balances[event.recording].windows, len(balances[event.recording].rows)
+        if event.kind == "trend" or event.quantity not in _MOTION:
+            continue
+        for edge in event.edges:
+            inside = np.flatnonzero((w.start < edge) & (edge < w.start + w.duration))
+            rows += [
+                int(edges[event.recording]) + row * len(w) + int(k) for k in inside for row in range(count)
+            ]
+    rows = sorted(set(rows))
+    columns = np.zeros((len(deviation), len(rows)))
+    columns[rows, np.arange(len(rows))] = deviation[rows]
+    return columns
+
+
 def event_widths(bench: Bench, events: Sequence[Event]) -> Array:
     """Return a generous size of every event on a bench."""
     return np.array([QUANTITIES[event.quantity].width(bench) for event in events])
@@ -155,6 +180,24 @@ def _coil(balance: Balance) -> NDArray[np.complex128]:
     return np.asarray(balance.bench.value("coil_constant") * balance.windows.coil_voltage)
 
 
+def _gain(balance: Balance) -> dict[str, Array]:
+    """Return the rows of coils that give more torque per volt: they need less voltage, at all harmonics."""
+    turning = [
+        row
+        for channel in in_groups("revolution")
+        if channel.quantity == "coil_torque"
+        for row in channel.rows
+        if row in balance.rows
+    ]
+    return _on_case(_coil(balance)) | {row: -balance.measured[balance.row(row)] for row in turning}
+
+
+def _by_bias(balance: Balance, name: str) -> dict[str, Array]:
+    """Return the rows of a reading of the tilt that is larger by one unit."""
+    rows = balance.by_parameter(name)
+    return {row: rows[balance.row(row)] for row in balance.rows}
+
+
 def _torque(bench: Bench) -> float:
     return _TORQUE * torque_scale(bench)
 
@@ -187,7 +230,15 @@ _ALL = (
         "torque_across_tilt", "N*m", ("coil_voltage",), lambda b: _on_case(1j * _tilt(b) * _speed(b)), _torque
     ),
     EventQuantity(
-        "coil_gain", "1", ("coil_voltage",), lambda b: _on_case(_coil(b)), lambda bench: 0.02
+        "coil_gain", "1", ("coil_voltage",), _gain, lambda bench: 0.02
+    ),
+    EventQuantity(
+        "tilt_reading_x", "rad", ("coil_voltage",), lambda b: _by_bias(b, "tilt_bias_x"),
+        lambda bench: 0.02 * bench.value("tilt_reference"),
+    ),
+    EventQuantity(
+        "tilt_reading_y", "rad", ("coil_voltage",), lambda b: _by_bias(b, "tilt_bias_y"),
+        lambda bench: 0.02 * bench.value("tilt_reference"),
     ),
     EventQuantity(
         "winding_resistance", "1", ("motor_voltage",),

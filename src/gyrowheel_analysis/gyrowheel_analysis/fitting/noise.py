@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -24,6 +25,8 @@ Array = NDArray[np.float64]
 #: A drift smaller than stated is not accepted: a few windows may show little of a slow drift by chance.
 SCALE_BOUNDS = (1.0, 8.0)
 _SCALE_SPREAD = 0.7  # of the logarithm of a drift's scale before the recording is seen
+#: Sizes of events are fitted freely, whatever is generous; the likelihood counts them as if they had that size.
+_FLAT = 1.0e3
 _OTHER = 0.25  # change of the logarithm of a standard deviation from which on the noise counts as different
 
 
@@ -191,8 +194,10 @@ class Noise:
         cost : float
             Minus twice the log likelihood of the amplitudes.
         """
+        flat = 0.0
         if self.events is not None:
-            regressors = np.hstack([regressors, self.events])
+            regressors = np.hstack([regressors, _FLAT * self.events])
+            flat = 2.0 * math.log(_FLAT) * self.events.shape[1]
         blocks: list[tuple[DriftCovariance, str]] = []
         kept: list[Any] = []
         start = 0
@@ -205,7 +210,8 @@ class Noise:
             start += len(deviation)
         averages = np.concatenate(kept) if kept else np.zeros(0, dtype=int)
         turning = np.setdiff1d(np.arange(start), averages)
-        return blocks, *_narrowed(residual, regressors, averages, turning, self.amplitudes)
+        residual, regressors, cost = _narrowed(residual, regressors, averages, turning, self.amplitudes)
+        return blocks, residual, regressors, cost - flat
 
 
 def scale_cost(scales: Mapping[str, float]) -> float:

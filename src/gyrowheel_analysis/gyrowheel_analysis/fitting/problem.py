@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from gyrowheel_analysis.balance.balance import Balance
-from gyrowheel_analysis.fitting.events import Event, event_columns, event_widths
+from gyrowheel_analysis.fitting.events import Event, edge_columns, event_columns, event_widths
 from gyrowheel_analysis.fitting.fit import Fit, Point
 from gyrowheel_analysis.fitting.noise import Noise
 from gyrowheel_analysis.fitting.prediction import Prediction
@@ -130,17 +130,26 @@ class Problem:
     def with_events(self, events: Sequence[Event]) -> Problem:
         """Return the problem with other events, whose sizes are fitted along."""
         columns = event_columns(self.balances, events) * event_widths(self.bench, events)
+        columns = np.hstack([columns, edge_columns(self.balances, events, self.noise.deviation())])
         return replace(
             self, noise=self.noise.with_events(columns), events=tuple(events), removed=(0.0,) * len(events)
         )
 
     def event_sizes(self, fit: Fit) -> tuple[Array, Array]:
         """Return the sizes of the events (events,) [SI] beside a fit, and their covariance."""
-        widths = event_widths(self.bench, self.events)
-        columns = self.noise.whitened(event_columns(self.balances, self.events) * widths)
+        if self.noise.events is None:
+            return np.zeros(0), np.zeros((0, 0))
+        widths, count = event_widths(self.bench, self.events), len(self.events)
+        columns, edges = np.split(self.noise.whitened(self.noise.events), [count], axis=1)
         inverse, _ = self.unknowns.prior(fit.terms)
-        others = np.vstack([self.noise.whitened(fit.jacobian), np.diag(inverse)])
-        own = np.vstack([columns, np.zeros((len(inverse), len(self.events)))])
+        rest = np.zeros((len(inverse), edges.shape[1]))
+        others = np.hstack(
+            [
+                np.vstack([self.noise.whitened(fit.jacobian), np.diag(inverse)]),
+                np.vstack([edges, rest]),
+            ]
+        )
+        own = np.vstack([columns, np.zeros((len(inverse), count))])
         size = np.linalg.norm(others, axis=0)
         size[size == 0.0] = 1.0
         basis, _ = np.linalg.qr(others / size)

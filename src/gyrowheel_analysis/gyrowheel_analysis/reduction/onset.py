@@ -56,7 +56,9 @@ class _Series:
     of_rate: bool
 
 
-def onset(data: Samples, bench: Bench, quantity: str, begin: float, end: float) -> tuple[float, float] | None:
+def onset(
+    data: Samples, bench: Bench, quantity: str, begin: float, end: float, other: float | None = None
+) -> tuple[float, float] | None:
     """Return the instant at which a quantity changed, and its standard error [s].
 
     Parameters
@@ -69,6 +71,8 @@ def onset(data: Samples, bench: Bench, quantity: str, begin: float, end: float) 
         What changed, see `fitting.events.QUANTITIES`.
     begin, end : float
         Between which times it changed [s].
+    other : float, optional
+        When it changed back, or had changed the other way before [s].
 
     Returns
     -------
@@ -98,6 +102,8 @@ def onset(data: Samples, bench: Bench, quantity: str, begin: float, end: float) 
     values = left_of(series.values)
     step = np.diff(series.time, prepend=series.time[0])[:, None]
     on = np.clip((series.time[:, None] - at) / np.maximum(step, 1.0e-9), 0.0, 1.0)
+    if other is not None:
+        on = on - np.clip((series.time[:, None] - other) / np.maximum(step, 1.0e-9), 0.0, 1.0)
     columns = series.change[:, None] * on
     columns = left_of(np.cumsum(columns * step, axis=0) if series.of_rate else columns)
     along = np.real(columns.conj().T @ values)
@@ -211,7 +217,8 @@ def _tilt_momentum(time: Array, own: Readings, bench: Bench, quantity: str, turn
         "torque_across_tilt": 1j * z * spin,
         "coil_gain": coil,
     }
-    if quantity not in changes:
+    jumps = {"tilt_reading_x": 1j * inertia * spin, "tilt_reading_y": -inertia * spin}
+    if quantity not in changes | jumps:
         return None
     values = np.cumsum(coil * steps) + 1j * inertia * spin * axis - across * rate
     further = [
@@ -230,7 +237,7 @@ def _tilt_momentum(time: Array, own: Readings, bench: Bench, quantity: str, turn
             for tilt in (z, z.conj())
         ),
     ]
-    return values, changes[quantity], True, further
+    return values, (changes | jumps)[quantity], quantity in changes, further
 
 
 def _steps(time: Array) -> Array:
