@@ -99,7 +99,7 @@ def beyond(problem: Problem, fit: Fit, terms: Sequence[Term]) -> list[Beyond]:
     terms : sequence of Term
         The findings in it. Free forms have no usual size.
     """
-    found = _parameters(problem, fit, terms)
+    found = _parameters(problem, fit)
     for term in terms:
         found += _unusual(fit, term)
     order = ("impossible", "unusual", "not_as_stated")
@@ -127,29 +127,23 @@ def _unusual(fit: Fit, term: Term) -> list[Beyond]:
     return result
 
 
-def _parameters(problem: Problem, fit: Fit, terms: Sequence[Term]) -> list[Beyond]:
+def _parameters(problem: Problem, fit: Fit) -> list[Beyond]:
+    """Return what is wrong with the bench parameters, one a group: its members move together."""
     result = []
     values = problem.unknowns.values(fit)
-    for index, (_, parameters) in enumerate(problem.unknowns.nuisances):
+    for index, (group, parameters) in enumerate(problem.unknowns.nuisances):
         error = math.sqrt(max(float(fit.covariance[index, index]), 0.0))
         away = float(fit.nuisance[index])
         for p in parameters:
             margin = MARGIN * error * p.uncertainty
             low, high = physical_range(p.name)
             value = values[p.name]
+            name = p.name if len(parameters) == 1 else group
             if value + margin < low or value - margin > high:
                 limit = low if value < low else high
-                result.append(Beyond("impossible", p.name, "", value, limit, p.unit, 0.0))
-            elif abs(away) - MARGIN * error > FAR_STATED:
-                result.append(
-                    Beyond(
-                        "not_as_stated",
-                        p.name,
-                        "",
-                        value,
-                        p.value,
-                        p.unit,
-                        abs(value - p.value) / p.uncertainty,
-                    )
-                )
+                result.append(Beyond("impossible", name, "", value, limit, p.unit, 0.0))
+                break
+            if abs(away) - MARGIN * error > FAR_STATED:
+                result.append(Beyond("not_as_stated", name, "", value, p.value, p.unit, abs(away)))
+                break
     return result
