@@ -204,4 +204,4 @@ def test_instruments_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     found = judged(LATE, monkeypatch, instruments=[Named("coil_voltage_delay"), Named("encoder_zero")])
     small = judged(replace(LATE, sizes={"coil_voltage_delay": 1.0}), monkeypatch)
     content = Summary.of(1, 2, [found, replace(small, index=1)]).to_json()["instrument"]
-    assert content == {"n": 2, "detectable": 1, "named": 1, "tied": 0, "wrong": 1, "missed": 0}
+    assert content == {"n": 2, "detectable": 1, "named": 1, "tied": 0, "wrong": 0, "named_falsely": 1}

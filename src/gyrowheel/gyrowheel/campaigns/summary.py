@@ -175,7 +175,10 @@ class Summary:
         }
 
     def _reality(self) -> dict[str, Any]:
-        """Return the counts of instruments and events, if there were any; all but ``n`` are of the detectable."""
+        """Return the counts of instruments and events, if there were any.
+
+        Named, tied and wrong are among the detectable and add up to them, and so do dated and missed.
+        """
         result: dict[str, Any] = {}
         wrong = [name for c in self.cases for name in c.instruments_wrong]
         if self.instruments or wrong:
@@ -186,8 +189,8 @@ class Summary:
                 "detectable": len(seen),
                 "named": how["named"],
                 "tied": how["tied"],
-                "wrong": len(wrong),
-                "missed": how["missed"],
+                "wrong": how["missed"],
+                "named_falsely": len(wrong),
             }
         if self.events:
             visible = [e for e in self.events if e.detectable]
