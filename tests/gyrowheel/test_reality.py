@@ -111,12 +111,8 @@ class Told:
     time_error: float = 0.3
 
 
-def judged(
-    secret: Secret, monkeypatch: pytest.MonkeyPatch, *, kind: str = "none", **answer: Any
-) -> judge.Judged:
-    told = diagnosis("effect", *answer.pop("effects", ()), events=answer.pop("events", []))
-    instruments = answer.pop("instruments", [])
-    monkeypatch.setattr(judge, "_named_instruments", lambda _: instruments)
+def judged(secret: Secret, *, kind: str = "none", **answer: Any) -> judge.Judged:
+    told = diagnosis("effect", *answer.pop("effects", ()), **answer)
     case = next(c for c in cases(CAMPAIGN, 9) if c.kind == kind)
     return judge.judge(case, secret, told)
 
@@ -124,52 +120,47 @@ def judged(
 LATE = Secret(Scenario(), sizes={"coil_voltage_delay": 8.0}, instruments={"coil_voltage_delay": {"d": 3e-4}})
 
 
-def test_a_wrong_instrument_is_named_tied_or_missed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_wrong_instrument_is_named_tied_or_missed() -> None:
     how: dict[str, dict[str, Any]] = {
         "named": {"instruments": [Named("coil_voltage_delay")]},
         "tied": {"instruments": [Named("coil_voltage_filter", [tie("coil_voltage_delay", None)])]},
         "missed": {},
     }
     for expected, answer in how.items():
-        case = judged(LATE, monkeypatch, **answer)
+        case = judged(LATE, **answer)
         assert [item.found for item in case.instruments] == [expected]
         assert case.right
         assert not case.instruments_wrong
-    other = judged(LATE, monkeypatch, instruments=[Named("encoder_zero")])
+    other = judged(LATE, instruments=[Named("encoder_zero")])
     assert other.instruments_wrong == ["encoder_zero"]
     assert not other.right
 
 
-def test_an_effect_in_place_of_an_instrument_is_an_alarm_unless_it_is_a_tie(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    alarm = judged(LATE, monkeypatch, effects=[finding("coil_inductance")])
+def test_an_effect_in_place_of_an_instrument_is_an_alarm_unless_it_is_a_tie() -> None:
+    alarm = judged(LATE, effects=[finding("coil_inductance")])
     assert alarm.outcome == "misnamed"
     assert not alarm.right
-    honest = judged(LATE, monkeypatch, effects=[finding("coil_inductance", tie("coil_voltage_delay"))])
+    honest = judged(LATE, effects=[finding("coil_inductance", tie("coil_voltage_delay"))])
     assert honest.outcome == "tied"
     assert [item.found for item in honest.instruments] == ["tied"]
     assert Summary.of(1, 2, [alarm, replace(honest, index=1)]).false_alarms.count == 1
 
 
-def test_an_effect_beside_a_wrong_instrument_counts_for_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_effect_beside_a_wrong_instrument_counts_for_itself() -> None:
     secret = replace(
         LATE, truth={"coil_inductance": {"t_L": 3e-4}}, sizes={**LATE.sizes, "coil_inductance": 5.0}
     )
     both = judged(
-        secret, monkeypatch, kind="single",
+        secret, kind="single",
         effects=[finding("coil_inductance")], instruments=[Named("coil_voltage_delay")],
     )  # fmt: skip
     assert both.outcome == "exact"
     imitated = judged(
-        secret, monkeypatch, kind="single",
+        secret, kind="single",
         instruments=[Named("coil_voltage_delay", [tie("coil_inductance", "survey")])],
     )  # fmt: skip
     assert imitated.outcome == "tied"
-    assert (
-        judged(secret, monkeypatch, kind="single", instruments=[Named("coil_voltage_delay")]).outcome
-        == "missed"
-    )
+    assert judged(secret, kind="single", instruments=[Named("coil_voltage_delay")]).outcome == "missed"
 
 
 @pytest.mark.parametrize(
@@ -182,16 +173,14 @@ def test_an_effect_beside_a_wrong_instrument_counts_for_itself(monkeypatch: pyte
         ("burst", [], False),
     ],
 )
-def test_an_event_must_be_dated(
-    shape: Any, told: list[Told], dated: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_event_must_be_dated(shape: Any, told: list[Told], dated: bool) -> None:
     name = f"torque_{shape}"
     secret = Secret(Scenario(), sizes={name: 4.0}, event=HiddenEvent(name, shape, 40.0, 60.0))
-    case = judged(secret, monkeypatch, kind="event", events=told)
+    case = judged(secret, kind="event", events=told)
     assert case.event is not None
     assert case.event.dated is dated
     assert case.right is dated
-    swallowed = judged(secret, monkeypatch, kind="event", events=told, effects=[finding("windage")])
+    swallowed = judged(secret, kind="event", events=told, effects=[finding("windage")])
     assert not swallowed.right
     content = Summary.of(1, 1, [case]).to_json()
     assert content["event"] == {"n": 1, "detectable": 1, "dated": int(dated), "missed": int(not dated)}
@@ -200,8 +189,8 @@ def test_an_event_must_be_dated(
     assert "dated within 2 s" in page
 
 
-def test_instruments_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    found = judged(LATE, monkeypatch, instruments=[Named("coil_voltage_delay"), Named("encoder_zero")])
-    small = judged(replace(LATE, sizes={"coil_voltage_delay": 1.0}), monkeypatch)
+def test_instruments_are_counted() -> None:
+    found = judged(LATE, instruments=[Named("coil_voltage_delay"), Named("encoder_zero")])
+    small = judged(replace(LATE, sizes={"coil_voltage_delay": 1.0}))
     content = Summary.of(1, 2, [found, replace(small, index=1)]).to_json()["instrument"]
     assert content == {"n": 2, "detectable": 1, "named": 1, "tied": 0, "wrong": 0, "named_falsely": 1}

@@ -266,21 +266,18 @@ def judge(case: Case, secret: Secret, answer: Diagnosis) -> Judged:
     )
 
 
-def _named_instruments(answer: Diagnosis) -> list[Any]:
-    return list(getattr(answer, "instruments", ()))
-
-
 def _alternatives(answer: Diagnosis) -> dict[str, list[str]]:
     """Return the instruments named with their ties; one of several parameters is named once for each."""
     result: dict[str, list[str]] = {}
-    for finding in _named_instruments(answer):
+    for finding in answer.instruments:
         result.setdefault(finding.name, []).extend(tie.name for tie in finding.ties)
     return result
 
 
 def _instruments(secret: Secret, answer: Diagnosis) -> list[InstrumentJudged]:
-    named = {f.name for f in _named_instruments(answer)}
-    tied = {tie.name for f in (*answer.effects, *_named_instruments(answer)) for tie in f.ties}
+    named = {f.name for f in answer.instruments}
+    every = [*(f.ties for f in answer.effects), *(f.ties for f in answer.instruments)]
+    tied = {tie.name for ties in every for tie in ties}
     return [
         InstrumentJudged(
             name, secret.sizes[name], "named" if name in named else "tied" if name in tied else "missed"
@@ -348,7 +345,7 @@ def _outcome(case: Case, secret: Secret, answer: Diagnosis) -> Outcome:
     left, tests = found
     left &= {*truth}
     # an effect that an instrument imitates may be an alternative of that instrument
-    of_instruments = {tie.name: tie.separating_plan for f in _named_instruments(answer) for tie in f.ties}
+    of_instruments = {tie.name: tie.separating_plan for f in answer.instruments for tie in f.ties}
     tests += [of_instruments[name] for name in sorted(left) if name in of_instruments]
     left -= of_instruments.keys()
     if left:

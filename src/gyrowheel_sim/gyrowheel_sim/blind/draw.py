@@ -33,13 +33,17 @@ KINDS: dict[Kind, float] = {"none": 0.2, "single": 0.5, "pair": 0.2, "outside": 
 def draw_machine(bench: Bench, rng: np.random.Generator) -> dict[str, float]:
     """Draw the true bench parameters within their standard uncertainties; a group varies by one factor.
 
-    The instruments are as stated.
+    The instruments come from a stream of their own: a seed draws the same machine, whatever a bench states of them.
     """
+    (apart,) = rng.spawn(1)
     values: dict[str, float] = {}
     for group in bench.groups().values():
-        if group[0].name not in INSTRUMENTS:
-            factor = float(np.clip(rng.standard_normal(), -2.5, 2.5))
-            values.update({p.name: p.value + factor * p.uncertainty for p in group})
+        own = apart if group[0].name in INSTRUMENTS else rng
+        factor = float(np.clip(own.standard_normal(), -2.5, 2.5))
+        for p in group:
+            value = p.value + factor * p.uncertainty
+            # no filter is faster than none
+            values[p.name] = max(value, 0.0) if p.name.endswith("_filter_time") else value
     return values
 
 
