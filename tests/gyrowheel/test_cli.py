@@ -301,7 +301,7 @@ def test_a_key_is_drawn_once_and_used_again(gyrowheel: Shell, tmp_path: Path):
     plan, key = write(tmp_path / "plan.yaml", SHORT_PLAN), tmp_path / "key.json"
     gyrowheel.good("simulate", "--plan", plan, "-o", tmp_path / "a", "--blind", key, "--seed", 3)
     drawn = key.read_text()
-    assert set(json.loads(drawn)) == {"values", "effects"}
+    assert set(json.loads(drawn)) == {"values", "effects", "machine"}
     gyrowheel.good("simulate", "--plan", plan, "-o", tmp_path / "b", "--blind", key, "--seed", 4)
     assert key.read_text() == drawn
 

@@ -7,9 +7,7 @@ import shlex
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
-import yaml
 
 import gyrowheel as gw
 from gyrowheel.origins import machine_options, note_machine, noted_machine
@@ -59,10 +57,8 @@ def test_name_of_a_hidden_machine_says_nothing_of_it(gyrowheel: Shell, tmp_path:
     # drawn apart from what is hidden
     gyrowheel.good("simulate", "--plan", plan, "--blind", tmp_path / "a.json", "-o", tmp_path / "again")
     assert gw.Recording.open(tmp_path / "again").info.machine == names[0]
-    note = (tmp_path / "a" / "metadata.yaml").read_text()
-    assert f"--blind {tmp_path}/a.json --seed 4" in " ".join(note.split())
-    for hidden in keys[0]["effects"]:
-        assert hidden not in note
+    note = (tmp_path / ".machines" / names[1]).read_text()
+    assert note == f"--blind {tmp_path}/b.json --seed 4\n"
 
 
 @pytest.fixture(scope="module")
@@ -117,21 +113,16 @@ def test_next_goes_on_with_the_same_machine_and_settles_the_tie(gyrowheel: Shell
     assert [item["name"] for item in found["effects"]] == ["gravity_offset"]
 
 
-def test_note_is_for_the_command_line_alone(machines: Path, tmp_path: Path) -> None:
+def test_note_stands_beside_the_recording_and_is_words(machines: Path, tmp_path: Path) -> None:
     given = gw.Recording.open(machines / "drag1").save(tmp_path / "drag1")
-    before = gw.Recording.open(given.path).data
-    note_machine(given.path, machine_options(effect=["windage:w=0.001"], machine=1, bench="my bench.yaml"))
-    assert noted_machine([given.path]) == "--effect windage:w=0.001 --machine 1 --bench 'my bench.yaml'"
-    after = gw.Recording.open(given.path).data
-    assert np.array_equal(after.measurement, before.measurement)
-    assert "windage" not in repr(vars(after))
-    file = given.path / "metadata.yaml"
-    content = yaml.safe_load(file.read_text())
-    content["rosbag2_bagfile_information"]["custom_data"] = {"gyrowheel_machine": "--effect x; rm -rf $HOME"}
-    file.write_text(yaml.safe_dump(content))
-    # whatever stands in a recording, the line to type is one command
-    assert noted_machine([given.path]) == "--effect 'x;' rm -rf '$HOME'"
-    assert noted_machine([tmp_path / "nowhere"]) == ""
+    before = {file: file.read_bytes() for file in given.path.iterdir()}
+    note_machine(given, machine_options(effect=["windage:w=0.001"], machine=1, bench="my bench.yaml"))
+    assert noted_machine([given]) == "--effect windage:w=0.001 --machine 1 --bench 'my bench.yaml'"
+    assert {file: file.read_bytes() for file in given.path.iterdir()} == before
+    (tmp_path / ".machines" / given.info.machine).write_text("--effect x; rm -rf $HOME\n")
+    # whatever stands there, the line to type is one command
+    assert noted_machine([given]) == "--effect 'x;' rm -rf '$HOME'"
+    assert noted_machine([gw.Recording.open(machines / "other2")]) == ""
 
 
 @pytest.mark.slow

@@ -207,7 +207,6 @@ def pursue(
     InputError
         If there is nothing to begin with, or the first plans take more time than there is.
     """
-    from gyrowheel.inputs import require_one_machine
     from gyrowheel.text.sentences.investigation import learned
     from gyrowheel_analysis.diagnosis.diagnose import diagnose
     from gyrowheel_analysis.recording import Recording
@@ -239,7 +238,6 @@ def pursue(
             run(plan, path, place)
             made.append(path)
             recordings.append(Recording.open(path))
-            require_one_machine(recordings)
         before = done.steps[-1].diagnosis if done.steps else None
         with listener.working("diagnosing") as say:
             found = diagnose(recordings, model, averages=done.averages, progress=say)
@@ -295,8 +293,10 @@ def _next(
     progress: Callable[[str], None],
 ) -> Wanted | tuple[bool, str]:
     """Return the test that what is open asks for; else whether all is settled, and why it ends."""
-    from gyrowheel.text.sentences.diagnosis import purpose
+    from gyrowheel.text.sentences.diagnosis import purpose, verdict_sentence
 
+    if found.setup:
+        return False, verdict_sentence(found).rstrip(".")
     ran = [name for step in done.steps for name in step.plans] + [plan.called for plan in now]
 
     def fresh(plan: str) -> bool:

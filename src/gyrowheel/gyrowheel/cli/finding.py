@@ -102,6 +102,7 @@ def diagnose(
     """Find which effect a model lacks, with the evidence, the alternatives and the detection limits."""
     import gyrowheel as gw
     from gyrowheel.inputs import opened_apart
+    from gyrowheel.origins import noted_machine
 
     loaded = gw.Model.load(model)
     recordings, unused = opened_apart(directories, validate or ())
@@ -115,7 +116,13 @@ def diagnose(
         put_json(json, result.to_dict())
     if json != "-":
         command = following(
-            result, directories, validate or (), model, loaded.bench_source, averages=averages
+            result,
+            directories,
+            validate or (),
+            model,
+            loaded.bench_source,
+            averages=averages,
+            machine=noted_machine(recordings),
         )
         parts = [
             f"gyrowheel diagnose {shlex.quote(part)} --model {shlex.quote(str(model))}"
@@ -156,8 +163,12 @@ def following(
     bench: str = "gyrowheel",
     *,
     averages: bool = False,
+    machine: str = "",
 ) -> str | None:
-    """Return the command to type after a diagnosis; None where there is nothing to do."""
+    """Return the command to type after a diagnosis; None where there is nothing to do.
+
+    `machine` has the options for the machine that the recordings are of.
+    """
     named = " ".join(shlex.quote(str(directory)) for directory in directories)
     proof = result.proof
     if proof is not None and proof.proven is False and validate:
@@ -176,9 +187,6 @@ def following(
     if plan is None or result.verdict == "nothing_missing":
         return None
     new = shlex.quote(str(directories[0].with_name(plan)))
-    from gyrowheel.origins import noted_machine
-
-    machine = noted_machine(directories)
     other = "" if bench == "gyrowheel" or "--bench" in machine else f" --bench {shlex.quote(bench)}"
     other += f" {machine}" if machine else ""
     return (

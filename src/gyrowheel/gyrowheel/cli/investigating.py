@@ -82,7 +82,7 @@ def investigate(
     The machine is the simulated bench with --effect, --blind and --machine.
     Recordings are kept, also after Ctrl-C; the model file is not changed.
     """
-    from gyrowheel import Model
+    from gyrowheel import Model, Recording
     from gyrowheel.files import new_folder
     from gyrowheel.investigator import investigate as run
     from gyrowheel.origins import machine_options, note_machine
@@ -105,8 +105,9 @@ def investigate(
         folder=new_folder(Path("out"), "investigation", 1) if output is None else output,
         listener=_Teller(stage),
     )
-    for path in done.recordings:
-        note_machine(path, machine_options(effect=effect, blind=blind, machine=machine, seed=seed))
+    options = machine_options(effect=effect, blind=blind, machine=machine, seed=seed)
+    for path in done.recordings[:1]:
+        note_machine(Recording.open(path), options)
     recordings = [*at_hand, *done.recordings]
     again = _again(
         recordings,

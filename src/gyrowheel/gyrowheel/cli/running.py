@@ -70,6 +70,7 @@ def up(
 
     A plan that tilts further than usual says so in its file; the guards of the bench then allow it.
     """
+    from gyrowheel import Recording
     from gyrowheel import graph as graphs
     from gyrowheel.catalogue import load_plan
     from gyrowheel.origins import machine_options, note_machine
@@ -102,7 +103,7 @@ def up(
         result = walk(graph, chosen)
     if record is not None:
         note_machine(
-            record,
+            Recording(record),
             machine_options(effect=effect, truth=truth, blind=blind, machine=machine, seed=seed, bench=bench),
         )
     _report(result, json)
@@ -144,7 +145,7 @@ def simulate(
     chosen = load_plan(plan)
     begin = time.monotonic()
     with advancing(f"simulating plan {chosen.name}") as advance:
-        run(
+        made = run(
             chosen,
             effects=effect or (),
             truth=machine_model,
@@ -158,7 +159,7 @@ def simulate(
         )
     wall = time.monotonic() - begin
     note_machine(
-        output,
+        made,
         machine_options(effect=effect, truth=truth, blind=blind, machine=machine, seed=seed, bench=bench),
     )
     if json is not None:

@@ -19,7 +19,9 @@ _CERTAIN = 8.0  # standard errors
 def other_machines(
     recordings: Sequence[Recording], averages: Sequence[Averages], bench: Bench
 ) -> list[WrongSetup]:
-    """Return the recordings whose inertias are not those of an earlier one; those that state one machine both pass.
+    """Return the recordings that state another machine than an earlier one, or show other inertias than one.
+
+    Where both state their machine, nothing else is asked.
 
     Parameters
     ----------
@@ -35,23 +37,28 @@ def other_machines(
     for recording, own in zip(recordings, averages, strict=True):
         shown = precession_ratio(own, bench), spin_up_ratio(own, bench)
         for other, theirs in known:
-            if recording.machine and recording.machine == other.machine:
+            if recording.machine and other.machine:
+                if recording.machine != other.machine:
+                    found.append(_another(recording, other))
+                    break
                 continue
             far = [_distance(one, two) for one, two in zip(shown, theirs, strict=True)]
             if max(far) > 0.0:
                 place = far.index(max(far))
-                found.append(
-                    WrongSetup(
-                        "another_machine",
-                        ("rotor inertia",),
-                        value=shown[place].value / theirs[place].value,
-                        recording=str(recording.path),
-                        unit=str(other.path),
-                    )
-                )
+                found.append(_another(recording, other, shown[place].value / theirs[place].value))
                 break
         known.append((recording, shown))
     return found
+
+
+def _another(recording: Recording, other: Recording, ratio: float = math.nan) -> WrongSetup:
+    return WrongSetup(
+        "another_machine",
+        ("rotor inertia",),
+        value=ratio,
+        recording=str(recording.path),
+        unit=str(other.path),
+    )
 
 
 def _distance(one: Ratio, other: Ratio) -> float:

@@ -82,7 +82,7 @@ def tilting(
     judge = _Judge(now, bench, turning, asked, commands)
     before = precession(now, bench)
     if before <= GROSS and judge.forward(Cure()):
-        halved = _halved(now, bench, asked, commands)
+        halved = _halved(now, bench, asked)
         return [] if halved is None else [replace(halved, before=before)]
     trials = [t for t in judge.trials(_plain()) if _mends(before, t.after)]
     if before > GROSS:
@@ -221,27 +221,22 @@ def _same(a: Averages, bench: Bench) -> WrongSetup | None:
     return None
 
 
-def _halved(a: Averages, bench: Bench, asked: Complex | None, commands: Complex | None) -> WrongSetup | None:
+def _halved(a: Averages, bench: Bench, asked: Complex | None) -> WrongSetup | None:
     """Return that the tilts are read twice or half as large as they are.
 
-    The coils' torque then fits the precession by half or twice. A constant of the coils may be as wrong; so the tilt
-    must differ from what was asked for by the same factor, or nobody has asked and the factor is exactly two.
+    The coils' torque then fits the precession by half or twice. A constant of the coils or an inertia may be as wrong,
+    so the tilt must differ from what was asked for by the same factor.
     """
     ratio = precession_ratio(a, bench).value
-    if not ratio > 0.0:
+    if asked is None or not ratio > 0.0:
         return None
     factor = 2.0 if ratio > 1.0 else 0.5
-    cure = Cure(scale=dict.fromkeys(TILT, factor))
-    if asked is not None:
-        known = np.isfinite(a.tilt)
-        own = float(np.real(np.vdot(asked[known], a.tilt[known])) / np.linalg.norm(asked[known]) ** 2)
-        fits = own > 0.0 and abs(math.log(own * factor)) < _TWICE
-        if fits and _off(factor * a.tilt, asked) < _FOLLOWS and 0.6 < ratio / factor < 1.7:
-            return WrongSetup("scale", TILT, cure)
+    known = np.isfinite(a.tilt)
+    own = float(np.real(np.vdot(asked[known], a.tilt[known])) / np.linalg.norm(asked[known]) ** 2)
+    if not own > 0.0 or abs(math.log(own * factor)) > _TWICE or not 0.6 < ratio / factor < 1.7:
         return None
-    if commands is None and abs(math.log(ratio / factor)) < _TWICE:
-        return WrongSetup("scale", TILT, cure, otherwise=(COIL,))
-    return None
+    off = _off(factor * a.tilt, asked)
+    return WrongSetup("scale", TILT, Cure(scale=dict.fromkeys(TILT, factor))) if off < _FOLLOWS else None
 
 
 def _lags(a: Averages) -> Iterator[Change]:

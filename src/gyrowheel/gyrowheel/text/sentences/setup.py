@@ -85,8 +85,7 @@ def _what(found: WrongSetup) -> str:
         if found.columns == ("spin_angle",):
             sense = " the other way" if factor < 0.0 else ""
             return f"spin_angle counts {1.0 / abs(factor):g} turns a turn of the rotor{sense}"
-        other = " (or the coil voltages the other way)" if found.otherwise else ""
-        return f"{names} {verb} read {'half' if factor > 1.0 else 'twice'} as large as they are{other}"
+        return f"{names} {verb} read {'half' if factor > 1.0 else 'twice'} as large as they are"
     return f"is of another machine than {found.unit}"
 
 
@@ -101,6 +100,8 @@ def _evidence(found: WrongSetup) -> str:
             if "coil" in found.columns[0]
             else "to the last digit"
         )
+    if found.kind == "another_machine" and math.isnan(found.value):
+        return "the recordings say so"
     if found.kind == "another_machine":
         return f"the inertia that precession and ramps of the speed show is {found.value:.2f} times the one there"
     if set(found.columns) <= set(_SPIN) and found.kind != "reversed":
