@@ -1,0 +1,121 @@
+"""Instruments that are not as stated: named as what they are, or tied; nothing physical is invented for them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.signal import butter
+
+from gyrowheel.text.sentences.diagnosis import verdict_sentence
+from gyrowheel_analysis.add import add_effect
+from gyrowheel_analysis.diagnosis.diagnose import Diagnosis, diagnose
+from gyrowheel_analysis.model import Model
+from gyrowheel_analysis.recording import Recording
+from gyrowheel_sim.effects import EffectValues
+
+from .machines import BENCH, hidden_machine, record
+
+COILS = ("coil_voltage_x", "coil_voltage_y")
+TILTS = ("tilt_x", "tilt_y")
+#: What is hidden in the plant, and what else may be named for it.
+WRONG: dict[str, tuple[EffectValues, tuple[str, ...]]] = {
+    "tilt_late": ({"tilt_delay": {"d": 2.0e-4}}, ("tilt_filter",)),
+    "tilt_early": ({"tilt_delay": {"d": -2.0e-4}}, ()),
+    "coil_early": ({"coil_voltage_delay": {"d": -5.0e-4}}, ()),
+    "coil_late": ({"coil_voltage_delay": {"d": 3.0e-4}}, ("coil_voltage_filter",)),
+    "angle_late": ({"spin_angle_delay": {"d": 3.0e-4}}, ("encoder_zero",)),
+    "tilt_filter": ({"tilt_filter": {"t_f": 4.0e-4}}, ("tilt_delay",)),
+    "coil_filter": ({"coil_voltage_filter": {"t_f": 4.0e-4}}, ("coil_voltage_delay",)),
+    "zero": ({"encoder_zero": {"E_0": 0.05}}, ("spin_angle_delay",)),
+    "once": ({"encoder_once": {"E_x": 2.0e-3, "E_y": -1.0e-3}}, ()),
+    "twice": ({"encoder_twice": {"E_x": 2.0e-3, "E_y": -1.0e-3}}, ()),
+    "cubic": ({"tilt_nonlinearity": {"q": 2.5}}, ()),
+    "cross_talk": ({"tilt_cross_talk": {"c": 0.015}}, ()),
+}
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    """Return a recording of a machine with nothing hidden in it."""
+    return record(tmp_path_factory.mktemp("run"), "run", hidden_machine(11, {}), "quick")
+
+
+def changed(recording: Recording, names: tuple[str, ...], by: Any) -> Recording:
+    """Return a recording in which what was read of some quantities is different; its ends are left out."""
+    measurement = recording.measurement.copy()
+    for name in names:
+        measurement[name] = by(measurement[name])
+    return replace(recording, measurement=measurement[400:-400])
+
+
+def through(response: Any) -> Any:
+    """Return what a response by the complex frequency makes of a reading."""
+
+    def applied(x: Any) -> Any:
+        # mirrored at its end, so that it does not jump
+        both = np.concatenate([x, x[::-1]])
+        s = 2j * np.pi * np.fft.rfftfreq(len(both), BENCH.sample_period)
+        return np.fft.irfft(np.fft.rfft(both) * response(s), len(both))[: len(x)]
+
+    return applied
+
+
+def nothing_invented(found: Diagnosis, channel: str) -> None:
+    """Check that instruments of one channel are named, and nothing else."""
+    assert found.instruments, verdict_sentence(found)
+    assert {f.channel for f in found.instruments} == {channel}, verdict_sentence(found)
+    assert not found.effects, verdict_sentence(found)
+    assert not found.free_form, verdict_sentence(found)
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_an_instrument_that_is_not_as_stated_is_named(name: str, tmp_path: Path) -> None:
+    truth, others = WRONG[name]
+    ((own, values),) = truth.items()
+    fit = record(tmp_path, "fit", hidden_machine(seed=60 + list(WRONG).index(name), effects=truth), "quick")
+    found = diagnose([fit], Model.new())
+    assert not found.effects, verdict_sentence(found)
+    assert not found.free_form
+    (named,) = found.ties
+    tied = {tie.name for tie in found.ties[named]}
+    assert named == own or (named in others and own in tied), verdict_sentence(found)
+    if named == own:
+        for finding, value in zip(found.instruments, values.values(), strict=True):
+            assert abs(finding.deviation - value) < 4.0 * finding.standard_error
+
+
+@pytest.mark.parametrize("order", [2, 3])
+@pytest.mark.parametrize("channel", ["tilt", "coil_voltage"])
+def test_nothing_physical_is_invented_for_a_filter_of_another_shape(
+    plain: Recording, channel: str, order: int
+) -> None:
+    b, a = butter(order, 2.0 * np.pi * 400.0, analog=True)
+    names = TILTS if channel == "tilt" else COILS
+    read = changed(plain, names, through(lambda s: np.polyval(b, s) / np.polyval(a, s)))
+    nothing_invented(diagnose([read], Model.new()), channel)
+
+
+def test_voltages_read_after_the_latch_are_an_instrument_and_no_inductance(plain: Recording) -> None:
+    found = diagnose([changed(plain, (*COILS, "motor_voltage"), lambda v: np.roll(v, -1))], Model.new())
+    nothing_invented(found, "coil_voltage")
+    (delay,) = found.instruments
+    assert delay.quantity == "delay"
+    assert abs(delay.value + BENCH.sample_period) < 4.0 * delay.standard_error
+
+
+def test_an_effect_is_named_beside_an_instrument(tmp_path: Path) -> None:
+    truth = {"aero_cross": {"b": 0.006, "n": 2.0}, "tilt_delay": {"d": -2.5e-4}}
+    found = diagnose([record(tmp_path, "fit", hidden_machine(72, truth), "quick")], Model.new())
+    assert set(found.ties) == set(truth), verdict_sentence(found)
+
+
+def test_an_instrument_that_was_found_goes_into_the_model(plain: Recording) -> None:
+    early = changed(plain, COILS, lambda v: np.roll(v, -1))
+    added = add_effect(Model.new(), ["coil_voltage_delay"], [early])
+    assert abs(added.model.effects["coil_voltage_delay"]["d"] + BENCH.sample_period) < 5.0e-5
+    again = diagnose([early], added.model)
+    assert again.verdict == "nothing_missing", verdict_sentence(again)
