@@ -143,7 +143,7 @@ COMMANDS: dict[str, list[str]] = {
 }
 #: Verbs that print no table: `live` runs until it is stopped, `cfd pictures` only writes files.
 NO_PAGE = {"live", "cfd pictures"}
-NO_TABLE = {"simulate", "import", "export", "run", "model new", "cfd sweep", "model remove"}
+NO_TABLE = {"correct", "simulate", "import", "export", "run", "model new", "cfd sweep", "model remove"}
 
 
 def test_every_verb_is_here():
