@@ -76,18 +76,21 @@ def consistent(found: Diagnosis) -> None:
             estimate, (low, high) = finding.coefficients[c.name], c.physical
             assert low - 2.0 * estimate.standard_error <= estimate.value
             assert estimate.value <= high + 2.0 * estimate.standard_error
+    assert all(finding.delta_chi2 > 0.0 for finding in found.instruments)
     far = [b for b in found.beyond if b.kind == "unusual"]
     assert all(b.times > FAR or b.name in ERRORS for b in far)
     sentence = verdict_sentence(found)
     if far:
         assert sentence.startswith(far[0].name), "what is far beyond the usual is said first"
-        assert found.verdict == "unknown" or (len(found.effects) == 1 and found.lack_of_fit <= RANGE)
+        alone = len(found.effects) + len(found.instruments) == 1
+        assert found.verdict == "unknown" or (alone and found.lack_of_fit <= RANGE)
     proof = found.proof
     assert proof is not None
     if proof.proven:
         assert proof.chi2_per_n <= proof.allowed
     if found.verdict == "nothing_missing":
         assert not found.effects
+        assert not found.instruments
         assert not found.free_form
         assert not far
         assert found.lack_of_fit <= RANGE

@@ -96,7 +96,7 @@ def _verdict(found: Diagnosis) -> str:
                 f"the model does not predict {found.proof.recording if found.proof else 'others'}."
             )
         if any(b.kind == "impossible" for b in found.beyond) or (
-            found.effects and not found.free_form and found.beyond
+            (found.effects or found.instruments) and not found.free_form and found.beyond
         ):
             return "That is no explanation: something is missing that no known effect explains."
         known = listed([named(f) for f in found.effects], "and") if found.effects else ""
