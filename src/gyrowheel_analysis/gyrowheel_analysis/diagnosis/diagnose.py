@@ -19,7 +19,7 @@ from gyrowheel_analysis.diagnosis.instruments import (
     is_instrument,
 )
 from gyrowheel_analysis.diagnosis.limits import Beyond, beyond
-from gyrowheel_analysis.diagnosis.proof import RANGE, Proof, lack_of_fit, prove
+from gyrowheel_analysis.diagnosis.proof import NOISE_KNOWN, RANGE, Proof, lack_of_fit, prove
 from gyrowheel_analysis.diagnosis.selection import Finding, select
 from gyrowheel_analysis.diagnosis.unknown import Proposal, as_found, places, settled
 from gyrowheel_analysis.fitting.fit import Fit
@@ -435,7 +435,8 @@ def _verdict(
         if unusual and (len(findings) > 1 or unexplained):
             return "unknown"
         return "ambiguous" if any(f.ties for f in findings) else "effect"
-    if unexplained or far or (proof.proven is False and proof.reason not in ("unfixed", "event")):
+    missed = proof.proven is False and proof.chi2_per_n > NOISE_KNOWN * proof.allowed
+    if unexplained or far or (missed and proof.reason not in ("unfixed", "event")):
         return "unknown"
     blind = bool(limits) and not any(limit.visible for limit in limits)
     return "insufficient_data" if blind or proof.proven is False else "nothing_missing"

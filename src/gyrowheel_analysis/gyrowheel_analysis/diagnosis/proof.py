@@ -27,6 +27,8 @@ Array = NDArray[np.float64]
 
 #: Standard deviations of chi-squared that chance explains.
 RANGE = 3.0
+#: Factor by which noise variances may be larger than they are taken for: deviations are known to a tenth.
+NOISE_KNOWN = 1.25
 #: Gain in chi-squared on what was not seen that shows that a finding predicts something.
 _PREDICTS = 9.0
 #: Uncertainty of the prediction, in noise variances, from which on it says little.
@@ -94,9 +96,9 @@ class Proof:
 
 
 def lack_of_fit(problem: Problem, fit: Fit) -> float:
-    """Return by how many of its standard deviations chi-squared of a fit is above what is expected."""
+    """Return by how many of its standard deviations chi-squared of a fit is above what noise can explain."""
     free = sum(len(term.coefficients) for term in fit.terms)
-    expected = max(expected_chi2(problem) - free, 1.0)
+    expected = NOISE_KNOWN * max(expected_chi2(problem) - free, 1.0)
     return (fit.chi2_rows - expected) / math.sqrt(2.0 * expected)
 
 
@@ -332,7 +334,7 @@ def _left_out(prepared: Prepared, null: Fit, best: Fit) -> Proof:
         n = sum(int(mask.sum()) for mask in parts)
         floor = floor_row(problem.balances, after.deviation)
         rows = [error_row(problem.balances, own.rows, own.white) for own in (before, after)]
-        proven = after.chi2 <= n + RANGE * math.sqrt(2.0 * n)
+        proven = after.chi2 <= NOISE_KNOWN * (n + RANGE * math.sqrt(2.0 * n))
         reason: Reason = "predicted" if proven else "misfit"
         if proven and best.terms and before.chi2 - after.chi2 < _PREDICTS:
             proven, reason = False, "no_gain"
@@ -344,7 +346,7 @@ def _left_out(prepared: Prepared, null: Fit, best: Fit) -> Proof:
                 left_out=kind,
                 parts=len(parts),
                 chi2_per_n=after.chi2 / n,
-                allowed=1.0 + RANGE * math.sqrt(2.0 / n),
+                allowed=NOISE_KNOWN * (1.0 + RANGE * math.sqrt(2.0 / n)),
                 **_channel(rows[0], rows[1], floor, found=bool(best.terms)),
             )
         )
