@@ -22,7 +22,7 @@ def test_a_diagnosis_is_taken_apart_into_its_stages(tmp_path: Path) -> None:
     assert samples == pytest.approx(Plan.load("check").duration / 5e-4, abs=2)
     stages = found["stages"]
     assert list(stages) == [
-        "reading", "reduction", "balance", "noise and drift", "selection", "free forms", "error table",
+        "reading", "reduction", "balance", "noise and drift", "selection", "events", "free forms", "error table",
         "ties, limits, next test", "report",
     ]  # fmt: skip
     assert min(stages.values()) > 0.0

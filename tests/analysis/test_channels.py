@@ -22,7 +22,7 @@ def test_rows_and_names_are_unique_and_the_contract_is_kept() -> None:
     # names in the results' JSON
     assert TORQUES == ("tilt_x", "tilt_y", "spin")
     assert set(LISTED) - set(TORQUES) == {
-        "tilt_1n", "tilt_2n", "spin_ripple", "motor_voltage", "voltage_ripple",
+        "tilt_1n", "tilt_2n", "angle_1n", "angle_2n", "spin_ripple", "motor_voltage", "voltage_ripple",
     }  # fmt: skip
     assert len({c.title for c in LISTED.values()}) == len(LISTED)
     # what carries a drift is an average, and the other way round

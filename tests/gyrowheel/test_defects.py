@@ -93,6 +93,7 @@ def test_signals_leave_nothing_behind(number: signal.Signals, tmp_path: Path) ->
     process = subprocess.Popen(
         [sys.executable, "-c", textwrap.dedent(text)],
         env={**os.environ, "TMPDIR": str(tmp_path)},
+        preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),  # what runs in the background may ignore it
         stdout=subprocess.PIPE,
         text=True,
     )

@@ -197,6 +197,12 @@ def _widened(chi2: float) -> float:
     return math.sqrt(max(chi2, 1.0))
 
 
+#: What the bench states of noise and drift of the motor's readings.
+_NOISE_OF_MOTOR = frozenset(
+    f"motor_{reading}_{what}" for reading in ("voltage", "current") for what in ("noise", "drift")
+)
+
+
 def _opened(stated: Bench, found: Mapping[str, Override]) -> Bench:
     """Return the bench with the constants as found, no weight on the others, and all static torques left free."""
     parameters = dict(stated.parameters)
@@ -209,7 +215,7 @@ def _opened(stated: Bench, found: Mapping[str, Override]) -> Bench:
             parameters[name] = replace(p, value=value, uncertainty=min(error, _OPEN * abs(value)))
         elif p.group in _STATIC:
             parameters[name] = replace(p, uncertainty=_FREED * p.uncertainty)
-        elif name.startswith(("motor_voltage_", "motor_current_")):
+        elif name in _NOISE_OF_MOTOR:
             # the constant of the coils is to follow from the tilt alone: while the speed still settles, the noise of
             # its slope biases the inertia towards zero
             parameters[name] = replace(p, value=_UNUSED * p.value)

@@ -121,7 +121,8 @@ class UncutTable(Table):
             out = [
                 i
                 for i, width in widths.items()
-                if _width(columns[i][number]) > width and not self._is_prose(i)
+                if _width(columns[i][number]) > width
+                and not (self._is_prose(i) and _longest_word(columns[i][number]) <= width)
             ]
             below = [i for i in sorted([*out, *dropped]) if i and columns[i][number].plain]
             waiting.append(number)
@@ -186,6 +187,11 @@ class UncutTable(Table):
 def _text(cell: RenderableType) -> Text:
     """Return a cell, or a title, as text."""
     return cell if isinstance(cell, Text) else Text(str(cell))
+
+
+def _longest_word(text: Text) -> int:
+    """Return the width of the longest word."""
+    return max((_width(Text(word)) for word in text.plain.split()), default=0)
 
 
 def _width(text: Text) -> int:
