@@ -158,7 +158,24 @@ def test_what_shows_only_in_the_validation_is_not_nothing(tmp_path: Path) -> Non
     assert (found.proof.reason, found.proof.causes) == ("resembles", ("gravity_offset",))
 
 
-def test_another_machine_proves_nothing(tmp_path: Path) -> None:
+def test_a_machine_that_has_changed_proves_nothing(tmp_path: Path) -> None:
+    machine = hidden_machine(6, {})
+    stiff = {name: 1.1 * BENCH.value(name) for name in ("flexure_stiffness_x", "flexure_stiffness_y")}
+    other = replace(machine, values={**machine.values, **stiff})
+    found = diagnose(
+        [record(tmp_path, "fit", machine, "quick")],
+        Model.new(),
+        validate=[record(tmp_path, "other", other, "check", noise_seed=9)],
+    )
+    consistent(found)
+    assert not found.setup
+    assert found.verdict == "unknown"
+    assert found.proof is not None
+    assert found.proof.proven is False
+    assert "NOT proven on other" in proof_sentence(found.proof)
+
+
+def test_another_machine_in_the_validation_is_a_wrong_setup(tmp_path: Path) -> None:
     machine = hidden_machine(6, {})
     heavy = {
         name: 1.3 * BENCH.value(name) for name in ("rotor_inertia_x", "rotor_inertia_y", "rotor_inertia_z")
@@ -169,11 +186,10 @@ def test_another_machine_proves_nothing(tmp_path: Path) -> None:
         Model.new(),
         validate=[record(tmp_path, "other", other, "check", noise_seed=9)],
     )
-    consistent(found)
-    assert found.verdict != "nothing_missing"
-    assert found.proof is not None
-    assert found.proof.proven is False
-    assert "NOT proven on other" in proof_sentence(found.proof)
+    assert found.verdict == "insufficient_data"
+    assert found.setup
+    assert found.proof is None
+    assert proof_sentence(found.proof).startswith("NOT proven")
 
 
 def test_an_event_in_the_validation_is_named_as_the_cause(tmp_path: Path) -> None:
