@@ -548,8 +548,10 @@ def test_the_form_that_a_diagnosis_proposes_can_be_typed_as_it_stands(gyrowheel:
     assert second["a"]["value"] == pytest.approx(first["a"]["value"], rel=1e-3)
     # what was found, with its edge, and not where the fit of the family began
     for name, estimate in form["coefficients"].items():
-        # the two fits estimate the drift anew, which moves an amplitude that is nothing
-        assert abs(first[name]["value"] - estimate["value"]) < 3.0 * estimate["standard_error"]
+        error = estimate["standard_error"]
+        # each fit estimates the drift anew; that moves an amplitude that is nothing by more than one that is there
+        allowed = 0.5 if abs(estimate["value"]) > 5.0 * error else 3.0
+        assert abs(first[name]["value"] - estimate["value"]) < allowed * error
     edge = form["coefficients"]["p"]["value"]
     assert f"p = {edge:.6g} +- " in shown.splitlines()[-1]
     assert form["declaration"]["coefficients"]["p"]["value"] == pytest.approx(edge, rel=1e-5)
