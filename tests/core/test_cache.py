@@ -2,7 +2,9 @@
 
 import os
 import random
-from collections.abc import Iterator
+import shutil
+import subprocess
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -53,6 +55,90 @@ def test_damage_is_never_read(folder: Path) -> None:
     (folder / "entry").write_bytes(whole)
     os.rename(folder / "entry", folder / "other")
     assert cache.read("other") is None  # another entry's content under this name
+
+
+def _kept_or_made(name: str) -> bytes:
+    """Return what is worked out under a name, as everything that uses the cache does."""
+    found = cache.read(name)
+    if found is None:
+        found = name.encode() * 20
+        cache.write(name, found)
+    return found
+
+
+def test_results_are_equal_whatever_is_done_to_the_folder(folder: Path) -> None:
+    """Two hundred times, something is done to an entry or to the folder: the result is that of a fresh one."""
+    draw = random.Random(6)
+    fresh = _kept_or_made("entry")
+    other = _kept_or_made("other")
+    place = folder / "entry"
+    owners = (1, 12345, 65534) if os.geteuid() == 0 else ()
+
+    def overwrite() -> None:
+        content = bytearray(place.read_bytes()) if place.is_file() else bytearray(b"x")
+        at = draw.randrange(max(len(content), 1))
+        content[at : at + draw.randrange(9)] = draw.randbytes(draw.randrange(9))
+        place.write_bytes(content)
+
+    def instead(make: Callable[[], None]) -> Callable[[], None]:
+        def deed() -> None:
+            place.unlink()
+            make()
+
+        return deed
+
+    deeds: dict[str, Callable[[], object]] = {
+        "overwritten": overwrite,
+        "empty": lambda: place.write_bytes(b""),
+        "of another version": lambda: place.write_bytes((folder / "other").read_bytes()),
+        "a link": instead(lambda: place.symlink_to(folder / "other")),
+        "a pipe": instead(lambda: os.mkfifo(place)),
+        "a folder": instead(place.mkdir),
+        "gone": place.unlink,
+        "writable by others": lambda: place.chmod(0o666),
+        "unreadable": lambda: place.chmod(0),
+        "of another owner": lambda: os.chown(place, draw.choice(owners), -1),
+        "in a folder of another owner": lambda: os.chown(folder, draw.choice(owners), -1),
+        "in a folder that others may write to": lambda: folder.chmod(0o777),
+        "in a folder that is read-only": lambda: folder.chmod(0o500),
+        "without a folder": lambda: shutil.rmtree(folder),
+    }
+    for _ in range(200):
+        what = draw.choice([name for name in deeds if owners or "owner" not in name])
+        deeds[what]()
+        cache._folder.cache_clear()  # another process looks anew
+        assert _kept_or_made("entry") == fresh, what
+        assert _kept_or_made("other") == other, what
+        # as it was
+        folder.mkdir(exist_ok=True)
+        os.chown(folder, os.geteuid(), -1)
+        folder.chmod(0o700)
+        if place.is_dir():
+            place.rmdir()
+        place.unlink(missing_ok=True)
+        cache._folder.cache_clear()
+        assert _kept_or_made("entry") == fresh
+        assert place.is_file()
+
+
+def test_a_disk_that_is_full_or_read_only(folder: Path, tmp_path: Path) -> None:
+    """What is in the cache is read, what is not is worked out, and no half of an entry stays."""
+    folder.mkdir(mode=0o700)
+    if subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=8k,mode=700", "tmpfs", str(folder)], check=False
+    ).returncode:
+        pytest.skip("file systems cannot be mounted here")
+    try:
+        fresh = _kept_or_made("entry")
+        (folder / "filling").write_bytes(bytes(4096))
+        assert _kept_or_made("late") == b"late" * 20
+        assert cache.read("late") is None
+        assert sorted(place.name for place in folder.iterdir()) == ["entry", "filling"]
+        subprocess.run(["mount", "-o", "remount,ro", str(folder)], check=True)
+        assert cache.read("entry") == fresh
+        assert _kept_or_made("late") == b"late" * 20
+    finally:
+        subprocess.run(["umount", str(folder)], check=True)
 
 
 def test_trusts_nobody_else(folder: Path, tmp_path: Path) -> None:

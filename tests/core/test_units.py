@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 
+import pint
 import pytest
 
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.quantities import number, quantity, size, with_error
-from gyrowheel_core.units import DEG, RPM, Unit, column_unit, conversion, unit_for
+from gyrowheel_core.units import DEG, RPM, Unit, column_unit, conversion, require_unit, unit_for
 
 
 @pytest.mark.parametrize("spelling", ["N*m", "N·m"])
@@ -48,3 +49,14 @@ def test_what_is_written_in_another_unit_is_converted() -> None:
     for unit, said in (("Hz", "two ways"), ("m", "cannot be converted"), ("xyzzy", "is no unit")):
         with pytest.raises(InputError, match=rf"'{unit}' .*{said}.*; allowed: units such as rad/s"):
             conversion(unit, "rad/s")
+
+
+@pytest.mark.parametrize("unit", ["1", "N*m/rad^3", "1/rad^2", "kg*m^2", "K/W", "mm/s", "deg/h", "s^-1"])
+def test_units_are_known(unit: str) -> None:
+    require_unit(unit)
+
+
+@pytest.mark.parametrize("unit", ["wheel", "furlongs/fortnite", "N*wheel"])
+def test_what_is_no_unit_is_refused(unit: str) -> None:
+    with pytest.raises(pint.UndefinedUnitError):
+        require_unit(unit)

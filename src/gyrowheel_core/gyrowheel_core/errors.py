@@ -11,7 +11,25 @@ class InputError(ValueError):
 
     The text is one line that names the file, the field, the value and what is allowed. The command line shows
     it without a traceback and exits with status 2.
+
+    Parameters
+    ----------
+    text : str
+        What is wrong; see `printable`.
     """
+
+    def __init__(self, text: str) -> None:
+        super().__init__(printable(text))
+
+
+def printable(text: str) -> str:
+    """Return a text with escapes in the place of characters that cannot be printed.
+
+    Messages quote files that anybody may have written, and a terminal would obey what they hold.
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def one_line(error: BaseException) -> str:
@@ -24,3 +42,8 @@ def nearest(name: str, known: Iterable[str], what: str = "allowed") -> str:
     names = list(known)
     near = difflib.get_close_matches(name[:60], names, n=1)
     return f"did you mean {near[0]}?" if near else f"{what}: {', '.join(names) or 'none'}"
+
+
+def with_article(noun: str) -> str:
+    """Return a noun with its article: a campaign, an investigation."""
+    return f"an {noun}" if noun[:1] in "aeiou" else f"a {noun}"

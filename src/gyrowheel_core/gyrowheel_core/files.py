@@ -6,18 +6,27 @@ import contextlib
 import json
 import math
 import os
-import secrets
-import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from gyrowheel_core.errors import InputError, one_line
+from gyrowheel_core.errors import InputError, one_line, with_article
+from gyrowheel_core.leftovers import on_its_way
+
+#: More characters than any text that this project reads may have.
+LONGEST_TEXT = 50_000_000
 
 
-def require_new(directory: Path) -> None:
+def require_new(directory: Path, *, what: str = "recording") -> None:
     """Refuse a directory that is not empty.
+
+    Parameters
+    ----------
+    directory : Path
+        The directory.
+    what : str
+        What is to be made in it, for the message.
 
     Raises
     ------
@@ -26,7 +35,7 @@ def require_new(directory: Path) -> None:
     """
     with disk_errors(directory):
         if directory.exists() and not (directory.is_dir() and not any(directory.iterdir())):
-            raise InputError(f"{directory}: exists; a recording needs a new directory")
+            raise InputError(f"{directory}: exists; {with_article(what)} needs a new directory")
 
 
 @contextlib.contextmanager
@@ -42,15 +51,14 @@ def new_directory(directory: Path) -> Iterator[Path]:
     target = directory.absolute()
     with disk_errors(target):
         target.parent.mkdir(parents=True, exist_ok=True)
-        workplace = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name[:40]}."))
-    try:
+    with contextlib.ExitStack() as stack:
+        with disk_errors(target):
+            workplace, _ = stack.enter_context(on_its_way(target, folder=True, mode=0o700))
         yield workplace / target.name
         with disk_errors(target):
             if target.exists():
                 target.rmdir()
             os.replace(workplace / target.name, target)
-    finally:
-        shutil.rmtree(workplace, ignore_errors=True)
 
 
 def require_writable(file: Path) -> None:
@@ -71,20 +79,45 @@ def require_writable(file: Path) -> None:
             pass
 
 
-def read_text(file: Path) -> str:
-    """Return the text of a file.
+def is_file(path: Path) -> bool:
+    """Whether there is a file.
 
     Raises
     ------
     InputError
-        If it cannot be read, or is not text.
+        If the system does not tell: the name is too long, or the folder may not be read.
     """
-    try:
-        return file.read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{file}: cannot be read: {error.strerror or one_line(error)}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{file}: not a text file") from None
+    with read_errors(path):
+        return path.is_file()
+
+
+def read_text(file: Path, *, errors: str = "strict") -> str:
+    """Return the text of a file.
+
+    Parameters
+    ----------
+    file : Path
+        Path of the file.
+    errors : str
+        What becomes of bytes that are no text, as `bytes.decode` takes it.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, is not text, has more than `LONGEST_TEXT` characters, or is a pipe, which would be waited
+        for.
+    """
+    with read_errors(file):
+        if file.is_fifo():
+            raise InputError(f"{file}: cannot be read: it is a pipe, not a file")
+        try:
+            with file.open(encoding="utf-8", errors=errors) as stream:
+                text = stream.read(LONGEST_TEXT + 1)
+        except UnicodeDecodeError:
+            raise InputError(f"{file}: not a text file") from None
+    if len(text) > LONGEST_TEXT:
+        raise InputError(f"{file}: is too long to be read; allowed: up to {LONGEST_TEXT} characters")
+    return text
 
 
 def read_json(file: Path) -> Any:
@@ -127,14 +160,10 @@ def new_file(file: Path, *, private: bool = False) -> Iterator[Path]:
     """
     with disk_errors(file):
         file.parent.mkdir(parents=True, exist_ok=True)
-        place = file.with_name(f".{file.name[:40]}.{secrets.token_hex(6)}")
-        os.close(os.open(place, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600 if private else 0o666))
-        try:
+        with on_its_way(file, mode=0o600 if private else 0o666) as (place, opened):
             yield place
+            os.fsync(opened)  # else a power failure may leave an empty file under the name of the old one
             os.replace(place, file)
-        except BaseException:
-            place.unlink(missing_ok=True)
-            raise
 
 
 def write_bytes(file: Path, content: bytes, *, private: bool = False) -> None:
@@ -152,12 +181,14 @@ def write_bytes(file: Path, content: bytes, *, private: bool = False) -> None:
 def write_text(file: Path, text: str, *, private: bool = False) -> None:
     """Write a text file; after an error it is as it was before (see `new_file`).
 
+    Bytes of a file's name that are no text are written as escapes, which JSON reads back as they were.
+
     Raises
     ------
     InputError
         If it cannot be written.
     """
-    write_bytes(file, text.encode("utf-8"), private=private)
+    write_bytes(file, text.encode("utf-8", "backslashreplace"), private=private)
 
 
 def json_text(content: Any) -> str:
@@ -176,6 +207,17 @@ def _plain(content: Any) -> Any:
         return _plain(content.tolist())
     number = float(content)
     return number if math.isfinite(number) else None
+
+
+@contextlib.contextmanager
+def read_errors(path: Path) -> Iterator[None]:
+    """Turn an error of the disk, or of a name that no file can have, into an `InputError` that names `path`."""
+    try:
+        yield
+    except InputError:
+        raise
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or one_line(error)}") from None
 
 
 @contextlib.contextmanager

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import os
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -15,6 +16,8 @@ from gyrowheel_core.files import disk_errors
 #: How long a process waits for another one that changes the same file [s].
 LONGEST_WAIT = 600.0
 _PAUSE = 0.05  # s
+#: Lock files that are held, and by which process and thread.
+_HOLDING: dict[Path, tuple[int, int]] = {}
 
 
 @contextlib.contextmanager
@@ -24,7 +27,8 @@ def changing(
     """Keep other processes from changing a file while the block reads, changes and writes it.
 
     The lock is a file beside it, ``.NAME.lock``, which goes when the block ends. It is held by the process and not by
-    the file: one that a killed process left behind hinders nobody.
+    the file: one that a killed process left behind hinders nobody. A block within a block on the same file takes no
+    lock.
 
     Parameters
     ----------
@@ -45,14 +49,56 @@ def changing(
     while not folder.exists():  # missing folders are made with the file
         folder = folder.parent
     place = folder / f".{target.name[:40]}.lock"
+    own = os.getpid(), threading.get_ident()
+    if _HOLDING.get(place) == own:
+        yield
+        return
     held = _held(place, file, wait, waiting)
+    _HOLDING[place] = own
     try:
         yield
     finally:
+        del _HOLDING[place]
         # removed while it is held: whoever opened it before finds that it is not there any more, and begins anew
         with contextlib.suppress(OSError):
             place.unlink()
         os.close(held)
+
+
+@contextlib.contextmanager
+def alone_in(folder: Path, what: str) -> Iterator[None]:
+    """Hold a folder while the block works in it: two at a time would undo each other's work.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder, which is there.
+    what : str
+        What works in it, for the message.
+
+    Raises
+    ------
+    InputError
+        If another process holds it, or it cannot be written to.
+    """
+    place = folder / ".lock"
+    while True:
+        with disk_errors(folder):
+            opened = os.open(place, os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
+        try:
+            fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(opened)
+            raise InputError(f"{folder}: another {what} works in this folder") from None
+        if _is_at(opened, place):
+            break
+        os.close(opened)  # of one that has just ended
+    try:
+        yield
+    finally:
+        with contextlib.suppress(OSError):
+            place.unlink()
+        os.close(opened)
 
 
 def _held(place: Path, file: Path, wait: float, waiting: Callable[[str], None] | None) -> int:

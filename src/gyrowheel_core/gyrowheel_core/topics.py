@@ -33,6 +33,8 @@ class Topic:
         Whether the last messages are delivered to a reader that comes later (durability `transient_local`).
     layout : Layout or None
         Layout of the serialized message where it is a fixed one.
+    shared : bool
+        Whether several nodes publish it; every other topic has one publisher.
     """
 
     name: str
@@ -40,6 +42,7 @@ class Topic:
     depth: int = 10
     latched: bool = False
     layout: wire.Layout | None = None
+    shared: bool = False
 
     @property
     def qos(self) -> QoSProfile:
@@ -75,7 +78,7 @@ ENVIRONMENT: Final = Topic("/gyrowheel/environment", "std_msgs/msg/String", 10, 
 TRUTH: Final = Topic("/gyrowheel/truth", "std_msgs/msg/String", 1_000)
 CLOCK: Final = _fixed("/clock", wire.CLOCK, 100)
 JOINT_STATES: Final = Topic("/joint_states", "sensor_msgs/msg/JointState")
-DIAGNOSTICS: Final = Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", 100)
+DIAGNOSTICS: Final = Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", 100, shared=True)
 
 TOPICS: Final = (
     MEASUREMENT,

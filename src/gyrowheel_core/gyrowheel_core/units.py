@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+import re
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -44,6 +45,10 @@ _SHOWN: Final[dict[str, tuple[tuple[Unit, float], ...]]] = {
 _COARSE: Final = (
     2e-3  # the smallest value of a column, in the column's unit: two digits behind the point still show it
 )
+#: A product of units, and the names in it that are known without a library.
+_PRODUCT: Final = re.compile(r"(?:1|[A-Za-z]+(?:\^\d)?)(?:[*/][A-Za-z]+(?:\^\d)?)*")
+_NAMES: Final = re.compile(r"[A-Za-z]+")
+_SI: Final = frozenset({"A", "K", "N", "Pa", "V", "kg", "m", "ohm", "rad", "s"})
 #: Spellings of units in formulas and in texts.
 _PLAIN: Final = str.maketrans({"·": "*", "²": "^2", "³": "^3"})
 
@@ -87,6 +92,18 @@ def unit_registry() -> pint.UnitRegistry[Any]:
     import pint  # takes a while, and most commands convert nothing
 
     return pint.UnitRegistry()
+
+
+def require_unit(unit: str) -> None:
+    """Refuse what is no unit. Products of SI units, as the project writes them, need no library.
+
+    Raises
+    ------
+    pint.PintError
+        If it is no unit.
+    """
+    if not (_PRODUCT.fullmatch(unit) and {*_NAMES.findall(unit)} <= _SI):
+        unit_registry().parse_units(unit)
 
 
 @functools.cache

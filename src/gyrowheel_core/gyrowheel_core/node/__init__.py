@@ -38,12 +38,14 @@ What this gives each node:
 * a clean end on Ctrl-C (however often it arrives), SIGTERM and SIGHUP: the hooks `deactivate` and `cleanup`
   run, the exit code is 0;
 * `BenchNode.fault`: ends the process with a named fault, logged, published on ``/diagnostics``, exit code 3;
+* a watch over the publishers of what it reads (`PublisherWatch`): a topic with more than one is a warning on
+  ``/diagnostics``, with the names of the nodes;
 * ``/diagnostics`` once per second of wall time and at every `BenchNode.announce`, from `BenchNode.diagnose`, with the
   state of the lifecycle and the process id;
 * ``--help`` with the table of the parameters.
 """
 
-from gyrowheel_core.node.base import PARENT_VARIABLE, BenchNode, Diagnosis, Fault
+from gyrowheel_core.node.base import PARENT_VARIABLE, SURPLUS, WARN, BenchNode, Diagnosis, Fault
 from gyrowheel_core.node.inbox import Inbox
 from gyrowheel_core.node.parameters import AUTOSTART, Param
 from gyrowheel_core.node.priority import PRIORITY
@@ -60,6 +62,8 @@ __all__ = [
     "AUTOSTART",
     "PARENT_VARIABLE",
     "PRIORITY",
+    "SURPLUS",
+    "WARN",
     "BenchNode",
     "Diagnosis",
     "ExitCode",

@@ -25,11 +25,18 @@ from gyrowheel_core.errors import InputError
 from gyrowheel_core.node.inbox import Inbox
 from gyrowheel_core.node.parameters import AUTOSTART, Param
 from gyrowheel_core.node.priority import PRIORITY, raise_priority
+from gyrowheel_core.node.publishers import PublisherWatch
 
 #: Environment variable with the process id of the process that a node ends with (see `BenchNode`).
 PARENT_VARIABLE = "GYROWHEEL_PARENT"
 
+#: Value of a diagnosis that names topics with more than one publisher, and their publishers.
+SURPLUS = "surplus_publishers"
+#: Level of a `Diagnosis` that says that something is not as it should be.
+WARN: bytes = DiagnosticStatus.WARN
+
 _LAST_CALLBACKS = 50
+_LOOK = 0.1  # time between two looks at who publishes [s]
 
 
 def _unused(_: Any) -> None:
@@ -93,6 +100,9 @@ class BenchNode(LifecycleNode):
     def __init__(self) -> None:
         # Declared from the command line first: only so does the node see values of a wrong type or name.
         self._inboxes: list[Inbox] = []
+        #: Who publishes what this node reads.
+        self.watch = PublisherWatch(self)
+        self._surplus: dict[str, str] = {}  # as it was last said
         super().__init__(self.NODE_NAME, automatically_declare_parameters_from_overrides=True)
         self._service_change_state.callback = self._change_state(self._service_change_state.callback)
         self._service_get_state.callback = self._answer_when_drained(self._service_get_state.callback)
@@ -108,6 +118,7 @@ class BenchNode(LifecycleNode):
         self._wall_clock = Clock(clock_type=ClockType.SYSTEM_TIME)
         self._parent = int(os.environ.get(PARENT_VARIABLE) or 0)
         self.wall_timer(1.0, self._every_second)
+        self.wall_timer(_LOOK, self._look_at_publishers)
 
     # ---- for the derived class
 
@@ -163,14 +174,24 @@ class BenchNode(LifecycleNode):
         self, topic: topics.Topic, callback: Callable[[Any], None], *, raw: bool = False
     ) -> Subscription:
         """Create a subscription; with `raw` the callback is given the bytes of the message."""
-        return self.create_subscription(topic.message_class, topic.name, callback, topic.qos, raw=raw)
+        result = self.create_subscription(topic.message_class, topic.name, callback, topic.qos, raw=raw)
+        self.watch.add(topic, result)
+        return result
+
+    def destroy_subscription(self, subscription: Subscription) -> bool:
+        """Destroy a subscription."""
+        self.watch.remove(subscription)
+        return super().destroy_subscription(subscription)
+
+    def destroy_node(self) -> None:
+        """Destroy the node with all that it has."""
+        for subscription in list(super().subscriptions):
+            self.watch.remove(subscription)
+        super().destroy_node()
 
     def inbox(self, topic: topics.Topic) -> Inbox:
         """Create a subscription whose messages wait until they are taken; end it with `close_inbox`."""
-        qos = topic.qos
-        inbox = Inbox(
-            topic, self.create_subscription(topic.message_class, topic.name, _unused, qos, raw=True)
-        )
+        inbox = Inbox(topic, self.subscription(topic, _unused, raw=True))
         self._inboxes.append(inbox)
         return inbox
 
@@ -417,12 +438,24 @@ class BenchNode(LifecycleNode):
             self.stop()
         self.announce()
 
+    def _look_at_publishers(self) -> None:
+        """Say at once that a topic has got a second publisher: it may be gone before the next diagnosis."""
+        self.watch.look()
+        if (surplus := self.watch.surplus()) != self._surplus:
+            self._surplus = surplus
+            self.announce()
+
     def _publish_diagnosis(self, diagnosis: Diagnosis) -> None:
         values = {**diagnosis.values, "state": self.state, "pid": os.getpid()}
+        level, text = diagnosis.level, diagnosis.message
+        self.watch.look()
+        if surplus := self.watch.surplus():
+            values[SURPLUS] = "; ".join(f"{topic}: {who}" for topic, who in surplus.items())
+            level, text = max(level, WARN), f"{text}; several publishers of {values[SURPLUS]}"
         status = DiagnosticStatus(
-            level=diagnosis.level,
+            level=level,
             name=self.get_name(),
-            message=diagnosis.message,
+            message=text,
             hardware_id="gyrowheel",
             values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
         )

@@ -28,11 +28,15 @@ class Inbox:
         As given.
     subscription : Subscription
         As given.
+    number : int or None
+        Which message of its publisher the last one taken was, counted by the publisher; None where the middleware
+        does not say.
     """
 
     def __init__(self, topic: Topic, subscription: Subscription) -> None:
         self.topic = topic
         self.subscription = subscription
+        self.number: int | None = None
 
     def take(self, most: int | None = None) -> Iterator[bytes]:
         """Take the messages in the order of arrival.
@@ -54,4 +58,5 @@ class Inbox:
             if taken is None:
                 return
             count += 1
+            self.number = taken[1].get("publication_sequence_number")
             yield taken[0]

@@ -1,0 +1,126 @@
+"""Who publishes the topics that a node reads, watched for as long as it reads them."""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Final
+
+from rclpy.event_handler import QoSSubscriptionEventType, UnsupportedEventTypeError
+from rclpy.impl.implementation_singleton import rclpy_implementation
+
+from gyrowheel_core.topics import Topic
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+    from rclpy.subscription import Subscription
+
+_UNKNOWN: Final = "_NODE_NAME_UNKNOWN_"  # of rclpy, until the name of a node has arrived
+#: How a publisher is called whose node is not known.
+NAMELESS: Final = "an unknown node"
+
+
+@dataclass
+class _Seen:
+    """What was seen of the publishers of one topic."""
+
+    topic: Topic
+    subscription: Subscription
+    matches: Any  # tells how many publishers this reader was connected to; None where nothing does
+    nodes: dict[str, str] = field(default_factory=dict)  # name of the node by the GID of its publisher
+    present: set[str] = field(default_factory=set)  # at the last look
+    crowd: dict[str, None] = field(default_factory=dict)  # those that were there at the same time as another
+    matched: int = 0  # publishers that this reader was connected to in all
+    arrived: int = 0  # those of them that a look has found
+
+    def count_matches(self) -> bool:
+        """Take over how many publishers there were in all; return whether one has come or gone."""
+        status = None if self.matches is None else self.matches.take_event()
+        if status is None:
+            return False
+        self.matched = max(self.matched, status.total_count)
+        return bool(status.total_count_change or status.current_count_change)
+
+    @property
+    def missed(self) -> int:
+        """Publishers that were gone before a look found them."""
+        return max(self.matched - self.arrived, 0)
+
+
+class PublisherWatch:
+    """Notes every publisher of the topics that a node reads.
+
+    A topic of the bench has one publisher. With a second one it is not known any more who said what: the middleware
+    does not tell of a message who sent it. One that is gone before it is looked for shows in the number of publishers
+    that the reader was connected to.
+
+    Parameters
+    ----------
+    node : Node
+        The node that reads.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._seen: dict[str, _Seen] = {}
+
+    def add(self, topic: Topic, subscription: Subscription) -> None:
+        """Watch the publishers of a topic from now on, by a new subscription to it."""
+        matches = None
+        with contextlib.suppress(UnsupportedEventTypeError):
+            # asked now and then, not served by an executor: the events executor crashes over an event of a subscription
+            # that was destroyed
+            matches = rclpy_implementation.EventHandle(
+                subscription.handle, QoSSubscriptionEventType.RCL_SUBSCRIPTION_MATCHED
+            )
+        self._seen[topic.name] = _Seen(topic, subscription, matches)
+
+    def remove(self, subscription: Subscription) -> None:
+        """Watch a subscription no longer that is about to be destroyed; what was seen is kept."""
+        for seen in self._seen.values():
+            if seen.subscription is subscription and seen.matches is not None:
+                self._look(seen)
+                seen.matches.destroy_when_not_in_use()  # else it would keep the reader alive
+                seen.matches = None
+
+    def look(self) -> None:
+        """Look again where something has changed or is not known yet; cheap where nothing has."""
+        for seen in self._seen.values():
+            changed = self._node.count_publishers(seen.topic.name) != len(seen.present)
+            if seen.count_matches() or changed or seen.missed or NAMELESS in seen.nodes.values():
+                self._look(seen)
+
+    def publishers(self, topic: Topic) -> list[tuple[str, str]]:
+        """Return the publishers that a topic has had, in order: GID in hexadecimal digits, and name of the node."""
+        seen = self._seen.get(topic.name)
+        if seen is None:
+            return []
+        self._look(seen)
+        return list(seen.nodes.items())
+
+    def surplus(self) -> dict[str, str]:
+        """Return, by topic, who published it where that was more than one at the same time."""
+        found = {}
+        for name, seen in self._seen.items():
+            if seen.topic.shared or not (seen.crowd or (seen.missed and seen.nodes)):
+                continue
+            who = [seen.nodes[gid] for gid in seen.crowd or seen.nodes]
+            who += [f"{seen.missed} more that came and went"] if seen.missed else []
+            found[name] = ", ".join(who)
+        return found
+
+    def _look(self, seen: _Seen) -> None:
+        present = set()
+        for info in self._node.get_publishers_info_by_topic(seen.topic.name):
+            gid = bytes(info.endpoint_gid).hex()
+            present.add(gid)
+            if seen.nodes.get(gid, NAMELESS) == NAMELESS:
+                seen.nodes[gid] = _full_name(info.node_namespace, info.node_name)
+        seen.arrived += len(present - seen.present)
+        seen.present = present
+        if len(present) > 1:
+            seen.crowd |= dict.fromkeys(gid for gid in seen.nodes if gid in present)
+
+
+def _full_name(namespace: str, name: str) -> str:
+    return NAMELESS if _UNKNOWN in name else f"{namespace.rstrip('/')}/{name}"

@@ -1,0 +1,107 @@
+"""Files and folders on their way to a path: whole or not there, whenever their process is killed; nothing beside."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import pytest
+
+from gyrowheel_core.files import new_directory, new_file, write_bytes
+from gyrowheel_core.leftovers import on_its_way
+
+#: A process that forks one that writes for ever, at every line that it reads, and says its number.
+_WRITES = """
+    import os, sys
+    from itertools import cycle
+    from pathlib import Path
+    from gyrowheel_core.files import new_directory, write_bytes
+
+    path, folder = Path(sys.argv[1]), sys.argv[2] == "folder"
+    for _ in sys.stdin:
+        child = os.fork()
+        if child:
+            print(child, flush=True)
+            os.waitpid(child, 0)
+            print("ended", flush=True)
+            continue
+        for letter in cycle("ab"):
+            content = letter.encode() * 300_000
+            if not folder:
+                write_bytes(path, content)
+                continue
+            for file in path.glob("*"):
+                file.unlink()
+            with new_directory(path) as place:
+                place.mkdir()
+                for name in "123":
+                    (place / name).write_bytes(content)
+"""
+
+
+@pytest.mark.parametrize("kind", ["file", "folder"])
+def test_killed_at_any_instant(kind: str, tmp_path: Path) -> None:
+    """Thirty times: what is at the path is whole, and in the end nothing is beside it."""
+    path = tmp_path / "target"
+    if kind == "file":
+        write_bytes(path, b"a" * 300_000)
+    draw = random.Random(4)
+    process = subprocess.Popen(
+        [sys.executable, "-c", textwrap.dedent(_WRITES), str(path), kind],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    left = 0
+    for _ in range(30):
+        process.stdin.write("go\n")
+        process.stdin.flush()
+        child = int(process.stdout.readline())
+        time.sleep(draw.uniform(0.002, 0.02))
+        os.kill(child, signal.SIGKILL)
+        assert process.stdout.readline() == "ended\n"
+        files = [path] if kind == "file" else sorted(path.glob("*"))
+        contents = {file.read_bytes() for file in files}
+        assert contents <= {b"a" * 300_000, b"b" * 300_000}
+        if kind == "folder":  # the child empties it, one file after the other, before it makes the next one
+            assert len(contents) <= 1
+        left += len(list(tmp_path.iterdir())) > 1
+    process.stdin.close()
+    assert process.wait(10) == 0
+    assert left > 0, "it was never killed on the way"
+    if kind == "file":
+        write_bytes(path, b"done")
+    else:
+        for file in path.glob("*"):
+            file.unlink()
+        with new_directory(path) as place:
+            place.mkdir()
+    assert [place.name for place in tmp_path.iterdir()] == ["target"]
+
+
+def test_what_another_process_has_on_its_way_stays(tmp_path: Path) -> None:
+    """Two at once do not take each other's for left behind, nor a file of the user that is called alike."""
+    path = tmp_path / "a.yaml"
+    others = [tmp_path / ".a.yaml.0123", tmp_path / ".a.yaml.0123456789ag", tmp_path / ".b.yaml.0123456789ab"]
+    for other in others:
+        other.write_text("x")
+    with on_its_way(path) as (first, _):
+        first.write_text("first")
+        write_bytes(path, b"second")
+        assert first.read_text() == "first"
+        with new_file(path) as place:
+            assert first.exists()
+            place.write_text("third")
+    assert path.read_text() == "third"
+    assert sorted(tmp_path.iterdir()) == sorted([*others, path])
+    (tmp_path / ".a.yaml.0123456789ab").write_text("left behind")
+    write_bytes(path, b"fourth")
+    assert sorted(tmp_path.iterdir()) == sorted([*others, path])
