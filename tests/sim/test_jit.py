@@ -61,5 +61,8 @@ def test_damaged_code_is_compiled_anew(tmp_path: Path) -> None:
             else:
                 damaged = bytearray(b"cos\nsystem\n(S'exit 1'\ntR.")
             place.write_bytes(damaged)
+        before = [place.read_bytes() for place in entries]
         assert _run(folder) == (fresh, 0), round_
-        assert _run(folder) == (fresh, 1), round_
+        # what was damaged was written anew, too
+        assert all(place.read_bytes() != wrong for place, wrong in zip(entries, before, strict=True)), round_
+    assert _run(folder) == (fresh, 1)

@@ -9,6 +9,7 @@ from importlib import resources
 from pathlib import Path
 
 from gyrowheel_core.errors import InputError, nearest
+from gyrowheel_core.files import is_file, read_text
 from gyrowheel_core.schema import check
 from gyrowheel_core.yaml_text import read_yaml
 from gyrowheel_sim.parameter import SCHEMA, BenchFile, Parameter, SpinLoop, check_value, read_parameters
@@ -63,10 +64,10 @@ class Bench:
             file = resources.files("gyrowheel_sim").joinpath(f"config/{name}")
             return cls.from_text(file.read_text(encoding="utf-8"), origin=name)
         path = Path(source)
-        if not path.is_file():
+        if not is_file(path):
             hint = nearest(str(source), _SHIPPED, "shipped")
             raise InputError(f"bench '{source}': no such shipped bench or file; {hint}")
-        return cls.from_text(path.read_text(encoding="utf-8", errors="replace"), origin=str(path))
+        return cls.from_text(read_text(path, errors="replace"), origin=str(path))
 
     @staticmethod
     def shipped() -> list[str]:

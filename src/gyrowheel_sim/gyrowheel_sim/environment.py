@@ -27,6 +27,8 @@ Preheat = Annotated[Number, Field(ge=0.0, le=60.0)]
 TableRate = Annotated[Number, Field(ge=-50.0, le=50.0)]
 #: Home axes (two horizontal ones and the vertical) by the case axes that lie along them, without yaw: the columns
 #: of the turn from case axes to home axes.
+#: Largest time [s]: stamps count nanoseconds in 63 bits.
+_LATEST = 9.2e9
 _TURNS = {
     "upright": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
     "inverted": ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0)),
@@ -77,7 +79,7 @@ class Environment:
                 f"environment.machine: {named!r} is no name; allowed: up to {LONGEST_NAME} printable characters"
             )
         for name, low, high in (
-            ("time", 0.0, math.inf),
+            ("time", 0.0, _LATEST),
             ("yaw", -2 * math.pi, 2 * math.pi),
             ("air_density_ratio", 0.0, 2.0),
             ("preheat", 0.0, 60.0),
@@ -141,7 +143,7 @@ def from_json(text: str) -> list[Environment]:
     try:
         raw: Any = json.loads(text)
         return [Environment(**entry) for entry in raw]
-    except (ValueError, TypeError) as error:
-        if isinstance(error, InputError):
-            raise
+    except InputError:
+        raise
+    except (ValueError, TypeError, OverflowError, RecursionError) as error:
         raise InputError(f"environment: not a list of environments ({one_line(error)})") from None

@@ -11,6 +11,7 @@ import pytest
 from gyrowheel.cli.app import app
 from gyrowheel.cli.shell import run
 from gyrowheel_core.units import DEG, RPM
+from gyrowheel_sim.air import geometry
 from gyrowheel_sim.air.table import TorqueTable
 
 from .helpers import Player, made_up
@@ -112,6 +113,39 @@ def test_a_sweep_becomes_a_table(gyrowheel: Shell, player: Player, tmp_path: Pat
     written = TorqueTable.load(tmp_path / "mine.json")
     assert written.tilts / DEG == pytest.approx([0, 5])
     assert written.speeds / RPM == pytest.approx([2000, 3500])
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--tilts", "0"], "tilts: [0.0] is not that of the sweep in {}, [0.0, 5.0]"),
+        (["--speeds", "1000"], "speeds: [1000.0] is not that of the sweep in {}, [3500.0]"),
+        (["--iterations", "60"], "iterations: 60 is not that of the sweep in {}, 40"),
+        (["--pressure", "900"], "pressure: 900.0 is not that of the sweep in {}, none"),
+        (["--geometry", "mine.yaml"], "geometry: "),
+        (["-o", "x"], "-o: with --resume everything goes on in {}"),
+    ],
+)
+def test_other_settings_of_a_sweep_are_refused(
+    gyrowheel: Shell,
+    player: Player,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    options: list[str],
+    words: str,
+):
+    monkeypatch.chdir(tmp_path)
+    shipped = (Path(geometry.__file__).parent / "geometry.yaml").read_text(encoding="utf-8")
+    (tmp_path / "mine.yaml").write_text(shipped, encoding="utf-8")
+    study = tmp_path / "study"
+    command = ["cfd", "sweep", *TINY, "--tilts", "0,5", "--speeds", "3500", "--jobs", 1]
+    assert gyrowheel(*command, "-o", study)[0] == 0
+    code, out, err = gyrowheel("cfd", "sweep", "--resume", study, *options)
+    assert (code, out) == (2, "")
+    assert err.startswith(f"error: {words.format(study)}")
+    code, out, _ = gyrowheel("cfd", "sweep", "--resume", study, "--tilts", "5,0")
+    assert code == 0
+    assert "2 cases finished, 2 of them earlier; 0 failed" in out
 
 
 def test_check_can_fail_a_script(gyrowheel: Shell, table: Path, player: Player, tmp_path: Path):

@@ -123,8 +123,11 @@ def test_a_sweep_that_is_killed_goes_on_where_it_was(tmp_path: Path, player: Pla
     assert hanging not in before
     player.hang_at(None)
     calls = len(player.calls)
-    finish = subprocess.run([*command, "-o", str(study)], capture_output=True, text=True, check=False)
+    finish = subprocess.run(
+        [*command[:3], "cfd", "sweep", "--resume", str(study)], capture_output=True, text=True, check=False
+    )
     assert finish.returncode == 0, finish.stderr
+    assert f"if this is interrupted: gyrowheel cfd sweep --resume {study}" in finish.stderr
     assert f"6 cases finished, {len(before)} of them earlier; 0 failed" in finish.stdout
     assert sorted(player.calls[calls:]) == sorted({r.case.name for r in collect_results(study)} - before)
 

@@ -13,6 +13,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.files import is_file, read_text
 from gyrowheel_core.schema import Name, Names, Number, Section, check
 from gyrowheel_core.units import DEG
 from gyrowheel_core.yaml_text import read_yaml
@@ -100,9 +101,9 @@ class Geometry:
             file = resources.files("gyrowheel_sim.air").joinpath("geometry.yaml")
             return cls.from_text(file.read_text(encoding="utf-8"), origin="geometry.yaml")
         path = Path(source)
-        if not path.is_file():
+        if not is_file(path):
             raise InputError(f"geometry '{source}': no such shipped geometry or file; shipped: gyrowheel")
-        return cls.from_text(path.read_text(encoding="utf-8", errors="replace"), origin=str(path))
+        return cls.from_text(read_text(path, errors="replace"), origin=str(path))
 
     @classmethod
     def from_text(cls, text: str, *, origin: str) -> Geometry:

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import RegularGridInterpolator
 
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.files import write_text
+from gyrowheel_core.files import is_file, read_text, write_text
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.air.cfd.case import Case, Result
 from gyrowheel_sim.air.geometry import LENGTHS, Geometry
@@ -63,9 +63,9 @@ class TorqueTable:
         if str(source) == "gyrowheel":
             return _shipped()
         path = Path(source)
-        if not path.is_file():
+        if not is_file(path):
             raise InputError(f"torque table '{source}': no such shipped table or file; shipped: gyrowheel")
-        return cls.from_text(path.read_text(encoding="utf-8", errors="replace"), origin=str(path))
+        return cls.from_text(read_text(path, errors="replace"), origin=str(path))
 
     @classmethod
     def from_text(cls, text: str, *, origin: str) -> TorqueTable:

@@ -9,7 +9,7 @@ from typing import Literal
 
 import sympy as sp
 
-from gyrowheel_core.units import unit_registry
+from gyrowheel_core.units import require_unit
 from gyrowheel_sim.effects.grammar import RESERVED
 from gyrowheel_sim.effects.printing import to_text
 from gyrowheel_sim.effects.quantities import QUANTITIES
@@ -157,7 +157,7 @@ class Effect:
             if stray := law.expression.free_symbols - known:
                 raise ValueError(f"effect {self.name}: unknown symbols {sorted(map(str, stray))}")
         for c in self.coefficients:
-            unit_registry().parse_units(c.unit)
+            require_unit(c.unit)
             low, high = c.physical
             if not low <= c.null <= high:
                 raise ValueError(f"effect {self.name}: {c.name}: what is possible leaves out {c.null:g}")

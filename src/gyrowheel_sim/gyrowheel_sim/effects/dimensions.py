@@ -9,8 +9,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 
-from pint.errors import PintError
-
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.units import unit_registry
 from gyrowheel_sim.effects.declaration import Effect
@@ -48,7 +46,12 @@ class Unit:
         """
         plain = re.sub(r" *([*/^]) *", r"\1", str(text).strip().translate(_SPELLED).replace("**", "^"))
         factors = list(_FACTOR.finditer(plain[:100]))
-        if not plain or "".join(f.group() for f in factors) != plain or factors[0][1]:
+        signs = [bool(f[1]) for f in factors]  # one between two factors each
+        if (
+            not plain
+            or "".join(f.group() for f in factors) != plain
+            or signs != [k > 0 for k in range(len(signs))]
+        ):
             raise InputError(f"{str(text)[:40]!r} is no unit; write it like N*m/rad, kg/m^3 or 1")
         result = cls()
         for sign, name, exponent in (f.groups() for f in factors):
@@ -104,6 +107,9 @@ class MissingUnitError(InputError):
 
 @functools.cache
 def _si_name(symbol: str) -> str:
+    # takes long to load, and a machine without effects of a user has no use for it
+    from pint.errors import PintError
+
     registry = unit_registry()
     try:
         name = registry.get_name(symbol)

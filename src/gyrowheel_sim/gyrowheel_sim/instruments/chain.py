@@ -9,9 +9,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from numba import njit
-
 from gyrowheel_sim.instruments.memory import FILTERS, N_FILTER, N_ROWS, ROWS, WIDTH, Past
+from gyrowheel_sim.jit import njit
 
 # --- kernel ---
 

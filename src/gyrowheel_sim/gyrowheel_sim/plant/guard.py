@@ -122,6 +122,7 @@ class Guard:
         self._last: int | None = None  # sequence that the last command answered
         self._running = self._commanded = self._fresh = False
         self._idle = 0  # samples in a row without a new command
+        self._refused_before = dict(self.refused)  # at the last new command
         self._beyond = 0  # samples in a row beyond the hard stop
         self._told = (0, 0, 0, 0)  # limited, refused, held, and all samples at the last report
         self._samples = 0
@@ -133,6 +134,7 @@ class Guard:
         self._running, self._commanded, self._fresh = True, False, False
         self._last = None
         self._idle = self._beyond = 0
+        self._refused_before = dict(self.refused)
 
     def stop(self) -> None:
         """Switch off: no voltage on coils and motor."""
@@ -200,6 +202,7 @@ class Guard:
         self._samples += 1
         if self._fresh:
             self._fresh, self._idle = False, 0
+            self._refused_before.update(self.refused)
         elif self.trip is not None:
             motor, step = self._voltages[2], self.limits.spin_down
             motor = 0.0 if abs(motor) <= step else motor - math.copysign(step, motor)
@@ -208,8 +211,15 @@ class Guard:
             self.held += 1
             self._idle += 1
             if self._idle >= self.limits.watchdog:
-                self._trip(GuardState.CONTROLLER_LOST, f"no valid command for {self._idle} samples")
+                self._trip(GuardState.CONTROLLER_LOST, self._silence())
         return self._voltages
+
+    def _silence(self) -> str:
+        """Return for how long no command could be taken, and what has come instead."""
+        came = {why: count - self._refused_before[why] for why, count in self.refused.items()}
+        kinds = [f"{count} {why.replace('_', ' ')}" for why, count in came.items() if count]
+        refused = f": {sum(came.values())} came and were refused ({', '.join(kinds)})" if kinds else ""
+        return f"no valid command for {self._idle} samples{refused}"
 
     def observe(self, tilt_x: float, tilt_y: float) -> None:
         """Check the tilt of a sample [rad]; a tilt that is not a number counts as beyond the hard stop."""

@@ -5,7 +5,8 @@ sample for each command that answers the last one. The run is reproducible, and 
 ``/clock`` carries the simulated time.
 
 ``realtime``: a sample every period of the bench by the wall clock, answered or not; the stamps are the time of
-the computer. Where no command came, the last one goes on acting.
+the computer. Where no command came, the last one goes on acting. Where the computer was busy elsewhere for long, the
+bench stood still: the stamps go on at the time that it is, and what is told names the gap.
 
 In both a `Guard` stands between the commands and the machine.
 """
@@ -35,7 +36,7 @@ from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import from_json
 from gyrowheel_sim.plant.guard import Guard, GuardLimits, GuardState, Refusal
 from gyrowheel_sim.plant.machine import Plant
-from gyrowheel_sim.plant.pacing import Pacer
+from gyrowheel_sim.plant.pacing import Pacer, Statistics
 from gyrowheel_sim.plant.scenario import Scenario
 
 CLOCK_PERIOD_NS = 10_000_000
@@ -43,6 +44,8 @@ JOINT_STATE_PERIOD_NS = 1_000_000_000 // 60
 JOINTS = ("tilt_x", "tilt_y", "spin")
 #: Share of samples without a new command that is a warning: a computer with other work has a few.
 HELD_SHARE = 0.01
+#: A stall of this length is told at once, a shorter one with the next diagnosis [ns].
+TOLD_AT_ONCE_NS = 20_000_000
 #: A system clock that has moved so far from the stamps is said to have jumped [s].
 CLOCK_JUMP = 0.5
 
@@ -151,6 +154,12 @@ class PlantNode(BenchNode):
         self._first: Timer | None = None  # runs until sample 0 is published
         self._ticks: Timer | None = None  # real time: makes the samples that are due
         self._pacer: Pacer | None = None
+        self._period, self._execution = Statistics(), Statistics()  # of the ticks
+        self._ticked = 0  # time of the last one [ns]
+        self._begun = 0  # stamp of the first sample [ns]
+        self._told_late = (0, 0)  # late samples, and all, at the last diagnosis
+        self._stall = ""  # the last one, in words
+        self._told_stalls = 0
         self._epoch = 0  # stamp of sample 0 [ns]
         self._clock_offset = 0.0  # of the system clock to the stamps [s]
         self._active = False
@@ -245,12 +254,15 @@ class PlantNode(BenchNode):
         values |= {f"refused_{why}": count for why, count in guard.refused.items()}
         if self._realtime:
             values |= self._pace()
+        stall, late = self._lateness()
         if self._first is not None and (missing := self._missing()):
             return Diagnosis(f"waiting for {' and '.join(missing)}", values)
         if guard.trip is not None:
             return Diagnosis(
                 f"{guard.trip}: {guard.reason}; coils off, motor {outputs}", values, DiagnosticStatus.ERROR
             )
+        if stall:
+            return Diagnosis(stall, values, DiagnosticStatus.WARN)
         if state in (GuardState.WAITING, GuardState.STOPPED):
             return Diagnosis(_MESSAGES[state], values)
         if state is GuardState.HOLDING:
@@ -266,9 +278,23 @@ class PlantNode(BenchNode):
                 values,
                 DiagnosticStatus.WARN,
             )
+        if late:
+            return Diagnosis(f"late: {late}", values, DiagnosticStatus.WARN)
         if self._ignored or self._late_environments:
             return Diagnosis("running; some input came late or twice", values, DiagnosticStatus.WARN)
         return Diagnosis("running", values)
+
+    def _lateness(self) -> tuple[str, str]:
+        """Return what happened to the time since the last diagnosis: a stall, and samples that were late; in words."""
+        pacer = self._pacer
+        if pacer is None:
+            return "", ""
+        stalled = pacer.stalls > self._told_stalls
+        late, before = pacer.late, self._told_late
+        share = (late - before[0]) / max(self._plant.sequence - before[1], 1)
+        self._told_stalls, self._told_late = pacer.stalls, (late, self._plant.sequence)
+        text = f"{share:.1%} of the samples more than a period late" if share > HELD_SHARE else ""
+        return self._stall if stalled else "", text
 
     def _limits(self, values: Mapping[str, Any]) -> GuardLimits:
         """Return the limits of the guard; InputError where one is beyond that of the bench."""
@@ -363,14 +389,33 @@ class PlantNode(BenchNode):
         now = time.time_ns()
         now -= now % CLOCK_PERIOD_NS
         self._epoch = now - self._plant.time_ns
+        self._begun = self._begun or now
+        self._ticked = time.monotonic_ns()
         self._pacer = Pacer(self._period_ns, time.monotonic_ns())
         self._ticks = self.wall_timer(self._period_ns * 1e-9, self._tick)
 
     def _tick(self) -> None:
         if not self._active or self._pacer is None:
             return
-        for _ in range(self._pacer.due(time.monotonic_ns())):
+        pacer, now = self._pacer, time.monotonic_ns()
+        self._period.add(now - self._ticked)
+        self._ticked = now
+        stood = pacer.behind_ns
+        due = pacer.due(now)
+        if stood := pacer.behind_ns - stood:
+            self._stand_still(stood)
+        for _ in range(due):
             self._step()
+        self._execution.add(time.monotonic_ns() - now)
+
+    def _stand_still(self, stood: int) -> None:
+        """Go on after a time [ns] in which no samples were made, at the time that it is."""
+        at = self._epoch + self._plant.time_ns - self._begun
+        self._epoch += stood
+        self._stall = f"stood_still: {stood * 1e-9:.3f} s at {at * 1e-9:.1f} s"
+        if stood >= TOLD_AT_ONCE_NS:
+            self.get_logger().warning(self._stall)
+            self.announce()
 
     def _on_command_realtime(self, raw: bytes) -> None:
         if not self._active:
@@ -393,14 +438,17 @@ class PlantNode(BenchNode):
             "held_samples": guard.held,
         }
         if pacer is not None:
-            stamp = self._epoch + self._plant.time_ns + pacer.behind_ns
+            stamp = self._epoch + self._plant.time_ns
             self._clock_offset = (time.time_ns() - stamp) * 1e-9
             values |= {
                 "late_samples": pacer.late,
                 "worst_delay_ms": f"{pacer.worst_ns * 1e-6:.2f}",
                 "behind_s": f"{pacer.behind_ns * 1e-9:.4f}",
+                "stalls": pacer.stalls,
+                "last_stall": self._stall.partition(": ")[2],
                 "clock_offset_s": f"{self._clock_offset:.3f}",
             }
+            values |= self._period.report("period") | self._execution.report("execution")
         return values
 
     # ---- both

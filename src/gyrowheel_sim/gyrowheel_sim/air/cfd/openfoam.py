@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import os
 import re
 import shutil
@@ -13,10 +12,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.processes import die_with_parent
 
 #: Where distributions put OpenFOAM's own files; the programs need to know it, and nothing else of its shell setup.
 _HOMES = ("/usr/share/openfoam", "/usr/lib/openfoam")
-_PR_SET_PDEATHSIG = 1
 INSTALL_HINT = (
     "OpenFOAM is not installed (no simpleFoam, blockMesh on the PATH): install it with 'apt-get install openfoam' "
     "(Debian, Ubuntu); all but 'cfd mesh', 'cfd run' and 'cfd sweep' works without it, on the shipped table"
@@ -128,12 +127,6 @@ def reason(text: str, code: int) -> str:
         return f"ended by signal {-code} ({signal.strsignal(-code)})"
     last = text.strip().splitlines()[-1:]
     return " ".join(last[0].split()) if last else f"exit status {code}"
-
-
-def die_with_parent() -> None:
-    """Have the kernel end this process when its parent ends: one that is killed can end nothing any more (Linux)."""
-    with contextlib.suppress(OSError, AttributeError):
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -11,6 +10,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from gyrowheel_core.errors import InputError, one_line
+from gyrowheel_core.locks import alone_in
+from gyrowheel_core.processes import die_with_parent
 from gyrowheel_sim.air.cfd import openfoam
 from gyrowheel_sim.air.cfd.case import Case, Result, finished, run_case
 from gyrowheel_sim.air.cfd.mesh import MESHES
@@ -124,7 +125,13 @@ def companions(template: Case, tilt: float, speed: float) -> list[Step]:
 
 
 def sweep(
-    levels: Iterable[Sequence[Step]], root: Path, *, jobs: int = 1, dask: str | None = None, tell: Tell
+    levels: Iterable[Sequence[Step]],
+    root: Path,
+    *,
+    jobs: int = 1,
+    dask: str | None = None,
+    begin: Callable[[], object] | None = None,
+    tell: Tell,
 ) -> Outcome:
     """Run the cases of a plan that have no result yet.
 
@@ -138,6 +145,8 @@ def sweep(
         Cases at a time, one core each.
     dask : str, optional
         Address of a Dask scheduler that runs them in place of this machine.
+    begin : callable, optional
+        Called when the folder is held and before the first case is computed; not where all are there already.
     tell : callable
         Told after each case, those first that were there already.
 
@@ -169,7 +178,9 @@ def sweep(
         if dask is None:
             openfoam.require()  # with Dask the workers need it, not this machine
         root.mkdir(parents=True, exist_ok=True)
-        with _alone(root), _workers(jobs, dask) as run_all:
+        with alone_in(root, "sweep"), _workers(jobs, dask) as run_all:
+            if begin is not None:
+                begin()
             for level in levels:
                 todo = []
                 for step in level:
@@ -187,7 +198,7 @@ def sweep(
 def _one(step: Step, root: Path, sweeper: int | None) -> tuple[Case, Result | str]:
     """Run one case; what fails is told, not raised, so that the others go on."""
     if os.getppid() == sweeper:
-        openfoam.die_with_parent()  # a worker of a sweep that is killed must not go on alone
+        die_with_parent()  # a worker of a sweep that is killed must not go on alone
     first = None if step.first is None else root / step.first.name
     try:
         return step.case, run_case(step.case, root, first=first)
@@ -235,15 +246,4 @@ def _dask(address: str) -> Iterator[None]:
             "expected an address such as tcp://10.0.0.5:8786"
         ) from None
     with client, joblib.parallel_config(backend="dask", wait_for_workers_timeout=60):
-        yield
-
-
-@contextlib.contextmanager
-def _alone(root: Path) -> Iterator[None]:
-    """Hold the folder: two sweeps in it would delete each other's half-done cases."""
-    with (root / ".lock").open("w") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise InputError(f"{root}: another sweep works in this folder") from None
         yield

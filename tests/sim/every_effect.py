@@ -1,0 +1,12 @@
+"""Every effect that there is: registered, for blind tests, and the forms of what is unknown."""
+
+from __future__ import annotations
+
+import pytest
+
+from gyrowheel_analysis.diagnosis.unknown import forms
+from gyrowheel_sim.effects import Effect, registry
+from gyrowheel_sim.plant.outside import OUTSIDE
+
+EVERY: list[Effect] = [*registry().values(), *OUTSIDE, *(t.effect for t in forms() if t.effect is not None)]
+EACH = pytest.mark.parametrize("effect", EVERY, ids=lambda effect: effect.name)
