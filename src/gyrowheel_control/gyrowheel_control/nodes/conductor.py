@@ -5,8 +5,9 @@ on the rig. That time comes from ``/clock`` where somebody publishes it, as the 
 comes from the stamps of the samples, or of the joint states where the same node publishes these, which are few. A plan
 starts at the time at which it was asked for, so at 0 in a lock-step graph that was just started.
 
-A plan ends early, and says why, when the clock jumps or a node of the bench reports an error, such as a guard that has
-tripped. The tilt limit that a plan needs is set in the controller before it starts.
+A plan ends early, and says why, when the clock jumps or stands, or a node of the bench reports an error, such as a
+guard that has tripped; its last setpoint is then held. Where the conductor itself is deactivated, the controller does
+so, and brings the wheel to rest. The tilt limit that a plan needs is set in the controller before it starts.
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ ACTION = "/gyrowheel/run_plan"
 SETPOINT_PERIOD_NS = round(SETPOINT_PERIOD * 1e9)
 #: Plans start and end at whole multiples of this, at which the plant publishes the clock [ns].
 CLOCK_PERIOD_NS = 10_000_000
+POLL_PERIOD = 0.05
 #: How long a goal waits for somebody who listens to the setpoints [s].
 MATCHING_TIMEOUT = 120.0
 #: How long the controller may take to accept a tilt limit [s].
@@ -91,6 +93,13 @@ class ConductorNode(BenchNode):
         Param("machine", "", "Name of the machine on the rig, for the environment; empty: unknown"),
         Param("hold_after_plan", True, "After a plan go on publishing its last setpoint"),
         Param("lead", 0.5, "How far the setpoints run ahead of the clock [s]", low=0.02, high=10.0),
+        Param(
+            "clock_timeout",
+            20.0,
+            "How long the time of the bench may stand during a plan [s, wall clock]",
+            low=0.1,
+            high=3600.0,
+        ),
         Param("wait_for_subscribers", 1, "Subscribers needed for the first setpoint", low=0, high=100),
         Param(
             "tilt_limit",
@@ -100,7 +109,11 @@ class ConductorNode(BenchNode):
             high=1.0,
             live=True,
         ),
-        Param("controller", "controller", "Node that is given the tilt limit of each plan; empty: none"),
+        Param(
+            "controller",
+            "controller",
+            "Node that is given the tilt limit of each plan; none: no node has a limit to be set",
+        ),
         PRIORITY,
     )
 
@@ -111,6 +124,9 @@ class ConductorNode(BenchNode):
         self._lead_ns = round(self.parameter("lead") * 1e9)
         self._now = 0  # time of the bench [ns]
         self._told_time = False  # whether it is known
+        self._standing = 0.0  # for how long it has not gone on [s, wall clock]
+        self._polled = time.monotonic()
+        self._plant_stopped = False  # whether the plant said that it is not active
         self._samples: Subscription | None = None  # tell the time where there is no clock
         self._samples_due = 0  # time from which on the next sample does [ns]
         self._walk: Walk | None = None
@@ -126,7 +142,7 @@ class ConductorNode(BenchNode):
         controller = self.parameter("controller")
         self._limits = (
             self.create_client(SetParameters, f"/{controller.strip('/')}/set_parameters")
-            if controller
+            if controller not in ("", "none")
             else None
         )
         self._server = PlanServer(
@@ -142,7 +158,7 @@ class ConductorNode(BenchNode):
     def activate(self) -> None:
         """Accept plans."""
         self.prioritise()
-        self._poll = self.wall_timer(0.05, self._on_poll)
+        self._poll = self.wall_timer(POLL_PERIOD, self._on_poll)
 
     def deactivate(self) -> None:
         """End a plan that is on its way and accept no more."""
@@ -216,6 +232,10 @@ class ConductorNode(BenchNode):
         self._on_poll()
 
     def _on_poll(self) -> None:
+        # a process that was stopped itself has heard nothing: long pauses count as a short one
+        now = time.monotonic()
+        self._standing += min(now - self._polled, 2 * POLL_PERIOD)
+        self._polled = now
         walk = self._walk
         if walk is None:
             return
@@ -234,6 +254,17 @@ class ConductorNode(BenchNode):
                     f"nobody listens: after {MATCHING_TIMEOUT:g} s {topics.SETPOINT.name} has {listeners} of "
                     f"{needed} subscribers, {topics.ENVIRONMENT.name} has {rigs}"
                 )
+        elif self._standing > self.parameter("clock_timeout"):
+            why = (
+                "the plant is not active"
+                if self._plant_stopped
+                else "nobody answers its last sample, or it is gone"
+            )
+            self._hold_here(walk)
+            self._finish(
+                f"aborted: clock_stands: the time of the bench has stood at {self._now * 1e-9:.3f} s for "
+                f"{self.parameter('clock_timeout'):g} s: {why}"
+            )
 
     def _limit(self, wanted: float) -> float:
         return tilt_limit(self._bench, wanted, "parameter tilt_limit")
@@ -300,6 +331,7 @@ class ConductorNode(BenchNode):
         # The plant must have them before the command that the first setpoint brings about.
         self.deliver(self._environment)
         walk.start_ns = self._next = start
+        self._standing = 0.0
         self.get_logger().info(f"plan {walk.plan.name}: {walk.plan.duration:g} s from {start * 1e-9:g} s on")
         self._go_on(walk)
 
@@ -335,7 +367,11 @@ class ConductorNode(BenchNode):
     # ---- setpoints
 
     def _on_clock(self, raw: bytes) -> None:
-        self._advance(wire.CLOCK.unpack(raw)[0])
+        try:
+            now = wire.CLOCK.unpack(raw)[0]
+        except ValueError:  # from a node that is not of this bench
+            return
+        self._advance(now)
 
     def _on_sample(self, raw: bytes) -> None:
         try:
@@ -349,10 +385,14 @@ class ConductorNode(BenchNode):
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         """End a plan when a node of the bench says that it has failed."""
         for status in message.status:
+            if status.name == "plant":
+                self._plant_stopped = status.level == DiagnosticStatus.WARN and status.message == "inactive"
             # such as a guard that has tripped: the wheel no longer is where the plan has it
             names = {pair.key for pair in status.values}
             ended = "fault" in names and status.name in ("plant", self.parameter("controller"))
             if status.level == DiagnosticStatus.ERROR and ("guard" in names or ended):
+                if self._walk is not None:
+                    self._hold_here(self._walk)
                 self._finish(f"aborted: {status.name}: {status.message}")
 
     def _advance(self, now: int) -> None:
@@ -360,14 +400,25 @@ class ConductorNode(BenchNode):
         walk, step = self._walk, now - self._now
         if step < 0 or (step > JUMP_NS and walk is not None and walk.start_ns is not None):
             then = f"from {self._now * 1e-9:.3f} s to {now * 1e-9:.3f} s"
-            self._now, self._held = now, None
+            if step > 0 and walk is not None:
+                self._hold_here(walk)  # nothing else would: the setpoints that were published are over
+                self._next = now - now % SETPOINT_PERIOD_NS
+            else:
+                self._held = None
+            self._now, self._standing = now, 0.0
             if step < 0:
                 reason = "the simulated time went back, the plant was started again"
                 self._finish(f"aborted: clock_jump: {reason} ({then})")
+            elif self._plant_stopped:
+                self._finish(f"aborted: plant_stopped: the plant was not active, and the time went {then}")
             else:
                 self._finish(f"aborted: clock_jump: the time went {then}")
+            if self._held is not None:
+                self._publish_held(now + self._lead_ns)
             return
         self._told_time = True
+        if step:
+            self._standing = 0.0
         self._now = now
         if walk is not None and walk.start_ns is not None:
             if now >= walk.start_ns + len(walk.setpoints) * SETPOINT_PERIOD_NS:

@@ -3,8 +3,13 @@
 A sample at time t is answered once a setpoint with a stamp in (t - 5 ms, t] is known: each setpoint holds
 for one setpoint period. Where the conductor is late, at the start and at the end of a plan the loop
 therefore waits, and what it computes never depends on which message came first. Invalid samples and setpoints
-are counted and not answered; setpoints beyond the tilt limit are reduced to it. Where the samples go on without
-an answer, the guard of the plant brings the machine to rest.
+are counted and not answered; setpoints beyond the tilt limit are reduced to it.
+
+Where the samples go on although no setpoint holds, as in real time when the conductor has ended or was deactivated, the
+last one is held, and then brought to rest (`Rest`): the state ``setpoint_lost``. New setpoints take over at once.
+
+A wheel that does not follow a setpoint which stands still (`Tracking`) is ``tracking_lost``, with what was asked and
+what there is; the conductor ends its plan for it.
 """
 
 from __future__ import annotations
@@ -19,6 +24,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.timer import Timer
 
 from gyrowheel_control.loops.controller import Controller, Gains
+from gyrowheel_control.loops.following import Rest, Tracking
 from gyrowheel_control.loops.limits import SetpointGuard, tilt_limit
 from gyrowheel_control.plans.plan import SETPOINT_PERIOD
 from gyrowheel_core import topics, wire
@@ -61,6 +67,16 @@ class ControllerNode(BenchNode):
             high=1.0,
             live=True,
         ),
+        Param(
+            "tracking_tilt",
+            math.radians(0.5),
+            "Tilt error that is a fault where it lasts although the setpoint stands still [rad]",
+            low=1e-6,
+            high=1.0,
+            live=True,
+        ),
+        Param("tracking_spin", 20.0, "The same for the spin rate [rad/s]", low=1e-3, high=2000.0, live=True),
+        Param("tracking_time", 3.0, "How long such an error may last [s]", low=0.01, high=600.0, live=True),
         *GAINS,
         PRIORITY,
     )
@@ -81,6 +97,8 @@ class ControllerNode(BenchNode):
         self._answered = self._skipped = self._malformed = self._refused = 0
         self._motor = 0.0  # voltage of the last answer [V]
         self._releasing = False  # the next sample is answered with no voltage on the coils, for the last time
+        self._rest: Rest | None = None  # where no setpoint holds although the samples go on
+        self._tracking = self._new_tracking()
         self._told = (0, 0)  # setpoints limited, and messages refused, at the last diagnosis
         self._ready = False
         self._matching: Timer | None = None
@@ -95,6 +113,7 @@ class ControllerNode(BenchNode):
         """Answer samples as soon as enough subscribers listen."""
         self.prioritise()
         self._releasing = False
+        self._rest, self._tracking = None, self._new_tracking()
         self._matching = self.wall_timer(0.02, self._check_subscribers)
 
     def deactivate(self) -> None:
@@ -120,8 +139,9 @@ class ControllerNode(BenchNode):
         self._limit(values["tilt_limit"])
 
     def tune(self) -> None:
-        """Take over gains and tilt limit."""
+        """Take over gains, tilt limit and what counts as not following."""
         self._guard.limit = self._limit(self.parameter("tilt_limit"))
+        self._tracking = self._new_tracking()
         self._controller.tune(self._gains())
 
     def diagnose(self) -> Diagnosis:
@@ -141,6 +161,12 @@ class ControllerNode(BenchNode):
         self._told = guard.limited, guard.refused + self._refused
         if not self._ready:
             return Diagnosis("waiting for subscribers", values)
+        if self._tracking.lost:
+            values["guard"] = "tracking_lost"
+            return Diagnosis(f"tracking_lost: {self._tracking.lost}", values, DiagnosticStatus.ERROR)
+        if self._rest is not None:
+            text = "setpoint_lost: no setpoints come; the last one is held, then brought to rest"
+            return Diagnosis(text, values, DiagnosticStatus.WARN)
         if guard.refused + self._refused > refused:
             return Diagnosis(
                 "input_refused: samples or setpoints that are no numbers or out of range",
@@ -159,6 +185,9 @@ class ControllerNode(BenchNode):
 
     def _limit(self, wanted: float) -> float:
         return tilt_limit(self._bench, wanted, "parameter tilt_limit")
+
+    def _new_tracking(self) -> Tracking:
+        return Tracking(*(self.parameter(f"tracking_{name}") for name in ("tilt", "spin", "time")))
 
     def _gains(self) -> Gains:
         return Gains(**{item.name: self.parameter(item.name) for item in fields(Gains)})
@@ -185,10 +214,11 @@ class ControllerNode(BenchNode):
         if self._releasing:
             self._release(stamp, sequence)
             return
-        if self._sample is not None:
+        goes_on = self._sample is not None  # without an answer to the last one
+        if goes_on:
             self._skipped += 1
             self._sample = None
-        if self._ready and self._advance(stamp):
+        if self._ready and (self._advance(stamp) or self._come_to_rest(stamp, goes_on)):
             self._answer(stamp, sequence, values)
         else:
             self._sample = (stamp, sequence, values)
@@ -222,7 +252,23 @@ class ControllerNode(BenchNode):
         while coming and coming[0][0] <= now:
             self._since, self._setpoint = coming.popleft()
             self._until = self._since + SETPOINT_PERIOD_NS
-        return self._since <= now < self._until
+        holds = self._since <= now < self._until
+        if holds and self._rest is not None:
+            self._rest = None
+            self.get_logger().info("setpoints come again")
+        return holds
+
+    def _come_to_rest(self, now: int, goes_on: bool) -> bool:
+        """Make the setpoint of a time without one [ns] where the samples go on; return whether there is one."""
+        if self._rest is None:
+            if not goes_on or self._since < 0 or now < self._since:
+                return False
+            self._rest = Rest(self._setpoint, now)
+            self.get_logger().warning("setpoint_lost: the last setpoint is held, then brought to rest")
+            self.announce()
+        self._setpoint = self._rest.at(now)
+        self._since = self._until = now
+        return True
 
     def _answer(self, stamp: int, sequence: int, values: list[float]) -> None:
         tilt_x, tilt_y, _, spin_rate, *_ = values
@@ -235,6 +281,9 @@ class ControllerNode(BenchNode):
         self._last = sequence
         self._answered += 1
         self._commands.publish(wire.COMMAND.pack(stamp, sequence, *voltages))
+        if self._rest is None and self._tracking.observe(stamp, tilt_x, tilt_y, spin_rate, self._setpoint):
+            self.get_logger().error(f"tracking_lost: {self._tracking.lost}")
+            self.announce()
 
     def _release(self, stamp: int, sequence: int) -> None:
         """Answer a sample with no voltage on the coils; the last answer of a node that is deactivated."""
@@ -247,6 +296,7 @@ class ControllerNode(BenchNode):
         self.get_logger().info("samples count from the start again: controller reset")
         self._controller.reset()
         self._since = self._until = -1
+        self._rest, self._tracking = None, self._new_tracking()
         self._last = -1
 
     def _complain(self, error: ValueError) -> None:

@@ -18,6 +18,7 @@ from pydantic import Field, model_validator
 
 from gyrowheel_control.plans.variation import MARK, as_text, varied
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.files import is_file, read_text
 from gyrowheel_core.schema import Number, Section, Whole, check
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_core.yaml_text import read_yaml
@@ -172,7 +173,7 @@ class Plan:
         if "\n" in text:
             return cls._from_text(text, "plan text")
         base, mark, settings = text.rpartition(MARK)
-        if mark and not Path(text).is_file():
+        if mark and not is_file(Path(text)):
             plain = cls.load(base)
             content = varied(read_yaml(plain.to_yaml(), plain.origin), settings, f"plan '{text}'")
             plan = cls._from_text(as_text(content), f"plan '{text}'")
@@ -182,11 +183,11 @@ class Plan:
             file = resources.files("gyrowheel_control").joinpath(f"plans/{text}.yaml")
             return cls._from_text(file.read_text(encoding="utf-8"), f"{text}.yaml")
         path = Path(text)
-        if not path.is_file():
+        if not is_file(path):
             near = difflib.get_close_matches(text, cls.shipped(), n=2)
             hint = f"; did you mean {', '.join(near)}?" if near else f"; shipped: {', '.join(cls.shipped())}"
             raise InputError(f"plan '{text}': no such shipped plan or file{hint}")
-        return cls._from_text(path.read_text(encoding="utf-8", errors="replace"), str(path))
+        return cls._from_text(read_text(path, errors="replace"), str(path))
 
     @classmethod
     def _from_text(cls, text: str, origin: str) -> Plan:
