@@ -14,8 +14,9 @@ from gyrowheel.text.sentences.diagnosis import verdict_sentence
 from gyrowheel.text.sentences.residuals import region_name
 from gyrowheel_analysis.add import add_effect
 from gyrowheel_analysis.compare import compare
-from gyrowheel_analysis.diagnosis.diagnose import Diagnosis, diagnose
+from gyrowheel_analysis.diagnosis.diagnose import diagnose
 from gyrowheel_analysis.diagnosis.experiment_design import SETTLED
+from gyrowheel_analysis.diagnosis.result import Diagnosis
 from gyrowheel_analysis.model import Model
 from gyrowheel_control.loops.controller import Gains
 from gyrowheel_control.plans.plan import Plan

@@ -93,7 +93,7 @@ def stated_constants_std(estimate: Estimate) -> NDArray[np.float64]:
 
 def test_the_torque_is_that_of_the_machine_within_three_standard_errors() -> None:
     scores, differences = [], []
-    for number in range(20):
+    for number in range(10):
         effects = AIR if number else {}
         machine = hidden_machine(number, effects)
         found = holds(run_of(machine), believing(effects))
@@ -111,7 +111,7 @@ def test_the_torque_is_that_of_the_machine_within_three_standard_errors() -> Non
 
 def test_the_rig_is_predicted_as_it_stands() -> None:
     scores, blind, sizes = [], [], []
-    for number in range(20):
+    for number in range(10):
         machine = hidden_machine(number, ROOM)
         run = run_of(machine, TURNED)
         for estimate in (known := holds(run, believing(ROOM))):

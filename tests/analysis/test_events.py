@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import sympy as sp
+from scipy.signal import lfilter
 
+from gyrowheel.text.sentences.diagnosis import verdict_sentence
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
 from gyrowheel_analysis.diagnosis.events import find
 from gyrowheel_analysis.fitting.preparation import one_thread, prepare
@@ -49,24 +51,32 @@ def found_in(recording):
         return find(problem, problem.fit(()), [recording])
 
 
-def pushed(seed, at, **torques):
-    """Return a machine on which torques [N m] begin to act: `across` about case x, `spin` on the shaft."""
-    rises = (1 + sp.tanh((time_symbol - at) / sp.Float(0.01))) / 2
-    across, spin = sp.symbols("across spin", real=True)
+def pushed(seed, at, **sizes):
+    """Return a machine on which something begins to act at a time.
+
+    A torque `across` about case x or on the `spin` [N m], or a shift of the tilt sensors by `shift_x`, `shift_y` [rad].
+    """
+    begun = (1 + sp.sign(time_symbol - at)) / 2
+    names = {"across": "N*m", "spin": "N*m", "shift_x": "rad", "shift_y": "rad"}
+    across, spin, x, y = (sp.Symbol(name, real=True) for name in names)
     effect = Effect(
         name="push",
-        title="torque that begins",
+        title="something that begins",
         category="other",
         sentence="Something leans on the rotor.",
-        laws=(Law("rotor_torque", across * rises), Law("shaft_torque", spin * rises)),
+        laws=(
+            Law("rotor_torque", across * begun),
+            Law("shaft_torque", spin * begun),
+            Law("tilt_reading", (x + sp.I * y) * begun),
+        ),
         coefficients=tuple(
-            Coefficient(name, "N*m", "size", (1e-4, 1e-3), (-1.0, 1.0), "assumed", signed=True)
-            for name in ("across", "spin")
+            Coefficient(name, unit, "size", (1e-4, 1e-3), (-1.0, 1.0), "assumed", signed=True)
+            for name, unit in names.items()
         ),
         validity="this test",
         source="assumed",
     )
-    machine = hidden_machine(seed, {"push": {"across": 0.0, "spin": 0.0, **torques}})
+    machine = hidden_machine(seed, {"push": dict.fromkeys(names, 0.0) | sizes})
     return Scenario(machine.values, machine.effects, machine.noise_seed, {"push": effect})
 
 
@@ -101,6 +111,29 @@ def test_event_is_found_dated_and_named(survey, column, course, size, kind, chan
     np.testing.assert_allclose(found.event.edges, edges, rtol=0.0, atol=within)
 
 
+def test_encoder_that_slips_is_found(survey):
+    measurement = survey.measurement.copy()
+    late = survey.time > 88.0
+    measurement["spin_angle"] = (measurement["spin_angle"] + 0.02 * late) % (2.0 * np.pi)
+    (found,) = found_in(replace(survey, measurement=measurement))
+    assert [event.quantity for event in found.events] == ["encoder_zero"]
+    assert (found.event.kind, found.event.time) == ("step", pytest.approx(88.0, abs=0.05))
+
+
+def test_motor_whose_constant_changes_by_a_percent_is_found(survey):
+    constant = BENCH.value("motor_constant")
+    measurement, late = survey.measurement.copy(), survey.time > 75.0
+    # the same torque from less current, and more voltage at the same speed
+    measurement["motor_voltage"] += late * 0.01 * constant * measurement["spin_rate"]
+    measurement["motor_voltage"] -= (
+        late * 0.01 * BENCH.value("motor_resistance") * measurement["motor_current"]
+    )
+    measurement["motor_current"] -= late * 0.01 * measurement["motor_current"]
+    (found,) = found_in(replace(survey, measurement=measurement))
+    assert [event.quantity for event in found.events] == ["motor_constant"]
+    assert (found.event.kind, found.event.time) == ("step", pytest.approx(75.0, abs=1.0))
+
+
 @pytest.mark.parametrize("at", [20.3, 33.1])
 def test_event_of_a_short_recording_is_dated(quick, at):
     (found,) = found_in(changed(quick, "coil_voltage_x", step(at), 2.0 * VOLTS))
@@ -109,12 +142,21 @@ def test_event_of_a_short_recording_is_dated(quick, at):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("torque", "channel"), [("across", "torque_x"), ("spin", "spin_torque")])
-def test_torque_that_begins_to_act_on_the_machine_is_found(tmp_path, torque, channel):
-    recording = record(tmp_path, "pushed", pushed(33, 84.0, **{torque: TORQUE}), "survey")
+@pytest.mark.parametrize(
+    ("sizes", "channels", "within"),
+    [
+        ({"across": TORQUE}, ["torque_x"], 0.3),
+        ({"spin": TORQUE}, ["spin_torque"], 1.0),
+        # the loop makes up for a shift: it is the coils that show it
+        ({"shift_x": -1.1e-3, "shift_y": -0.5e-3}, ["tilt_reading_x", "tilt_reading_y"], 0.1),
+    ],
+    ids=("across", "spin", "shift"),
+)
+def test_what_begins_on_the_machine_itself_is_found(tmp_path, sizes, channels, within):
+    recording = record(tmp_path, "pushed", pushed(33, 84.0, **sizes), "survey")
     (found,) = found_in(recording)
-    assert (found.event.kind, found.event.quantity) == ("step", channel)
-    assert found.event.time == pytest.approx(84.0, abs=1.0)
+    assert [event.quantity for event in found.events] == channels
+    assert (found.event.kind, found.event.time) == ("step", pytest.approx(84.0, abs=within))
 
 
 @pytest.mark.slow
@@ -166,3 +208,54 @@ def test_form_that_nobody_declared_is_no_event(tmp_path):
     result = diagnose([recording], MODEL)
     assert result.verdict == "unknown"
     assert result.events == []
+
+
+def shape_in(recording, column, course):
+    """Return the only shape that is found in a recording whose reading drifts so."""
+    measurement = recording.measurement.copy()
+    measurement[column] += course
+    (found,) = found_in(replace(recording, measurement=measurement))
+    return found
+
+
+def test_drift_that_swings_is_told_with_its_period(survey):
+    swing = 0.6 * VOLTS * np.cos(2.0 * np.pi * (survey.time - 12.0) / 47.0)
+    found = shape_in(survey, "coil_voltage_y", swing)
+    assert (found.event.kind, [e.quantity for e in found.events]) == ("swing", ["torque_y"])
+    assert found.event.end == pytest.approx(47.0, rel=0.03)
+
+
+def test_drift_that_follows_a_temperature_is_told_so(survey):
+    # the coils warm themselves, and a fan cools them twice
+    measurement, time = survey.measurement.copy(), survey.time
+    cooled = np.exp(-(((time - 50.0) / 12.0) ** 2)) + np.exp(-(((time - 120.0) / 12.0) ** 2))
+    measurement["coil_temperature"] -= 5.0 * cooled
+    warmer = measurement["coil_temperature"] - 293.0
+    found = shape_in(replace(survey, measurement=measurement), "motor_voltage", 4.0e-3 * warmer)
+    assert (found.event.kind, found.event.quantity) == ("coil_temperature", "motor_voltage")
+
+
+def test_torque_that_relaxes_after_every_move_of_the_tilt_is_told_so(survey):
+    # a branch of the flexure that yields: it holds against a move, and lets go within ten seconds
+    tilt, rate = survey.measurement["tilt_x"] + 1j * survey.measurement["tilt_y"], 5e-4 / 10.0
+    behind = lfilter([rate], [1.0, rate - 1.0], tilt)
+    volts = 0.8 * VOLTS * (tilt - behind) / BENCH.value("tilt_reference")
+    measurement = survey.measurement.copy()
+    measurement["coil_voltage_x"] += volts.real
+    found = shape_in(replace(survey, measurement=measurement), "coil_voltage_y", volts.imag)
+    assert (found.event.kind, found.event.time) == ("after_tilt", 10.0)
+
+
+@pytest.mark.slow
+def test_verdict_tells_the_shape_of_a_drift_and_not_its_size(survey):
+    swing = 0.6 * VOLTS * np.cos(2.0 * np.pi * (survey.time - 12.0) / 47.0)
+    measurement = survey.measurement.copy()
+    measurement["coil_voltage_x"] += swing
+    result = diagnose([replace(survey, measurement=measurement)], MODEL)
+    assert result.events == []
+    (shape,) = result.drift_shapes
+    assert shape.time == pytest.approx(47.0, abs=4.0 * shape.time_error)
+    assert abs(abs(shape.size) - 0.6 * TORQUE) < 4.0 * shape.standard_error
+    said = verdict_sentence(result)
+    assert "about case x swings to and fro with a period of 4" in said
+    assert "larger than stated" not in said

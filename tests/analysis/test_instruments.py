@@ -12,7 +12,8 @@ from scipy.signal import butter
 
 from gyrowheel.text.sentences.diagnosis import verdict_sentence
 from gyrowheel_analysis.add import add_effect
-from gyrowheel_analysis.diagnosis.diagnose import Diagnosis, diagnose
+from gyrowheel_analysis.diagnosis.diagnose import diagnose
+from gyrowheel_analysis.diagnosis.result import Diagnosis
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.recording import Recording
 from gyrowheel_sim.effects import EffectValues, get, physical

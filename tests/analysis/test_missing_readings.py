@@ -68,6 +68,19 @@ def without(recording: Recording, name: str, rows: Any = slice(None), value: flo
     return replace(recording, measurement=measurement)
 
 
+def some(samples: Samples, rows: np.ndarray) -> Samples:
+    """Return some of the samples, each with all that belongs to it."""
+    assert samples.sequence is not None
+    assert samples.commanded is not None
+    return replace(
+        samples,
+        time=samples.time[rows],
+        readings=samples.readings[rows].copy(),
+        sequence=samples.sequence[rows],
+        commanded=samples.commanded[rows],
+    )
+
+
 def same(one: Windows, other: Windows) -> bool:
     return all(np.array_equal(getattr(one, f.name), getattr(other, f.name)) for f in fields(Windows))
 
@@ -81,15 +94,12 @@ def same(one: Windows, other: Windows) -> bool:
 def test_a_sample_without_a_reading_counts_as_lost(
     samples: Samples, name: str, row: float, value: float
 ) -> None:
-    first = samples.time < 8.0
-    time, readings = samples.time[first], samples.readings[first]
-    k = round(row * (len(readings) - 1))
-    readings[name][k] = value
-    others = np.delete(np.arange(len(time)), k)
-    lost = replace(samples, time=time[others], readings=readings[others])
-    found = reduce(replace(samples, time=time, readings=readings), BENCH)
+    hurt = some(samples, np.flatnonzero(samples.time < 8.0))
+    k = round(row * (len(hurt.time) - 1))
+    hurt.readings[name][k] = value
+    found = reduce(hurt, BENCH)
     assert len(found) > 3
-    assert same(found, reduce(lost, BENCH))
+    assert same(found, reduce(some(hurt, np.delete(np.arange(len(hurt.time)), k)), BENCH))
 
 
 @pytest.mark.parametrize("name", READINGS)
@@ -145,8 +155,7 @@ def test_what_is_missing_within_a_window_does_not_count_as_used(samples: Samples
 
 
 def test_samples_that_are_lost_are_not_taken_for_unread_ones(samples: Samples) -> None:
-    kept = np.arange(len(samples.time)) % 4 == 0
-    thin = replace(samples, time=samples.time[kept], readings=samples.readings[kept].copy())
+    thin = some(samples, np.arange(0, len(samples.time), 4))
     thin.readings.tilt_x[5] = np.nan
     _, coverage = reduce_and_account(thin, BENCH)
     assert UNREAD not in coverage.left_out

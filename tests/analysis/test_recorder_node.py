@@ -156,6 +156,9 @@ def test_loss_is_stated_in_the_metadata(tmp_path):
     assert metadata["rosbag2_bagfile_information"]["custom_data"] == {
         "gyrowheel.samples": "16",
         "gyrowheel.missing_samples": "4",
+        "gyrowheel.surplus_samples": "0",
+        "gyrowheel.surplus_commands": "0",
+        "gyrowheel.stalls": "0",
     }
 
 
@@ -254,6 +257,24 @@ def test_folder_that_goes_away(tmp_path, fate):
     if fate != "deleted":
         salvage(tmp_path / "elsewhere", tmp_path / "saved")
         assert count(tmp_path / "saved") == (520, 520)
+
+
+@pytest.mark.parametrize(("change", "said"), [("cut", "cut it off"), ("grown", "written into it")])
+def test_file_that_another_process_changes(tmp_path, change, said):
+    """A cut file would go on behind a hole of zeros; it is noticed with the next chunk, and without one too."""
+    session = LiveRecording(str(tmp_path / "run"))
+    take(session, 0, 500)
+    session.writer.flush()
+    file = tmp_path / "run" / "run_0.mcap"
+    size = file.stat().st_size
+    os.truncate(file, size // 2 if change == "cut" else size + 50)
+    with pytest.raises(InputError, match=rf"run_0.mcap: cannot be written: another process has {said}"):
+        session.writer.flush()
+    with pytest.raises(InputError, match=rf"run: cannot be written: another process has {said}"):
+        take(session, 500, 1000)
+    assert "is not complete" in session.give_up()
+    kept = count(salvage(tmp_path / "run", tmp_path / "saved").target)[0]
+    assert kept == 500 if change == "grown" else 0 < kept < 300
 
 
 def test_second_recorder_on_the_same_folder(tmp_path):

@@ -323,6 +323,31 @@ def test_chunks_of_another_writer_that_are_compressed(tmp_path, compression):
     assert result.unchecked == 0
 
 
+def test_long_chunks_of_another_writer_are_divided(tmp_path):
+    """What was salvaged loses no more to a damaged place than any other recording, late messages and all."""
+    path = tmp_path / "other.mcap"
+    writer = mcap.writer.Writer(str(path), chunk_size=1 << 20, compression=CompressionType.ZSTD)
+    writer.start(profile="ros2")
+    text = definition(topics.MEASUREMENT.type_name).text
+    schema = writer.register_schema(topics.MEASUREMENT.type_name, "ros2msg", text.encode())
+    channel = writer.register_channel(topics.MEASUREMENT.name, "cdr", schema)
+    samples = [(stamp, message) for topic, stamp, message in messages(4000) if topic is topics.MEASUREMENT]
+    for k in range(0, 4000, 2):
+        samples[k : k + 2] = samples[k : k + 2][::-1]
+    for stamp, message in samples:
+        writer.add_message(channel, stamp, message, stamp)
+    writer.finish()
+    result, recording = saved(tmp_path, path)
+    assert result.missing == 0
+    assert recording.measurement["sequence"].tolist() == list(range(4000))
+    with (tmp_path / "saved" / "saved_0.mcap").open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    index = summary.chunk_indexes
+    assert len(index) == 8
+    assert max(chunk.message_end_time - chunk.message_start_time for chunk in index) <= 0.251e9
+
+
 def test_messages_without_checksums_are_saved_and_counted(tmp_path):
     path = tmp_path / "plain.mcap"
     writer = mcap.writer.Writer(str(path), use_chunking=False, enable_crcs=False)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
@@ -12,9 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 import gyrowheel as gw
+from benchmarks.setups import COIL, TILT, TURN, WRONG, Samples, Spoil, exchanged, scaled, spoilt
 from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.setups.correct import correct, corrected
 from gyrowheel_analysis.setups.cures import Cure
@@ -22,11 +21,6 @@ from gyrowheel_analysis.setups.find import of_one, wrong_setups
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
 
-Samples = NDArray[Any]
-Spoil = Callable[[Samples], None]
-
-TILT, COIL = ("tilt_x", "tilt_y"), ("coil_voltage_x", "coil_voltage_y")
-TURN = 2.0 * math.pi
 #: Slow enough that the coils can turn twice the momentum.
 SLOW = """\
 schema: 1
@@ -47,92 +41,6 @@ def right() -> Recording:
 @pytest.fixture(scope="module")
 def bench() -> Bench:
     return Bench.load()
-
-
-def scaled(*names: str, by: float) -> Spoil:
-    def spoil(samples: Samples) -> None:
-        for name in names:
-            samples[name] *= by
-            if name == "spin_angle" and abs(by) <= 2.0:
-                samples[name] = np.mod(samples[name], TURN)
-
-    return spoil
-
-
-def exchanged(*pairs: tuple[str, str]) -> Spoil:
-    def spoil(samples: Samples) -> None:
-        for one, other in pairs:
-            samples[one], samples[other] = samples[other].copy(), samples[one].copy()
-
-    return spoil
-
-
-def late(*names: str, by: float) -> Spoil:
-    def spoil(samples: Samples) -> None:
-        for name in names:
-            samples[name] = np.roll(samples[name], round(by / 5e-4))
-
-    return spoil
-
-
-def geared(samples: Samples) -> None:
-    samples["spin_angle"] = np.mod(2.0 * np.unwrap(samples["spin_angle"]), TURN)
-
-
-def reversed_wheel(samples: Samples) -> None:
-    """Mirror the machine: what a wheel that turns the other way would have given."""
-    scaled("spin_angle", "spin_rate", "motor_voltage", "motor_current", "tilt_y", COIL[1], by=-1.0)(samples)
-
-
-def celsius(samples: Samples) -> None:
-    for name in ("coil_temperature", "air_temperature"):
-        samples[name] -= 273.15
-
-
-WRONG: list[tuple[str, Spoil, str, tuple[str, ...]]] = [
-    ("tilts exchanged", exchanged(TILT), "exchanged", TILT),
-    ("coils exchanged", exchanged(COIL), "exchanged", COIL),
-    ("both exchanged", exchanged(TILT, COIL), "exchanged", (*TILT, *COIL)),
-    *(
-        (f"sign of {name}", scaled(name, by=-1.0), "sign", (name,))
-        for name in (*TILT, *COIL, "motor_voltage", "motor_current", "spin_rate", "spin_angle")
-    ),
-    ("sign of both tilts", scaled(*TILT, by=-1.0), "sign", TILT),
-    ("sign of both coils", scaled(*COIL, by=-1.0), "sign", COIL),
-    ("tilts in degrees", scaled(*TILT, by=180.0 / math.pi), "unit", TILT),
-    ("angle in degrees", scaled("spin_angle", by=180.0 / math.pi), "unit", ("spin_angle",)),
-    ("speed in rpm", scaled("spin_rate", by=30.0 / math.pi), "unit", ("spin_rate",)),
-    ("speed in Hz", scaled("spin_rate", by=0.5 / math.pi), "unit", ("spin_rate",)),
-    ("coils in mV", scaled(*COIL, by=1e3), "unit", COIL),
-    ("mV of the coils read as µV", scaled(*COIL, by=1e-3), "unit", COIL),
-    ("motor in mV", scaled("motor_voltage", by=1e3), "unit", ("motor_voltage",)),
-    ("current in mA", scaled("motor_current", by=1e3), "unit", ("motor_current",)),
-    ("pressure in hPa", scaled("air_pressure", by=0.01), "unit", ("air_pressure",)),
-    ("temperatures in °C", celsius, "unit", ("coil_temperature", "air_temperature")),
-    (
-        "wheel turns the other way",
-        reversed_wheel,
-        "reversed",
-        ("spin_angle", "spin_rate", "motor_voltage", "motor_current"),
-    ),
-    ("tilts halved", scaled(*TILT, by=0.5), "scale", TILT),
-    ("tilts doubled", scaled(*TILT, by=2.0), "scale", TILT),
-    ("gear of 2", geared, "scale", ("spin_angle",)),
-    ("tilts late", late(*TILT, by=3.0), "shifted", TILT),
-    ("speed late", late("spin_rate", by=3.0), "shifted", ("spin_rate",)),
-    (
-        "voltage and current exchanged",
-        exchanged(("motor_voltage", "motor_current")),
-        "exchanged",
-        ("motor_voltage", "motor_current"),
-    ),
-]
-
-
-def spoilt(recording: Recording, spoil: Spoil) -> Recording:
-    samples = recording.measurement.copy()
-    spoil(samples)
-    return replace(recording, measurement=samples)
 
 
 @pytest.mark.slow

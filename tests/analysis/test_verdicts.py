@@ -11,9 +11,10 @@ import pytest
 from gyrowheel.results.contract import diagnosis_json
 from gyrowheel.text.sentences.diagnosis import verdict_sentence
 from gyrowheel.text.sentences.proof import proof_sentence
-from gyrowheel_analysis.diagnosis.diagnose import Diagnosis, diagnose
+from gyrowheel_analysis.diagnosis.diagnose import diagnose
 from gyrowheel_analysis.diagnosis.limits import FAR
 from gyrowheel_analysis.diagnosis.proof import RANGE
+from gyrowheel_analysis.diagnosis.result import Diagnosis
 from gyrowheel_analysis.diagnosis.selection import threshold
 from gyrowheel_analysis.fitting.terms import ERRORS, Term
 from gyrowheel_analysis.model import Model

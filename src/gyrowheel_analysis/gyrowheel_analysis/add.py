@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from gyrowheel_analysis.diagnosis.diagnose import Estimate, estimates, nuisance_estimates
+from gyrowheel_analysis.diagnosis.diagnose import estimates, nuisance_estimates
 from gyrowheel_analysis.diagnosis.events import (
     DatedEvent,
     accepted,
@@ -20,6 +20,7 @@ from gyrowheel_analysis.diagnosis.events import (
 )
 from gyrowheel_analysis.diagnosis.limits import beyond, is_possible
 from gyrowheel_analysis.diagnosis.proof import Proof, prove
+from gyrowheel_analysis.diagnosis.result import Estimate
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.preparation import Progress, one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.reduction import Coverage, concatenate
+from gyrowheel_analysis.reduction.not_as_stated import ReadingFindings
 from gyrowheel_analysis.residuals.dependence import (
     Dependence,
     PartDependence,
@@ -100,6 +101,8 @@ class Comparison:
         File of the model.
     coverage : Coverage
         How much of the recordings takes part.
+    readings : ReadingFindings
+        What the samples show of the instruments beside what is stated.
     """
 
     channels: dict[str, ChannelMetrics]
@@ -114,6 +117,7 @@ class Comparison:
     recordings: list[str]
     model: str
     coverage: Coverage
+    readings: ReadingFindings = field(default_factory=ReadingFindings)
 
     @property
     def maps(self) -> list[ResidualMap]:
@@ -159,6 +163,7 @@ def compare(recordings: Sequence[Recording], model: Model, *, progress: Progress
         recordings=[str(r.path) for r in recordings],
         model=model.origin,
         coverage=prepared.coverage,
+        readings=prepared.readings(problem.bench),
     )
 
 

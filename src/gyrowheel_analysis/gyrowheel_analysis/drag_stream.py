@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.drag import DragEstimator, Estimate
-from gyrowheel_analysis.fitting.preparation import samples_of
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.reduction import SETTLING, SPIN_SETTLING, Samples, steady_spans
@@ -78,6 +77,9 @@ def recorded_holds(recording: Recording, model: Model) -> list[Estimate]:
     InputError
         If a reading that nothing can stand for was never taken.
     """
+    # loads the optimisers of SciPy, which takes long, and the node has no use for them
+    from gyrowheel_analysis.fitting.preparation import samples_of
+
     samples = samples_of(recording)
     setpoints = (
         recording.setpoint if len(recording.setpoint) else _found_setpoints(samples, recording.start_ns)

@@ -62,10 +62,9 @@ class Instruments:
     @classmethod
     def of(cls, values: Mapping[str, float], laws: Mapping[str, Any]) -> Instruments:
         """Return the instruments of bench parameters and laws."""
-        found = {
-            name: float(np.mean(added(laws, values, "offset", name, start=values[name])))
-            for name in INSTRUMENT_PARAMETERS
-        }
+        found = {name: values[name] for name in INSTRUMENT_PARAMETERS}
+        for name in laws.keys() & found.keys():  # the target of such a law has the name of the parameter
+            found[name] = float(np.mean(added(laws, values, "offset", name, start=values[name])))
         orders = {
             name.removesuffix("_filter_time"): round(values[name.replace("_time", "_order")])
             for name in INSTRUMENT_PARAMETERS

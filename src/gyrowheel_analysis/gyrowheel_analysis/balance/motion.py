@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Mapping
 from copy import copy
 from typing import Any
 
 import numpy as np
 
-from gyrowheel_analysis.balance.instruments import Instruments
+from gyrowheel_analysis.balance.instruments import Held, Instruments
 from gyrowheel_analysis.balance.quadrature import NODES, WEIGHTS, at_nodes, summed
 from gyrowheel_analysis.reduction import FORWARD, HARMONICS, MOTOR_THERMAL, Windows
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.quantities import REFERENCES
 
+_KEPT = 3  # motions that were undone: large arrays
 _PHASES = 12  # spin angles at least; the products of the harmonics kept reach the fifth
 
 
@@ -76,6 +78,9 @@ class Motion:
         self.turn = np.exp(1j * self.angle)
         self.sines, self.cosines = np.sin(self.angle).reshape(-1), np.cos(self.angle).reshape(-1)
         self.instruments = Instruments.of(bench.values(), {}).as_perfect()
+        #: The last motions that were undone, and responses of the instruments: most steps of a fit change neither.
+        self._undone: OrderedDict[tuple[float, ...], Motion] = OrderedDict()
+        self._shown: dict[tuple[Held, float], Any] = {}
         self._read_motion(w)
         share = np.repeat(WEIGHTS[:, None] / (2.0 * phases), phases, axis=1)
         self.weights = np.broadcast_to(share, self.shape)
@@ -134,16 +139,31 @@ class Motion:
         """
         if instruments.perfect:
             return self
+        key = (*instruments.values.values(), *instruments.orders.values())
+        if key in self._undone:
+            self._undone.move_to_end(key)
+            return self._undone[key]
         result = copy(self)
-        result.instruments = instruments
+        result.instruments, result._shown = instruments, {}
         result._read_motion(instruments.true_motion(self._windows))
         result._read_current(instruments.true_current(self._windows))
+        self._undone[key] = result
+        if len(self._undone) > _KEPT:
+            self._undone.popitem(last=False)
         return result
+
+    def shown(self, reading: Held, order: float) -> Any:
+        """Return the amplitude of a reading over the true one, of what turns `order` times as fast as the shaft."""
+        if self.instruments.perfect:
+            return 1.0
+        if (reading, order) not in self._shown:
+            self._shown[reading, order] = self.instruments.held(reading, order, self._windows.mean_spin)
+        return self._shown[reading, order]
 
     def current_read_by(self, instruments: Instruments) -> Motion:
         """Return the motion with the current as other instruments show it; tilt and spin rate stay as they are."""
         result = copy(self)
-        result.instruments = instruments
+        result.instruments, result._shown = instruments, {}
         w = self._windows
         if (np.any(w.current_harmonics) or np.any(w.current_ripple)) and self.instruments.turns_current(
             instruments

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.balance.instruments import Held
 from gyrowheel_analysis.balance.quadrature import ACROSS, WEIGHTS, amplitude, mean
 from gyrowheel_analysis.balance.torques import Instants
 from gyrowheel_analysis.channels import Channel, Quantity
@@ -160,11 +159,7 @@ class _Predicted:
         lagging = 1.0 + 1j * channel.order * self.windows.mean_spin * self.lag
         weights = self.motion.order_weights[channel.order]
         torque = amplitude(self.coil, weights) * lagging + amplitude(error, weights)
-        return _components(torque * self.shown("coil_voltage", channel.order))
-
-    def shown(self, reading: Held, order: float) -> Any:
-        """Return the amplitude of a reading over the true one, of what turns `order` times as fast as the shaft."""
-        return 1.0 if self.perfect else self.instruments.held(reading, order, self.windows.mean_spin)
+        return _components(torque * self.motion.shown("coil_voltage", channel.order))
 
     def motor_torque(self, channel: Channel) -> list[Array]:
         """Return the torque that the current of the motor stands for."""
@@ -206,21 +201,21 @@ class _Predicted:
     @property
     def current_ripple(self) -> Any:
         """Amplitude of the true current at that order, by the true angle [A]."""
-        return self.windows.current_ripple / self.shown("motor_current", self.order)
+        return self.windows.current_ripple / self.motion.shown("motor_current", self.order)
 
     def winding_voltage(self, channel: Channel) -> list[Array]:
         """Return the voltage across the winding: the ripple of the current follows from that of the back-EMF."""
         w, values = self.windows, self.values
         voltage, speed = w.voltage_ripple, w.spin_ripple
         if not self.perfect:
-            voltage = voltage / self.shown("motor_voltage", self.order)
+            voltage = voltage / self.motion.shown("motor_voltage", self.order)
             speed = speed / self.instruments.angle(self.order, w.mean_spin)
         volts = voltage - values["motor_constant"] * speed - self.constant_ripple * w.mean_spin
         volts = volts - amplitude(self.resistance, self.motion.ripple_weights) * self.mean_current
         volts = volts - self.ripple_of("motor_voltage")
         own = self.bench.value("motor_resistance")
         current = volts * (own / values["motor_resistance"]) + own * self.ripple_of("motor_current")
-        return _components(current * self.shown("motor_current", self.order))
+        return _components(current * self.motion.shown("motor_current", self.order))
 
     def encoder_angle(self, channel: Channel) -> list[Array]:
         """Return the angle's reading less its steady growth: the ripple of the speed, and the encoder's error."""

@@ -4,21 +4,31 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.diagnosis.event_scan import PREFERRED, Candidate, Evidence, Profiles, scan
+from gyrowheel_analysis.diagnosis.event_scan import Candidate, scan
+from gyrowheel_analysis.diagnosis.evidence import Evidence, Profiles
 from gyrowheel_analysis.diagnosis.selection import Progress, Selection, select
 from gyrowheel_analysis.diagnosis.unknown import Proposal, search
-from gyrowheel_analysis.fitting.events import QUANTITIES, Event, Kind
+from gyrowheel_analysis.fitting.events import (
+    HAPPENS,
+    MOTION,
+    QUANTITIES,
+    TEMPERATURES,
+    TOGETHER,
+    Event,
+    Kind,
+    temperature,
+)
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.preparation import samples_of
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.fitting.terms import Term
 from gyrowheel_analysis.recording import Recording, parted
-from gyrowheel_analysis.reduction import readable
+from gyrowheel_analysis.reduction import Windows, readable
 from gyrowheel_analysis.reduction.onset import onset
 
 Array = NDArray[np.float64]
@@ -26,9 +36,14 @@ Array = NDArray[np.float64]
 #: Gain in twice the log likelihood that an event must bring beyond what chance brings somewhere.
 THRESHOLD = 12.0
 _MOST = 6
+_PREFERRED = 6.0  # likelihood by which a quantity must be better than a simpler one
 _ROUNDS = 3  # of selecting effects beside events and looking for events beside effects
 _SAME = 1.0  # s; an event that moves by less is the same
 _FINE = 0.1  # s between the edges that are tried within windows
+_ENDS = 25  # times that are tried for each end of a trend
+_SHORTEST = 2.0  # s, of a trend
+#: Errors of the windows' time within which the samples are searched for it, and the most [s].
+_WIDELY, _WIDEST = 3.0, 5.0
 _NEAR = 5.0  # s within which another change may be the same event
 _TIE = 14.0  # gain within which another quantity explains an event as well
 #: Readings whose shift looks like a torque in every window.
@@ -76,13 +91,51 @@ class DatedEvent:
 
 
 @dataclass(frozen=True)
+class DriftShape:
+    """A drift that has a shape.
+
+    Attributes
+    ----------
+    recording : str
+        In which recording.
+    kind : str
+        ``swing``; ``coil_temperature``, ``motor_temperature`` or ``air_temperature``: it follows that; ``after_tilt``:
+        it relaxes after every move of the tilt.
+    channel : str
+        What drifts, one of `fitting.events.QUANTITIES`.
+    size, standard_error : float
+        Amplitude of the swing; change from the coldest to the warmest window; what a tilt of the reference size brings
+        just after the move, in `unit`.
+    unit : str
+        Unit of the size.
+    time, time_error : float
+        Period of the swing, or time in which it relaxes, and the standard error [s]; 0 for a temperature.
+    temperature_change : float
+        From the coldest to the warmest window [K]; 0 for other shapes.
+    gain : float
+        By how much it raises twice the log likelihood of the recordings.
+    """
+
+    recording: str
+    kind: Kind
+    channel: str
+    size: float
+    standard_error: float
+    unit: str
+    time: float
+    time_error: float
+    temperature_change: float
+    gain: float
+
+
+@dataclass(frozen=True)
 class Found:
     """An event that was found, before its size is known.
 
     Attributes
     ----------
-    event : Event
-        The event.
+    events : tuple of Event
+        The change of every quantity, all with the same recording, kind and edges.
     errors : tuple of float
         Standard errors of its edges [s].
     gain : float
@@ -91,10 +144,20 @@ class Found:
         Other quantities that would serve.
     """
 
-    event: Event
+    events: tuple[Event, ...]
     errors: tuple[float, ...]
     gain: float
     ties: tuple[str, ...]
+
+    @property
+    def event(self) -> Event:
+        """The first of them."""
+        return self.events[0]
+
+
+def all_of(found: Sequence[Found]) -> list[Event]:
+    """Return every single event of some that were found."""
+    return [event for own in found for event in own.events]
 
 
 @dataclass(frozen=True)
@@ -153,7 +216,7 @@ def explain(
     if not found:
         return without
     if without.proposal is not None:
-        with_events = problem.with_events([f.event for f in found])
+        with_events = problem.with_events(all_of(found))
         gain = problem.evidence(selection.best) - with_events.evidence(selection.best)
         if without.proposal.gain > gain - THRESHOLD * len(found):
             found = find(problem, without.fit, recordings)
@@ -183,7 +246,7 @@ def explain(
 
 def _beside(problem: Problem, found: list[Found]) -> Outcome:
     """Return effects and free form beside events."""
-    beside = problem.with_events([f.event for f in found]).with_drift_estimated()
+    beside = problem.with_events(all_of(found)).with_drift_estimated()
     selection = select(beside)
     return Outcome(beside, selection, search(beside, selection), found)
 
@@ -192,45 +255,59 @@ def find(problem: Problem, fit: Fit, recordings: Sequence[Recording]) -> list[Fo
     """Return the events that recordings show about a fit, the strongest first."""
     found: list[Found] = []
     while len(found) < _MOST:
-        evidence = Evidence(problem.with_events([f.event for f in found]), fit)
+        evidence = Evidence(problem.with_events(all_of(found)), fit)
         candidates = scan(evidence)
         best = _simplest(candidates)
         if best.score < THRESHOLD:
             break
-        dated = _dated(evidence, best.event, recordings[best.event.recording])
-        if best.event.kind == "trend" and (steps := [c for c in candidates if _may_be(c, best.event)]):
+        recording = recordings[best.first.recording]
+        dated = _dated(evidence, best, recording)
+        if best.first.kind == "trend" and (steps := [c for c in candidates if _may_be(c, best)]):
             # a step within a window looks like a short trend
-            step = _dated(evidence, steps[0].event, recordings[best.event.recording])
-            dated = step if step.gain > dated.gain - PREFERRED else dated
-        if any(_alike(dated.event, f.event) for f in found):
+            step = _dated(evidence, steps[0], recording)
+            dated = step if step.gain > dated.gain - _PREFERRED else dated
+        dated = _fewer(evidence, dated)
+        if any(_alike(dated.events, f.events) for f in found):
             break
-        found.append(Found(dated.event, dated.errors, dated.gain, _ties(candidates, best.event, best.gain)))
+        found.append(Found(dated.events, dated.errors, dated.gain, _ties(candidates, best)))
     return found
 
 
-def _may_be(candidate: Candidate, trend: Event) -> bool:
+def _may_be(candidate: Candidate, trend: Candidate) -> bool:
     """Whether a candidate is a step that may be what a trend shows."""
-    e = candidate.event
-    return (e.kind, e.recording, e.quantity) == ("step", trend.recording, trend.quantity) and (
-        trend.time - _NEAR < e.time < trend.end + _NEAR
+    e, t = candidate.first, trend.first
+    return (e.kind, e.recording, candidate.quantities) == ("step", t.recording, trend.quantities) and (
+        t.time - _NEAR < e.time < t.end + _NEAR
     )
 
 
-def _alike(left: Event, right: Event) -> bool:
-    """Whether two events are the same change of the same quantity."""
-    same = (left.recording, left.quantity, left.kind) == (right.recording, right.quantity, right.kind)
-    return same and all(abs(a - b) < _SAME for a, b in zip(left.edges, right.edges, strict=True))
+def _fewer(evidence: Evidence, dated: _Dated) -> _Dated:
+    """Return an event of both axes as one of that axis alone which serves as well."""
+    alone = [replace(dated, events=(event,), gain=_gain(evidence, [(event,)])) for event in dated.events]
+    best = max(alone, key=lambda own: own.gain)
+    return best if best.gain > dated.gain - _PREFERRED else dated
 
 
-def _ties(candidates: Sequence[Candidate], event: Event, gain: float) -> tuple[str, ...]:
+def _alike(left: Sequence[Event], right: Sequence[Event]) -> bool:
+    """Whether two events are the same change of the same quantities."""
+    if [(e.recording, e.quantity, e.kind) for e in left] != [
+        (e.recording, e.quantity, e.kind) for e in right
+    ]:
+        return False
+    return all(abs(a - b) < _SAME for a, b in zip(left[0].edges, right[0].edges, strict=True))
+
+
+def _ties(candidates: Sequence[Candidate], best: Candidate) -> tuple[str, ...]:
     """Return other quantities of which a change at the same time brings nearly as much."""
+    first = best.first
     near = [
-        c.event.quantity
+        name
         for c in candidates
-        if c.gain > gain - _TIE
-        and c.event.quantity != event.quantity
-        and (c.event.recording, c.event.kind) == (event.recording, event.kind)
-        and all(abs(a - b) < _NEAR for a, b in zip(c.event.edges, event.edges, strict=True))
+        if c.gain > best.gain - _TIE
+        and c.quantities != best.quantities
+        and (c.first.recording, c.first.kind) == (first.recording, first.kind)
+        and all(abs(a - b) < _NEAR for a, b in zip(c.first.edges, first.edges, strict=True))
+        for name in c.quantities
     ]
     return tuple(dict.fromkeys(near))
 
@@ -246,7 +323,7 @@ def beside_events(problem: Problem, terms: Sequence[Term], found: Sequence[Found
     """Return a problem with events, and with what they do beside some terms taken from its measured rows."""
     if not found:
         return problem
-    beside = problem.with_events([f.event for f in found]).with_drift_estimated()
+    beside = problem.with_events(all_of(found)).with_drift_estimated()
     return beside.without_events(beside.fit(terms))
 
 
@@ -264,7 +341,7 @@ def unused_events(validation: Problem, fit: Fit, recordings: Sequence[Recording]
     """
     own = validation.fit(fit.terms)
     found = find(validation, own, recordings)
-    beside = validation.with_events([f.event for f in found])
+    beside = validation.with_events(all_of(found))
     return with_sizes(beside, own, found, [str(recording.path) for recording in recordings])
 
 
@@ -279,75 +356,124 @@ def as_events(dated: Sequence[DatedEvent], names: Sequence[str]) -> list[Event]:
 
 def _simplest(candidates: Sequence[Candidate]) -> Candidate:
     """Return the best candidate, or one of a simpler quantity that serves nearly as well."""
-    order = list(QUANTITIES)
-    serving = [c for c in candidates if c.score > candidates[0].score - PREFERRED]
-    return min(serving, key=lambda c: (order.index(c.event.quantity), -c.score))
+    serving = [c for c in candidates if c.score > candidates[0].score - _PREFERRED]
+    order = {quantities: k for k, quantities in enumerate(TOGETHER)}
+    return min(serving, key=lambda c: (order.get(c.quantities, len(order)), -c.score))
 
 
 @dataclass(frozen=True)
 class _Dated:
     """An event with its edges as exactly as they are seen, their standard errors [s], and its gain."""
 
-    event: Event
+    events: tuple[Event, ...]
     errors: tuple[float, ...]
     gain: float
 
 
-def _dated(evidence: Evidence, event: Event, recording: Recording) -> _Dated:
+def _dated(evidence: Evidence, candidate: Candidate, recording: Recording) -> _Dated:
     """Return an event with its edges as exactly as windows and samples show them."""
-    bench = evidence.problem.bench
+    bench, first = evidence.problem.bench, candidate.first
+    windows = evidence.problem.balances[first.recording].windows
+    edges, errors = list(first.edges), [0.0] * len(first.edges)
+
+    def moved() -> tuple[Event, ...]:
+        return tuple(event.at(*edges) for event in candidate.events)
+
+    if first.kind == "swing":
+        return _swinging(evidence, candidate)
+    if first.kind not in HAPPENS:
+        return _Dated(candidate.events, tuple(0.0 for _ in edges), candidate.gain)
+    if first.kind == "trend":
+        return _grown(evidence, candidate, [_between_windows(windows, *span) for span in candidate.spans])
+    # the edges of a burst depend on each other
+    for k in (0,) if first.kind == "step" else (0, 1, 0, 1):
+        edges[k], errors[k] = _by_windows(
+            evidence, moved(), k, *_between_windows(windows, *candidate.spans[k])
+        )
+    by_windows = _Dated(moved(), tuple(errors), _gain(evidence, [moved()]))
     data, _, _ = readable(samples_of(recording), bench)
-    windows = evidence.problem.balances[event.recording].windows
-    start, stop = windows.start, windows.start + windows.duration
-    edges, errors = list(event.edges), [0.0] * len(event.edges)
-    ranges = []
-    # the edges of a trend or a burst depend on each other
-    for k in (0,) if event.kind == "step" else (0, 1, 0, 1):
-        after = int(np.searchsorted(start, edges[k]))
-        reach = 4 if event.kind == "trend" else 2 if event.quantity.startswith("tilt_reading") else 1
-        begin = float(start[max(after - reach, 0)])
-        end = float(stop[min(after + reach - 1, len(stop) - 1)])
-        edges[k], errors[k] = _by_windows(evidence, event.at(*edges), k, begin, end)
-        ranges.append((k, begin, end))
-    by_windows = _Dated(event.at(*edges), tuple(errors), _gain(evidence, event.at(*edges)))
-    if event.kind == "trend":
-        return by_windows
-    for k, begin, end in ranges:
-        other = edges[1 - k] if event.kind == "burst" else None
-        seen = onset(data, bench, event.quantity, begin, end, other)
+    for k in (0,) if first.kind == "step" else (0, 1, 0, 1):
+        wide = min(_WIDELY * by_windows.errors[k], _WIDEST)
+        low, high = _between_windows(windows, edges[k] - wide, edges[k] + wide)
+        other = edges[1 - k] if first.kind == "burst" else None
+        seen = onset(data, bench, candidate.quantities, low, high, other)
         if seen is not None:
             edges[k], errors[k] = seen
     if len(edges) > 1 and edges[1] <= edges[0]:
         return by_windows
-    by_samples = _Dated(event.at(*edges), tuple(errors), _gain(evidence, event.at(*edges)))
-    return by_samples if by_samples.gain > by_windows.gain - PREFERRED else by_windows
+    by_samples = _Dated(moved(), tuple(errors), _gain(evidence, [moved()]))
+    # where a reading of the tilt jumps within a window, its fit of a smooth motion says less than the samples
+    less = 0.5 * by_windows.gain if first.quantity in MOTION else _PREFERRED
+    return by_samples if by_samples.gain > by_windows.gain - less else by_windows
 
 
-def _gain(evidence: Evidence, *events: Event) -> float:
-    """Return the largest gain of events of one quantity and kind in one recording."""
-    return float(_gains(evidence, events).max())
+def _grown(evidence: Evidence, candidate: Candidate, spans: Sequence[tuple[float, float]]) -> _Dated:
+    """Return a trend with its ends between some times; both are equally uncertain, and depend on each other."""
+    ends = [np.linspace(low, high, max(min(_ENDS, round((high - low) / _FINE)), 2)) for low, high in spans]
+    pairs = [(a, b) for a in ends[0].tolist() for b in ends[1].tolist() if b > a + _SHORTEST]
+    if not pairs:
+        return _Dated(candidate.events, tuple(b - a for a, b in spans), candidate.gain)
+    gains = _gains(evidence, [[event.at(*pair) for event in candidate.events] for pair in pairs])
+    likely = np.exp(0.5 * (gains - gains.max()))
+    mean = likely @ np.array(pairs) / likely.sum()
+    errors = np.sqrt(likely @ (np.array(pairs) - mean) ** 2 / likely.sum() + _FINE**2)
+    events = tuple(event.at(*mean.tolist()) for event in candidate.events)
+    return _Dated(events, tuple(errors.tolist()), float(gains.max()))
 
 
-def _gains(evidence: Evidence, events: Sequence[Event]) -> Array:
-    first = events[0]
+def _swinging(evidence: Evidence, candidate: Candidate) -> _Dated:
+    """Return a swing with its phase and period as exactly as the windows show them."""
+    peak, period = candidate.first.edges
+    errors = (0.0, 0.0)
+    for part in (0.15, 0.03):
+        middle = peak
+        periods = period * (1.0 + part * np.linspace(-1.0, 1.0, 11))
+        peaks = middle + period * 2.0 * part * np.linspace(-1.0, 1.0, 11)
+        pairs = [(a, b) for a in peaks.tolist() for b in periods.tolist()]
+        gains = _gains(evidence, [[event.at(*pair) for event in candidate.events] for pair in pairs])
+        likely = np.exp(0.5 * (gains - gains.max()))
+        mean = likely @ np.array(pairs) / likely.sum()
+        spread = np.sqrt(likely @ (np.array(pairs) - mean) ** 2 / likely.sum())
+        (peak, period), errors = mean.tolist(), tuple(spread.tolist())
+    events = tuple(event.at(peak, period) for event in candidate.events)
+    return _Dated(events, errors, _gain(evidence, [events]))
+
+
+def _between_windows(windows: Windows, low: float, high: float) -> tuple[float, float]:
+    """Return where the window before a time begins, and where the one after another time ends [s]."""
+    start, stop = windows.start, windows.start + windows.duration
+    first, last = (int(np.searchsorted(start, time)) for time in (low, high))
+    return float(start[max(first - 1, 0)]), float(stop[min(last, len(stop) - 1)])
+
+
+def _gain(evidence: Evidence, changes: Sequence[Sequence[Event]]) -> float:
+    """Return the largest gain of changes of the same quantities, of one kind in one recording."""
+    return float(_gains(evidence, changes).max())
+
+
+def _gains(evidence: Evidence, changes: Sequence[Sequence[Event]]) -> Array:
+    first = changes[0][0]
     w = evidence.problem.balances[first.recording].windows
-    weights = np.array([event.profile(w.start, w.duration) for event in events])
-    profiles = Profiles(first.kind, [event.edges for event in events], weights)
-    return evidence.gains(first.quantity, first.recording, profiles)
+    weights = np.array([events[0].course(w) for events in changes])
+    profiles = Profiles(first.kind, [events[0].edges for events in changes], weights)
+    names = [event.quantity for event in changes[0]]
+    lag = first.time if first.kind == "after_tilt" else None
+    return evidence.gains(names, first.recording, [profiles], lag)[0]
 
 
-def _by_windows(evidence: Evidence, event: Event, k: int, begin: float, end: float) -> tuple[float, float]:
-    """Return the likeliest time of edge `k` between two times, and its standard error [s]."""
-    span = np.arange(begin, end, _FINE * (5.0 if event.kind == "trend" else 1.0))
-    edges = [tuple(t if i == k else own for i, own in enumerate(event.edges)) for t in span.tolist()]
+def _by_windows(
+    evidence: Evidence, events: Sequence[Event], k: int, begin: float, end: float
+) -> tuple[float, float]:
+    """Return the time of edge `k` between two times that is expected, and its standard error [s]."""
+    first = events[0]
+    span = np.arange(begin, end, _FINE)
+    edges = [tuple(t if i == k else own for i, own in enumerate(first.edges)) for t in span.tolist()]
     edges = [own for own in edges if len(own) == 1 or own[1] > own[0] + _FINE]
-    gains = _gains(evidence, [event.at(*own) for own in edges])
+    gains = _gains(evidence, [[event.at(*own) for event in events] for own in edges])
     likely = np.exp(0.5 * (gains - gains.max()))
     times = np.array([own[k] for own in edges])
     mean = float(likely @ times / likely.sum())
-    return float(times[np.argmax(gains)]), math.sqrt(
-        float(likely @ (times - mean) ** 2 / likely.sum()) + _FINE**2
-    )
+    return mean, math.sqrt(float(likely @ (times - mean) ** 2 / likely.sum()) + _FINE**2)
 
 
 def _same(left: Sequence[Found], right: Sequence[Found]) -> bool:
@@ -363,28 +489,65 @@ def _same(left: Sequence[Found], right: Sequence[Found]) -> bool:
 
 
 def with_sizes(problem: Problem, fit: Fit, found: Sequence[Found], names: Sequence[str]) -> list[DatedEvent]:
-    """Return events with their sizes beside a fit."""
-    if not found:
-        return []
-    sizes, covariance = problem.event_sizes(fit)
-    order = [problem.events.index(f.event) for f in found]
+    """Return what happened at a time, with its sizes beside a fit."""
     return [
         DatedEvent(
-            recording=names[f.event.recording],
-            time=f.event.time,
-            time_error=f.errors[0],
-            end=None if f.event.kind == "step" else f.event.end,
-            end_error=None if f.event.kind == "step" else f.errors[1],
-            kind=f.event.kind,
-            channel=f.event.quantity,
-            size=float(sizes[k]),
-            standard_error=math.sqrt(float(covariance[k, k])),
-            unit=QUANTITIES[f.event.quantity].unit,
-            gain=f.gain,
-            ties=(*_READINGS.get(f.event.quantity, ()), *f.ties),
+            recording=names[event.recording],
+            time=event.time,
+            time_error=own.errors[0],
+            end=None if event.kind == "step" else event.end,
+            end_error=None if event.kind == "step" else own.errors[1],
+            kind=event.kind,
+            channel=event.quantity,
+            size=size,
+            standard_error=error,
+            unit=QUANTITIES[event.quantity].unit,
+            gain=own.gain,
+            ties=(*_READINGS.get(event.quantity, ()), *own.ties),
         )
-        for f, k in zip(found, order, strict=True)
+        for own, event, size, error in _sizes(problem, fit, found)
+        if event.kind in HAPPENS
     ]
+
+
+def drift_shapes(
+    problem: Problem, fit: Fit, found: Sequence[Found], names: Sequence[str]
+) -> list[DriftShape]:
+    """Return the shapes of drifts, with their sizes beside a fit."""
+    result = []
+    for own, event, size, error in _sizes(problem, fit, found):
+        if event.kind in HAPPENS:
+            continue
+        span = 0.0
+        if event.kind in TEMPERATURES:
+            span = float(np.ptp(temperature(problem.balances[event.recording].windows, event.kind)))
+        time = event.end if event.kind == "swing" else event.time
+        result.append(
+            DriftShape(
+                recording=names[event.recording],
+                kind=event.kind,
+                channel=event.quantity,
+                size=size,
+                standard_error=error,
+                unit=QUANTITIES[event.quantity].unit,
+                time=time,
+                time_error=own.errors[1] if event.kind == "swing" else 0.0,
+                temperature_change=span,
+                gain=own.gain,
+            )
+        )
+    return result
+
+
+def _sizes(problem: Problem, fit: Fit, found: Sequence[Found]) -> Iterator[tuple[Found, Event, float, float]]:
+    """Yield every single event with its size and the standard error."""
+    if not found:
+        return
+    sizes, covariance = problem.event_sizes(fit)
+    for own in found:
+        for event in own.events:
+            k = problem.events.index(event)
+            yield own, event, float(sizes[k]), math.sqrt(float(covariance[k, k]))
 
 
 def parts_between(events: Sequence[DatedEvent]) -> Iterator[str]:

@@ -117,6 +117,7 @@ class Planner:
         self._problem = problem
         self._fit = fit
         self._planned: dict[str, tuple[Problem, float] | None] = {}
+        self._seen: tuple[Fit, Fit, Array, Array, float] | None = None
 
     def separation(self, truth: Fit, rival: Fit, plan: str) -> Separation | None:
         """Return by how much a plan, in addition to the present recordings, would make `rival` worse than `truth`.
@@ -136,24 +137,39 @@ class Planner:
         if (found := self._planned[plan]) is None:
             return None
         other, minutes = found
-        unknowns = self._problem.unknowns
-        inverse, _ = unknowns.prior(rival.terms)
-        count = self._problem.count
-        signals, designs = [], []
-        for problem in (self._problem, other):
-            at = problem.predict(rival)
-            signals.append(problem.noise.whiten(problem.predict(truth) - at))
-            designs.append(problem.noise.whiten(problem.jacobian(rival, at)))
-        values = np.concatenate([rival.nuisance, [rival.coefficients[t][n] for t, n in rival.columns]])
-        pull = inverse * (values - unknowns.centre(rival.terms))
-        design = np.vstack([*designs, np.diag(inverse)])
-        signal = np.concatenate([*signals, -pull])
+        present, along, beside = self._present(truth, rival)
+        at = other.predict(rival)
+        signal = np.concatenate([along, other.noise.whiten(other.predict(truth) - at)])
+        design = np.vstack([present, other.noise.whiten(other.jacobian(rival, at))])
         size = np.linalg.norm(design, axis=0)
         size[size == 0.0] = 1.0
         solution, *_ = np.linalg.lstsq(design / size, signal, rcond=1e-10)
         left = signal - (design / size) @ solution
-        expected = float(left @ left) - float(truth.nuisance[:count] @ truth.nuisance[:count])
+        expected = beside + float(left @ left) - float(truth.nuisance @ truth.nuisance)
         return Separation(plan, max(expected, 0.0), minutes)
+
+    def _present(self, truth: Fit, rival: Fit) -> tuple[Array, Array, float]:
+        """Return what the present recordings and the priors say of two fits.
+
+        Returns
+        -------
+        ndarray (unknowns, unknowns), ndarray (unknowns,), float
+            Derivatives by the unknowns of `rival` and the difference of the two, both in the space that the former
+            span, and the square of the difference beside that space. All plans have them in common.
+        """
+        if self._seen is not None and self._seen[0] is truth and self._seen[1] is rival:
+            return self._seen[2:]
+        problem = self._problem
+        inverse, _ = problem.unknowns.prior(rival.terms)
+        values = np.concatenate([rival.nuisance, [rival.coefficients[t][n] for t, n in rival.columns]])
+        pull = inverse * (values - problem.unknowns.centre(rival.terms))
+        at = problem.predict(rival)
+        signal = np.concatenate([problem.noise.whiten(problem.predict(truth) - at), -pull])
+        design = np.vstack([problem.noise.whiten(problem.jacobian(rival, at)), np.diag(inverse)])
+        basis, triangle = np.linalg.qr(design)
+        along = basis.T @ signal
+        self._seen = truth, rival, triangle, along, float(signal @ signal - along @ along)
+        return self._seen[2:]
 
     def revealing(self, name: str) -> Separation | None:
         """Return the plan that would show a registered effect of a middle usual magnitude best per minute."""

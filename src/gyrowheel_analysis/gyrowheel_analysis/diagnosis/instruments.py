@@ -10,7 +10,7 @@ from gyrowheel_sim.effects import registry
 from gyrowheel_sim.effects.targets import INSTRUMENT_PARAMETERS
 
 if TYPE_CHECKING:
-    from gyrowheel_analysis.diagnosis.diagnose import EffectFinding, TieReport
+    from gyrowheel_analysis.diagnosis.result import EffectFinding, TieReport
 
 #: Channels of the instruments, as the parameters of the bench begin.
 CHANNELS = ("tilt", "spin_angle", "coil_voltage", "motor_voltage", "motor_current")

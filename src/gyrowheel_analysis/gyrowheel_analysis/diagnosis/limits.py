@@ -12,6 +12,7 @@ import numpy as np
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.fitting.terms import Term
+from gyrowheel_analysis.fitting.unknowns import Unknowns
 from gyrowheel_sim.effects import registry
 from gyrowheel_sim.parameter import physical_range
 
@@ -56,12 +57,14 @@ class Beyond:
 
 
 def is_possible(fit: Fit, term: Term) -> bool:
-    """Whether the coefficients of an effect in a fit are possible: within what physics and its declaration allow.
+    """Whether the coefficients of a term in a fit are possible: within what physics and its declaration allow.
 
     A coefficient that the fit has driven to the end of the range that it searches is none: it would go farther.
     """
     if term.effect is None:
-        return True
+        low, high = Unknowns.bounds(term, "relative_error")
+        near = _AT_BOUND * (high - low)
+        return low + near < fit.coefficients[term.name]["relative_error"] < high - near
     for c in term.effect.coefficients:
         value, error = fit.coefficients[term.name][c.name], fit.standard_error(term.name, c.name)
         low, high = c.physical
@@ -101,12 +104,13 @@ def beyond(problem: Problem, fit: Fit, terms: Sequence[Term]) -> list[Beyond]:
     """
     found = _parameters(problem, fit)
     for term in terms:
-        found += _unusual(fit, term)
+        found += unusual(fit, term)
     order = ("impossible", "unusual", "not_as_stated")
     return sorted(found, key=lambda b: (order.index(b.kind), -b.times))
 
 
-def _unusual(fit: Fit, term: Term) -> list[Beyond]:
+def unusual(fit: Fit, term: Term) -> list[Beyond]:
+    """Return what of a term in a fit is far beyond what is usual."""
     if term.effect is None:
         value = fit.coefficients[term.name]["relative_error"]
         margin = MARGIN * fit.standard_error(term.name, "relative_error")

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.diagnosis.diagnose import Diagnosis, EffectFinding
 from gyrowheel_analysis.diagnosis.experiment_design import SEPARATING_PLANS, VARIED_PLANS, planned
+from gyrowheel_analysis.diagnosis.result import Diagnosis, EffectFinding
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.preparation import Progress, one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem

@@ -208,10 +208,9 @@ def implausible(problem: Problem, fit: Fit, limit: float = ERROR_LIMIT) -> Term 
     that is not in the fit.
     """
     for term in fit.terms:
-        if term.effect is None:
-            if relative_deviation(problem, fit, term) <= limit:
-                return term
-        elif not is_possible(fit, term):
+        if not is_possible(fit, term):
+            return term
+        if term.effect is None and relative_deviation(problem, fit, term) <= limit:
             return term
     return None
 

@@ -65,10 +65,12 @@ def export_recording(
     schema, groups = _table_schema(recording)
     command, setpoint = _nearest(recording)
     with new_file(path) as place, contextlib.ExitStack() as stack:
+        # opened here: arrow refuses names of files that are not text
+        opened = stack.enter_context(place.open("wb"))
         if path.suffix == ".csv":
-            writer: Any = stack.enter_context(pc.CSVWriter(place, schema))
+            writer: Any = stack.enter_context(pc.CSVWriter(opened, schema))
         else:
-            writer = stack.enter_context(pq.ParquetWriter(place, schema, compression="zstd"))
+            writer = stack.enter_context(pq.ParquetWriter(opened, schema, compression="zstd"))
         total = len(recording.measurement)
         for begin in range(0, total, _CHUNK):
             rows = slice(begin, min(begin + _CHUNK, total))
@@ -93,7 +95,8 @@ def is_exported_table(file: Path) -> bool:
             first = [name.strip().strip('"') for name in stream.readline(100_000).split(",")]
         return first[: 2 + len(READINGS)] == ["time", "sequence", *READINGS] or is_signal_head(first)
     try:
-        return b"gyrowheel" in (pq.read_schema(file).metadata or {})
+        with file.open("rb") as opened:
+            return b"gyrowheel" in (pq.read_schema(opened).metadata or {})
     except pa.ArrowException:
         return False
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,6 @@ from gyrowheel_control.plans.plan import SETPOINT_PERIOD
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim import environment as environments
-
-_RECORDING_CHUNK: Final = 1 << 20  # bytes
 
 
 def import_table(file: str | Path, column_map: ColumnMap, directory: str | Path) -> int:
@@ -72,7 +70,7 @@ def import_table(file: str | Path, column_map: ColumnMap, directory: str | Path)
     columns.append((topics.MEASUREMENT, stamps, readings))
     if column_map.command:
         columns.append(_commands(table, column_map, stamps, sequence))
-    with RecordingWriter(directory, chunk_size=_RECORDING_CHUNK) as writer:
+    with RecordingWriter(directory) as writer:
         writer.write_columns(columns)
     return len(sequence)
 

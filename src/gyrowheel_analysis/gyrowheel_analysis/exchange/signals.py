@@ -13,6 +13,7 @@ import pyarrow.csv as pc
 import pyarrow.parquet as pq
 
 from gyrowheel_analysis.exchange.table import check_suffix
+from gyrowheel_core.errors import printable
 from gyrowheel_core.files import new_file
 
 _HEAD: Final = ["recording", "stamp", "notched_tilt_x"]
@@ -48,14 +49,14 @@ def write_signals(
     fields = [pa.field("recording", pa.string())]
     fields += [pa.field(name, pa.float64(), metadata={"unit": units[name]}) for name in names]
     schema = pa.schema(fields, metadata={"gyrowheel": json.dumps({"signals": "notched"})})
-    paths = [str(own["recording"]) for own in signals for _ in own["stamp"]]
+    paths = [printable(str(own["recording"])) for own in signals for _ in own["stamp"]]
     columns = [pa.array(np.concatenate([own[name] for own in signals])) for name in names]
     table = pa.Table.from_arrays([pa.array(paths, pa.string()), *columns], schema=schema)
-    with new_file(path) as place:
+    with new_file(path) as place, place.open("wb") as opened:
         if path.suffix == ".csv":
-            pc.write_csv(table, place)
+            pc.write_csv(table, opened)
         else:
-            pq.write_table(table, place, compression="zstd")
+            pq.write_table(table, opened, compression="zstd")
     return [str(name) for name in schema.names]
 
 

@@ -156,7 +156,8 @@ class Table:
                 f"{self.path}: column '{name}': a row every {1e3 * mean:.6g} ms; allowed for the bench"
                 f" {self._map.bench.name}: {1e3 * period:g} ms ± {100 * _PERIOD:g} % (is the unit right?)"
             )
-        wrong = np.flatnonzero(~(np.abs(steps / mean - counted) <= _STEP))
+        with np.errstate(over="ignore"):  # a step of any size is told below
+            wrong = np.flatnonzero(~(np.abs(steps / mean - counted) <= _STEP))
         if len(wrong):
             k = int(wrong[0]) + 1
             hint = (
@@ -244,9 +245,9 @@ class Table:
 
     def _read(self) -> Any:
         names = self._map.names
-        if self.path.exists() and not self.path.is_file():
-            raise InputError(f"{self.path}: cannot be read: it is not a file")
         try:
+            if self.path.exists() and not self.path.is_file():
+                raise InputError(f"{self.path}: cannot be read: it is not a file")
             return self._read_csv(names) if self._csv else self._read_parquet(names)
         except FileNotFoundError:
             raise InputError(f"{self.path}: no such file") from None
@@ -257,7 +258,7 @@ class Table:
             raise InputError(f"{self.path}: cannot be read: {one_line(error)}") from None
 
     def _read_parquet(self, names: Sequence[str]) -> Any:
-        with pq.ParquetFile(self.path) as file:
+        with self.path.open("rb") as opened, pq.ParquetFile(opened) as file:
             self._check_columns(file.schema_arrow.names, names)
             # what the file claims of its size may be small: a column of one repeated value has hardly any bytes
             rows = file.metadata.num_rows
@@ -292,7 +293,11 @@ class Table:
         read = pc.ReadOptions(skip_rows=settings.skip_lines, encoding=settings.encoding)
         parse = pc.ParseOptions(delimiter=settings.delimiter)
         try:
-            with pc.open_csv(self.path, read_options=read, parse_options=parse) as stream:
+            # opened here and below: arrow refuses names of files that are not text
+            with (
+                self.path.open("rb") as opened,
+                pc.open_csv(opened, read_options=read, parse_options=parse) as stream,
+            ):
                 self._check_columns(stream.schema.names, names)
         except pa.ArrowInvalid:
             self._name_the_row(read)
@@ -311,14 +316,16 @@ class Table:
             )
 
         try:
-            return pc.read_csv(
-                self.path, read_options=read, parse_options=parse, convert_options=options(pa.float64())
-            )
+            with self.path.open("rb") as opened:
+                return pc.read_csv(
+                    opened, read_options=read, parse_options=parse, convert_options=options(pa.float64())
+                )
         except pa.ArrowInvalid:
             self._name_the_row(read)
-            texts = pc.read_csv(
-                self.path, read_options=read, parse_options=parse, convert_options=options(pa.string())
-            )
+            with self.path.open("rb") as opened:
+                texts = pc.read_csv(
+                    opened, read_options=read, parse_options=parse, convert_options=options(pa.string())
+                )
             self._name_the_text(texts)
             raise
 
@@ -333,8 +340,8 @@ class Table:
         # rows are counted by one thread alone
         one = pc.ReadOptions(skip_rows=read.skip_rows, encoding=read.encoding, use_threads=False)
         parse = pc.ParseOptions(delimiter=self._map.csv.delimiter, invalid_row_handler=note)
-        with contextlib.suppress(pa.ArrowInvalid):
-            pc.read_csv(self.path, read_options=one, parse_options=parse)
+        with contextlib.suppress(pa.ArrowInvalid), self.path.open("rb") as opened:
+            pc.read_csv(opened, read_options=one, parse_options=parse)
         if wrong and wrong[0].number is not None:
             row = wrong[0]
             raise InputError(

@@ -1,8 +1,9 @@
 """Events: something that changes in the middle of a recording, as rows of a balance.
 
 An event changes one quantity (`QUANTITIES`) by a size in the course of one profile: a step stays, a trend grows from
-one time to another and then stays, a burst ends. Its rows are linear in the size, so that a fit takes it along by
-projecting it out of rows and derivatives alike (`Noise.with_events`).
+one time to another and then stays, a burst ends. A drift that has a shape changes it in the course of a temperature, or
+swings; and a torque may follow the tilt with a delay. The rows are linear in the size, so that a fit takes it along
+by projecting it out of rows and derivatives alike (`Noise.with_events`).
 """
 
 from __future__ import annotations
@@ -17,14 +18,30 @@ from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.channels import in_groups
+from gyrowheel_analysis.reduction import Windows
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.sizes import torque_scale
 
 Array = NDArray[np.float64]
-Kind = Literal["step", "trend", "burst"]
+Kind = Literal[
+    "step",
+    "trend",
+    "burst",
+    "swing",
+    "coil_temperature",
+    "motor_temperature",
+    "air_temperature",
+    "after_tilt",
+]
+#: What happens at a time; all other kinds are shapes of a drift.
+HAPPENS: tuple[Kind, ...] = ("step", "trend", "burst")
+#: Shapes that follow a reading.
+TEMPERATURES: tuple[Kind, ...] = ("coil_temperature", "motor_temperature", "air_temperature")
 
 #: Quantities of which a jump looks like a motion.
-_MOTION = ("tilt_reading_x", "tilt_reading_y")
+MOTION = ("tilt_reading_x", "tilt_reading_y")
+_STEADY = 0.05  # K; a temperature that varies by less shows nothing
+_SHOWS = 1.0e-9  # part of the largest row below which a row is zero but for rounding
 _TORQUE = 1.0e-3  # N m on the default bench: size of a large event
 
 
@@ -55,7 +72,7 @@ class EventQuantity:
 
 @dataclass(frozen=True)
 class Event:
-    """A change in the middle of a recording.
+    """A change in the middle of a recording, or a drift that has a shape.
 
     Attributes
     ----------
@@ -64,35 +81,82 @@ class Event:
     quantity : str
         What changes, one of `QUANTITIES`.
     kind : Kind
-        ``step`` (stays), ``trend`` (grows from `time` to `end`, then stays) or ``burst`` (ends at `end`).
+        ``step`` (stays), ``trend`` (grows from `time` to `end`, then stays) or ``burst`` (ends at `end`); ``swing``, a
+        temperature that it follows, or ``after_tilt`` (relaxes after every move of the tilt).
     time : float
-        When it begins [s from the start of the recording].
+        When it begins [s from the start of the recording]; when a swing has its maximum; in what time it relaxes [s].
     end : float
-        When a trend or a burst ends [s]; infinite for a step.
+        When a trend or a burst ends [s], infinite for a step; the period of a swing [s].
     """
 
     recording: int
     quantity: str
     kind: Kind
-    time: float
+    time: float = 0.0
     end: float = math.inf
 
     @property
     def edges(self) -> tuple[float, ...]:
-        """The times at which it begins and, if it does, ends [s]."""
-        return (self.time,) if self.kind == "step" else (self.time, self.end)
+        """What else describes it: the times at which it begins and, if it does, ends [s]."""
+        if self.kind in TEMPERATURES:
+            return ()
+        return (self.time,) if self.kind in ("step", "after_tilt") else (self.time, self.end)
 
     def at(self, *edges: float) -> Event:
         """Return the event with other `edges`."""
-        return replace(self, time=edges[0], end=edges[1] if len(edges) > 1 else self.end)
+        time, end = (*edges, *(self.time, self.end)[len(edges) :])
+        return replace(self, time=time, end=end)
 
     def profile(self, start: Array, duration: Array) -> Array:
-        """Return its mean over intervals, in units of its size."""
+        """Return the mean over intervals of what happens at a time, in units of its size."""
         stop = start + duration
+        if self.kind == "swing":
+            turns = (start + 0.5 * duration - self.time) / self.end
+            return np.asarray(np.cos(2.0 * math.pi * turns) * np.sinc(duration / self.end))
         if self.kind == "trend":
             return (_risen(stop, *self.edges) - _risen(start, *self.edges)) / duration
         on = np.clip((stop - self.time) / duration, 0.0, 1.0)
         return on if self.kind == "step" else on - np.clip((stop - self.end) / duration, 0.0, 1.0)
+
+    def course(self, windows: Windows) -> Array:
+        """Return its mean over windows, in units of its size."""
+        if self.kind in TEMPERATURES:
+            kelvin = temperature(windows, self.kind)
+            return np.asarray((kelvin - kelvin.mean()) / max(np.ptp(kelvin), _STEADY))
+        if self.kind == "after_tilt":
+            return np.ones(len(windows))  # its rows have their course already
+        return self.profile(windows.start, windows.duration)
+
+
+def temperature(windows: Windows, kind: Kind) -> Array:
+    """Return a temperature in every window [K]."""
+    if kind == "motor_temperature":
+        return windows.motor_temperatures[:, 0]
+    return windows.coil_temperature if kind == "coil_temperature" else windows.air_temperature
+
+
+def lag_of_tilt(windows: Windows, time: float) -> NDArray[np.complex128]:
+    """Return by how much the tilt is ahead of its own mean over the past, in every window (n,) [rad].
+
+    Parameters
+    ----------
+    windows : Windows
+        The windows; between two of them the tilt is taken to move at once.
+    time : float
+        Time constant with which the past fades [s].
+    """
+    order = np.argsort(windows.start, kind="stable")
+    start, duration, tilt = windows.start[order], windows.duration[order], windows.mean_tilt[order]
+    stop = start + duration
+    until = np.r_[0.5 * (stop[:-1] + start[1:]), stop[-1]]
+    result, begun, behind = np.zeros(len(order), dtype=np.complex128), float(start[0]), 0.0j
+    for k, (place, own) in enumerate(zip(order, tilt, strict=True)):
+        ahead = own - behind
+        first, last = np.exp(-(start[k] - begun) / time), np.exp(-(stop[k] - begun) / time)
+        result[place] = ahead * (first - last) * time / duration[k]
+        behind = own - ahead * np.exp(-(until[k] - begun) / time)
+        begun = float(until[k])
+    return result
 
 
 def _risen(time: Array, begin: float, end: float) -> Array:
@@ -101,10 +165,14 @@ def _risen(time: Array, begin: float, end: float) -> Array:
     return np.asarray(0.5 * np.clip(time - begin, 0.0, length) ** 2 / length + np.maximum(time - end, 0.0))
 
 
-def unit_rows(balance: Balance, quantity: EventQuantity) -> Array:
-    """Return the rows (N,) of a balance in which a quantity is larger by one unit all the time."""
+def unit_rows(balance: Balance, quantity: EventQuantity, lag: float | None = None) -> Array:
+    """Return the rows (N,) of a balance in which a quantity is larger by one unit all the time.
+
+    For a torque that follows the tilt, `lag` is the time in which it relaxes [s].
+    """
     rows = np.zeros(len(balance))
-    for name, values in quantity.rows(balance).items():
+    own = quantity.rows(balance) if lag is None else _lagging(balance, lag)
+    for name, values in own.items():
         rows[balance.row(name)] = values
     return rows
 
@@ -115,9 +183,9 @@ def event_columns(balances: Sequence[Balance], events: Sequence[Event]) -> Array
     columns = np.zeros((int(edges[-1]), len(events)))
     for k, event in enumerate(events):
         balance = balances[event.recording]
-        w = balance.windows
-        profile = np.tile(event.profile(w.start, w.duration), len(balance.rows))
-        own = unit_rows(balance, QUANTITIES[event.quantity])
+        profile = np.tile(event.course(balance.windows), len(balance.rows))
+        lag = event.time if event.kind == "after_tilt" else None
+        own = unit_rows(balance, QUANTITIES[event.quantity], lag)
         columns[edges[event.recording] : edges[event.recording + 1], k] = profile * own
     return columns
 
@@ -131,7 +199,7 @@ def edge_columns(balances: Sequence[Balance], events: Sequence[Event], deviation
     rows: list[int] = []
     for event in events:
         w, count = balances[event.recording].windows, len(balances[event.recording].rows)
-        if event.kind == "trend" or event.quantity not in _MOTION:
+        if event.kind not in ("step", "burst") or event.quantity not in MOTION:
             continue
         for edge in event.edges:
             inside = np.flatnonzero((w.start < edge) & (edge < w.start + w.duration))
@@ -172,30 +240,40 @@ def _tilt(balance: Balance) -> NDArray[np.complex128]:
     return np.asarray(balance.windows.mean_tilt / balance.bench.value("tilt_reference"))
 
 
+def _lagging(balance: Balance, lag: float) -> dict[str, Array]:
+    """Return the rows of a torque against a tilt that has moved, which relaxes while it rests."""
+    return _on_case(-lag_of_tilt(balance.windows, lag) / balance.bench.value("tilt_reference"))
+
+
 def _current(balance: Balance) -> Array:
     return balance.windows.motor_current
 
 
-def _coil(balance: Balance) -> NDArray[np.complex128]:
-    return np.asarray(balance.bench.value("coil_constant") * balance.windows.coil_voltage)
-
-
 def _gain(balance: Balance) -> dict[str, Array]:
-    """Return the rows of coils that give more torque per volt: they need less voltage, at all harmonics."""
+    """Return the rows of coils that give more torque per volt: they need less voltage, at all harmonics.
+
+    They are what the model needs, not what was measured: that has the residual in it and would explain itself.
+    """
+    rows = balance.by_parameter("coil_constant") * balance.bench.value("coil_constant")
     turning = [
         row
-        for channel in in_groups("revolution")
+        for channel in in_groups("average", "revolution")
         if channel.quantity == "coil_torque"
         for row in channel.rows
         if row in balance.rows
     ]
-    return _on_case(_coil(balance)) | {row: -balance.measured[balance.row(row)] for row in turning}
+    return {row: rows[balance.row(row)] for row in turning}
 
 
-def _by_bias(balance: Balance, name: str) -> dict[str, Array]:
-    """Return the rows of a reading of the tilt that is larger by one unit."""
-    rows = balance.by_parameter(name)
-    return {row: rows[balance.row(row)] for row in balance.rows}
+def _by_parameter(balance: Balance, name: str, unit: float = 1.0) -> dict[str, Array]:
+    """Return the rows of a parameter of the bench that is larger by a unit, where it shows at all."""
+    rows = balance.by_parameter(name) * unit
+    size = np.abs(rows).max(initial=0.0)
+    return {
+        row: own
+        for row in balance.rows
+        if np.abs(own := rows[balance.row(row)]).max(initial=0.0) > _SHOWS * size
+    }
 
 
 def _torque(bench: Bench) -> float:
@@ -233,18 +311,40 @@ _ALL = (
         "coil_gain", "1", ("coil_voltage",), _gain, lambda bench: 0.02
     ),
     EventQuantity(
-        "tilt_reading_x", "rad", ("coil_voltage",), lambda b: _by_bias(b, "tilt_bias_x"),
+        "tilt_reading_x", "rad", ("coil_voltage",), lambda b: _by_parameter(b, "tilt_bias_x"),
         lambda bench: 0.02 * bench.value("tilt_reference"),
     ),
     EventQuantity(
-        "tilt_reading_y", "rad", ("coil_voltage",), lambda b: _by_bias(b, "tilt_bias_y"),
+        "tilt_reading_y", "rad", ("coil_voltage",), lambda b: _by_parameter(b, "tilt_bias_y"),
         lambda bench: 0.02 * bench.value("tilt_reference"),
     ),
     EventQuantity(
         "winding_resistance", "1", ("motor_voltage",),
         lambda b: {"motor_voltage": b.bench.value("motor_resistance") * _current(b)}, lambda bench: 0.1,
     ),
+    EventQuantity(
+        "motor_constant", "1", ("motor_current", "motor_voltage"),
+        lambda b: _by_parameter(b, "motor_constant", b.bench.value("motor_constant")), lambda bench: 0.02,
+    ),
+    EventQuantity(
+        "encoder_zero", "rad", (), lambda b: _by_parameter(b, "encoder_zero"), lambda bench: 0.02
+    ),
 )  # fmt: skip
 
-#: What an event may change, by name: the simplest first.
-QUANTITIES: dict[str, EventQuantity] = {quantity.name: quantity for quantity in _ALL}
+#: A torque that follows the tilt with a delay; it changes in no other way.
+AFTER_TILT = EventQuantity(
+    "torque_after_tilt", "N*m", ("coil_voltage",), lambda b: _on_case(_tilt(b)), _torque
+)
+#: What may change, by name: the simplest first.
+QUANTITIES: dict[str, EventQuantity] = {quantity.name: quantity for quantity in (*_ALL, AFTER_TILT)}
+
+#: What may change at once: both axes of a torque or of a reading. Any other quantity changes by itself.
+_PAIRS = (("torque_x", "torque_y"), ("tilt_reading_x", "tilt_reading_y"))
+#: Every quantity once, the simplest first, with the one that may change at once with it.
+TOGETHER: tuple[tuple[str, ...], ...] = tuple(
+    dict.fromkeys(
+        next((pair for pair in _PAIRS if name in pair), (name,))
+        for name in QUANTITIES
+        if name != AFTER_TILT.name
+    )
+)

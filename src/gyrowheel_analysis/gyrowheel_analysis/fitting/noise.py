@@ -175,6 +175,10 @@ class Noise:
             best.fun + turning_cost
         )
 
+    def beside_events(self, regressors: Array) -> Array:
+        """Return regressors (N, p) with the events beside them, their sizes as good as free."""
+        return regressors if self.events is None else np.hstack([regressors, _FLAT * self.events])
+
     def of_averages(
         self, residual: Array, regressors: Array
     ) -> tuple[list[tuple[DriftCovariance, str]], Array, Array, float]:
@@ -194,10 +198,8 @@ class Noise:
         cost : float
             Minus twice the log likelihood of the amplitudes.
         """
-        flat = 0.0
-        if self.events is not None:
-            regressors = np.hstack([regressors, _FLAT * self.events])
-            flat = 2.0 * math.log(_FLAT) * self.events.shape[1]
+        flat = 0.0 if self.events is None else 2.0 * math.log(_FLAT) * self.events.shape[1]
+        regressors = self.beside_events(regressors)
         blocks: list[tuple[DriftCovariance, str]] = []
         kept: list[Any] = []
         start = 0

@@ -55,10 +55,17 @@ class Prediction:
         edges = np.cumsum([len(b) for b in self.balances])[:-1]
         return np.split(rows, edges)
 
-    def nuisance_jacobian(self, point: Point, at: Array) -> Array:
-        """Return the derivatives (N, q) of the rows, which are `at` there, by the nuisance unknowns."""
+    def nuisance_jacobian(self, point: Point, at: Array, before: Array | None = None) -> Array:
+        """Return the derivatives (N, q) of the rows, which are `at` there, by the nuisance unknowns.
+
+        Given those at another point, the columns of the instruments are taken from `before`: they hardly change with
+        the state of the machine, and take longest.
+        """
         columns = []
         for k in range(self.unknowns.count):
+            if before is not None and k in self.unknowns.of_instruments:
+                columns.append(before[:, k])
+                continue
             moved = point.nuisance.copy()
             moved[k] += _NUISANCE_STEP
             columns.append((self._moved(point, moved) - at) / _NUISANCE_STEP)
@@ -86,6 +93,22 @@ class Prediction:
             columns.append((self._changed(point, term, own) - at) / step)
         return np.column_stack(columns)
 
+    def amplitude_columns(self, term: Term, point: Point, at: Array, nuisance: Array) -> Array:
+        """Return the derivatives by the amplitudes of a term that is not in a point.
+
+        Those that a nuisance unknown has as well are taken from `nuisance` (N, q), its derivatives thereabouts.
+        """
+        if same := self.unknowns.same_as(term):
+            return np.column_stack([nuisance[:, k] / unit for k, unit in (same[n] for n in term.amplitudes)])
+        return self.term_jacobian(term, point, at, term.amplitudes)
+
+    @cached_property
+    def as_stated(self) -> tuple[Array, Array]:
+        """The rows with everything as stated (N,), and their derivatives by the nuisance unknowns (N, q)."""
+        stated = self.unknowns.stated()
+        base = self.rows(stated)
+        return base, self.nuisance_jacobian(stated, base)
+
     @cached_property
     def candidate_columns(self) -> Array:
         """Derivatives of the rows by the amplitudes of all effects that may be missing, with everything as stated.
@@ -93,11 +116,11 @@ class Prediction:
         Each is multiplied by its `Unknowns.scale`.
         """
         stated = self.unknowns.stated()
-        base = self.rows(stated)
+        base, nuisance = self.as_stated
         columns = [np.zeros((len(base), 0))]
         for term in self.unknowns.candidates():
             if term.effect is not None:
-                own = self.term_jacobian(term, stated, base, term.amplitudes)
+                own = self.amplitude_columns(term, stated, base, nuisance)
                 columns.append(own * [self.unknowns.scale(term, name) for name in term.amplitudes])
         return np.hstack(columns)
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from gyrowheel_analysis.balance.balance import Balance
@@ -16,12 +17,23 @@ from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.fitting.unknowns import Unknowns
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.recording import Recording
-from gyrowheel_analysis.reduction import NEEDED, Coverage, Samples, Windows, reduce_and_account
+from gyrowheel_analysis.reduction import (
+    NEEDED,
+    Coverage,
+    Samples,
+    Shown,
+    Windows,
+    look,
+    reduce_and_account,
+)
+from gyrowheel_analysis.reduction.not_as_stated import ReadingFindings, reading_findings
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
 
 Progress = Callable[[str], None]
+Array = NDArray[np.float64]
 
+_ANSWER = 2  # samples from the one that a command answers to the first whose voltages show it
 #: With fewer windows nothing can be said.
 FEWEST_WINDOWS = 6
 #: Parameters by which machines are distinguished, and the factor by which one of them must differ. Stated uncertainties
@@ -74,6 +86,8 @@ class Prepared:
         How much of them lies in these windows.
     validation : Prepared or None
         Recordings on which nothing is fitted, nor their drifts estimated; None if there is no window in any.
+    shown : list of Shown
+        What the samples of each show of the instruments.
     """
 
     problem: Problem
@@ -81,6 +95,13 @@ class Prepared:
     windows: int
     coverage: Coverage
     validation: Prepared | None = None
+    shown: list[Shown] = field(default_factory=list)
+
+    def readings(self, bench: Bench) -> ReadingFindings:
+        """Return what the samples of all recordings show of the instruments beside what a bench states."""
+        other = self.validation
+        shown = [*self.shown, *(other.shown if other else [])]
+        return reading_findings(shown, [*self.names, *(other.names if other else [])], bench)
 
     def reweighed(self, fit: Fit) -> Prepared:
         """Return the same with the noise of the machine that a fit describes (`Problem.reweighed`).
@@ -123,7 +144,26 @@ def samples_of(recording: Recording) -> Samples:
         setpoint=recording.setpoint,
         environment=recording.environment,
         part=recording.part,
+        sequence=recording.measurement["sequence"],
+        commanded=_commanded(recording),
     )
+
+
+def _commanded(recording: Recording) -> Array | None:
+    """Return the coil voltages that were commanded for the interval that ends with each sample [V]; None if unknown.
+
+    A command that answers sample k acts from sample k + 1 to sample k + 2.
+    """
+    commands = recording.command
+    if len(commands) < len(recording.measurement) // 2:
+        return None
+    answered = commands["measurement_sequence"].astype(np.int64)
+    if np.any(np.diff(answered) < 0):
+        return None
+    last = recording.measurement["sequence"].astype(np.int64) - _ANSWER
+    place = np.searchsorted(answered, last, side="right") - 1
+    own = np.column_stack([commands["coil_voltage_x"], commands["coil_voltage_y"]])
+    return np.asarray(own[np.maximum(place, 0)])
 
 
 def prepare(
@@ -162,17 +202,21 @@ def prepare(
     """
     if not recordings:
         raise InputError("no recording given")
-    balances, coverage = _reduced(recordings, model, harmonics, progress)
+    balances, coverage, shown = _reduced(recordings, model, harmonics, progress)
     names, count = [r.name for r in recordings], sum(len(b.windows) for b in balances)
     if count < FEWEST_WINDOWS:
         raise TooFewWindowsError(names, count, coverage)
     unknowns = Unknowns(model.reference_bench, model.effects, model.effect_errors, model.declared)
     validation = None
     if validate:
-        others, other_coverage = _reduced(validate, model, harmonics, progress)
+        others, other_coverage, other_shown = _reduced(validate, model, harmonics, progress, shown)
         if windows := sum(len(b.windows) for b in others):
             validation = Prepared(
-                Problem.of(others, unknowns), [r.name for r in validate], windows, other_coverage
+                Problem.of(others, unknowns),
+                [r.name for r in validate],
+                windows,
+                other_coverage,
+                shown=other_shown,
             )
     problem = Problem.of(balances, unknowns)
     if drift_scales is None:
@@ -181,24 +225,38 @@ def prepare(
         problem = problem.with_drift_estimated()
     else:
         problem = problem.with_scales(drift_scales)
-    return Prepared(problem, names, count, coverage, validation)
+    return Prepared(problem, names, count, coverage, validation, shown)
 
 
 def _reduced(
-    recordings: Sequence[Recording], model: Model, harmonics: bool, progress: Progress | None
-) -> tuple[list[Balance], Coverage]:
-    """Return the balance of every recording and how much of them all lies in windows."""
+    recordings: Sequence[Recording],
+    model: Model,
+    harmonics: bool,
+    progress: Progress | None,
+    elsewhere: Sequence[Shown] = (),
+) -> tuple[list[Balance], Coverage, list[Shown]]:
+    """Return the balance of every recording, how much of them all lies in windows, and what their samples show.
+
+    The noise of each counts hum that any of them shows, or others `elsewhere`.
+    """
     require_one_bench(recordings, model)
     bench = model.reference_bench
-    balances, coverages = [], []
+    reduced, coverages, shown = [], [], []
     for recording in recordings:
         if progress:
             progress(f"reducing {recording.name}")
-        windows, coverage = reduce_and_account(samples_of(recording), bench)
+        samples = samples_of(recording)
+        windows, coverage = reduce_and_account(samples, bench)
         _check(windows, bench, str(recording.path))
         coverages.append(coverage)
-        balances.append(Balance(windows, bench, harmonics=harmonics))
-    return balances, Coverage.of(coverages)
+        shown.append(look(samples, windows, bench))
+        reduced.append(windows)
+    every = [*shown, *elsewhere]
+    balances = [
+        Balance(own.weighed(windows, every), bench, harmonics=harmonics)
+        for own, windows in zip(shown, reduced, strict=True)
+    ]
+    return balances, Coverage.of(coverages), shown
 
 
 def require_one_bench(recordings: Sequence[Recording], model: Model) -> None:

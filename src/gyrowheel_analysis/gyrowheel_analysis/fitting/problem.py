@@ -68,10 +68,8 @@ class Problem:
         """
         unknowns = Unknowns(unknowns) if isinstance(unknowns, Bench) else unknowns
         prediction = Prediction(balances, unknowns)
-        stated = unknowns.stated()
-        base = prediction.rows(stated)
-        noise = Noise.stated(prediction.balances, prediction.split(base))
-        return cls(prediction, noise, base, prediction.nuisance_jacobian(stated, base))
+        base, jacobian = prediction.as_stated
+        return cls(prediction, Noise.stated(prediction.balances, prediction.split(base)), base, jacobian)
 
     @property
     def balances(self) -> tuple[Balance, ...]:
@@ -107,13 +105,8 @@ class Problem:
         return self.prediction.term_jacobian(term, point, at, names)
 
     def amplitude_columns(self, term: Term, point: Point, at: Array, nuisance: Array) -> Array:
-        """Return the derivatives by the amplitudes of a term that is not in a point.
-
-        Those that a nuisance unknown has as well are taken from `nuisance` (N, q), its derivatives thereabouts.
-        """
-        if same := self.unknowns.same_as(term):
-            return np.column_stack([nuisance[:, k] / unit for k, unit in (same[n] for n in term.amplitudes)])
-        return self.term_jacobian(term, point, at, term.amplitudes)
+        """Return derivatives by the amplitudes of a term that is not there, see `Prediction.amplitude_columns`."""
+        return self.prediction.amplitude_columns(term, point, at, nuisance)
 
     def jacobian(self, point: Point, at: Array) -> Array:
         """Return the derivatives of the rows by all unknowns, those by the nuisance unknowns taken as stated."""

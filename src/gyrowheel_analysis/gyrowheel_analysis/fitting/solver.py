@@ -97,9 +97,9 @@ class Objective:
         chi2 = rows + float(pull @ pull)
         return Evaluated(point, predicted, white, pull, rows, chi2 if np.isfinite(chi2) else np.inf)
 
-    def nuisance_jacobian(self, at: Evaluated) -> Array:
-        """Return the derivatives of the rows by the nuisance unknowns."""
-        return self.prediction.nuisance_jacobian(at.point, at.predicted)
+    def nuisance_jacobian(self, at: Evaluated, before: Array | None = None) -> Array:
+        """Return the derivatives of the rows by the nuisance unknowns, see `Prediction.nuisance_jacobian`."""
+        return self.prediction.nuisance_jacobian(at.point, at.predicted, before)
 
     def jacobian(self, at: Evaluated, nuisance_jacobian: Array) -> Array:
         """Return the derivatives of the rows by all unknowns, given those by the nuisance unknowns."""
@@ -157,7 +157,7 @@ def solve(objective: Objective, x: Array, nuisance_jacobian: Array, *, iteration
     bold = True
     for _ in range(iterations):
         if np.abs(x[:count] - taken_at).max() > _FAR:
-            nuisance_jacobian = objective.nuisance_jacobian(at)
+            nuisance_jacobian = objective.nuisance_jacobian(at, nuisance_jacobian)
             taken_at = x[:count].copy()
         linear = _linear(objective, at, nuisance_jacobian)
         for shortening in _SHORTENINGS:
@@ -167,7 +167,7 @@ def solve(objective: Objective, x: Array, nuisance_jacobian: Array, *, iteration
                 break
             if bold and linear.predicted_gain > _WORTH and np.abs(linear.step[:count]).max() > 1.0:
                 bold = False
-                trial, there = _boldly(objective, trial, there)
+                trial, there = _boldly(objective, trial, there, nuisance_jacobian)
                 if there.chi2 <= at.chi2:
                     break
         else:
@@ -204,7 +204,7 @@ def _linear(objective: Objective, at: Evaluated, nuisance_jacobian: Array) -> _S
     return _Step(jacobian, design, size, step / size, float(now @ now - then @ then))
 
 
-def _boldly(objective: Objective, x: Array, at: Evaluated) -> tuple[Array, Evaluated]:
+def _boldly(objective: Objective, x: Array, at: Evaluated, before: Array) -> tuple[Array, Evaluated]:
     """Go on from where a whole step has led, uphill though it was, by whole steps with new derivatives.
 
     Where a scale factor is far off, chi-squared has a narrow curved valley. A whole step lands beside it and the next
@@ -213,6 +213,6 @@ def _boldly(objective: Objective, x: Array, at: Evaluated) -> tuple[Array, Evalu
     for _ in range(_BOLD_STEPS):
         if not np.isfinite(at.chi2):
             break
-        x = objective.within_bounds(x + _linear(objective, at, objective.nuisance_jacobian(at)).step)
+        x = objective.within_bounds(x + _linear(objective, at, objective.nuisance_jacobian(at, before)).step)
         at = objective.at(x)
     return x, at

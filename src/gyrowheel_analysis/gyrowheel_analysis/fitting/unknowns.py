@@ -70,6 +70,8 @@ class Unknowns:
         The groups of uncertain bench parameters.
     count : int
         Number of nuisance unknowns: those groups, then the uncertain coefficients of the known effects.
+    of_instruments : frozenset of int
+        Which of them are parameters of instruments.
     """
 
     def __init__(
@@ -98,6 +100,9 @@ class Unknowns:
             (g, groups[g]) for g in NUISANCE_GROUPS if g in groups
         ]
         self.count = len(self.nuisances) + len(self.loose)
+        self.of_instruments = frozenset(
+            k for k, (group, _) in enumerate(self.nuisances) if group in INSTRUMENT_PARAMETERS
+        )
 
     def on_bench(self, bench: Bench) -> Unknowns:
         """Return the same unknowns with what another bench states."""

@@ -119,6 +119,8 @@ def _coil_amplitude(balance: Balance, bench: Bench, size: Array, order: int) -> 
     stiff = _resistance(balance, bench, order)
     white = (v("coil_constant") * w.noise("coil_voltage_noise")) ** 2 + (stiff * w.noise("tilt_noise")) ** 2
     white = white * w.harmonic_variance[:, FORWARD.index(order)] / w.samples
+    hum = w.hum_variance[:, :, FORWARD.index(order)]
+    white = white + stiff**2 * hum[:, 0] + v("coil_constant") ** 2 * hum[:, 1]
     return np.asarray(white + _absolute(balance) ** 2 + (MODEL_RELATIVE * size) ** 2)
 
 

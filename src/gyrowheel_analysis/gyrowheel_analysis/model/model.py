@@ -13,7 +13,8 @@ import yaml
 from gyrowheel_analysis.model.differences import differences
 from gyrowheel_analysis.model.file import SCHEMA, HistoryEntry, ModelFile
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.files import read_text, write_text
+from gyrowheel_core.files import is_file, read_text, write_text
+from gyrowheel_core.locks import changing
 from gyrowheel_core.schema import check
 from gyrowheel_core.yaml_text import read_yaml
 from gyrowheel_sim.bench import Bench
@@ -144,7 +145,7 @@ class Model:
         """Build a model from the content of a model file (see `load`)."""
         content = check(ModelFile, raw, origin, kind="model file")
         path = Path(origin).parent / content.bench
-        bench = Bench.load(path if path.is_file() else content.bench)
+        bench = Bench.load(path if is_file(path) else content.bench)
         stated = {name: estimate.value for name, estimate in content.overrides.items()}
         values = bench.with_values(stated, where=f"{origin}: overrides").values()
         overrides = {
@@ -204,15 +205,16 @@ class Model:
             self.to_mapping(), sort_keys=False, width=110, default_flow_style=None, allow_unicode=True
         )
         file = Path(path).absolute()
-        if self.read is not None and file == Path(self.origin).absolute() and file.exists():
-            found = _checksum(read_text(file))
-            if found not in (self.read, _WRITTEN.get(file)):
-                raise InputError(
-                    f"{path}: somebody else has changed it since it was read; nothing was written: read it again, or "
-                    "save under another name"
-                )
-        write_text(file, text)
-        _WRITTEN[file] = _checksum(text)
+        with changing(file):
+            if self.read is not None and file == Path(self.origin).absolute() and file.exists():
+                found = _checksum(read_text(file))
+                if found not in (self.read, _WRITTEN.get(file)):
+                    raise InputError(
+                        f"{path}: somebody else has changed it since it was read; nothing was written: read it again, "
+                        "or save under another name"
+                    )
+            write_text(file, text)
+            _WRITTEN[file] = _checksum(text)
 
     def changed(
         self,

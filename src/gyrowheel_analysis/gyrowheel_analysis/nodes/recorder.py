@@ -14,7 +14,6 @@ from gyrowheel_analysis.recording.live import LiveRecording
 from gyrowheel_core import topics
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import BenchNode, Diagnosis, Inbox, Param, run_node
-from gyrowheel_core.topics import Topic
 
 SERVICES: Final = "/gyrowheel/recorder"
 #: Period at which everything collected goes to the disk [s, wall-clock time]; a killed recorder loses no more.
@@ -93,9 +92,18 @@ class RecorderNode(BenchNode):
             "messages": recording.messages,
             "samples": recording.count.samples,
             "missing_samples": recording.count.missing,
+            "surplus_samples": recording.count.surplus,
+            "surplus_commands": recording.surplus_commands,
+            "stalls": recording.stalls.number,
         }
         if recording.count.missing:
             return Diagnosis("recording; samples are missing", values, DiagnosticStatus.WARN)
+        if recording.count.surplus or recording.surplus_commands:
+            text = "recording; samples or commands came more than once"
+            return Diagnosis(text, values, DiagnosticStatus.WARN)
+        if recording.stalls.number:
+            text = f"recording; the bench {recording.stalls.last}"
+            return Diagnosis(text, values | {"last_stall": recording.stalls.last}, DiagnosticStatus.WARN)
         return Diagnosis("recording", values)
 
     def _begin(self, directory: str) -> None:
@@ -104,6 +112,7 @@ class RecorderNode(BenchNode):
             directory,
             max_size=self.parameter("max_bag_size"),
             max_duration=self.parameter("max_bag_duration"),
+            look=self.watch.publishers,
         )
         # only now: a plant that counts its subscribers must not start before the recording exists
         self._open = [self.inbox(topic) for topic in self._recorded]
@@ -138,12 +147,12 @@ class RecorderNode(BenchNode):
         """Write the messages that wait; InputError if the disk refuses them."""
         for inbox in self._open:
             for data in inbox.take():
-                if self._recording is None or not self._take(self._recording, inbox.topic, data):
+                if self._recording is None or not self._take(self._recording, inbox, data):
                     return
 
-    def _take(self, recording: LiveRecording, topic: Topic, data: bytes) -> bool:
+    def _take(self, recording: LiveRecording, inbox: Inbox, data: bytes) -> bool:
         """Write one message; if it is the first of another run, end the recording and return False."""
-        if recording.take(topic, data):
+        if recording.take(inbox.topic, data, inbox.number):
             return True
         self.get_logger().warning("the plant was started again: the recording of its last run ends")
         self._end()

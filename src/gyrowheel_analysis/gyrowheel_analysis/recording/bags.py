@@ -18,6 +18,7 @@ from gyrowheel_analysis.recording.mcap.reader import Damaged, TopicData, Wanted,
 from gyrowheel_analysis.recording.metadata import METADATA_FILE, Metadata, read_metadata
 from gyrowheel_analysis.recording.unpacking import file_in_memory, unpack
 from gyrowheel_core.errors import InputError, one_line
+from gyrowheel_core.files import is_file
 
 _BATCH: Final = 1 << 14  # messages parsed together
 _SQLITE: Final = b"SQLite format 3\0"
@@ -44,7 +45,7 @@ def read_bag(path: Path, wanted: Wanted) -> dict[str, TopicData]:
     InputError
         If there is no such bag, or it is incomplete or damaged.
     """
-    if path.is_file():
+    if is_file(path):
         if path.suffix != ".mcap":
             _require_database(path)
         return _merge(path, read_mcap(path, wanted) if path.suffix == ".mcap" else _read_other(path, wanted))

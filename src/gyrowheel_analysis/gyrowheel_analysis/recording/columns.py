@@ -21,6 +21,9 @@ from gyrowheel_core.wire import Layout
 
 _SEPARATOR = "=" * 80 + "\n"
 
+#: A step of the stamps beyond this many periods, where no sample is missing, is no jitter: the bench stood still.
+STALL = 5.0
+
 
 @functools.cache
 def column_dtype(layout: Layout) -> np.dtype[Any]:

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from gyrowheel_analysis.recording.metadata import METADATA_FILE, read_metadata
+from gyrowheel_analysis.recording.publishers import ENTRY, Publisher, from_text
 from gyrowheel_analysis.recording.reader import Integrity, Recording
 
 _HOLD = 1  # Setpoint.HOLD
@@ -71,6 +73,8 @@ class RecordingInfo:
         Messages that no checksum covers.
     machine : str
         Name of the machine; empty where unknown.
+    publishers : tuple of Publisher
+        Who published what, where the recorder has stated it.
     """
 
     path: str
@@ -87,6 +91,7 @@ class RecordingInfo:
     rigs: tuple[str, ...]
     unchecked: int = 0
     machine: str = ""
+    publishers: tuple[Publisher, ...] = ()
 
 
 def info(source: str | Path | Recording) -> RecordingInfo:
@@ -119,7 +124,17 @@ def info(source: str | Path | Recording) -> RecordingInfo:
         rigs=tuple(dict.fromkeys(event.rig for event in recording.environment)),
         unchecked=recording.unchecked,
         machine=recording.machine,
+        publishers=_publishers(path),
     )
+
+
+def _publishers(path: Path) -> tuple[Publisher, ...]:
+    """Return who published what; empty for a single file, or where it is not stated."""
+    file = path / METADATA_FILE
+    if not file.is_file():
+        return ()
+    custom = read_metadata(file).custom
+    return from_text(custom[ENTRY], str(file)) if ENTRY in custom else ()
 
 
 def _holds(recording: Recording) -> tuple[Hold, ...]:

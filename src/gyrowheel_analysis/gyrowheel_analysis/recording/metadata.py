@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path, PurePath
 from typing import Any, Final
 
@@ -40,6 +40,8 @@ class Metadata:
         What is compressed: ``none``, ``file``, ``message`` or, by the storage itself, ``storage``.
     compression_format : str
         Format of the compression; empty where nothing is compressed.
+    custom : dict of str to str
+        Further entries.
     """
 
     files: list[str]
@@ -48,6 +50,7 @@ class Metadata:
     storage: str
     compression: str
     compression_format: str
+    custom: dict[str, str] = field(default_factory=dict)
 
     def require_readable(self, file: Path) -> None:
         """Refuse metadata that cannot be followed; the error names `file`.
@@ -83,6 +86,7 @@ def read_metadata(file: Path) -> Metadata:
             storage=str(content["storage_identifier"]),
             compression=str(content.get("compression_mode") or "none").lower(),
             compression_format=str(content.get("compression_format") or ""),
+            custom={str(key): str(value) for key, value in dict(content.get("custom_data") or {}).items()},
         )
     except OSError as error:
         raise InputError(f"{file}: cannot be read: {error.strerror or error}") from None

@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.files import read_errors
 
 #: What separates a path from the part, and its two limits from each other.
 MARK, BETWEEN = "@", ","
@@ -24,7 +25,7 @@ def parted(path: str | Path) -> tuple[Path, tuple[float, float]]:
         If what follows the mark is no part.
     """
     place, mark, text = str(path).rpartition(MARK)
-    if not mark or "=" not in text or Path(path).exists():
+    if not mark or "=" not in text or _exists(Path(path)):
         return Path(path), WHOLE
     limits: dict[str, float] = {}
     for item in text.split(BETWEEN):
@@ -43,3 +44,8 @@ def parted(path: str | Path) -> tuple[Path, tuple[float, float]]:
     if not begin < end:
         raise InputError(f"{path}: until: {end:g} s is out of range; allowed: more than {begin:g} s")
     return Path(place), (begin, end)
+
+
+def _exists(path: Path) -> bool:
+    with read_errors(path):
+        return path.exists()

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gyrowheel_analysis.recording.bags import read_bag
-from gyrowheel_analysis.recording.columns import columns, is_earlier, texts, wanted
+from gyrowheel_analysis.recording.columns import STALL, columns, is_earlier, texts, wanted
 from gyrowheel_analysis.recording.mcap.reader import Want
 from gyrowheel_analysis.recording.part import WHOLE, parted
 from gyrowheel_core import topics, wire
@@ -43,6 +43,9 @@ class Integrity:
         Samples that follow a later one in the file; they are sorted.
     not_finite : int
         Samples with a reading that is not a finite number.
+    stalls : tuple of (float, float)
+        Where the stamps go on much later although no sample is missing, so that the bench, or what samples it, stood
+        still: start [s from the first sample] and length of each [s], in order.
     """
 
     samples: int
@@ -51,6 +54,7 @@ class Integrity:
     duplicates: int = 0
     out_of_order: int = 0
     not_finite: int = 0
+    stalls: tuple[tuple[float, float], ...] = ()
 
     @property
     def complete(self) -> bool:
@@ -172,9 +176,9 @@ class Recording:
             content = json.loads(self.bench_text)
             name = content["name"]
             entries = {str(key): entry["value"] for key, entry in content["parameters"].items()}
-        except (ValueError, TypeError, KeyError, AttributeError):
+            values = {key: float(value) for key, value in entries.items() if isinstance(value, int | float)}
+        except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError):
             return None
-        values = {key: float(value) for key, value in entries.items() if isinstance(value, int | float)}
         return (name, values) if isinstance(name, str) else None
 
     @cached_property
@@ -216,6 +220,11 @@ def _in_order(samples: npt.NDArray[Any], where: str) -> tuple[npt.NDArray[Any], 
         )
     holes = np.flatnonzero(steps > 1)
     gaps = [(int(samples["sequence"][k]) + 1, int(steps[k]) - 1) for k in holes]
+    stamps: npt.NDArray[np.int64] = samples["stamp_ns"].astype(np.int64)
+    between = stamps[1:] - stamps[:-1]
+    period = float(np.median(between)) if len(between) else 0.0
+    stood = np.flatnonzero((steps == 1) & (between > STALL * period))
+    start = int(stamps[0]) if len(stamps) else 0
     finite = np.ones(len(samples), dtype=bool)
     for name in READINGS:
         finite &= np.isfinite(samples[name])
@@ -226,6 +235,7 @@ def _in_order(samples: npt.NDArray[Any], where: str) -> tuple[npt.NDArray[Any], 
         duplicates=total - len(samples),
         out_of_order=late,
         not_finite=int(np.count_nonzero(~finite)),
+        stalls=tuple(((int(stamps[k]) - start) * 1e-9, (float(between[k]) - period) * 1e-9) for k in stood),
     )
 
 

@@ -13,7 +13,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -26,7 +26,7 @@ from gyrowheel_analysis.recording.mcap.format import (
     SCHEMA,
 )
 from gyrowheel_analysis.recording.mcap.reader import Damaged, Fields, Found, find_messages
-from gyrowheel_analysis.recording.mcap.survey import SPAN, Gap, Survey, load_piece, take_survey
+from gyrowheel_analysis.recording.mcap.survey import LOOSE, Gap, Survey, load_piece, take_survey
 from gyrowheel_analysis.recording.mcap.writer import McapWriter
 from gyrowheel_analysis.recording.metadata import (
     METADATA_FILE,
@@ -37,15 +37,19 @@ from gyrowheel_analysis.recording.metadata import (
     read_metadata,
     write_metadata,
 )
+from gyrowheel_analysis.recording.publishers import ENTRY
 from gyrowheel_analysis.recording.reader import Integrity, Recording
 from gyrowheel_analysis.recording.unpacking import file_in_memory, unpack
 from gyrowheel_analysis.recording.writer import being_written
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.files import new_directory, require_new
+from gyrowheel_core.files import is_file, new_directory, require_new
 from gyrowheel_core.wire import SECOND
 from gyrowheel_core.yaml_text import read_yaml
 
 Fraction = Callable[[float], None]
+
+#: Times in one chunk of what is written [ns]: what one damaged place in it can cost.
+_LONGEST: Final = np.uint64(250_000_000)
 
 
 @dataclass(frozen=True)
@@ -170,7 +174,7 @@ def _sources(source: Path, every_file: bool) -> tuple[list[Path], Metadata | Non
 
     What ``metadata.yaml`` says is None where it cannot be read.
     """
-    if source.is_file():
+    if is_file(source):
         if _is_other(source):
             raise InputError(f"{source}: only MCAP files can be salvaged")
         return [source], None, []
@@ -275,6 +279,8 @@ class _Job:
             "gyrowheel.salvaged_from": self._source.absolute().name,
             "gyrowheel.unchecked_messages": str(self._unchecked),
         }
+        if stated:
+            custom |= {ENTRY: stated.custom[ENTRY]} if ENTRY in stated.custom else {}
         metadata = bag_metadata(self._files, list(self._topics.values()), custom)
         if stated and stated.compression == "message":  # the messages are copied as they are
             metadata["compression_format"] = stated.compression_format
@@ -342,7 +348,7 @@ class _Job:
         """Write the intact pieces of one file into a new file."""
         schemas, channels = _usable(survey.declared)
         name = f"{self._target.name}_{len(self._files)}.mcap"
-        writer = McapWriter(self._target / name, chunk_size=SPAN)
+        writer = McapWriter(self._target / name, chunk_size=LOOSE)
         try:
             writer.adopt(schemas, channels)
             for number, piece in enumerate(survey.pieces):
@@ -359,9 +365,9 @@ class _Job:
                         )
                     )
                     records, found = _only(records, found, known)
-                if len(found.places):
-                    writer.append_chunk(records, _new_index(found))
-                    self._unchecked += 0 if checked else len(found.places)
+                for part, messages in _divided(records, found):
+                    writer.append_chunk(part, _new_index(messages))
+                self._unchecked += 0 if checked else len(found.places)
                 progress((number + 1) / len(survey.pieces))
             count = sum(writer.counts.values())
             if not count:
@@ -392,6 +398,21 @@ def _only(records: memoryview, found: Found, keep: npt.NDArray[np.bool_]) -> tup
     ]
     kept = memoryview(b"".join(parts))
     return kept, find_messages([(kept, [])], "")
+
+
+def _divided(records: memoryview, found: Found) -> Iterator[tuple[memoryview, Found]]:
+    """Yield the messages of a chunk as they are, in parts where they span more than `_LONGEST`."""
+    if not len(found.places):
+        return
+    times = found.heads["log_time"].astype(np.uint64)
+    slot = (times - times.min()) // _LONGEST
+    # a message that was late stays with those beside it
+    cuts = np.flatnonzero(np.diff(np.maximum.accumulate(slot).astype(np.int64))) + 1
+    for first, last in zip([0, *cuts], [*cuts, len(times)], strict=True):
+        begin = int(found.places[first]) if first else 0
+        end = int(found.places[last]) if last < len(times) else len(records)
+        places = found.places[first:last] - begin
+        yield records[begin:end], Found(records[begin:end], places, found.heads[first:last], [])
 
 
 def _new_index(found: Found) -> dict[int, npt.NDArray[np.uint64]]:

@@ -27,10 +27,10 @@ from gyrowheel_core.errors import InputError
 from gyrowheel_core.topics import Topic
 
 _LIVE_CHUNK: Final = 1 << 16  # bytes
-_LIVE_SPAN: Final = 0.1  # s; a killed process loses this and the time between two flushes
+#: Bench time in one chunk [s]: a killed process loses this and the time between two flushes, a flipped bit this.
+_SPAN: Final = 0.1
 _RESERVE: Final = 1 << 18  # bytes; steps in which the reserve grows
 _RESERVE_FILE: Final = ".reserve"
-_COLUMN_CHUNK: Final = 1 << 20
 
 
 class RecordingWriter:
@@ -79,7 +79,7 @@ class RecordingWriter:
         directory: str | Path,
         *,
         chunk_size: int = _LIVE_CHUNK,
-        chunk_span: float = _LIVE_SPAN,
+        chunk_span: float = _SPAN,
         max_size: int = 0,
         max_duration: float = 0.0,
         reserve: bool = False,
@@ -228,8 +228,11 @@ class RecordingWriter:
         self._keep_reserve()
 
     def _check_place(self) -> None:
-        if not self._mcap.is_there(self.path / self._name):
-            raise InputError(f"{self.path / self._name}: was moved or deleted while it was recorded")
+        file = self.path / self._name
+        if not self._mcap.is_there(file):
+            raise InputError(f"{file}: was moved or deleted while it was recorded")
+        with _disk_errors(file):
+            self._mcap.require_length()
 
     def _keep_reserve(self) -> None:
         """Reserve the disk space that completing the recording takes."""
@@ -378,7 +381,7 @@ def write_run(
 
     path = Path(directory)
     existed = path.exists()
-    writer = RecordingWriter(path, chunk_size=_COLUMN_CHUNK)
+    writer = RecordingWriter(path)
     try:
         with writer:
             writer.write_columns(

@@ -5,9 +5,11 @@ its first and second harmonics of the spin angle, the smooth spin rate, and the 
 amplitudes of the harmonics may vary within the window (on a cone they turn with the tilt). Voltages and currents are
 plain means, so that their noise is simple.
 
-In the order of the work: `samples` (what goes in), `quality` (missing, clipped, spiked and noisy readings),
-`motor_temperature`, `steady` (which stretches are steady motion), `window_fit` (one window), `recorded` (the windows of
-a recording) or `planned` (those that a plan would give), `windows` (what comes out), `coverage`, `groups`.
+In the order of the work: `samples` (what goes in), `quality` (missing, clipped, spiked and noisy readings), `instants`
+(jitter of the stamps), `motor_temperature`, `steady` (which stretches are steady motion), `window_fit` (one window),
+`recorded` (the windows of a recording) or `planned` (those that a plan would give), `windows` (what comes out),
+`coverage`, `groups`. What the samples show of the instruments: `stamps`, `spectra`, `hum`, `hum_amplitude`, `lattice`,
+and `shown` for all of it.
 """
 
 from gyrowheel_analysis.reduction.coverage import Coverage
@@ -16,6 +18,8 @@ from gyrowheel_analysis.reduction.planned import planned_windows
 from gyrowheel_analysis.reduction.quality import NEEDED, READING_NOISES, readable, reading_noise
 from gyrowheel_analysis.reduction.recorded import reduce, reduce_and_account
 from gyrowheel_analysis.reduction.samples import Samples
+from gyrowheel_analysis.reduction.shown import Shown, look
+from gyrowheel_analysis.reduction.stamps import Stamps
 from gyrowheel_analysis.reduction.steady import LONGEST, SETTLING, SPIN_SETTLING, steady_spans
 from gyrowheel_analysis.reduction.windows import FORWARD, HARMONICS, Windows, concatenate, without_noise
 
@@ -30,8 +34,11 @@ __all__ = [
     "SPIN_SETTLING",
     "Coverage",
     "Samples",
+    "Shown",
+    "Stamps",
     "Windows",
     "concatenate",
+    "look",
     "motor_temperatures",
     "planned_windows",
     "readable",

@@ -2,13 +2,13 @@
 
 Windows are seconds long; the samples between them tell more. What coils and motor give, integrated over time, turns
 into angular momentum: a torque that begins bends their difference, which is as quiet as the readings of tilt and speed.
-A reading of the motor that shifts makes a jump in the balance of its voltages.
+A reading of the motor that shifts makes a jump in the balance of its voltages, an encoder that slips one in the angle.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,6 +24,7 @@ _BLOCK = 8
 _STEP = 0.01  # s between the instants that are tried
 _BESIDE = 3.0  # s of samples looked at on either side
 _FEWEST = 100  # points
+_LATE = 1.0e-3  # s; by how much a reading may be late without being stated so
 #: Gain in chi-squared from which an instant counts as seen.
 _SEEN = 16.0
 
@@ -57,7 +58,12 @@ class _Series:
 
 
 def onset(
-    data: Samples, bench: Bench, quantity: str, begin: float, end: float, other: float | None = None
+    data: Samples,
+    bench: Bench,
+    quantities: Sequence[str],
+    begin: float,
+    end: float,
+    other: float | None = None,
 ) -> tuple[float, float] | None:
     """Return the instant at which a quantity changed, and its standard error [s].
 
@@ -67,8 +73,8 @@ def onset(
         The recording.
     bench : Bench
         Its bench.
-    quantity : str
-        What changed, see `fitting.events.QUANTITIES`.
+    quantities : sequence of str
+        What changed, see `fitting.events.QUANTITIES`: one, or both axes of the same.
     begin, end : float
         Between which times it changed [s].
     other : float, optional
@@ -83,7 +89,7 @@ def onset(
     count = (j - i) // _BLOCK
     if count < _FEWEST:
         return None
-    series = _series(data, bench, quantity, int(i), int(i + count * _BLOCK))
+    series = _series(data, bench, quantities[0], int(i), int(i + count * _BLOCK))
     if series is None:
         return None
     at = np.arange(max(begin, series.time[2]), min(end, series.time[-3]), _STEP)
@@ -106,13 +112,16 @@ def onset(
         on = on - np.clip((series.time[:, None] - other) / np.maximum(step, 1.0e-9), 0.0, 1.0)
     columns = series.change[:, None] * on
     columns = left_of(np.cumsum(columns * step, axis=0) if series.of_rate else columns)
-    along = np.real(columns.conj().T @ values)
+    along = columns.conj().T @ values
+    if len(quantities) == 1:
+        along = np.real(along)
     square = np.sum(np.abs(columns) ** 2, axis=0)
-    gains = along**2 / np.maximum(square, 1e-300)
+    gains = np.abs(along) ** 2 / np.maximum(square, 1e-300)
     best = int(np.argmax(gains))
     left = (values - columns[:, best] * along[best] / square[best])[:points]
     noise = _noise(left)
-    if gains[best] < _SEEN * noise:
+    # at an end of the range it is something else that grows there
+    if gains[best] < _SEEN * noise or not 0 < best < len(at) - 1:
         return None
     likely = gains > gains[best] - noise
     return float(at[best]), max(0.5 * float(np.count_nonzero(likely)) * _STEP, 2.0 * _STEP)
@@ -144,8 +153,10 @@ def _mean(values: Any) -> Any:
 def _series(data: Samples, bench: Bench, quantity: str, i: int, j: int) -> _Series | None:
     """Return what shows the change of a quantity, from samples i .. j-1; None if nothing does."""
     make: Callable[[Array, Readings, Bench, str, Any], _Found | None]
-    if quantity in ("motor_current", "motor_voltage", "winding_resistance"):
+    if quantity in ("motor_current", "motor_voltage", "winding_resistance", "motor_constant"):
         make = _voltages
+    elif quantity == "encoder_zero":
+        make = _angle
     elif quantity in ("spin_torque", "spin_torque_by_speed"):
         make = _spin_momentum
     else:
@@ -183,7 +194,17 @@ def _voltages(time: Array, own: Readings, bench: Bench, quantity: str, turn: Any
     if quantity == "winding_resistance":
         return volts, v("motor_resistance") * own.motor_current, False, [back_emf]
     winding = (_smooth(own.motor_current), 0.3 * v("motor_resistance"))
+    if quantity == "motor_constant":
+        return volts, v("motor_constant") * _smooth(own.spin_rate), False, [back_emf, winding]
     return volts, np.ones_like(volts), False, [back_emf, winding]
+
+
+def _angle(time: Array, own: Readings, bench: Bench, quantity: str, turn: Any) -> _Found:
+    """Return the angle less what the speed has turned."""
+    turned = np.cumsum(own.spin_rate * _steps(time))
+    angle = np.unwrap(own.spin_angle)
+    slow = time - time.mean()
+    return angle - turned, np.ones_like(angle), False, [(slow**2, math.inf), (slow**3, math.inf)]
 
 
 def _spin_momentum(time: Array, own: Readings, bench: Bench, quantity: str, turn: Any) -> _Found:
@@ -227,10 +248,14 @@ def _tilt_momentum(time: Array, own: Readings, bench: Bench, quantity: str, turn
         (np.cumsum(spin * z * steps), math.inf),
         (np.cumsum(square * z * steps), math.inf),
         (spin * axis, 0.02 * inertia),
+        (spin * axis.conj(), 0.02 * inertia),
         # the motor drives along the case axis, the drag acts along that of the rotor
         (np.cumsum(np.gradient(spin, time) * axis * steps), inertia),
         (spin * axis * square, inertia),
         (rate, 0.3 * across),
+        # readings that are late
+        (inertia * spin * rate, _LATE),
+        (coil, _LATE),
         *(
             (wave * tilt, math.inf)
             for wave in (turn, turn.conj(), turn**2, turn.conj() ** 2)

@@ -85,6 +85,7 @@ def planned_windows(plan: Plan, bench: Bench) -> Windows:
                     "coil_harmonics": np.zeros(len(FORWARD), dtype=complex),
                     "angle_harmonics": np.zeros(len(FORWARD), dtype=complex),
                     "harmonic_variance": np.ones(len(FORWARD)),
+                    "hum_variance": np.zeros((2, len(FORWARD))),
                     "spin_ripple": 0.0j,
                     "current_ripple": 0.0j,
                     "voltage_ripple": 0.0j,

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal.windows import blackmanharris
 
 from gyrowheel_analysis.reduction.samples import Array, Samples
+from gyrowheel_analysis.reduction.taper import taper
 from gyrowheel_core.readings import READINGS, Readings
 from gyrowheel_sim.bench import Bench
 
@@ -21,12 +21,12 @@ _FILLED = ("air_temperature", "air_pressure", "coil_temperature")
 SLOW = tuple(name for name in READINGS if name in _FILLED)
 #: Readings without which a sample is not used.
 NEEDED = tuple(name for name in READINGS if name not in SLOW)
-#: Readings from which the white noise of each name in the bench file is estimated; none: the stated noise is kept.
+#: Readings from which the white noise of each name in the bench file is estimated.
 _NOISE_SHOWN_BY: dict[str, tuple[str, ...]] = {
     "tilt_noise": ("tilt_x", "tilt_y"),
     "spin_angle_noise": ("spin_angle",),
     "spin_rate_noise": ("spin_rate",),
-    "coil_voltage_noise": (),
+    "coil_voltage_noise": ("coil_voltage_x", "coil_voltage_y"),
     "motor_voltage_noise": ("motor_voltage",),
     "motor_current_noise": ("motor_current",),
 }
@@ -38,6 +38,8 @@ _NOISE_BLOCKS = (256, 64)  # samples; short blocks where many samples are lost
 _MOST_BLOCKS = 400
 _FEWEST_BLOCKS = 20
 _NOISE_BAND = (0.4, 0.97)  # of half the sampling rate: above every motion, below the corner of a filter
+#: Intervals before and after one whose commands a reading of a coil voltage may show, delayed and filtered.
+_SHOWN_COMMANDS = (-7, 2)
 _NOISE_RANGE = (0.5, 50.0)  # of the estimated noise over the stated one; estimates beyond are limited to it
 _SPIKE = 8.0  # robust standard deviations
 _MOST_SPIKES = 0.02  # of the samples; if there are more, they are not spikes
@@ -85,7 +87,13 @@ def readable(data: Samples, bench: Bench) -> tuple[Samples, Array, tuple[str, ..
                     column[data.time >= event.time] = bench.value("air_pressure") * event.air_density_ratio
             assumed.append(f"{name} (that of the bench is taken)")
     whole = np.asarray(finite[:, Readings.columns(NEEDED)].all(axis=1))
-    read = replace(data, time=data.time[whole], readings=readings[whole])
+    read = replace(
+        data,
+        time=data.time[whole],
+        readings=readings[whole],
+        sequence=None if data.sequence is None else data.sequence[whole],
+        commanded=None if data.commanded is None else data.commanded[whole],
+    )
     return read, data.time[~whole], tuple(assumed)
 
 
@@ -93,12 +101,13 @@ def reading_noise(data: Samples, bench: Bench) -> Array:
     """Return the standard deviation of the white noise of the readings of `READING_NOISES` [SI], (6,).
 
     It is estimated from the upper part of the spectrum, above every motion, by the median, which ignores lines such as
-    those of the motor ripple. The coil voltages keep the stated noise, because there the controller's response to the
-    noise of its readings reaches into that band. So do all readings if too many samples are lost, and a reading whose
-    spectrum is empty.
+    those of the motor ripple. In the coil voltages the controller's response to the noise of its readings reaches into
+    that band; what the commands explain of them is taken out, and without commands they keep the stated noise. So do
+    all readings if too many samples are lost, and a reading whose spectrum is empty.
     """
     stated = np.array([bench.value(name) for name in READING_NOISES])
     shown = [name for names in _NOISE_SHOWN_BY.values() for name in names]
+    coils = [shown.index(name) for name in _NOISE_SHOWN_BY["coil_voltage_noise"]]
     whole = np.flatnonzero(np.abs(np.diff(data.time) - bench.sample_period) > 0.5 * bench.sample_period) + 1
     edges = np.r_[0, whole, len(data.time)]
     for block in _NOISE_BLOCKS:
@@ -110,19 +119,28 @@ def reading_noise(data: Samples, bench: Bench) -> Array:
     else:
         return stated
     starts = starts[np.linspace(0, len(starts) - 1, min(len(starts), _MOST_BLOCKS)).astype(np.int64)]
-    values = data.readings.array[starts[:, None] + np.arange(block)][:, :, Readings.columns(shown)]
+    at = starts[:, None] + np.arange(block)
+    values = data.readings.array[at][:, :, Readings.columns(shown)]
     angle = shown.index("spin_angle")
     values[:, :, angle] = np.unwrap(values[:, :, angle], axis=1)
     x = np.linspace(-1.0, 1.0, block)
     basis, _ = np.linalg.qr(x[:, None] ** np.arange(3))
     values = values - basis @ (basis.T @ values)
-    window = blackmanharris(block, sym=False)
-    power = np.abs(np.fft.rfft(values * window[:, None], axis=1)) ** 2 / np.sum(window**2)
+    window = taper(block)
     low, high = (round(edge * block / 2) for edge in _NOISE_BAND)
-    level = np.median(np.median(power[:, low:high], axis=1), axis=0) / math.log(2.0)
+    waves = np.fft.rfft(values * window[:, None], axis=1)[:, low:high]
+    if data.commanded is None:
+        waves[:, :, coils] = 0.0
+    else:
+        lags = np.arange(*_SHOWN_COMMANDS)
+        around = np.clip(at[:, :, None] + lags, 0, len(data.commanded) - 1)
+        for axis, column in enumerate(coils):
+            commands = np.fft.rfft(data.commanded[around, axis] * window[:, None], axis=1)[:, low:high]
+            waves[:, :, column] = _not_commanded(waves[:, :, column], commands)
+    power = np.abs(waves) ** 2 / np.sum(window**2)
+    level = np.median(np.median(power, axis=1), axis=0) / math.log(2.0)
     found = [
-        np.sqrt(np.mean([level[shown.index(name)] for name in names])) if names else 0.0
-        for names in _NOISE_SHOWN_BY.values()
+        np.sqrt(np.mean([level[shown.index(name)] for name in names])) for names in _NOISE_SHOWN_BY.values()
     ]
     return np.array(
         [
@@ -130,6 +148,20 @@ def reading_noise(data: Samples, bench: Bench) -> Array:
             for own, ratio in zip(stated, np.array(found) / stated, strict=True)
         ]
     )
+
+
+def _not_commanded(waves: Any, commands: Any) -> Any:
+    """Return spectra of a voltage (blocks, n) without what the commands of neighbouring intervals explain of them.
+
+    One filter of the `commands` (blocks, n, lags) serves all blocks; each counts alike, however much happens in it.
+    """
+    size = np.sqrt(np.mean(np.abs(commands) ** 2, axis=(1, 2)))
+    size[size == 0.0] = 1.0
+    design = (commands / size[:, None, None]).reshape(-1, commands.shape[2])
+    target = (waves / size[:, None]).ravel()
+    normal = (design.conj().T @ design).real
+    filtered = np.linalg.lstsq(normal, (design.conj().T @ target).real, rcond=1e-10)[0]
+    return waves - commands @ filtered
 
 
 def clipped_readings(data: Samples) -> NDArray[np.bool_]:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.reduction.coverage import Coverage
+from gyrowheel_analysis.reduction.instants import evened
 from gyrowheel_analysis.reduction.motor_temperature import motor_temperatures
 from gyrowheel_analysis.reduction.quality import clipped_readings, readable, reading_noise
 from gyrowheel_analysis.reduction.samples import Array, Samples
@@ -59,6 +60,7 @@ def reduce_and_account(data: Samples, bench: Bench) -> tuple[Windows, Coverage]:
         begin, end = max(float(data.time[0]) - h, data.part[0]), min(float(data.time[-1]), data.part[1])
         length = max(end - begin, 0.0)
     data, without, assumed = readable(data, bench)
+    data = evened(data, h)
     rows: list[dict[str, Any]] = []
     used, left_out = 0.0, defaultdict[str, float](float)
     noise = reading_noise(data, bench)

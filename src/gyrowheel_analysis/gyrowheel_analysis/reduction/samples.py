@@ -34,6 +34,10 @@ class Samples:
         Known changes of the environment.
     part : (float, float)
         Between which times steady motion is looked for [s].
+    sequence : ndarray (n,), optional
+        Numbers of the samples, ascending.
+    commanded : ndarray (n, 2), optional
+        Coil voltages that were commanded for the interval that ends with each sample [V]; None where unknown.
     """
 
     time: Array
@@ -42,3 +46,5 @@ class Samples:
     setpoint: Any
     environment: Sequence[Environment] = ()
     part: tuple[float, float] = (-math.inf, math.inf)
+    sequence: NDArray[np.integer] | None = None
+    commanded: Array | None = None

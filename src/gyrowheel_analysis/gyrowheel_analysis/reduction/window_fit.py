@@ -160,6 +160,7 @@ def fit_window(
         "coil_harmonics": harmonics[_COIL, forward] @ mean * held,
         "angle_harmonics": _harmonics(turned[:, smooth:])[0, forward] @ mean,
         "harmonic_variance": len(time) * _wave_variance(gram[degree:, degree:], mean),
+        "hum_variance": np.zeros((2, len(FORWARD))),
         "spin_ripple": spin_ripple,
         "current_ripple": current_ripple,
         "voltage_ripple": voltage_ripple * _held(bench.value("motor_ripple_order"), speed * h),

@@ -72,6 +72,9 @@ class Windows:
     harmonic_variance : ndarray (n, 2)
         Variance of these amplitudes, and of those of the tilt, relative to that of a mean: above one where a window
         has so few revolutions that harmonics and slow motion are hard to separate.
+    hum_variance : ndarray (n, 2, 2)
+        Variance that hum of the mains adds to the amplitudes of exp(i h theta_z) in tilt [rad^2] and coil voltages
+        [V^2], h in `FORWARD`.
     spin_ripple, current_ripple, voltage_ripple : complex ndarray (n,)
         Amplitude of exp(i p theta_z) in spin rate [rad/s], motor current [A] and motor voltage [V]; p is the order of
         the motor's ripple.
@@ -110,6 +113,7 @@ class Windows:
     coil_harmonics: NDArray[np.complex128]
     angle_harmonics: NDArray[np.complex128]
     harmonic_variance: Array
+    hum_variance: Array
     spin_ripple: NDArray[np.complex128]
     current_ripple: NDArray[np.complex128]
     voltage_ripple: NDArray[np.complex128]
@@ -145,6 +149,7 @@ class Windows:
             "coil_harmonics": (0, len(FORWARD)),
             "angle_harmonics": (0, len(FORWARD)),
             "harmonic_variance": (0, len(FORWARD)),
+            "hum_variance": (0, 2, len(FORWARD)),
             "motor_temperatures": (0, 2),
             "motor_temperature_rates": (0, 2),
             "temperature_sensitivity": (0, 2, len(MOTOR_THERMAL)),

@@ -191,6 +191,15 @@ def asked_tilt(recording: Recording, count: int) -> Complex | None:
     return np.asarray(tilt) if np.isfinite(tilt).all() and np.any(tilt) else None
 
 
+def asked_speed(recording: Recording, count: int) -> Array | None:
+    """Return the spin rate that was asked for at `count` averages [rad/s]; None without setpoints."""
+    rows = recording.setpoint
+    if len(rows) < 2:
+        return None
+    speed = np.interp(_middles(count), recording.seconds(rows["stamp_ns"]), rows["spin_rate"])
+    return np.asarray(speed) if np.isfinite(speed).all() and np.any(speed) else None
+
+
 def commanded(recording: Recording, count: int) -> Complex | None:
     """Return the coil voltages that were commanded, at `count` averages [V]; None without commands."""
     rows = recording.command

@@ -18,7 +18,6 @@ from gyrowheel_core.readings import READINGS
 from gyrowheel_core.wire import Layout
 from gyrowheel_sim import environment as environments
 
-_CHUNK: Final = 1 << 20  # bytes
 _ANGLE: Final = "spin_angle"
 
 
@@ -65,7 +64,7 @@ def correct(recording: Recording, cure: Cure, directory: str | Path) -> int:
     ):
         if len(rows) and topic.layout is not None:
             columns.append((topic, rows["stamp_ns"].astype(np.int64), _messages(topic.layout, rows)))
-    with RecordingWriter(directory, chunk_size=_CHUNK) as writer:
+    with RecordingWriter(directory) as writer:
         writer.write_columns(columns)
     return len(samples)
 

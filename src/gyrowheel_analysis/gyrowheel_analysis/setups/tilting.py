@@ -11,7 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.recording import Recording
-from gyrowheel_analysis.setups.blocks import BLOCK, COIL, EVERY, TILT, Averages, asked_tilt, commanded
+from gyrowheel_analysis.setups.blocks import (
+    BLOCK,
+    COIL,
+    EVERY,
+    TILT,
+    Averages,
+    asked_speed,
+    asked_tilt,
+    commanded,
+)
 from gyrowheel_analysis.setups.cures import Cure, Kind, WrongSetup
 from gyrowheel_analysis.setups.harmonics import Turning
 from gyrowheel_analysis.setups.relations import precession, precession_ratio, slews
@@ -29,6 +38,11 @@ _FOREIGN = 0.85
 #: Twice a revolution everything turns with the rotor; from this direction on it turns against it.
 _AGAINST = -0.5
 _FOLLOWS = 0.15  # part by which a tilt may differ from what was asked for, and a voltage from the command
+_LATE, _LATEST = (
+    0.3,
+    0.3,
+)  # part by which tilts that are late differ from what was asked for; least lateness [s]
+_ON_TIME = 0.2  # of its changes: by what the speed may differ from what was asked for
 _TWICE = 0.04  # how near to 2 or 1/2 a factor must be
 _SAME = 0.02  # part by which two columns of one signal may differ
 _UNITS = {"deg": DEG, "mrad": 1e-3, "arcmin": DEG / 60.0, "urad": 1e-6, "rad twice converted": 1.0 / DEG}
@@ -82,8 +96,8 @@ def tilting(
     judge = _Judge(now, bench, turning, asked, commands)
     before = precession(now, bench)
     if before <= GROSS and judge.forward(Cure()):
-        halved = _halved(now, bench, asked)
-        return [] if halved is None else [replace(halved, before=before)]
+        own = _halved(now, bench, asked) or _late_together(now, asked, commands, recording)
+        return [] if own is None else [replace(own, before=before)]
     trials = [t for t in judge.trials(_plain()) if _mends(before, t.after)]
     if before > GROSS:
         for changes in (_lags(now), _lags_of_speed(now)):
@@ -237,6 +251,32 @@ def _halved(a: Averages, bench: Bench, asked: Complex | None) -> WrongSetup | No
         return None
     off = _off(factor * a.tilt, asked)
     return WrongSetup("scale", TILT, Cure(scale=dict.fromkeys(TILT, factor))) if off < _FOLLOWS else None
+
+
+def _late_together(
+    a: Averages, asked: Complex | None, commands: Complex | None, recording: Recording
+) -> WrongSetup | None:
+    """Return that tilts and voltages belong to another time than the spin.
+
+    They agree with each other, and nearly with any speed, so the tilt must be what was asked for at that other time,
+    and the speed what was asked for at its own. Where all is late, the setpoints may have another clock.
+    """
+    speed = asked_speed(recording, len(a))
+    if asked is None or speed is None or _off(a.tilt, asked) < _LATE:
+        return None
+    lag = best_lag(a.tilt, asked)
+    cure = Cure(shift=dict.fromkeys((*TILT, *COIL), lag))
+    if abs(lag) < _LATEST or _off(cure.applied(a).tilt, asked) > _FOLLOWS:
+        return None
+    if commands is not None and abs(best_lag(a.coil, commands) - lag) > 2.0 * _STEP:
+        return None
+    known = np.isfinite(a.rate)
+    own, wanted = a.rate[known], speed[known]
+    off = float(np.linalg.norm(own - wanted)) if len(own) else math.inf
+    changes = float(np.linalg.norm(wanted - wanted.mean())) if len(wanted) else 0.0
+    if off > _ON_TIME * changes:
+        return None
+    return WrongSetup("shifted", (*TILT, *COIL), cure)
 
 
 def _lags(a: Averages) -> Iterator[Change]:

@@ -34,7 +34,7 @@ from gyrowheel_analysis.recording.mcap.reader import Chunk, Damaged, Fields, Fou
 from gyrowheel_core.wire import SECOND
 
 _WINDOW: Final = 1 << 22  # bytes searched at a time
-SPAN: Final = 1 << 20  # bytes of loose messages that become one chunk
+LOOSE: Final = 1 << 16  # bytes of loose messages that become one chunk
 # the begin of a chunk; found with a look-ahead, so that a false match hides no real chunk
 _CHUNK: Final = re.compile(
     rb"\x06(?=(?P<length>.{8}).{16}(?P<size>.{8}).{4}"
@@ -183,7 +183,12 @@ class _Walk:
     def _loose(self, position: int, stop: int) -> None:
         pieces = self._survey.pieces
         last = pieces[-1] if pieces else None
-        if last is not None and last.index is None and last.byte + last.size == position and last.size < SPAN:
+        if (
+            last is not None
+            and last.index is None
+            and last.byte + last.size == position
+            and last.size < LOOSE
+        ):
             last.size += stop - position
         else:
             pieces.append(Piece(position, stop - position, None))

@@ -6,6 +6,7 @@ The writer is ours because rosbags' loses 1.7 s when it is killed and writes no 
 from __future__ import annotations
 
 import contextlib
+import errno
 import fcntl
 import os
 import struct
@@ -221,8 +222,12 @@ class McapWriter:
         owner = owner[order]
         ends = np.cumsum(sizes[owner])
         offsets = ends - sizes[owner]
-        # A chunk ends with the message that makes it reach its size.
-        cuts = np.flatnonzero(np.diff(offsets // self._chunk_size)) + 1
+        # A chunk ends with the message that makes it reach its size, or with the last one of its span.
+        full = np.diff(offsets // self._chunk_size) != 0
+        if self._chunk_span is not None:
+            ordered = times[order]
+            full |= np.diff((ordered - ordered[0]) // self._chunk_span) != 0
+        cuts = np.flatnonzero(full) + 1
         done = np.zeros(len(blocks), dtype=np.int64)
         for first, last in zip([0, *cuts], [*cuts, len(order)], strict=True):
             buffer = np.empty(ends[last - 1] - offsets[first], dtype=np.uint8)
@@ -275,6 +280,21 @@ class McapWriter:
         except OSError:
             return False
         return (there.st_dev, there.st_ino) == (here.st_dev, here.st_ino)
+
+    def require_length(self) -> None:
+        """Require that the file is as long as what was written: after a cut, writing goes on behind a hole of zeros.
+
+        Raises
+        ------
+        OSError
+            If it is not.
+        """
+        found = os.fstat(self._file.fileno()).st_size
+        if found != self._position:
+            what = "cut it off" if found < self._position else "written into it"
+            raise OSError(
+                errno.EIO, f"another process has {what} ({self._position} bytes were written, it has {found})"
+            )
 
     def finish(self, metadata: str) -> None:
         """Complete the file and close it.
@@ -372,6 +392,7 @@ class McapWriter:
         self.end = max(self.end, end)
 
     def _write(self, data: bytes | bytearray) -> None:
+        self.require_length()
         view = memoryview(data)
         try:
             while view:  # an unbuffered file may take less than it is given

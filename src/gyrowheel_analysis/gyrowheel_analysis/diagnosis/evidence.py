@@ -1,0 +1,335 @@
+"""The evidence of recordings for a change at any time, of any quantity, beside all that may explain them otherwise.
+
+A change in the middle of a recording looks like a slow drift that happens to move there. The two are compared by
+marginal likelihood with the size of the drift left free, so that neither passes for the other. What bench parameters
+and effects can explain is no event: all of them are regressors beside it.
+
+For every place the likelihood needs the products of that event with itself and with the rows, once everything else is
+projected out. These are sums over the products of single windows, which are formed once for each quantity.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+
+from gyrowheel_analysis.balance.balance import Balance
+from gyrowheel_analysis.fitting.drift import DriftCovariance
+from gyrowheel_analysis.fitting.events import QUANTITIES, Kind, unit_rows
+from gyrowheel_analysis.fitting.fit import Fit
+from gyrowheel_analysis.fitting.noise import scale_cost
+from gyrowheel_analysis.fitting.problem import Problem
+from gyrowheel_analysis.reduction.groups import SAME_SPEED
+
+Array = NDArray[np.float64]
+
+#: Between the likeliest drifts without an event and those as stated: drifts that are tried with an event.
+_DRIFT_STEPS = 5
+_RAISED = 1.05  # scale of a drift that counts as enlarged
+#: Median of the differences of two values of unit variance.
+_MEDIAN = 0.6745 * math.sqrt(2.0)
+_FEW = 8  # windows; the noise of fewer is not judged by their scatter
+_APART = 10.0  # s; windows that are further from each other belong to different groups
+_SHORT = 1.0  # s; windows of a cone are shorter, those of a hold are not
+_CLEARLY = 2.0  # standard errors by which a scatter must exceed what is known of the noise
+
+
+class Profiles:
+    """The course of many events of one kind over the windows of a recording (events, n)."""
+
+    def __init__(self, kind: Kind, edges: Sequence[tuple[float, ...]], weights: Array) -> None:
+        self.kind, self.edges, self._weights = kind, edges, weights
+
+    def __len__(self) -> int:
+        return len(self.edges)
+
+    def square(self, products: Array) -> Array:
+        """Return the product of every event with itself."""
+        return np.einsum("en,en->e", self._weights @ products, self._weights)
+
+    def along(self, products: Array) -> Array:
+        """Return the product of every event with the rows."""
+        return np.asarray(self._weights @ products)
+
+
+@dataclass(frozen=True)
+class _White:
+    """Rows without a drift, with their standard deviations."""
+
+    deviation: Array
+
+    def __len__(self) -> int:
+        return len(self.deviation)
+
+    def whiten(self, rows: Array, scale: float) -> Array:
+        return np.asarray((rows.T / self.deviation).T)
+
+    def log_determinant(self, scale: float) -> float:
+        return 0.0  # always the same
+
+
+@dataclass(frozen=True)
+class _Block:
+    """Rows of one name in one recording."""
+
+    recording: int
+    row: str
+    covariance: DriftCovariance | _White
+    drift: str
+
+
+class Evidence:
+    """Marginal likelihood of recordings beside everything that bench parameters and effects can explain.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem, with the events that are known already.
+    fit : Fit
+        The fit about which everything is linear.
+    """
+
+    def __init__(self, problem: Problem, fit: Fit) -> None:
+        unknowns = problem.unknowns
+        offset = np.concatenate([fit.nuisance, [fit.coefficients[t][name] for t, name in fit.columns]])
+        rows = fit.residual + fit.jacobian @ (offset - unknowns.centre(fit.terms))
+        columns = np.hstack([fit.jacobian * unknowns.widths(fit.terms), problem.prediction.candidate_columns])
+        self.problem = problem
+        self.scales, _ = problem.noise.best_scales(rows, columns)
+        self._blocks = _blocks(problem)
+        self._rows, self._columns = rows, problem.noise.beside_events(columns)
+        self._states: dict[tuple[float, ...], _State] = {}
+        self._units: dict[tuple[str, int, float | None], dict[int, Array]] = {}
+        self._loudness = np.ones(len(rows))
+        self._loudness = self._louder(self.state(self.scales).left())
+        self._states.clear()
+
+    def state(self, scales: Mapping[str, float]) -> _State:
+        """Return rows and regressors whitened for scales of the drifts."""
+        key = tuple(scales.values())
+        if key not in self._states:
+            self._states[key] = _State.of(self._blocks, self._rows, self._columns, scales, self._loudness)
+        return self._states[key]
+
+    def paths(self, drifts: Sequence[str]) -> Iterator[dict[str, float]]:
+        """Yield scales of the drifts, from the likeliest without an event to some of them as stated."""
+        raised = any(self.scales[name] > _RAISED for name in drifts)
+        for share in np.linspace(1.0, 0.0, _DRIFT_STEPS) if raised else (1.0,):
+            yield self.scales | {name: self.scales[name] ** float(share) for name in drifts}
+
+    def gains(
+        self,
+        quantities: Sequence[str],
+        recording: int,
+        courses: Sequence[Profiles],
+        lag: float | None = None,
+    ) -> list[Array]:
+        """Return by how much events raise twice the log likelihood, each with the drifts that suit it best.
+
+        Parameters
+        ----------
+        quantities : sequence of str
+            What changes at once, one or two quantities.
+        recording : int
+            In which recording.
+        courses : sequence of Profiles
+            The course of the events.
+        lag : float, optional
+            The time in which a torque that follows the tilt relaxes [s].
+        """
+        units = [self._unit(quantity, recording, lag) for quantity in quantities]
+        count = len(self.problem.balances[recording].windows)
+        best = [np.full(len(profiles), -math.inf) for profiles in courses]
+        without = self.state(self.scales).cost + scale_cost(self.scales)
+        drifts = dict.fromkeys(drift for name in quantities for drift in QUANTITIES[name].drifts)
+        for scales in self.paths(tuple(drifts)):
+            state = self.state(scales)
+            above = without - state.cost - scale_cost(scales)
+            squares, along = state.of_windows(units, count)
+            for own, profiles in zip(best, courses, strict=True):
+                np.maximum(own, above + _gained(squares, along, profiles), out=own)
+        return best
+
+    def limit(self, quantities: Sequence[str], recording: int, profiles: Profiles, gain: float) -> float:
+        """Return the size, over the large one of every quantity, at which an event is expected to bring a gain.
+
+        Parameters
+        ----------
+        quantities : sequence of str
+            What changes, by equally many of its large sizes.
+        recording : int
+            In which recording.
+        profiles : Profiles
+            The first of these events.
+        gain : float
+            In twice the log likelihood.
+        """
+        count = len(self.problem.balances[recording].windows)
+        units = [self._unit(quantity, recording) for quantity in quantities]
+        squares, _ = self.state(self.scales).of_windows(units, count)
+        m = [[float(profiles.square(own)[0]) for own in line] for line in squares]
+        known, size = np.array(m), np.ones(len(m))
+        with_one = float(size @ known @ np.linalg.solve(np.eye(len(m)) + known, known @ size))
+        return math.sqrt((gain + float(np.linalg.slogdet(np.eye(len(m)) + known)[1])) / with_one)
+
+    def _unit(self, quantity: str, recording: int, lag: float | None = None) -> dict[int, Array]:
+        """Return the rows of a large change of a quantity all the time, by the block; those of zeros are left out."""
+        key = quantity, recording, lag
+        if key not in self._units:
+            what, balance = QUANTITIES[quantity], self.problem.balances[recording]
+            rows = unit_rows(balance, what, lag) * what.width(self.problem.bench)
+            self._units[key] = {
+                index: own
+                for index, block in enumerate(self._blocks)
+                if block.recording == recording and (own := rows[balance.row(block.row)]).any()
+            }
+        return self._units[key]
+
+    def _louder(self, left: Array) -> Array:
+        """Return by how much more than known the rows scatter from window to window, in groups of windows.
+
+        A change in the middle moves two neighbours apart, not all of them: it is no scatter.
+        """
+        result, at = np.ones(len(left)), 0
+        for block in self._blocks:
+            for group in _groups(self.problem.balances[block.recording]):
+                steps = np.abs(np.diff(left[at + group]))
+                if len(group) >= _FEW:
+                    scatter = float(np.median(steps)) / _MEDIAN
+                    # standard error of a variance from a median of such differences
+                    if scatter**2 > 1.0 + _CLEARLY * 2.3 / math.sqrt(len(steps)):
+                        result[at + group] = scatter
+            at += len(block.covariance)
+        return result
+
+
+def _blocks(problem: Problem) -> list[_Block]:
+    """Return the blocks of rows of all recordings, in their order."""
+    result = []
+    noise = problem.noise
+    for number, balance in enumerate(problem.balances):
+        own = noise.averages[number]
+        result += [
+            _Block(number, row, covariance, drift)
+            for row, (covariance, drift) in zip(balance.rows, own, strict=False)
+        ]
+        turning, n = balance.rows[len(own) :], len(balance.windows)
+        result += [
+            _Block(number, row, _White(noise.amplitudes[number][k * n : (k + 1) * n]), "")
+            for k, row in enumerate(turning)
+        ]
+    return result
+
+
+def _groups(balance: Balance) -> Iterator[NDArray[np.int64]]:
+    """Yield the windows of every cone, and of the holds between two changes of the speed."""
+    w = balance.windows
+    if not len(w):
+        return
+    order = np.argsort(w.start, kind="stable")
+    spin, short = w.mean_spin[order], w.duration[order] < _SHORT
+    turned = np.abs(np.diff(spin)) > SAME_SPEED * np.abs(spin[:-1])
+    apart = np.diff(w.start[order]) > _APART
+    edges = np.flatnonzero(turned | apart | (np.diff(short.astype(np.int8)) != 0)) + 1
+    yield from np.split(order, edges)
+
+
+def _gained(squares: Sequence[Sequence[Array]], along: Sequence[Array], profiles: Profiles) -> Array:
+    """Return by how much events of one or two quantities raise twice the log likelihood, the drifts as they are."""
+    b = [profiles.along(own) for own in along]
+    xx = 1.0 + profiles.square(squares[0][0])
+    if len(b) == 1:
+        return np.asarray(b[0] ** 2 / xx - np.log(xx))
+    xy, yy = profiles.square(squares[0][1]), 1.0 + profiles.square(squares[1][1])
+    determinant = xx * yy - xy**2
+    gained = (yy * b[0] ** 2 - 2.0 * xy * b[0] * b[1] + xx * b[1] ** 2) / determinant
+    return np.asarray(gained - np.log(determinant))
+
+
+@dataclass(frozen=True)
+class _State:
+    """Rows whitened for some scales of the drifts, with what the regressors explain of them.
+
+    `images` and `image` give the products of any two columns beside the regressors: their scalar product less that
+    of their images.
+    """
+
+    blocks: Sequence[_Block]
+    scales: Mapping[str, float]
+    loudness: Array
+    rows: Array
+    images: Array
+    image: Array
+    cost: float
+
+    @classmethod
+    def of(
+        cls,
+        blocks: Sequence[_Block],
+        rows: Array,
+        columns: Array,
+        scales: Mapping[str, float],
+        loudness: Array,
+    ) -> _State:
+        parts, at, log_det = [], 0, 0.0
+        both = np.column_stack([columns, rows])
+        for block in blocks:
+            scale = scales.get(block.drift, 1.0)
+            parts.append(block.covariance.whiten(both[at : at + len(block.covariance)], scale))
+            log_det += block.covariance.log_determinant(scale)
+            at += len(block.covariance)
+        white = np.concatenate(parts) / loudness[:, None]
+        design, target = white[:, :-1], white[:, -1]
+        root = np.linalg.cholesky(design.T @ design + np.eye(design.shape[1]))
+        images = solve_triangular(root, design.T, lower=True, check_finite=False)
+        image = images @ target
+        log_det += 2.0 * float(np.log(np.diag(root)).sum())
+        cost = log_det + float(target @ target - image @ image)
+        return cls(blocks, scales, loudness, target, images, image, cost)
+
+    def left(self) -> Array:
+        """Return what the regressors leave of the rows (N,)."""
+        return self.rows - self.images.T @ self.image
+
+    def of_windows(
+        self, units: Sequence[Mapping[int, Array]], count: int
+    ) -> tuple[list[list[Array]], list[Array]]:
+        """Return products of the single windows of quantities with each other (n, n) and with the rows (n,).
+
+        `units` has the rows of every quantity by the number of the block; `count` is the number of windows.
+        """
+        squares = [[np.zeros((count, count)) for _ in units] for _ in units]
+        along = [np.zeros(count) for _ in units]
+        image = [np.zeros((len(self.image), count)) for _ in units]
+        at = 0
+        for index, block in enumerate(self.blocks):
+            n = len(block.covariance)
+            here = slice(at, at + n)
+            at += n
+            own = [unit.get(index) for unit in units]
+            pulses = [None if rows is None else self._pulses(block, rows, here) for rows in own]
+            for i, left in enumerate(pulses):
+                if left is None:
+                    continue
+                along[i] += left.T @ self.rows[here]
+                image[i] += self.images[:, here] @ left
+                for j, right in enumerate(pulses[i:], i):
+                    if right is not None:
+                        squares[i][j] += left.T @ right
+        for i, left in enumerate(image):
+            along[i] -= left.T @ self.image
+            for j, right in enumerate(image[i:], i):
+                squares[i][j] -= left.T @ right
+                if j > i:
+                    squares[j][i] = squares[i][j].T
+        return squares, along
+
+    def _pulses(self, block: _Block, rows: Array, here: slice) -> Array:
+        """Return the whitened rows of a block for a change in each single window (n, n)."""
+        white = block.covariance.whiten(np.diag(rows), self.scales.get(block.drift, 1.0))
+        return np.asarray(white / self.loudness[here, None])

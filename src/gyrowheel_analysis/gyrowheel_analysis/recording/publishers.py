@@ -1,0 +1,149 @@
+"""Who published the messages of a recording: counted as they come, kept in its metadata. Needs no ROS."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Final
+
+from gyrowheel_core import topics
+from gyrowheel_core.errors import InputError
+
+#: Entry of the metadata's ``custom_data``.
+ENTRY: Final = "gyrowheel.publishers"
+_SHARED: Final = frozenset(topic.name for topic in topics.TOPICS if topic.shared)
+_MOST: Final = 1000  # publishers that are read
+_LONGEST: Final = 300  # text of an entry [characters]
+
+
+@dataclass(frozen=True)
+class Publisher:
+    """A publisher of a topic.
+
+    Attributes
+    ----------
+    topic : str
+        The topic.
+    gid : str
+        Its global identifier in the middleware, in hexadecimal digits; empty where it was never seen.
+    node : str
+        Full name of its node; empty where unknown.
+    messages : int or None
+        How many of the recorded messages are its own; None where that is not known.
+    """
+
+    topic: str
+    gid: str
+    node: str
+    messages: int | None = None
+
+
+@dataclass
+class _Series:
+    """Messages that one publisher has counted through."""
+
+    last: int
+    count: int = 0
+    gid: str = ""
+
+
+class Division:
+    """Divides the messages of a topic among its publishers.
+
+    The middleware does not say who sent a message, but every publisher numbers its own. A message that continues the
+    numbers of a publisher is its. Where two have come to the same number it cannot be said any more.
+
+    Parameters
+    ----------
+    topic : str
+        The topic.
+    look : callable
+        Returns the publishers that the topic has had: pairs of GID and node.
+
+    Attributes
+    ----------
+    unknown : bool
+        Whether it cannot be said whose the messages are, or some were not added.
+    """
+
+    def __init__(self, topic: str, look: Callable[[], Sequence[tuple[str, str]]]) -> None:
+        self._topic, self._look = topic, look
+        self.unknown = False
+        self._series: list[_Series] = []
+
+    def add(self, number: int) -> None:
+        """Count a message by the number that its publisher gave it."""
+        fitting = [series for series in self._series if number == series.last + 1]
+        if len(fitting) > 1:  # from here on they could be exchanged
+            self.unknown = True
+        series = fitting[0] if fitting else self._find(number)
+        series.last = number
+        series.count += 1
+
+    def result(self) -> list[Publisher]:
+        """Return the publishers; counts are left out where it is not known whose they are."""
+        known = dict(self._look())
+        nameless = [series for series in self._series if not series.gid]
+        free = self._free(known)
+        if len(nameless) == len(free) == 1:
+            nameless[0].gid, nameless = free[0], []
+        if self.unknown or nameless:
+            unseen = max(len(nameless) - len(free), 0)  # came and went between two looks
+            nodes = [*known.items(), *[("", "")] * unseen]
+            return [Publisher(self._topic, gid, node) for gid, node in nodes]
+        counts = {series.gid: series.count for series in self._series}
+        return [Publisher(self._topic, gid, node, counts.get(gid, 0)) for gid, node in known.items()]
+
+    def _find(self, number: int) -> _Series:
+        """Return the series of a message that continues none: a new one, or one with a gap."""
+        known = [gid for gid, _ in self._look()]
+        before = [series for series in self._series if series.last < number]
+        if before and len(self._series) >= len(known):  # messages in between were lost
+            return max(before, key=lambda series: series.last)
+        free = self._free(known)
+        self._series.append(_Series(number, gid=free[0] if len(free) == 1 else ""))
+        return self._series[-1]
+
+    def _free(self, known: Sequence[str] | Mapping[str, str]) -> list[str]:
+        taken = {series.gid for series in self._series}
+        return [gid for gid in known if gid not in taken]
+
+
+def to_text(publishers: Sequence[Publisher]) -> str:
+    """Return publishers as the metadata keeps them."""
+    return json.dumps([asdict(publisher) for publisher in publishers[:_MOST]])
+
+
+def from_text(text: str, where: str) -> tuple[Publisher, ...]:
+    """Return the publishers that metadata states.
+
+    Raises
+    ------
+    InputError
+        If the text is not what `to_text` writes.
+    """
+    try:
+        content = json.loads(text)
+        if not isinstance(content, list) or len(content) > _MOST:
+            raise TypeError
+        found = tuple(Publisher(**entry) for entry in content)
+    except (ValueError, TypeError, RecursionError):
+        raise InputError(f"{where}: {ENTRY}: not a list of publishers") from None
+    for publisher in found:
+        texts = (publisher.topic, publisher.gid, publisher.node)
+        count = publisher.messages
+        if not all(isinstance(t, str) and len(t) <= _LONGEST and t.isprintable() for t in texts):
+            raise InputError(f"{where}: {ENTRY}: not the name of a publisher")
+        if count is not None and (not isinstance(count, int) or isinstance(count, bool) or count < 0):
+            raise InputError(f"{where}: {ENTRY}: messages: {count!r}; allowed: a number from 0 on")
+    return found
+
+
+def surplus(publishers: Sequence[Publisher]) -> dict[str, list[Publisher]]:
+    """Return the publishers of each topic that has several, where the bench has one."""
+    by_topic: dict[str, list[Publisher]] = {}
+    for publisher in publishers:
+        if publisher.topic not in _SHARED:
+            by_topic.setdefault(publisher.topic, []).append(publisher)
+    return {topic: several for topic, several in by_topic.items() if len(several) > 1}

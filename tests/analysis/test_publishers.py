@@ -1,0 +1,111 @@
+"""Who published the messages of a recording."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gyrowheel_analysis.recording import info
+from gyrowheel_analysis.recording.live import LiveRecording, SampleCount
+from gyrowheel_analysis.recording.publishers import Division, Publisher, from_text, surplus, to_text
+from gyrowheel_core import topics, wire
+from gyrowheel_core.errors import InputError
+
+OWN, OTHER = ("aa", "/controller"), ("bb", "/other")
+
+
+def counts(numbers: list[int], *known: tuple[str, str], later: int | None = None) -> dict[str, int | None]:
+    """Return the messages of each publisher; the second one is known from message `later` on."""
+    seen = list(known[:1] if later is not None else known)
+    division = Division("/t", lambda: seen)
+    for place, number in enumerate(numbers):
+        if place == later:
+            seen.append(known[1])
+        division.add(number)
+    return {publisher.node: publisher.messages for publisher in division.result()}
+
+
+def test_one_publisher_has_all_messages_also_where_some_are_lost() -> None:
+    assert counts([1, 2, 3], OWN) == {"/controller": 3}
+    assert counts([5, 6, 9, 10], OWN) == {"/controller": 4}
+
+
+def test_a_second_publisher_is_told_from_the_first_by_its_own_numbers() -> None:
+    assert counts([1, 2, 3, 1, 4, 2, 3, 5], OWN, OTHER, later=3) == {"/controller": 5, "/other": 3}
+    # also one that had published before anyone here read it, and one that is lost in between
+    assert counts([1, 2, 700, 3, 701, 4, 704, 5], OWN, OTHER, later=2) == {"/controller": 5, "/other": 3}
+
+
+def test_a_publisher_that_says_nothing_has_no_messages() -> None:
+    assert counts([1, 2, 3, 4], OWN, OTHER, later=2) == {"/controller": 4, "/other": 0}
+
+
+def test_what_cannot_be_told_is_not_told() -> None:
+    assert counts([1, 2, 9, 3, 10], OWN, OTHER) == {
+        "/controller": None,
+        "/other": None,
+    }  # there from the beginning
+    assert counts([1, 2, 9, 3, 10], OWN) == {"/controller": None, "": None}  # by one that nobody saw
+    # both have come to 3
+    assert counts([2, 1, 2, 3, 3], OWN, OTHER, later=1) == {"/controller": None, "/other": None}
+
+
+@given(st.lists(st.booleans(), max_size=60), st.integers(0, 100))
+def test_any_order_is_divided_rightly_or_not_at_all(others: list[bool], before: int) -> None:
+    """However the messages of a publisher, and of one that comes later, are mixed."""
+    order = [False] * (before + 1) + others
+    numbers, following = [], [1, 1]
+    for other in order:
+        numbers.append(following[other])
+        following[other] += 1
+    if any(others):
+        found = counts(numbers, OWN, OTHER, later=order.index(True))
+        right: dict[str, int | None] = {"/controller": order.count(False), "/other": order.count(True)}
+        met = any(order[:k].count(True) == order[:k].count(False) for k in range(1, len(order)))
+        assert found == (right if not met else {"/controller": None, "/other": None})
+    else:
+        assert counts(numbers, OWN) == {"/controller": len(order)}
+
+
+def test_samples_and_commands_that_come_more_than_once_are_counted(tmp_path) -> None:
+    count = SampleCount()
+    assert all(count.add(number) for number in (1, 2, 4, 4, 2, 3, 3))
+    assert (count.samples, count.missing, count.surplus) == (4, 0, 3)
+
+    session = LiveRecording(str(tmp_path / "run"), look=lambda topic: [OWN])
+    for k in range(3):
+        session.take(topics.MEASUREMENT, wire.MEASUREMENT.pack(k, k, *[0.0] * 11), k + 1)
+        for voltage in (1.0, 2.0):
+            session.take(topics.COMMAND, wire.COMMAND.pack(k, k, voltage, 0.0, 0.0), 2 * k + int(voltage))
+    assert session.surplus_commands == 3
+    assert session.report().endswith("3 samples, none missing, 3 surplus commands")
+    session.close()
+    found = info(tmp_path / "run").publishers
+    assert found == (
+        Publisher("/gyrowheel/measurement", *OWN, 3),
+        Publisher("/gyrowheel/command", *OWN, 6),
+    )
+    assert surplus(found) == {}
+    more = Publisher("/gyrowheel/command", *OTHER, 1)
+    assert surplus((*found, more)) == {"/gyrowheel/command": [found[1], more]}
+    several = [Publisher("/diagnostics", *OWN), Publisher("/diagnostics", *OTHER)]
+    assert surplus(several) == {}  # every node publishes there
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "{}", "[1]", '[{"topic": "/t"}]', "[" * 100_000, "[" + "{}," * 2000 + "{}]"]
+    + [
+        to_text([Publisher(*entry)])
+        for entry in (
+            ("/t", "aa", "\x1b[2J", 1),
+            ("/t", "aa", "n" * 1000, 1),
+            ("/t", "aa", "/n", -1),
+            ("/t", "aa", "/n", 0.5),
+        )
+    ],
+)
+def test_metadata_that_is_not_of_the_recorder_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match=r"^FILE: gyrowheel\.publishers: "):
+        from_text(text, "FILE")
