@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import base64
+import ast
 import importlib.util
 import itertools
 import json
 import os
 import re
 import runpy
-import shutil
-import signal
-import socket
-import struct
 import subprocess
 import sys
 import tomllib
@@ -24,26 +20,28 @@ from typing import Any
 
 import numpy as np
 import pytest
+import rclpy
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from gyrowheel.simulation import record_simulation
 from gyrowheel_analysis.recording.definitions import typestore
-from gyrowheel_bringup.graph import EXECUTABLES, node_parameters
+from gyrowheel_bringup.graph import EXECUTABLES, Graph, find_executable, node_parameters
 from gyrowheel_bringup.viewers import robot_description, rviz_config, share_file
 from gyrowheel_control.plans.plan import Plan
-from gyrowheel_core import topics, wire
+from gyrowheel_core import topics
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.node import PARENT_VARIABLE
 from gyrowheel_core.units import DEG
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.mechanics.kinematics import axis_of_tilt
 from gyrowheel_sim.plant.node import JOINTS
 from gyrowheel_sim.plant.scenario import Scenario
+from tools import workspace
 
 from ..domains import next_domain
-from .helpers import SHORT_PLAN
+from .helpers import SHORT_PLAN, Bystander
 
 ROOT = Path(__file__).resolve().parents[2]
 SRC = ROOT / "src"
@@ -52,7 +50,7 @@ NODES = {
     "gyrowheel_sim": {"plant_node"},
     "gyrowheel_control": {"controller_node", "conductor_node"},
     "gyrowheel_analysis": {"drag_estimator_node", "recorder_node", "replay_node"},
-    "gyrowheel_bringup": {"foxglove_node"},
+    "gyrowheel_bringup": {"foxglove_node", "plan_client_node"},
 }
 
 # --- launch files; ros2 launch is not on PyPI: its few classes are stood in for
@@ -116,28 +114,93 @@ def parameters_of(action: Any) -> dict[str, Any]:
     return {key: value.args[0] if isinstance(value, Stub) else value for key, value in given.items()}
 
 
-@pytest.mark.usefixtures("stubs")
-def test_launch_of_the_bench_starts_what_up_starts() -> None:
+@pytest.fixture
+def viewers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Programs of other packages, which only an installed ROS has."""
+    for name in ("robot_state_publisher", "rviz2"):
+        program = tmp_path / "lib" / name / name
+        program.parent.mkdir(parents=True)
+        program.write_text("#!/bin/sh\n")
+        program.chmod(0o755)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"{tmp_path}:{os.environ.get('AMENT_PREFIX_PATH', '')}")
+
+
+@pytest.mark.graph
+@pytest.mark.usefixtures("stubs", "viewers")
+@pytest.mark.parametrize("realtime", [True, False])
+def test_launch_of_the_bench_starts_what_up_starts(realtime: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(next_domain()))
     plan = Plan.load("quick")
     actions = launched(
-        "ground_test.launch.py", plan="quick", record="runs/monday", realtime="true", rviz="true"
+        "ground_test.launch.py", plan="quick", record="runs/monday", realtime=str(realtime), rviz="true"
     )
-    nodes = {action.options["executable"]: action for action in actions if "executable" in action.options}
-    wanted = node_parameters(plan, record="runs/monday", realtime=True)
+    nodes = {action.options["executable"]: action for action in actions}
+    machine = Scenario().identity(Bench.load())
+    wanted = node_parameters(plan, record="runs/monday", realtime=realtime, machine=machine)
     for name, (package, executable) in EXECUTABLES.items():
         node = nodes.pop(executable)
         assert (node.options["package"], node.options["name"]) == (package, name)
         assert parameters_of(node) == wanted[name]
-    assert set(nodes) == {"robot_state_publisher", "rviz2"}
+        # it ends with the process of the launch
+        assert node.options["additional_env"] == {PARENT_VARIABLE: str(os.getpid())}
+    assert set(nodes) == {"robot_state_publisher", "rviz2", "plan_client_node"}
     assert parameters_of(nodes["robot_state_publisher"])["robot_description"] == robot_description()
-    (goal,) = [action for action in actions if "cmd" in action.options]
-    assert goal.options["cmd"][:3] == ["ros2", "action", "send_goal"]
-    assert Plan.load(yaml.safe_load(goal.options["cmd"][-1])["plan"]).segments == plan.segments
+    # in real time nobody publishes a clock
+    assert {parameters_of(nodes[name])["use_sim_time"] for name in ("robot_state_publisher", "rviz2")} == {
+        not realtime
+    }
+    assert parameters_of(nodes["plan_client_node"]) == {"plan": "quick"}
 
-    bare = launched("ground_test.launch.py", viewable="false")
-    assert [action.options["executable"] for action in bare] == [exe for _, exe in EXECUTABLES.values()]
+
+@pytest.mark.graph
+@pytest.mark.usefixtures("stubs")
+def test_launch_refuses_before_anything_starts(
+    domain: int, bystander: Bystander, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
     with pytest.raises(InputError, match="no such shipped plan"):
         launched("ground_test.launch.py", plan="quik")
+    with pytest.raises(InputError, match="package 'robot_state_publisher' is not installed"):
+        launched("ground_test.launch.py")
+    other = rclpy.create_node("plant", context=bystander.context, use_global_arguments=False)
+    refused = (
+        rf"ROS domain {domain} has a bench already \(nodes plant\): end it, or choose another ROS_DOMAIN_ID"
+    )
+    with pytest.raises(InputError, match=refused):
+        launched("ground_test.launch.py", viewable="false")
+    other.destroy_node()
+    assert [
+        action.options["executable"] for action in launched("ground_test.launch.py", viewable="false")
+    ] == [exe for _, exe in EXECUTABLES.values()]
+
+
+@pytest.mark.graph
+def test_the_client_of_a_launch_walks_a_plan_and_ends_with_it(domain: int, tmp_path: Path) -> None:
+    plan = tmp_path / "plan.yaml"
+    plan.write_text(SHORT_PLAN)
+    with Graph(
+        domain_id=domain, hold_after_plan=True, initial_spin_rate=Plan.load(SHORT_PLAN).initial_spin_rate
+    ):
+        said = [
+            subprocess.run(
+                [
+                    str(find_executable("gyrowheel_bringup", "plan_client_node")),
+                    "--ros-args",
+                    "-p",
+                    f"plan:={place}",
+                ],
+                env=os.environ | {"ROS_DOMAIN_ID": str(domain)},
+                capture_output=True,
+                text=True,
+                check=False,
+                timeout=60.0,
+            )
+            for place in (plan, "quick@rig=upside")
+        ]
+    assert [answer.returncode for answer in said] == [0, 2]
+    assert "segment 2 of 4: tilted" in said[0].stderr
+    assert "completed" in said[0].stderr.splitlines()[-1]
+    assert "segments:" not in said[0].stderr  # the plan itself is not in the log
 
 
 @pytest.mark.usefixtures("stubs")
@@ -265,28 +328,6 @@ def test_pip_and_colcon_install_the_same_files(monkeypatch: pytest.MonkeyPatch) 
         assert caught["version"] == table["project"]["version"]
 
 
-@pytest.mark.parametrize("package", PACKAGES)
-def test_package_lists_agree(package: str) -> None:
-    folder = SRC / package
-    tree = ET.parse(folder / "package.xml").getroot()
-    version = tree.findtext("version")
-    assert tree.findtext("name") == package
-    assert tomllib.loads((folder / "pyproject.toml").read_text())["project"]["version"] == version
-    log = (folder / "CHANGELOG.rst").read_text()
-    assert f"Changelog for package {package}" in log
-    assert re.search(rf"^(Forthcoming|{re.escape(str(version))} .*)\n-+\n\* ", log, re.MULTILINE)
-    needed = {element.text for kind in ("depend", "exec_depend") for element in tree.iter(kind)}
-    imported = set()
-    for path in (folder / package).rglob("*.py"):
-        found = re.findall(r"^\s*(?:from|import) (\w+)", path.read_text(), re.MULTILINE)
-        imported |= {
-            name
-            for name in found
-            if name.startswith("gyrowheel_") or name.endswith(("_msgs", "_srvs", "_interfaces"))
-        }
-    assert imported - {package} <= needed
-
-
 @pytest.mark.parametrize(("package", "node"), [(p, n) for p, nodes in NODES.items() for n in sorted(nodes)])
 def test_every_node_has_its_executable(package: str, node: str) -> None:
     script = SRC / package / "scripts" / node
@@ -298,170 +339,53 @@ def test_every_node_has_its_executable(package: str, node: str) -> None:
     assert {path.name for path in (SRC / package / "scripts").iterdir()} == NODES[package]
 
 
-# --- live viewing
-
-
-def frames(connection: socket.socket) -> Iterator[tuple[int, bytes]]:
-    """Yield opcode and payload of what a WebSocket server sends."""
-    data = b""
-
-    def need(count: int) -> None:
-        nonlocal data
-        while len(data) < count:
-            new = connection.recv(65536)
-            assert new, "the server has closed the connection"
-            data += new
-
-    while True:
-        need(10)
-        size, head = data[1] & 127, 2
-        if size >= 126:
-            form, head = (">H", 4) if size == 126 else (">Q", 10)
-            (size,) = struct.unpack_from(form, data, 2)
-        need(head + size)
-        yield data[0] & 15, data[head : head + size]
-        data = data[head + size :]
-
-
-def send(connection: socket.socket, content: Any) -> None:
-    data, mask = json.dumps(content).encode(), os.urandom(4)
-    size = bytes([0x80 | len(data)]) if len(data) < 126 else bytes([0xFE]) + struct.pack(">H", len(data))
-    connection.sendall(b"\x81" + size + mask + bytes(c ^ mask[i % 4] for i, c in enumerate(data)))
-
-
-@pytest.mark.graph
-@pytest.mark.timeout(180)
-def test_foxglove_is_shown_a_replay(tmp_path: Path) -> None:
-    pytest.importorskip("foxglove")
-    from gyrowheel_bringup.foxglove_process import foxglove
-    from gyrowheel_bringup.graph import find_executable
-
-    plan = Plan.load(SHORT_PLAN)
-    record_simulation(tmp_path / "run", Bench.load(), Scenario.nominal(), plan)
-    domain = str(next_domain())
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("ROS_DOMAIN_ID", domain)
-        with foxglove(0) as address:
-            port = int(address.rpartition(":")[2])
-            assert address == f"ws://127.0.0.1:{port}"
-            with pytest.raises(InputError, match=f"parameter port: {port} cannot be opened"), foxglove(port):
-                pass
-            connection = socket.create_connection(("127.0.0.1", port), timeout=60.0)
-            key = base64.b64encode(os.urandom(16)).decode()
-            connection.sendall(
-                f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
-                "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Protocol: foxglove.sdk.v1\r\n"
-                f"Sec-WebSocket-Key: {key}\r\n\r\n".encode()
-            )
-            answer = b""
-            while not answer.endswith(b"\r\n\r\n"):
-                answer += connection.recv(1)
-            assert answer.startswith(b"HTTP/1.1 101")
-            replay = subprocess.Popen(
-                [
-                    str(find_executable("gyrowheel_analysis", "replay_node")),
-                    "--ros-args", "-p", f"directory:={tmp_path / 'run'}", "-p", "wait_for_subscribers:=1",
-                ],
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-            )  # fmt: skip
-            try:
-                channels: dict[int, str] = {}
-                heard: dict[str, list[tuple[int, bytes]]] = {}
-                for opcode, data in frames(connection):
-                    if opcode == 1 and (content := json.loads(data))["op"] == "advertise":
-                        channels |= {c["id"]: c["topic"] for c in content["channels"]}
-                        assert {c["encoding"] for c in content["channels"]} == {"cdr"}
-                        asked = [{"id": number, "channelId": number} for number in channels]
-                        send(connection, {"op": "subscribe", "subscriptions": asked})
-                    elif opcode == 2 and data[0] == 1:
-                        number, time = struct.unpack_from("<IQ", data, 1)
-                        heard.setdefault(channels[number], []).append((time, data[13:]))
-                    if len(heard.get(topics.MEASUREMENT.name, ())) > 500 and "/robot_description" in heard:
-                        break
-            finally:
-                replay.send_signal(signal.SIGINT)
-                replay.wait(30.0)
-                connection.close()
-    assert topics.TRUTH.name not in channels.values()
-    samples = heard[topics.MEASUREMENT.name]
-    numbers = [wire.MEASUREMENT.unpack(data)[1] for _, data in samples]
-    assert numbers == list(range(numbers[0], numbers[0] + len(samples)))
-    assert all(time == wire.stamp(data) for time, data in samples)
-    assert wire.unpack_text(heard["/robot_description"][0][1]) == robot_description()
-
-
 # --- colcon
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(1200)
-def test_colcon_builds_all_packages_and_their_nodes_run(tmp_path: Path) -> None:
-    """The same tree, built against the ROS of this environment; the nodes run from the install space."""
-    colcon = shutil.which(os.environ.get("COLCON", "colcon"))
-    if colcon is None:
-        pytest.skip("colcon is not installed (pip install colcon-common-extensions)")
-    shutil.copytree(
-        SRC, tmp_path / "src", ignore=shutil.ignore_patterns("__pycache__", "build", "*.egg-info")
-    )
-    environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "COLCON")}
-    for name in ("_ROS_WHEELS_BOOTSTRAP_COMPLETE", "LD_LIBRARY_PATH"):
-        environment.pop(name, None)
-    environment |= {
-        "AMENT_PREFIX_PATH": sys.prefix,
-        "CMAKE_PREFIX_PATH": sys.prefix,
-        "CMAKE_BUILD_PARALLEL_LEVEL": "2",
-        "PATH": f"{sys.prefix}/bin:{environment['PATH']}",
-    }
-    include = tmp_path / "src" / "gyrowheel_msgs" / "cmake" / "ros_wheels.cmake"
-    built = subprocess.run(
-        [
-            colcon, "build", "--executor", "sequential", "--cmake-args",
-            f"-DCMAKE_PROJECT_TOP_LEVEL_INCLUDES={include}", f"-DPython3_EXECUTABLE={sys.executable}",
-        ],
-        cwd=tmp_path, env=environment, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+@pytest.mark.graph
+@pytest.mark.timeout(600)
+def test_colcon_builds_the_packages_finds_their_tests_and_their_nodes_run(tmp_path: Path) -> None:
+    """The same tree, built against the ROS of this environment, which has the messages; ``make workspace`` does all."""
+    ours = [package for package in PACKAGES if package != "gyrowheel_msgs"]
+    built = workspace.build(tmp_path, skip=["gyrowheel_msgs"])
     assert built.returncode == 0, built.stdout[-2000:] + built.stderr[-4000:]
-    assert f"{len(PACKAGES)} packages finished" in built.stdout
+    assert f"{len(ours)} packages finished" in built.stdout
+    ran = workspace.run_tests(
+        tmp_path, packages=["gyrowheel_core"], skip=["gyrowheel_msgs"], options=["-k", "units"]
+    )
+    assert ran["gyrowheel_core"][0] > 5
+    assert ran["gyrowheel_core"][1] == 0
+
+    def shell(line: str, **more: str) -> str:
+        """Return what a command prints in a shell that has sourced the workspace."""
+        said = subprocess.run(
+            ["bash", "-c", f". install/setup.sh && exec {line}"],
+            cwd=tmp_path,
+            env=workspace.environment() | more,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert said.returncode == 0, said.stderr
+        return said.stdout
 
     checks = [
         "from ament_index_python.packages import get_packages_with_prefixes as g",
         "print({n: p for n, p in g().items() if n.startswith('gyrowheel')})",
-        "import gyrowheel_sim, gyrowheel_msgs.msg as m; print(gyrowheel_sim.__file__); print(m.__file__)",
+        "import gyrowheel_sim; print(gyrowheel_sim.__file__)",
     ]
     # nothing of the packages installed in this environment may help: it is looked at after the workspace
-    script = f". install/setup.sh && exec '{sys.executable}' -c \"{'; '.join(checks)}\""
-    said = subprocess.run(
-        ["bash", "-c", script], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
-    )
-    assert said.returncode == 0, said.stderr
-    index, *files = said.stdout.strip().splitlines()
-    assert {package: f"{tmp_path}/install/{package}" for package in PACKAGES} == eval(index)
-    assert all(file.startswith(str(tmp_path / "install")) for file in files)
-    for package, nodes in NODES.items():
-        for node in sorted(nodes):
-            script = f". install/setup.sh && exec install/{package}/lib/{package}/{node} --help"
-            said = subprocess.run(
-                ["bash", "-c", script],
-                cwd=tmp_path,
-                env=environment,
-                capture_output=True,
-                text=True,
-                check=False,
-            )
-            assert said.returncode == 0, said.stderr
-            assert "set parameters by --ros-args" in said.stdout
+    index, file = shell(f"'{sys.executable}' -c \"{'; '.join(checks)}\"").strip().splitlines()
+    places = {package: f"{tmp_path}/install/{package}" for package in ours} | {"gyrowheel_msgs": sys.prefix}
+    assert places == ast.literal_eval(index)
+    assert file.startswith(str(tmp_path / "install"))
+    for package, node in (("gyrowheel_analysis", "replay_node"), ("gyrowheel_bringup", "foxglove_node")):
+        assert "set parameters by --ros-args" in shell(f"install/{package}/lib/{package}/{node} --help")
     # and the whole bench walks a plan with the nodes of the workspace
     (tmp_path / "plan.yaml").write_text(SHORT_PLAN)
     code = "import sys; from gyrowheel.cli import main; sys.argv[0] = 'gyrowheel'; main()"
-    script = f". install/setup.sh && exec '{sys.executable}' -c \"{code}\" up --plan plan.yaml --record run"
-    said = subprocess.run(
-        ["bash", "-c", script],
-        cwd=tmp_path,
-        env=environment | {"ROS_DOMAIN_ID": str(next_domain())},
-        capture_output=True,
-        text=True,
-        check=False,
+    said = shell(
+        f"'{sys.executable}' -c \"{code}\" up --plan plan.yaml --record run", ROS_DOMAIN_ID=str(next_domain())
     )
-    assert said.returncode == 0, said.stderr
-    assert "none missing" in said.stdout
+    assert "none missing" in said

@@ -152,7 +152,27 @@ def test_in_real_time_the_motor_is_brought_down_when_the_controller_dies(tmp_pat
     # what the recording shows of it
     assert abs(recording.measurement["coil_voltage_x"][-100:].mean()) < 0.1
     assert abs(recording.measurement["motor_voltage"][-100:].mean()) < 0.1
-    assert recording.measurement["spin_rate"][-1] < 0.9 * recording.measurement["spin_rate"][0]
+    assert_brought_down(recording, spin_down_rate=400.0)
+
+
+def assert_brought_down(recording: Recording, spin_down_rate: float) -> None:
+    """Hold the fall of the no-load speed to the rate that was asked for [rad/s^2], that of the rotor to its balance."""
+    bench = Bench.load()
+    constant, resistance = bench.value("motor_constant"), bench.value("motor_resistance")
+    at, volts, speed = recording.time, recording.readings.motor_voltage, recording.readings.spin_rate
+    held = np.median(volts[volts > 0.8 * volts.max()])
+    falling = np.flatnonzero(volts > 0.9 * held)[-1]
+    half = slice(falling, np.flatnonzero(volts > 0.4 * held)[-1])
+    slope = np.polyfit(at[half], volts[half], 1)[0]
+    assert slope == pytest.approx(-constant * spin_down_rate, rel=0.03)
+    # the balance of the shaft from before that to the end: what the motor gives, less what friction took when steady
+    steady, after = slice(falling - 1000, falling - 300), slice(falling - 200, None)
+    torque = constant * (volts - constant * speed) / resistance
+    missing = torque[steady].mean() - torque[after]
+    expected = np.trapezoid(missing, at[after]) / bench.axial_inertia
+    fallen = speed[falling - 300 : falling - 100].mean() - speed[-20:].mean()
+    assert expected > 15.0  # what the ramp of half a second alone takes away [rad/s]
+    assert fallen == pytest.approx(expected, rel=0.05)
 
 
 class Relay:

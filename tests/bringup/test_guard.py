@@ -13,7 +13,7 @@ from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.plant.guard import NONSENSE, STOP_SAMPLES, Guard, GuardLimits, GuardState, Refusal
 from gyrowheel_sim.plant.machine import Plant
-from gyrowheel_sim.plant.pacing import Pacer
+from gyrowheel_sim.plant.pacing import Pacer, Statistics
 from gyrowheel_sim.plant.scenario import Scenario
 
 LIMITS = GuardLimits(
@@ -112,6 +112,21 @@ def test_loss_of_the_controller_switches_the_coils_off_and_brings_the_motor_down
     assert (guard.trip, guard.reason) == (None, "")
     guard.take(30, 30, 1.0, 1.0, 1.0)
     assert guard.output() == (1.0, 1.0, 1.0)
+
+
+def test_the_loss_of_the_controller_tells_what_came_instead():
+    guard = started()
+    guard.take(0, 0, 3.0, 4.0, 10.0)
+    guard.take(0, 0, 3.0, 4.0, 10.0)  # refused before the silence: not told
+    guard.output()
+    for newest in range(1, LIMITS.watchdog + 1):
+        if newest < 4:
+            guard.take(0, newest, 3.0, 4.0, 10.0)
+        elif newest == 5:
+            guard.take(5, newest, math.nan, 4.0, 10.0)
+        guard.output()
+    assert guard.trip is GuardState.CONTROLLER_LOST
+    assert guard.reason == "no valid command for 8 samples: 4 came and were refused (1 not finite, 3 stale)"
 
 
 def test_the_hard_stop_needs_more_than_one_wrong_reading():
@@ -245,3 +260,26 @@ def test_no_sample_is_lost_and_no_burst_is_longer_than_allowed(steps, burst):
         made += count
         # what was made, and what the bench stood still, is the time that has gone by
         assert 0 <= now - made * period - pacer.behind_ns < period
+
+
+def test_a_stall_is_told_before_the_samples_that_are_made_up_for():
+    pacer = Pacer(500, 0, burst=20)
+    assert pacer.due(500) == 1
+    assert (pacer.stalls, pacer.behind_ns) == (0, 0)
+    now = 500 + 600 * 500  # as after a SIGSTOP of 600 samples
+    made = pacer.due(now)
+    assert (pacer.stalls, pacer.behind_ns) == (1, 580 * 500)
+    # stamps by the grid and the time that the bench stood still: the last one is now
+    assert (1 + made) * 500 + pacer.behind_ns == now
+
+
+def test_statistics_are_those_of_the_time_since_the_last_report():
+    statistics = Statistics()
+    for value in (400_000, 600_000, 500_000):
+        statistics.add(value)
+    assert statistics.report("period") == {
+        "period_mean_ms": "0.5000",
+        "period_deviation_ms": "0.0816",
+        "period_worst_ms": "0.6000",
+    }
+    assert statistics.report("period")["period_worst_ms"] == "0.0000"

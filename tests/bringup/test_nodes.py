@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 import math
+import re
+import signal
 import time
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from gyrowheel_msgs.action import RunPlan
@@ -179,6 +182,59 @@ def test_setpoints_are_limited_or_refused_and_a_deactivated_controller_lets_go(
     assert commands[-1][2:] == (0.0, 0.0, commands[1][4])
 
 
+def test_without_setpoints_the_controller_holds_and_comes_to_rest_and_a_wheel_that_does_not_follow_is_told(
+    bystander: Bystander, start_node: Start
+):
+    start_node("controller", wait_for_subscribers=1)
+    answers: list[tuple[Any, ...]] = []
+    bystander.listen(topics.COMMAND, lambda raw: answers.append(wire.COMMAND.unpack(raw)), raw=True)
+    samples, setpoints = bystander.publisher(topics.MEASUREMENT), bystander.publisher(topics.SETPOINT)
+    bystander.spin_until(lambda: bystander.said("controller") == "waiting for a sample")
+    bystander.spin_until(lambda: samples.get_subscription_count() and setpoints.get_subscription_count())
+    sent = 0
+
+    def all_answered() -> bool:
+        return bool(answers) and answers[-1][1] == sent - 1
+
+    def send(seconds: float, spin: float, asked: float | None = None) -> None:
+        """Send a sample every 5 ms of bench time, and with it a setpoint if a spin rate is asked for."""
+        nonlocal sent
+        for _ in range(round(seconds / 0.005)):
+            stamp = sent * 5_000_000
+            if asked is not None:
+                setpoints.publish(wire.SETPOINT.pack(stamp, 0, 1, 0.0, 0.0, 0.0, 0.0, asked, 0.0))
+            samples.publish(
+                wire.MEASUREMENT.pack(stamp, sent, 0.0, 0.0, 0.0, spin, *[0.0] * 4, *[293.0] * 2, 1e5)
+            )
+            sent += 1
+            if asked is not None:  # in the same order there as here
+                bystander.spin_until(all_answered)
+        bystander.spin_until(all_answered)
+
+    send(0.1, 200.0, asked=200.0)
+    answered = len(answers)
+    held = answers[-1][4]
+    send(1.0, 200.0)
+    # the first one waits for its setpoint until the next one comes; then every one is answered
+    assert len(answers) == answered + 199
+    assert answers[-1][4] == pytest.approx(held, rel=0.02)
+    bystander.spin_until(lambda: bystander.said("controller").startswith("setpoint_lost: "))
+    assert bystander.diagnoses["controller"].level == DiagnosticStatus.WARN
+    send(1.0, 200.0)
+    assert answers[-1][4] < 0.5 * held  # the wheel still turns, and is to come to rest
+    send(0.1, 200.0, asked=200.0)
+    bystander.spin_until(lambda: bystander.said("controller") == "running")
+
+    send(3.1, 360.0, asked=105.0)
+    bystander.spin_until(lambda: bystander.said("controller").startswith("tracking_lost: "))
+    status = bystander.diagnoses["controller"]
+    assert status.level == DiagnosticStatus.ERROR
+    assert "asked 0.00 deg and 1003 rpm, got 0.00 deg and 3438 rpm" in status.message
+    assert bystander.values("controller")["guard"] == "tracking_lost"
+    send(0.1, 105.0, asked=105.0)
+    bystander.spin_until(lambda: bystander.said("controller") == "running")
+
+
 class Answers:
     """Takes samples and sends the commands that a test wants."""
 
@@ -271,6 +327,45 @@ def test_in_real_time_samples_come_unasked_and_the_guard_names_what_it_sees(
     assert plant.interrupt() == 0  # a trip is a state, not the end of the node
     assert "controller_lost: no valid command for 2000 samples" in plant.output
     assert "Traceback" not in plant.output
+
+
+@pytest.mark.alone
+def test_in_real_time_a_stall_is_told_and_the_stamps_stay_true(bystander: Bystander, start_node: Start):
+    stamps: list[tuple[int, int]] = []
+    delays: list[float] = []
+
+    def note(raw: bytes) -> None:
+        stamps.append(wire.MEASUREMENT.unpack(raw)[:2])
+        delays.append(time.time() - stamps[-1][0] * 1e-9)
+
+    told: list[tuple[float, float]] = []
+
+    def hear(message: Any) -> None:
+        for status in message.status:
+            found = re.fullmatch(r"stood_still: ([\d.]+) s at ([\d.]+) s", status.message)
+            if found and float(found[1]) > 0.2:
+                assert status.level == DiagnosticStatus.WARN
+                told.append((float(found[1]), float(found[2])))
+
+    bystander.listen(topics.MEASUREMENT, note, raw=True)
+    bystander.listen(topics.DIAGNOSTICS, hear)
+    plant = start_node("plant", clock="realtime", wait_for_subscribers=1)
+    bystander.spin_until(lambda: len(stamps) > 1000)
+    plant.process.send_signal(signal.SIGSTOP)
+    time.sleep(0.3)
+    plant.process.send_signal(signal.SIGCONT)
+    stopped = len(stamps)
+    bystander.spin_until(lambda: told)
+    bystander.spin_until(lambda: len(stamps) > stopped + 3000)
+    numbers = np.array(stamps)
+    assert np.all(np.diff(numbers[:, 1]) == 1)
+    steps = np.diff(numbers[:, 0]) - 500_000
+    gap = int(np.argmax(steps))
+    assert 0.25 < steps[gap] * 1e-9 < 0.5
+    assert told[0][0] == pytest.approx(steps[gap] * 1e-9, abs=0.005)
+    assert told[0][1] == pytest.approx((numbers[gap, 0] - numbers[0, 0]) * 1e-9, abs=0.1)
+    # the quickest message shows the stamp against the clock
+    assert min(delays[: gap - 100]) == pytest.approx(min(delays[gap + 1000 :]), abs=0.002)
 
 
 class Client:
@@ -368,3 +463,33 @@ def test_conductor_walks_holds_and_refuses(bystander: Bystander, start_node: Sta
     bystander.spin_until(future.done)
     assert "the conductor was stopped" in future.result().result.message
     assert conductor.process.wait(15.0) == 0
+
+
+def test_a_plan_ends_where_the_time_stands_or_jumps_and_its_setpoint_is_held(
+    bystander: Bystander, start_node: Start
+):
+    start_node("conductor", lead=LEAD_NS * 1e-9, clock_timeout=1.5)
+    client = Client(bystander)
+    goal = client.ask(LONG_PLAN)
+    bystander.spin_until(lambda: client.setpoints)
+    client.move_clock(0, 200_000_000)
+    result = client.result(goal)
+    assert not result.success
+    assert result.message == (
+        "aborted: clock_stands: the time of the bench has stood at 0.200 s for 1.5 s: "
+        "nobody answers its last sample, or it is gone"
+    )
+    client.move_clock(210_000_000, 300_000_000)  # it holds
+    stamps = [s[0] for s in client.setpoints]
+    assert stamps == list(range(0, stamps[-1] + 1, 5_000_000))
+
+    goal = client.ask(LONG_PLAN)
+    bystander.spin_until(lambda: client.setpoints[-1][0] > stamps[-1])
+    late = 5_000_000_000
+    client.clock.publish(wire.CLOCK.pack(late))
+    assert client.result(goal).message.startswith(
+        "aborted: clock_jump: the time went from 0.300 s to 5.000 s"
+    )
+    bystander.spin_until(lambda: client.setpoints[-1][0] == late + LEAD_NS - 5_000_000)
+    last = client.setpoints[-1]
+    assert (last[2], last[5:7], last[8]) == (1, (0.0, 0.0), 0.0)

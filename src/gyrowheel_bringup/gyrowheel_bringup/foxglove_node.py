@@ -1,25 +1,36 @@
 """The node ``foxglove``: shows the topics of the running bench in the viewer Foxglove.
 
-Messages are passed on as bytes, at the time of the bench. The server listens on this computer only.
+Messages are passed on as bytes, at the time of the bench. Only clients of this computer are served, and no page of the
+web: before the server of foxglove-sdk, which serves whoever connects, stands a `Gate`.
 Needs the package foxglove-sdk, which the extra ``foxglove`` installs.
 """
 
 from __future__ import annotations
 
+import secrets
 from collections.abc import Callable
 from typing import Any, Final
 
 from gyrowheel_analysis.recording.definitions import definition
+from gyrowheel_bringup.gate import Gate, web_origins
 from gyrowheel_bringup.viewers import robot_description
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError, one_line
-from gyrowheel_core.node import BenchNode, Diagnosis, Param, run_node
+from gyrowheel_core.node import WARN, BenchNode, Diagnosis, Param, run_node
 from gyrowheel_core.topics import Topic
 
 HOST: Final = "127.0.0.1"
 PORT: Final = 8765
 _DESCRIPTION: Final = Topic("/robot_description", "std_msgs/msg/String", 1, latched=True)
 _BACKLOG: Final = 20_000  # messages kept for a slow viewer: a few seconds
+
+
+def _hidden_host() -> str:
+    """Return an address of the loopback interface that nobody guesses.
+
+    A web page may try ports of 127.0.0.1; together with the port this address is one of 10¹¹.
+    """
+    return ".".join(map(str, (127, *(secrets.randbelow(254) + 1 for _ in range(3)))))
 
 
 class FoxgloveNode(BenchNode):
@@ -34,6 +45,11 @@ class FoxgloveNode(BenchNode):
             low=0,
             high=65535,
         ),
+        Param(
+            "origins",
+            "",
+            "Web pages that may read besides those of this computer, separated by spaces: https://app.foxglove.dev",
+        ),
     )
 
     def configure(self) -> None:
@@ -44,18 +60,22 @@ class FoxgloveNode(BenchNode):
             raise InputError(
                 "foxglove-sdk is not installed; it comes with: pip install 'gyrowheel-bringup[foxglove]'"
             ) from None
+        origins = web_origins(self.parameter("origins"))
         self._sink = foxglove.Context()
+        hidden = _hidden_host()
+        self._server = foxglove.start_server(
+            name="gyrowheel", host=hidden, port=0, context=self._sink, message_backlog_size=_BACKLOG
+        )
         port = self.parameter("port")
         try:
-            self._server = foxglove.start_server(
-                name="gyrowheel", host=HOST, port=port, context=self._sink, message_backlog_size=_BACKLOG
-            )
-        except Exception as error:  # the library has no class for a port that is in use
-            reason = one_line(error)
+            self._gate = Gate(HOST, port, (hidden, self._server.port), origins)
+        except OSError as error:
+            self._server.stop()
+            reason = error.strerror or one_line(error)
             raise InputError(f"parameter port: {port} cannot be opened on {HOST}: {reason}") from None
-        self.address = f"ws://{HOST}:{self._server.port}"
+        self.address = f"ws://{HOST}:{self._gate.port}"
         self._now = 0  # time of the bench [ns]
-        self._passed = 0
+        self._passed = self._told = 0
         shown = [topic for topic in topics.TOPICS if topic not in (topics.TRUTH, topics.CLOCK)]
         self._channels = {topic: self._channel(foxglove, topic) for topic in (*shown, _DESCRIPTION)}
         self._inputs = [self.subscription(topic, self._passer(topic), raw=True) for topic in shown]
@@ -69,13 +89,19 @@ class FoxgloveNode(BenchNode):
         self.destroy_timer(self._describing)
         for subscription in self._inputs:
             self.destroy_subscription(subscription)
+        self._gate.close()
         self._server.stop()
         self._channels = {}
 
     def diagnose(self) -> Diagnosis:
         """Return the address and counts."""
-        values = {"address": self.address, "messages": self._passed}
-        return Diagnosis("showing" if self._passed else "waiting for messages", values)
+        gate = self._gate
+        values = {"address": self.address, "messages": self._passed, "refused_connections": gate.refused}
+        text = "showing" if self._passed else "waiting for messages"
+        if gate.refused > self._told:
+            self._told = gate.refused
+            return Diagnosis(f"{text}; refused: {gate.last_refusal}", values, WARN)
+        return Diagnosis(text, values)
 
     def _channel(self, foxglove: Any, topic: Topic) -> Any:
         known = definition(topic.type_name)

@@ -7,8 +7,9 @@ import os
 import signal
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
+from gyrowheel_bringup.gate import web_origins
 from gyrowheel_bringup.graph import GraphError, find_executable
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import PARENT_VARIABLE, ExitCode, prepare_environment
@@ -17,18 +18,20 @@ _START = 60.0  # [s]
 
 
 @contextlib.contextmanager
-def foxglove(port: int) -> Iterator[str]:
+def foxglove(port: int, origins: Sequence[str] = ()) -> Iterator[str]:
     """Run the node `foxglove` beside the graph; give the address to open in the viewer.
 
     Parameters
     ----------
     port : int
         Port on this computer.
+    origins : sequence of str
+        Web pages that may read besides those of this computer, such as ``https://app.foxglove.dev``.
 
     Raises
     ------
     InputError
-        If foxglove-sdk is not installed, or the port cannot be opened.
+        If foxglove-sdk is not installed, the port cannot be opened, or an origin is not one.
     GraphError
         If the node fails otherwise.
     """
@@ -39,6 +42,8 @@ def foxglove(port: int) -> Iterator[str]:
         "-p",
         f"port:={port}",
     ]
+    if allowed := web_origins(" ".join(origins)):
+        command += ["-p", f"origins:='{' '.join(allowed)}'"]
     process = subprocess.Popen(
         command,
         stdin=subprocess.DEVNULL,

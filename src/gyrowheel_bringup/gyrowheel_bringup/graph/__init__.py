@@ -7,6 +7,7 @@
 
 from __future__ import annotations
 
+from gyrowheel_bringup.graph.neighbours import require_free
 from gyrowheel_bringup.graph.nodes import (
     EXECUTABLES,
     executables,
@@ -26,5 +27,6 @@ __all__ = [
     "executables",
     "find_executable",
     "node_parameters",
+    "require_free",
     "run_executable",
 ]

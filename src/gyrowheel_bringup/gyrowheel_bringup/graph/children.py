@@ -63,6 +63,8 @@ class Child:
         code = self.process.returncode
         if code is not None and code < 0:
             return f"killed by {signal.Signals(-code).name}"
+        if code == 0:
+            return "was shut down while the bench ran"
         return f"exit code {code}"
 
 

@@ -19,7 +19,7 @@ class GraphError(RuntimeError):
     fault : str
         Name of the failure: the fault or guard state that the node itself named (``controller_silent``,
         ``tilt_stop``, ``clock_jump`` ...), ``node_died``, ``start_timeout``, ``stalled``, ``samples_lost``,
-        ``plan_refused`` or ``plan_aborted``.
+        ``strangers`` (other nodes published on the topics of the bench), ``plan_refused`` or ``plan_aborted``.
     report : str
         Exit code and last log lines of every node that did not end well, in several lines.
     """

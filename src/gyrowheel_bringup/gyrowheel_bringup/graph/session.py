@@ -36,6 +36,7 @@ from gyrowheel_bringup.graph.children import Child, remove_left, uninterrupted
 from gyrowheel_bringup.graph.cores import share_core
 from gyrowheel_bringup.graph.nodes import EXECUTABLES, find_executable, node_parameters
 from gyrowheel_bringup.graph.results import GraphError, GraphResult, Progress
+from gyrowheel_bringup.graph.strangers import Strangers
 from gyrowheel_control.loops.limits import plan_tilt_limit, tilt_limit
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import topics
@@ -249,6 +250,7 @@ class Graph:
             self.close()
             if self._record is not None:
                 counts, samples = self._check_recording(chosen)
+        self._check_publishers()
         return GraphResult(
             plan=chosen.name,
             segments=result.segments,
@@ -326,6 +328,8 @@ class Graph:
         self._executor = make_executor(context)
         self._cleanup.callback(self._executor.shutdown)
         self._executor.add_node(self._node)
+        # of nodes with other names of topics it is not known which they publish
+        self._others = Strangers(self._node, () if self._remap else self._names)
         topic = topics.DIAGNOSTICS
         self._node.create_subscription(DiagnosticArray, topic.name, self._on_diagnostics, topic.qos)
         if "drag_estimator" in self._names:
@@ -370,6 +374,8 @@ class Graph:
             result["drag_estimator"]["wait_for_subscribers"] = 1 + int(
                 "recorder" in self._names and self._record is not None
             )  # this process reads the estimates too
+        if "controller" not in self._names:
+            result["conductor"]["controller"] = "none"
         if self._initial_spin_rate is not None:
             result["plant"]["initial_spin_rate"] = float(self._initial_spin_rate)
         for name, values in self._parameters.items():
@@ -403,8 +409,8 @@ class Graph:
     def _look_for_strangers(self) -> None:
         """Note nodes of the bench on this domain that are not ours."""
         seen = self._node.get_node_names()
-        for name in EXECUTABLES:
-            if seen.count(name) > (name in self._names):
+        for name in self._names:  # one that was left out is somebody's own
+            if seen.count(name) > 1:
                 self._strangers.setdefault(name, "unknown")
 
     # ---- talking
@@ -468,6 +474,7 @@ class Graph:
         while (rest := end - time.monotonic()) > 0.0:
             self._executor.spin_once(timeout_sec=rest)
         self._show()
+        self._others.look()
         ended = [c for c in self._children.values() if c.process.poll() is not None and not c.expected]
         if ended:
             raise self._failure(ended)
@@ -492,7 +499,9 @@ class Graph:
         return future.result()
 
     def _on_estimate(self, data: bytes) -> None:
-        self._estimates.append(Estimate.from_bytes(data))
+        # what is no estimate comes from a stranger, who is told as such
+        with contextlib.suppress(ValueError):
+            self._estimates.append(Estimate.from_bytes(data))
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -508,6 +517,7 @@ class Graph:
             if values["state"] == "active":
                 self._active.add(status.name)
                 self._values[status.name] = values
+                self._others.note(values)
                 self._note_trouble(status)
                 if status.level == DiagnosticStatus.ERROR and "guard" in values and self._alarm is None:
                     self._alarm = GraphError(
@@ -574,7 +584,9 @@ class Graph:
         """Return the error why nodes ended; a fault that a node names takes precedence."""
         ranks = (ExitCode.BAD_INPUT, ExitCode.FAULT)
         first = min(children, key=lambda c: (*ranks, c.process.returncode).index(c.process.returncode))
-        report = "\n".join(f"{c.name}: {c.ending}\n{c.last_words}" for c in children)
+        # how a single node ended is told by the message
+        heads = [f"{c.name}: {c.ending}\n" if len(children) > 1 else "" for c in children]
+        report = "\n".join(head + c.last_words for head, c in zip(heads, children, strict=True))
         line = first.last_words.rpartition("\n")[2].removeprefix(f"{first.name}: ")
         if first.process.returncode == ExitCode.BAD_INPUT:
             return InputError(line or f"{first.name}: {first.ending}")
@@ -586,7 +598,7 @@ class Graph:
         """Return the counts of the completed recording; raise if it lacks a sample of the plan."""
         assert self._record is not None
         found = info(self._record)
-        if self._realtime:
+        if self._realtime or "plant" not in self._names:
             samples, missing = found.integrity.samples, found.integrity.missing
             needed = round(plan.duration / self._bench.sample_period)
             if missing:
@@ -609,6 +621,15 @@ class Graph:
                 f"{self._record}: {found.integrity.samples} samples recorded of {published} published",
             )
         return dict(found.topics), found.integrity.samples
+
+    def _check_publishers(self) -> None:
+        """Raise if nodes that are not of this graph have published what the bench lives by.
+
+        The nodes watch the topics that they read all along; here only what was found is judged.
+        """
+        if found := self._others.text():
+            kept = "" if self._record is None else f"; the recording {self._record} is kept"
+            raise GraphError("strangers", f"{found}; what the bench did is not the plan alone{kept}")
 
     def _checked(self, plan: Plan | str | Path) -> Plan:
         result = plan if isinstance(plan, Plan) else Plan.load(plan)

@@ -1,0 +1,85 @@
+"""The node ``plan_client``: asks the conductor to walk one plan, tells its progress, and ends with it.
+
+For a launch file, which can start processes and notice their end and nothing else: exit code 0 where the plan went to
+its end, 3 where it did not, with the reason in the last line.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from gyrowheel_msgs.action import RunPlan
+from rclpy.action import ActionClient
+
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core.node import BenchNode, Diagnosis, Param, run_node
+
+
+class PlanClientNode(BenchNode):
+    """Asks the conductor to walk a test plan, and ends with it."""
+
+    NODE_NAME = "plan_client"
+    PARAMETERS = (Param("plan", "quick", "Test plan: shipped name, also with @settings, or path of a file"),)
+
+    def configure(self) -> None:
+        """Read the plan."""
+        self._plan = Plan.load(self.parameter("plan"))
+        self._client = ActionClient(self, RunPlan, "/gyrowheel/run_plan")
+        self._label = ""
+        self._asked = False
+
+    def activate(self) -> None:
+        """Ask for the plan as soon as there is a conductor."""
+        self._waiting = self.wall_timer(0.1, self._ask)
+
+    def deactivate(self) -> None:
+        """Ask for nothing any more; a plan on its way goes on."""
+        self.destroy_timer(self._waiting)
+
+    def cleanup(self) -> None:
+        """Give up the action."""
+        self._client.destroy()
+
+    def diagnose(self) -> Diagnosis:
+        """Return what is being walked."""
+        return Diagnosis(self._label or ("plan sent" if self._asked else "waiting for a conductor"))
+
+    def _ask(self) -> None:
+        if self._asked or not self._client.server_is_ready():
+            return
+        self._asked = True
+        goal = RunPlan.Goal(plan=self._plan.to_yaml())
+        self._client.send_goal_async(goal, feedback_callback=self._on_feedback).add_done_callback(
+            self._on_answer
+        )
+
+    def _on_answer(self, future: Any) -> None:
+        handle = future.result()
+        if handle.accepted:
+            handle.get_result_async().add_done_callback(self._on_result)
+        else:
+            self.fault(
+                "plan_refused", "the conductor refused the plan: it is executing another one, or not active"
+            )
+
+    def _on_feedback(self, message: Any) -> None:
+        feedback = message.feedback
+        label = f"segment {feedback.segment + 1} of {feedback.segments}: {feedback.label}"
+        if label != self._label:
+            self._label = label
+            self.get_logger().info(f"plan {self._plan.name}: {feedback.elapsed:.0f} s, {label}")
+
+    def _on_result(self, future: Any) -> None:
+        result = future.result().result
+        if result.success:
+            self.get_logger().info(result.message)
+            self.stop()
+            return
+        named = re.match(r"aborted: (\w+): ", result.message)
+        self.fault(named[1] if named else "plan_aborted", result.message)
+
+
+def main() -> int:
+    """Run the node."""
+    return run_node(PlanClientNode)

@@ -1,0 +1,74 @@
+"""Nodes that are not of the graph and publish what the bench lives by: commands, samples, setpoints, time."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Collection, Iterator, Mapping
+from typing import TYPE_CHECKING, Final
+
+from gyrowheel_core import topics
+from gyrowheel_core.node import SURPLUS
+from gyrowheel_core.topics import Topic
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+
+#: The node that publishes a topic in the graph.
+PUBLISHERS: Final[Mapping[Topic, str]] = {
+    topics.MEASUREMENT: "plant",
+    topics.JOINT_STATES: "plant",
+    topics.CLOCK: "plant",
+    topics.BENCH: "plant",
+    topics.TRUTH: "plant",
+    topics.COMMAND: "controller",
+    topics.SETPOINT: "conductor",
+    topics.ENVIRONMENT: "conductor",
+    topics.DRAG_ESTIMATE: "drag_estimator",
+}
+_PERIOD: Final = 1.0  # between two looks [s]
+
+
+class Strangers:
+    """What is known of publishers that are not of the graph.
+
+    Every node of the graph watches the topics that it reads and names topics with several publishers in its diagnoses;
+    those are collected here. A publisher of a topic that no node of the graph publishes is found by its name.
+
+    Parameters
+    ----------
+    node : Node
+        A node of this process.
+    names : collection of str
+        The nodes of the graph; a topic whose own node is not among them may come from any node.
+    """
+
+    def __init__(self, node: Node, names: Collection[str]) -> None:
+        self._node = node
+        self._own = {topic: name for topic, name in PUBLISHERS.items() if name in names}
+        self._found: dict[str, str] = {}  # publishers by topic
+        self._due = 0.0
+
+    def note(self, values: Mapping[str, str]) -> None:
+        """Take over what the diagnosis of a node of the graph says."""
+        for entry in filter(None, values.get(SURPLUS, "").split("; ")):
+            topic, _, who = entry.partition(": ")
+            self._found[topic] = who
+
+    def look(self) -> None:
+        """Look for publishers by name; once a second, however often it is called."""
+        if time.monotonic() < self._due:
+            return
+        self._due = time.monotonic() + _PERIOD
+        for topic, own in self._own.items():
+            others = sorted({name for name in self._names(topic) if name != f"/{own}"})
+            if others:
+                self._found.setdefault(topic.name, ", ".join(others))
+
+    def text(self) -> str:
+        """Return who published what, in one line; empty if nobody did."""
+        return "; ".join(f"{topic} was also published by others: {who}" for topic, who in self._found.items())
+
+    def _names(self, topic: Topic) -> Iterator[str]:
+        for info in self._node.get_publishers_info_by_topic(topic.name):
+            if "UNKNOWN" not in info.node_name:  # its name is yet to come
+                yield f"{info.node_namespace.rstrip('/')}/{info.node_name}"

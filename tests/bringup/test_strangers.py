@@ -1,0 +1,114 @@
+"""A node that is not of the bench publishes on its topics: it is noticed whenever it comes, and everyone is told."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from pathlib import Path
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.duration import Duration
+from rclpy.serialization import deserialize_message
+from rosbags.highlevel import AnyReader
+
+from gyrowheel.text.layout import plain_text
+from gyrowheel.text.recordings import info_page
+from gyrowheel_analysis.recording import Recording, info
+from gyrowheel_bringup.graph import Graph, GraphError, Progress
+from gyrowheel_core import topics, wire
+
+from .helpers import SHORT_PLAN, Bystander
+
+pytestmark = [pytest.mark.graph, pytest.mark.timeout(180)]
+
+
+class Intruder(Bystander):
+    """Answers samples beside the controller, with a motor voltage that nothing else commands."""
+
+    def __init__(self, domain: int) -> None:
+        super().__init__(domain)
+        self.sent = 0
+        self._end = threading.Event()
+        self.spin_until(lambda: self.node.count_subscribers(topics.COMMAND.name) == 2)  # plant and recorder
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def come(self) -> None:
+        if self._thread.ident is None:
+            self._commands = self.publisher(topics.COMMAND)
+            self.spin_until(lambda: self._commands.get_subscription_count() == 2)
+            self.listen(topics.MEASUREMENT, self._answer, raw=True)
+            self._thread.start()
+
+    def leave(self) -> None:
+        if self._thread.ident is not None and not self._end.is_set():
+            self._end.set()
+            self._thread.join()
+            assert self._commands.wait_for_all_acked(Duration(seconds=10.0))
+            self.close()
+
+    def _answer(self, raw: bytes) -> None:
+        stamp, sequence = wire.MEASUREMENT.unpack(raw)[:2]
+        self._commands.publish(wire.COMMAND.pack(stamp, sequence, 0.5, -0.5, 10.0))
+        self.sent += 1
+
+    def _run(self) -> None:
+        while not self._end.is_set():
+            self.executor.spin_once(timeout_sec=0.02)
+
+
+def test_a_stranger_that_comes_later_and_leaves_is_told_to_everyone(domain: int, tmp_path: Path) -> None:
+    troubles: list[tuple[str, str]] = []
+
+    def progress(now: Progress) -> None:
+        if now.segment == 1:
+            intruder.come()
+        elif now.segment >= 2:
+            intruder.leave()
+
+    record = tmp_path / "run"
+    graph = Graph(SHORT_PLAN, record=record, domain_id=domain, on_trouble=lambda *said: troubles.append(said))
+    with contextlib.ExitStack() as stack:
+        error = stack.enter_context(pytest.raises(GraphError))
+        stack.enter_context(graph)
+        intruder = Intruder(domain)
+        stack.callback(intruder.leave)
+        graph.run(progress=progress)
+    assert error.value.fault == "strangers", error.value.report
+    text = str(error.value)
+    assert text.startswith("/gyrowheel/command was also published by others: ")
+    assert {"/controller", "/bystander"} <= set(text.partition("others: ")[2].partition(";")[0].split(", "))
+    assert text.endswith(f"the recording {record} is kept")
+
+    # on /diagnostics, by the node that takes the commands and by the recorder
+    told = {name for name, said in troubles if "several publishers of /gyrowheel/command: " in said}
+    assert told >= {"plant", "recorder"}
+
+    # the recording is whole, and knows who published what
+    found = info(record)
+    assert found.integrity.complete
+    by_node = {p.node: p for p in found.publishers if p.topic == topics.COMMAND.name}
+    assert set(by_node) == {"/controller", "/bystander"}
+    assert len({p.gid for p in by_node.values()}) == 2
+    assert all(len(p.gid) == 32 for p in by_node.values())
+    own = Recording.open(record).command
+    loud = own["motor_voltage"] == 10.0
+    assert by_node["/bystander"].messages == loud.sum() == intruder.sent
+    assert by_node["/controller"].messages == (~loud).sum()
+    assert {p.node for p in found.publishers if p.topic == topics.MEASUREMENT.name} == {"/plant"}
+    page = plain_text(info_page(found))
+    assert "/gyrowheel/command had 2: " in page
+    assert by_node["/bystander"].gid in page.replace("\n", "").replace(" ", "")
+
+    # also where the metadata is lost
+    with AnyReader([record]) as reader:
+        diagnoses = [
+            status
+            for connection, _, raw in reader.messages()
+            if connection.topic == topics.DIAGNOSTICS.name
+            for status in deserialize_message(raw, DiagnosticArray).status
+        ]
+    said = {
+        value.value for status in diagnoses for value in status.values if value.key == "surplus_publishers"
+    }
+    assert any("/bystander" in text for text in said)
