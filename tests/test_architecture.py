@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import ast
 import functools
+import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -72,6 +75,16 @@ def test_imports_run_downward(path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda p: ".".join(package_and_module(p)))
+def test_compiled_code_is_kept_in_the_checked_cache_alone(path: Path) -> None:
+    """Numba's own cache believes what it finds, and fails where it may not write beside the source."""
+    if package_and_module(path) != ("gyrowheel_sim", "jit"):
+        assert not re.search(
+            r"numba import .*\bnjit\b|numba\.njit|numba import .*\bjit\b|numba\.jit",
+            path.read_text(encoding="utf-8"),
+        )
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: ".".join(package_and_module(p)))
 def test_only_nodes_know_ros(path: Path) -> None:
     package, module = package_and_module(path)
     if any(module == own or module.startswith(f"{own}.") for own in ROS_MODULES[package]):
@@ -130,6 +143,17 @@ def test_text_and_pictures_do_not_import_the_front_door() -> None:
         for path in (SRC / "gyrowheel" / "gyrowheel" / folder).rglob("*.py"):
             assert not {n for n in imported(path, types=False) if n.startswith("gyrowheel.cli")}, path
             assert "gyrowheel" not in imported(path, types=False), path
+
+
+def test_nodes_start_without_what_they_have_no_use_for() -> None:
+    """Libraries that take long to load would be loaded anew at every start of the bench."""
+    code = """
+import sys
+import gyrowheel_sim.plant.node, gyrowheel_control.nodes.controller, gyrowheel_analysis.nodes.drag_estimator
+print(*(name for name in ("pint", "scipy.optimize", "scipy.signal", "matplotlib", "pandas") if name in sys.modules))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "\n"
 
 
 def test_no_modules_import_each_other_in_a_circle() -> None:

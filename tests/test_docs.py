@@ -114,6 +114,25 @@ def test_links_lead_somewhere() -> None:
                 assert (page.parent / link).exists(), f"{page}: {link}"
 
 
+def test_every_fault_names_a_test() -> None:
+    """A row of docs/faults.md ends with a test, which is there; what was said or kept stands before it."""
+    rows = [
+        line
+        for line in (DOCS / "faults.md").read_text(encoding="utf-8").splitlines()
+        if line.startswith("| ") and not line.startswith("| what was done")
+    ]
+    assert len(rows) > 30
+    for row in rows:
+        *told, last = (cell.strip() for cell in row.strip("|").split("|"))
+        assert len(told) == 3, row
+        assert any(told[1:]), row
+        named = re.findall(r"`(tests/\w+(?:/\w+)*\.py)::(test_\w+)`", last)
+        assert named, row
+        for file, name in named:
+            tests = ast.parse((ROOT / file).read_text(encoding="utf-8")).body
+            assert name in {node.name for node in tests if isinstance(node, ast.FunctionDef)}, row
+
+
 # --- docs/formulas.md
 
 FORMULAS = (DOCS / "formulas.md").read_text(encoding="utf-8")

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from gyrowheel_analysis.diagnosis.diagnose import (
+from gyrowheel_analysis.diagnosis.result import (
     DetectionLimit,
     Diagnosis,
     EffectFinding,

@@ -16,6 +16,7 @@ from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.plant.scenario import Scenario
 
 from .helpers import Shell
+from .pages import Page, check_numbers
 
 
 @pytest.fixture
@@ -61,11 +62,14 @@ def test_the_tour_finds_what_is_hidden_without_the_key(gyrowheel: Shell, tmp_pat
     assert outcome["named"] == list(outcome["hidden"])
     paths = {name: Path(path) for name, path in outcome["paths"].items()}
     assert all(path.exists() for path in paths.values())
-    assert set(paths) == {"recording", "validation_recording", "model", "report_picture", "key"}
+    assert set(paths) == {"recording", "validation_recording", "model", "report", "report_picture", "key"}
     assert (
         outcome["error"]["validation_after"]["chi2_per_n"]
         < outcome["error"]["validation_before"]["chi2_per_n"]
     )
+    report = Page(paths["report"].read_text(encoding="utf-8"))
+    assert check_numbers(report) > 100
+    assert report.content["addition"]["error"] == outcome["error"]
     model = Model.load(paths["model"])
     assert list(model.effects) == outcome["named"]
     assert len(model.history) == 1

@@ -19,9 +19,9 @@ from gyrowheel.investigation import (
     pursue,
 )
 from gyrowheel.text.sentences.investigation import end_sentence, learned
-from gyrowheel_analysis.diagnosis.diagnose import Diagnosis, Estimate, NextTest
 from gyrowheel_analysis.diagnosis.discrimination import Discrimination
 from gyrowheel_analysis.diagnosis.precision import PrecisionTest, relative_error
+from gyrowheel_analysis.diagnosis.result import Diagnosis, Estimate, NextTest
 from gyrowheel_analysis.model import Model
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError

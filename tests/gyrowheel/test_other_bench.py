@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from gyrowheel import Diagnosis
-from gyrowheel.cli.finding import following
+from gyrowheel.commands import following
 from gyrowheel_analysis.recording import Recording
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_sim.bench import Bench

@@ -16,7 +16,7 @@ from PIL import Image
 from gyrowheel.plots.where_it_fails import _arrow_scale
 from gyrowheel.text.sentences.investigation import unseen_sentence
 from gyrowheel_analysis.channels import CHANNELS
-from gyrowheel_analysis.diagnosis.diagnose import DetectionLimit, NextTest
+from gyrowheel_analysis.diagnosis.result import DetectionLimit, NextTest
 from gyrowheel_analysis.residuals.windows import Part
 from gyrowheel_core.units import DEG
 

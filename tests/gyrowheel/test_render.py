@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from rich.console import RenderableType
 
 from gyrowheel import Diagnosis
-from gyrowheel.cli.finding import following
+from gyrowheel.commands import following
 from gyrowheel.text.air import check_page, table_page
 from gyrowheel.text.bench import bench_page
 from gyrowheel.text.comparison import channel_table
@@ -45,9 +45,9 @@ from gyrowheel.text.sentences.forms import form_sentence
 from gyrowheel.text.sentences.proof import proof_sentence
 from gyrowheel_analysis.channels import LISTED
 from gyrowheel_analysis.compare import ChannelMetrics
-from gyrowheel_analysis.diagnosis.diagnose import Estimate
 from gyrowheel_analysis.diagnosis.limits import Beyond
 from gyrowheel_analysis.diagnosis.proof import Proof
+from gyrowheel_analysis.diagnosis.result import Estimate
 from gyrowheel_analysis.drag import Estimate as DragEstimate
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction import Coverage

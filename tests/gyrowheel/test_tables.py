@@ -141,8 +141,8 @@ COMMANDS: dict[str, list[str]] = {
     "model undo": ["model add windage --model MODEL --fit RUN", "model undo --model MODEL"],
     "model diff": ["model add windage --model MODEL --fit RUN", "model diff OLD MODEL"],
 }
-#: Verbs that print no table: `live` runs until it is stopped, `cfd pictures` only writes files.
-NO_PAGE = {"live", "cfd pictures"}
+#: Verbs that print no table: `live` and `workbench` run on, `report` and `cfd pictures` write files.
+NO_PAGE = {"live", "workbench", "report", "cfd pictures"}
 NO_TABLE = {"correct", "simulate", "import", "export", "run", "model new", "cfd sweep", "model remove"}
 
 

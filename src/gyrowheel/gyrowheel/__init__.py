@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from gyrowheel.model import Model
     from gyrowheel.publication.run import paper
     from gyrowheel.recording import Recording, salvage
+    from gyrowheel.report.report import Report
     from gyrowheel.results.addition import Addition
     from gyrowheel.results.calibration import Calibration
     from gyrowheel.results.campaign import CampaignResult
@@ -71,6 +72,7 @@ _HOMES = {
     "Paper": "gyrowheel.results.paper",
     "Rates": "gyrowheel.results.rates",
     "Recording": "gyrowheel.recording",
+    "Report": "gyrowheel.report.report",
     "Torques": "gyrowheel.results.torques",
     "benches": "gyrowheel.catalogue",
     "calibrate": "gyrowheel.analysis",
@@ -109,6 +111,7 @@ __all__ = [
     "Paper",
     "Rates",
     "Recording",
+    "Report",
     "Torques",
     "__version__",
     "benches",

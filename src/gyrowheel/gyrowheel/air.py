@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
+from gyrowheel.code_identity import files_of
+from gyrowheel_core.cache import digest
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.files import json_text
+from gyrowheel_core.journal import Work, begin, require_same
+from gyrowheel_core.journal import begun as what_begun
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.air.cfd.case import Case, Result, run_case, shared_mesh
-from gyrowheel_sim.air.cfd.sweep import companions, plan, sweep
+from gyrowheel_sim.air.cfd.sweep import Outcome, Step, Tell, companions, plan
+from gyrowheel_sim.air.cfd.sweep import sweep as run_sweep
 from gyrowheel_sim.air.check import check_table
 from gyrowheel_sim.air.compare import compare
 from gyrowheel_sim.air.geometry import Geometry
@@ -24,14 +33,15 @@ __all__ = [
     "air_state",
     "case_of",
     "check_table",
-    "companions",
     "compare",
-    "plan",
     "run_case",
     "shared_mesh",
     "sweep",
+    "sweep_settings",
     "table_of",
 ]
+
+KIND = "sweep"
 
 
 def air_state(temperature: float | None = None, pressure: float | None = None) -> AirState:
@@ -107,6 +117,111 @@ def case_of(
         settle=settle,
         **options,
     )
+
+
+def sweep(
+    folder: Path,
+    *,
+    geometry: str = "gyrowheel",
+    tilts: Sequence[float],
+    speeds: Sequence[float],
+    base: float = 3500.0,
+    mesh: str = "low_re",
+    model: str | None = None,
+    iterations: int = Case.iterations,
+    settle: int = 0,
+    checks: bool = False,
+    temperature: float | None = None,
+    pressure: float | None = None,
+    jobs: int | None = None,
+    dask: str | None = None,
+    resume: bool = False,
+    begun: Callable[[], object] | None = None,
+    tell: Tell,
+) -> Outcome:
+    """Compute the torque at all tilts and speeds; cases that the folder has already are not computed again.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the study.
+    geometry, mesh, model, iterations, settle, temperature, pressure
+        See `case_of`.
+    tilts, speeds : sequence of float
+        Tilts [°] and spin rates [rpm].
+    base : float
+        Spin rate from which the others of a tilt start [rpm].
+    checks : bool
+        Compute the cases as well that show the influence of mesh, model and axes, at the largest tilt.
+    jobs : int, optional
+        Cases at a time; one per core if not given.
+    dask : str, optional
+        Address of a Dask scheduler whose workers run the cases and see the folder.
+    resume : bool
+        Go on with the sweep that the folder was last used for: settings must be the same, and so must the code.
+    begun : callable, optional
+        Called before the first case is computed; from then on the sweep can be gone on with.
+    tell : callable
+        Told after each case; see `gyrowheel_sim.air.cfd.sweep.Tell`.
+
+    Raises
+    ------
+    InputError
+        If a value is unknown or out of range, there is nothing to go on with, OpenFOAM is not installed, or another
+        sweep works in the folder.
+    """
+    settings: dict[str, Any] = {
+        "geometry": str(Path(geometry).absolute()) if Path(geometry).is_file() else geometry,
+        "tilts": list(tilts),
+        "speeds": list(speeds),
+        "base": base,
+        "mesh": mesh,
+        "model": model,
+        "iterations": iterations,
+        "settle": settle,
+        "checks": checks,
+        "temperature": temperature,
+        "pressure": pressure,
+    }
+    work = Work(
+        kind=KIND,
+        settings=settings,
+        contents={"geometry": digest(json_text(Geometry.load(geometry).to_dict()))},
+        versions={"gyrowheel": files_of("gyrowheel_sim.air")},
+    )
+    if resume:
+        require_same(folder, work)
+
+    def note() -> None:
+        begin(folder, work)
+        if begun is not None:
+            begun()
+
+    return run_sweep(
+        _levels(**settings), folder, jobs=jobs or os.cpu_count() or 1, dask=dask, begin=note, tell=tell
+    )
+
+
+def sweep_settings(folder: Path) -> dict[str, Any]:
+    """Return the arguments of `sweep` with which the last one in a folder was begun.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    return what_begun(folder, KIND).settings
+
+
+def _levels(
+    tilts: Sequence[float], speeds: Sequence[float], base: float, checks: bool, **options: Any
+) -> list[list[Step]]:
+    """Return the cases of a sweep, those that start from others behind them."""
+    cases = [case_of(tilt=tilt, speed=speed, **options) for tilt in tilts for speed in speeds]
+    levels = plan(cases[0], [tilt * DEG for tilt in tilts], [speed * RPM for speed in speeds], base * RPM)
+    if checks:
+        levels.append(companions(cases[0], max(tilts) * DEG, base * RPM))
+    return levels
 
 
 def table_of(source: str) -> TorqueTable:

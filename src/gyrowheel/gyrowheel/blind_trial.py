@@ -13,7 +13,7 @@ from gyrowheel_sim.effects import EffectValues
 from gyrowheel_sim.plant.scenario import KeyFile
 
 if TYPE_CHECKING:
-    from gyrowheel_analysis.diagnosis.diagnose import Diagnosis
+    from gyrowheel_analysis.diagnosis.result import Diagnosis
 
 Outcome = Literal["exact", "tied", "below_limit", "wrong"]
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from gyrowheel_analysis.add import Added
-    from gyrowheel_analysis.diagnosis.diagnose import Diagnosis
+    from gyrowheel_analysis.diagnosis.result import Diagnosis
     from gyrowheel_sim.bench import Bench
 
 PLAN, VALIDATION_PLAN = "quick", "check"
@@ -67,6 +67,11 @@ class Place:
         return self.folder / "report.png"
 
     @property
+    def report(self) -> Path:
+        """The report."""
+        return self.folder / "report.html"
+
+    @property
     def key(self) -> Path:
         """The key file."""
         return self.folder / "key.json"
@@ -77,6 +82,7 @@ class Place:
             "recording": self.recording,
             "validation recording": self.validation,
             "model": self.model,
+            "report": self.report,
             "report picture": self.picture,
             "key": self.key,
         }
@@ -137,7 +143,7 @@ def demonstrate(seed: int, folder: Path, stage: Stage) -> Outcome:
     diagnosis = _diagnose(place, stage)
     added = _add(diagnosis, place, stage)
     added = _validate(diagnosis, added, seed, place, stage)
-    _draw(diagnosis, added, place, stage)
+    _report(diagnosis, added, place, stage)
     truth, judgement = _open_key(diagnosis, place, stage)
     return Outcome(diagnosis, added, truth, judgement, place, time.monotonic() - begin)
 
@@ -289,25 +295,38 @@ def _validate(
     return proven
 
 
-def _draw(diagnosis: Diagnosis, added: Added | None, place: Place, stage: Stage) -> None:
+def _report(diagnosis: Diagnosis, added: Added | None, place: Place, stage: Stage) -> None:
     from rich.text import Text
 
-    from gyrowheel.plots.error_fall import error_figure
+    from gyrowheel.commands import adding, diagnosing
+    from gyrowheel.model import Model
     from gyrowheel.plots.figure import write_figure
-    from gyrowheel.text.diagnosis import coefficients_line
-    from gyrowheel.text.sentences.diagnosis import verdict_sentence
+    from gyrowheel.recording import Recording
+    from gyrowheel.report.report import Report
+    from gyrowheel.results.addition import Addition
+    from gyrowheel.results.diagnosis import Diagnosis as Found
 
     stage.step("Report")
-    found = diagnosis if added is None else added
-    if found.error is not None:
-        figure = error_figure(
-            found.residuals,
-            found.error,
-            title=verdict_sentence(diagnosis).rstrip("."),
-            subtitle="   ".join(f"{f.name}: {coefficients_line(f)}" for f in diagnosis.effects),
+    latest = Model.load(place.model)
+    fresh = Model(latest.bench_source)
+    commands = ["gyrowheel model new --model wheel.yaml", diagnosing([place.recording], Path("wheel.yaml"))]
+    if added is not None:
+        names = [finding.name for finding in diagnosis.effects]
+        commands.append(adding(names, [place.recording], [place.validation], Path("wheel.yaml")))
+    with stage.working("writing") as say:
+        report = Report.around(
+            Found(diagnosis),
+            fresh,
+            [Recording.open(place.recording)],
+            [Recording.open(place.validation)],
+            better=None if added is None else Model.of(latest.details, Addition(added)),
+            commands=commands,
+            progress=say,
         )
-        write_figure(figure, place.picture)
-        stage.show([Text(f"picture: {place.picture}")])
+        report.save(place.report)
+        if diagnosis.error is not None:
+            write_figure(report.figure(), place.picture)
+    stage.show([Text(f"report: {place.report}   picture: {place.picture.name}")])
 
 
 def _open_key(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gyrowheel.inputs import Recordings, opened
+from gyrowheel.inputs import Recordings, data, opened, require_one_machine
 from gyrowheel.model import Model
 from gyrowheel.results.drag import Drag
 from gyrowheel_analysis.drag_stream import recorded_holds
@@ -13,7 +13,7 @@ from gyrowheel_core.errors import InputError
 
 
 @one_thread()
-def drag(recordings: Recordings, model: Model | None = None) -> Drag:
+def drag(recordings: Recordings, model: Model | None = None, *, mixed: bool = False) -> Drag:
     """Compare measured DC voltages with simulated torques, hold by hold, as the drag estimator of the graph does.
 
     The estimates are computed anew from the measurements; recorded ones are not used.
@@ -24,14 +24,17 @@ def drag(recordings: Recordings, model: Model | None = None) -> Drag:
         Recordings. Holds are those of the setpoints; without setpoints they are found in the motion.
     model : Model, optional
         The believed model; one of the bench ``gyrowheel`` without effects if not given.
+    mixed : bool
+        Join recordings that state different machines.
 
     Raises
     ------
     InputError
-        If a recording cannot be read or has no steady hold.
+        If a recording cannot be read or has no steady hold, or several state different machines.
     """
     known = Model() if model is None else model
     given = opened(recordings)
+    require_one_machine(data(given), mixed=mixed)
     found, signals = [], []
     for own in given:
         holds = recorded_holds(own.data, known.details)

@@ -7,11 +7,16 @@ from pathlib import Path
 from gyrowheel_core.files import disk_errors, json_text, require_new, require_writable, write_text
 from gyrowheel_core.locks import changing
 
+#: What stands at the beginning of a report: of a page of HTML, and of one in Markdown.
+REPORT_MARKS = ('<meta name="generator" content="gyrowheel">', "<!-- report of gyrowheel -->")
+
 __all__ = [
+    "REPORT_MARKS",
     "changing",
     "disk_errors",
     "is_exported_map",
     "is_exported_table",
+    "is_report",
     "json_text",
     "new_folder",
     "require_new",
@@ -32,6 +37,11 @@ def is_exported_map(file: Path) -> bool:
     from gyrowheel_analysis.exchange import is_exported_map
 
     return is_exported_map(file)
+
+
+def is_report(head: str) -> bool:
+    """Return whether a file that begins like this is plainly a report of `gyrowheel.Report`."""
+    return any(mark in head for mark in REPORT_MARKS)
 
 
 def new_folder(parent: Path, name: str, first: int) -> Path:

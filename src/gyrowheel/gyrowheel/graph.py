@@ -58,6 +58,8 @@ def up(
     blind: str | Path | None = None,
     record: str | Path | None = None,
     realtime: bool = False,
+    without_nodes: Sequence[str] = (),
+    domain: int | None = None,
     logs: bool = False,
     on_trouble: Callable[[str, str], None] | None = None,
 ) -> Graph:
@@ -77,6 +79,10 @@ def up(
         New directory for a recording.
     realtime : bool
         Pace the bench by wall-clock time instead of as fast as it can go.
+    without_nodes : sequence of str
+        Nodes that are not started, because your own takes their place.
+    domain : int, optional
+        ROS domain, 0 .. 101; by default that of the environment.
     logs : bool
         Show what the nodes log.
     on_trouble : callable, optional
@@ -110,6 +116,8 @@ def up(
         record=record,
         hold_after_plan=chosen is None,
         realtime=realtime,
+        without=without_nodes,
+        domain_id=domain,
         show_logs=logs,
         on_trouble=on_trouble,
         initial_spin_rate=loaded.value("spin_rate_reference") if chosen is None else None,

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gyrowheel.inputs import Fraction, Recordings, data, opened
+from gyrowheel.inputs import Fraction, Recordings, data, opened, require_one_machine
 from gyrowheel.model import Model
 from gyrowheel.results.torques import Torques
 from gyrowheel_analysis.fitting.preparation import one_thread, samples_of
@@ -38,6 +38,7 @@ def torques(
     air_density_ratio: float = 1.0,
     rig: str = "upright",
     orbit: bool = False,
+    mixed: bool = False,
     progress: Fraction | None = None,
 ) -> Torques:
     """Take apart what coils and motor hold: springs, gimbal, ripple of the shaft, losses, air, bearing and the rest.
@@ -61,6 +62,8 @@ def torques(
         ``upright`` or ``inverted``.
     orbit : bool
         Simulate the holds in orbit: without air, weight and the rate of the Earth.
+    mixed : bool
+        Join recordings that state different machines.
     progress : callable, optional
         Called with the fraction done, 0 .. 1.
 
@@ -78,6 +81,7 @@ def torques(
     known = Model() if model is None else model
     if recordings is not None:
         given = opened(recordings)
+        require_one_machine(data(given), mixed=mixed)
         found = [
             hold_torques(reduce(samples_of(own), known.details.reference_bench), known.details)
             for own in data(given)

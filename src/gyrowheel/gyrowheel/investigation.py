@@ -17,7 +17,7 @@ from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import disk_errors, json_text, write_text
 
 if TYPE_CHECKING:
-    from gyrowheel_analysis.diagnosis.diagnose import Diagnosis
+    from gyrowheel_analysis.diagnosis.result import Diagnosis
     from gyrowheel_analysis.model import Model
     from gyrowheel_analysis.recording import Recording
 

@@ -3,23 +3,33 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from gyrowheel.code_identity import code_identity
+from gyrowheel.files import new_folder
 from gyrowheel.inputs import Recordings, opened
 from gyrowheel.investigation import Investigation as State
 from gyrowheel.investigation import Listener, Run, Step, pursue
 from gyrowheel.machine import scenario
 from gyrowheel.results.investigation import Investigation
+from gyrowheel_analysis.recording.part import parted
 from gyrowheel_control.plans.plan import Plan
-from gyrowheel_core.files import require_new
+from gyrowheel_core.cache import digest
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.files import json_text, read_text
+from gyrowheel_core.journal import Journal, Work, begun, journal
 
 if TYPE_CHECKING:
     from gyrowheel.model import Model
     from gyrowheel_sim.effects import Effect
     from gyrowheel_sim.plant.scenario import Scenario
+
+KIND = "investigation"
+_KEY = "key"  # in the journal: a digest of the key file
 
 
 def investigate(
@@ -37,6 +47,7 @@ def investigate(
     nodes: bool = False,
     run: Run | None = None,
     folder: str | Path | None = None,
+    resume: bool = False,
     listener: Listener | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Investigation:
@@ -66,6 +77,9 @@ def investigate(
         Runs a plan on a bench of your own and records it: takes plan, directory to create and number of the run.
     folder : str or Path, optional
         New directory for all recordings; a temporary one that is removed with the result if not given.
+    resume : bool
+        Go on with the investigation in `folder`: what it recorded is not recorded again, and is diagnosed again, with
+        the same result. Settings must be the same, and so must the code.
     listener : Listener, optional
         Receives what happens, step by step.
     progress : callable, optional
@@ -79,18 +93,17 @@ def investigate(
     Raises
     ------
     InputError
-        If something is not known or out of range, there is nothing to begin with, or the first plans take more time
-        than there is.
+        If something is not known or out of range, there is nothing to begin with or to go on with, or the first plans
+        take more time than there is.
     """
+    if resume and folder is None:
+        raise InputError("resume: needs the folder of the investigation to go on with")
     bench = model.stated_bench
     at_hand = [recording.path for recording in opened(recordings)]
     named = plans if plans is not None else [] if at_hand else ["quick"]
     first = [plan if isinstance(plan, Plan) else Plan.load(plan) for plan in named]
     for plan in first:
         plan.check(bench)
-    scratch = None if folder is not None else tempfile.TemporaryDirectory(prefix="gyrowheel-")
-    place = Path(scratch.name if scratch is not None else folder or "")
-    require_new(place)
     key = None if blind is None else Path(blind)
 
     def hidden(plan: Plan, number: int) -> Scenario:
@@ -102,13 +115,129 @@ def investigate(
     told = listener or _Quiet(progress or (lambda text: None))
     if run is None:
         run = _in_nodes(told, model, hidden) if nodes else _at_once(told, model, hidden)
+    scratch = None if folder is not None else tempfile.TemporaryDirectory(prefix="gyrowheel-")
+    place = Path(scratch.name if scratch is not None else folder or "")
     done = State(model.origin, budget, averages=averages)
+    work = _work(
+        model,
+        at_hand,
+        named,
+        effects,
+        budget=budget,
+        thorough=thorough,
+        averages=averages,
+        machine=machine,
+        seed=seed,
+        blind=None if key is None else str(key.absolute()),
+        nodes=nodes,
+    )
     interrupted = False
     try:
-        pursue(done, model.details, place, run, told, plans=first, at_hand=at_hand, thorough=thorough)
+        with journal(place, work, resume=resume) as kept:
+            once = _once(run, kept, key)
+            pursue(done, model.details, place, once, told, plans=first, at_hand=at_hand, thorough=thorough)
     except KeyboardInterrupt:
         interrupted = True
     return Investigation(done, place, interrupted, scratch)
+
+
+def settings_of(folder: str | Path) -> dict[str, Any]:
+    """Return the arguments of `investigate` with which the one in a folder was begun; ``model`` is a path.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    found = begun(Path(folder), KIND).settings
+    found["blind"] = None if found["blind"] is None else _near(found["blind"])
+    for name in ("recordings", "plans"):
+        found[name] = [_near(path) for path in found[name]]
+    return found | {"model": _near(found["model"])}
+
+
+def _work(
+    model: Model,
+    at_hand: Sequence[Path],
+    plans: Sequence[str | Path | Plan],
+    effects: Mapping[str, Mapping[str, float]] | Sequence[str | Effect],
+    **settings: object,
+) -> Work:
+    """Return what determines the results of an investigation."""
+    items = (
+        effects.items()
+        if isinstance(effects, Mapping)
+        else [effects]
+        if isinstance(effects, str)
+        else effects
+    )
+    believed = model.details.to_mapping()
+    loaded = [plan if isinstance(plan, Plan) else Plan.load(plan) for plan in plans]
+    return Work(
+        kind=KIND,
+        settings={
+            "model": str(Path(model.origin).absolute()),
+            "recordings": [str(path.absolute()) for path in at_hand],
+            "plans": [plan.to_yaml() if isinstance(plan, Plan) else _whole(str(plan)) for plan in plans],
+            "effects": [item if isinstance(item, str) else repr(item) for item in items],
+            **settings,
+        },
+        contents={
+            "model": digest(json_text(believed | {"history": []}), model.stated_bench.describe()),
+            "plans": digest(*(plan.to_yaml() for plan in loaded)),
+            "recordings": digest(*(_digest_of(path) for path in at_hand)),
+        },
+        versions=code_identity(),
+    )
+
+
+def _whole(plan: str) -> str:
+    """Return the path of a plan file from the root; names of shipped plans as they are."""
+    return str(Path(plan).absolute()) if "\n" not in plan and Path(plan).is_file() else plan
+
+
+def _near(path: str) -> str:
+    """Return a path as one types it: from the current folder if it is below that."""
+    try:
+        return str(Path(path).relative_to(Path.cwd()))
+    except ValueError:
+        return path
+
+
+def _digest_of(recording: Path) -> str:
+    """Return a digest of the files of a recording."""
+    place, _ = parted(recording)
+    sums = []
+    for path in sorted(place.rglob("*")) if place.is_dir() else [place]:
+        if path.is_file():
+            with path.open("rb") as stream:
+                sums.append(f"{path.name} {hashlib.file_digest(stream, 'sha256').hexdigest()}")
+    return digest(*sums)
+
+
+def _once(run: Run, kept: Journal, key: Path | None) -> Run:
+    """Return what runs a plan unless that was done before; what an interrupted run has recorded is put aside."""
+    finished = kept.finished()
+    if key is not None and finished and finished.get(_KEY) != _key_digest(key):
+        raise InputError(
+            f"blind: {key} is not the key file with which the investigation in {kept.folder} began"
+        )
+
+    def go(plan: Plan, directory: Path, number: int) -> None:
+        if directory.name in finished and directory.is_dir():
+            return
+        if directory.exists():
+            directory.rename(new_folder(directory.parent, f"{directory.name}-interrupted", 1))
+        run(plan, directory, number)
+        if key is not None:
+            kept.finish(_KEY, _key_digest(key))
+        kept.finish(directory.name, {"plan": plan.called})
+
+    return go
+
+
+def _key_digest(key: Path) -> str | None:
+    return digest(read_text(key)) if key.exists() else None
 
 
 class _Quiet:

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from gyrowheel_analysis.diagnosis.diagnose import Diagnosis, diagnose
+from gyrowheel_analysis.diagnosis.diagnose import diagnose
+from gyrowheel_analysis.diagnosis.result import Diagnosis
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.recording import Recording
 

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from gyrowheel.campaigns.cases import Case
 from gyrowheel.campaigns.outside import OutsideForm, declared, outside_forms
-from gyrowheel.campaigns.reality import HiddenEvent, draw_amounts, draw_event, draw_wrong, events
+from gyrowheel.campaigns.reality import HiddenEvent, draw_amounts, draw_event, draw_wrong, events, shape_of
 from gyrowheel_analysis.balance.balance import Balance
+from gyrowheel_analysis.diagnosis.event_scan import places, price
 from gyrowheel_analysis.diagnosis.events import THRESHOLD as EVENT_THRESHOLD
 from gyrowheel_analysis.diagnosis.selection import ERROR_LIMIT, THRESHOLD, threshold
 from gyrowheel_analysis.fitting.preparation import one_thread
@@ -137,6 +138,7 @@ class Yardstick:
         self._problem = Problem.of(
             [Balance(reduce(samples, bench), bench)], Unknowns(bench, declared=outside)
         )
+        self._places = places(self._problem)
         self._responses: dict[str, Array] = {}
         self.errors = parameter_errors(self._problem.bench)
 
@@ -156,8 +158,12 @@ class Yardstick:
         """
         others = [self._response(other, given) for other, given in beside.items()]
         left = self._left(np.column_stack([*others, self._response(name, values)]), drift)
-        needed = EVENT_THRESHOLD if name in events() else threshold(self._term(name), 1.0)
+        needed = self._asked_of_event(name) if name in events() else threshold(self._term(name), 1.0)
         return _over_limit(_apart(left[:, -1], left[:, :-1]), needed)
+
+    def _asked_of_event(self, name: str) -> float:
+        """Return the chi-squared that an event must gain: nobody knows beforehand what happens, nor when."""
+        return EVENT_THRESHOLD + price(shape_of(name), self._places)
 
     def size_outside(self, form: OutsideForm, values: dict[str, float], drift: float) -> float:
         """Return the same for an effect outside the library: only what no single library effect can explain counts."""
@@ -367,14 +373,17 @@ def _scaled(
     """Return an effect's coefficients with its amplitudes scaled so that its size is `factor`, and the size.
 
     An effect that the recording does not show keeps the drawn size. With `capped` no amplitude is beyond
-    a multiple of the largest usual size, and none is ever beyond its bounds.
+    a multiple of the largest usual size, and none is ever beyond its bounds, nor all together beyond what is possible.
     """
+    # all amplitudes together, beyond which the effect is none: the Earth does not turn faster
+    most_together = math.inf if effect.greatest is None else effect.greatest
+    together = math.hypot(*(values[c.name] for c in effect.amplitudes))
     now = size(values)
-    if math.isnan(now):
-        return values, now
-    part = factor / now
+    part = 1.0 if math.isnan(now) else factor / now
+    if together > 0.0:
+        part = min(part, most_together / together)
     for c in effect.amplitudes:
-        if values[c.name] == 0.0:
+        if values[c.name] == 0.0 or math.isnan(now):
             continue
         most = c.bounds[1] if values[c.name] > 0.0 else -c.bounds[0]
         if capped:

@@ -9,7 +9,9 @@ from typing import Any, Literal
 from gyrowheel.blind_trial import matched
 from gyrowheel.campaigns.cases import Case
 from gyrowheel.campaigns.hiding import Secret
-from gyrowheel_analysis.diagnosis.diagnose import Diagnosis
+from gyrowheel_analysis.diagnosis.result import Diagnosis
+from gyrowheel_sim.effects import registry
+from gyrowheel_sim.effects.targets import INSTRUMENT_PARAMETERS
 
 Outcome = Literal[
     "exact", "tied", "tied_without_test", "partial", "missed", "unknown", "misnamed", "named_right", "failed"
@@ -230,11 +232,7 @@ def judge(case: Case, secret: Secret, answer: Diagnosis) -> Judged:
     ]
     parameters = []
     if outcome == "exact" or (outcome == "missed" and not secret.truth):
-        stated = case.campaign.bench
-        parameters = [
-            Interval(name, n.value, n.standard_error, secret.scenario.values.get(name, stated.value(name)))
-            for name, n in answer.nuisance.items()
-        ]
+        parameters = _parameters(case, secret, answer)
     before = after = None
     if answer.error is not None and answer.error.validation_after and answer.error.validation_before:
         before = math.sqrt(answer.error.validation_before.chi2_per_n)
@@ -264,6 +262,28 @@ def judge(case: Case, secret: Secret, answer: Diagnosis) -> Judged:
         ],
         event=_event(secret, answer),
     )
+
+
+def _parameters(case: Case, secret: Secret, answer: Diagnosis) -> list[Interval]:
+    """Return the fitted bench parameters beside the true ones.
+
+    An instrument that is not as stated changes the true value of its parameter. What a finding changes, or what
+    ties with it, is left out: the parameter then stands at what is stated, and the rest in the finding.
+    """
+    stated, known = case.campaign.bench, registry()
+    truth = {name: secret.scenario.values.get(name, stated.value(name)) for name in answer.nuisance}
+    for name, values in secret.instruments.items():
+        for law in known[name].laws:
+            if law.target in truth and law.target in INSTRUMENT_PARAMETERS:
+                (symbol,) = law.expression.free_symbols
+                truth[law.target] += values[symbol.name]
+    named = {*answer.ties, *(tie.name for ties in answer.ties.values() for tie in ties)}
+    changed = {law.target for name in named if name in known for law in known[name].laws}
+    return [
+        Interval(name, n.value, n.standard_error, truth[name])
+        for name, n in answer.nuisance.items()
+        if name not in changed
+    ]
 
 
 def _alternatives(answer: Diagnosis) -> dict[str, list[str]]:

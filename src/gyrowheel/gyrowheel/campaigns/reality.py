@@ -125,6 +125,11 @@ def events() -> dict[str, Effect]:
     return {name: effect for name, (_, effect) in _EVENTS.items()}
 
 
+def shape_of(name: str) -> Shape:
+    """Return the shape of an event by its name."""
+    return _EVENTS[name][0]
+
+
 def draw_event(
     bench: Bench, name: str, seconds: float, rng: np.random.Generator
 ) -> tuple[HiddenEvent, dict[str, float]]:

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import contextlib
+import shutil
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from gyrowheel.results.campaign import CampaignResult
 
 if TYPE_CHECKING:
-    from gyrowheel.campaigns.cases import CaseKind
+    from gyrowheel.campaigns.cases import Campaign, CaseKind
     from gyrowheel.campaigns.judge import Judged
+    from gyrowheel_core.journal import Journal, Work
+    from gyrowheel_sim.bench import Bench
+
+KIND = "campaign"
 
 #: What may be hidden if nothing is said, without and with imperfect instruments.
 _KINDS = {False: ("none", "single", "pair", "outside"), True: ("none", "single", "event")}
@@ -28,11 +34,13 @@ def campaign(
     drift: float = 1.0,
     gains: float = 1.0,
     lost: float = 0.0,
-    bench: str | Path = "gyrowheel",
+    bench: str | Path | Bench = "gyrowheel",
     only: Sequence[int] = (),
     jobs: int | None = None,
     dask: str | None = None,
     keep: str | Path | None = None,
+    folder: str | Path | None = None,
+    resume: bool = False,
     progress: Callable[[Sequence[Judged], int], None] | None = None,
 ) -> CampaignResult:
     """Test the diagnosis on many blind cases, each judged by its key.
@@ -57,8 +65,8 @@ def campaign(
         White noise, slow drifts and spin gains, times the stated ones.
     lost : float
         Fraction of the samples that is lost, 0 .. 0.2.
-    bench : str or Path
-        Shipped name of the bench, or bench file.
+    bench : str, Path or Bench
+        Shipped name of the bench, bench file, or bench.
     only : sequence of int
         Numbers of the cases to run; all if empty.
     jobs : int, optional
@@ -67,9 +75,14 @@ def campaign(
         Address of a Dask scheduler whose workers run the cases.
     keep : str or Path, optional
         Folder that keeps recordings, keys and diagnoses.
+    folder : str or Path, optional
+        New folder that keeps each finished case, so that the campaign can go on after it was interrupted or killed.
+    resume : bool
+        Go on with the campaign in `folder`: cases that it finished are not run again. Settings must be the same, and
+        so must the code.
     progress : callable, optional
         Called at the beginning and after each case with the cases finished so far, the latest last, and how many there
-        are in all.
+        are in all. Once it is called, everything given is known to be right.
 
     Returns
     -------
@@ -79,21 +92,25 @@ def campaign(
     Raises
     ------
     InputError
-        If a name is unknown, a value is out of range, or the folder cannot be written.
+        If a name is unknown, a value is out of range, a folder cannot be written, or there is nothing to go on with.
     """
     from gyrowheel.campaigns.cases import Campaign
     from gyrowheel.campaigns.cases import cases as all_cases
+    from gyrowheel.campaigns.finished import earlier, note
     from gyrowheel.campaigns.summary import Summary
-    from gyrowheel.campaigns.workers import cores, judged_cases
+    from gyrowheel.campaigns.workers import check_jobs, cores, judged_cases
     from gyrowheel_control.plans.plan import Plan
+    from gyrowheel_core.errors import InputError
     from gyrowheel_core.files import disk_errors
     from gyrowheel_sim.bench import Bench
 
+    if resume and folder is None:
+        raise InputError("resume: needs the folder of the campaign to go on with")
     chosen, unused = Plan.load(plan), Plan.load(validation_plan)
     settings = Campaign(
         plan=chosen.to_yaml(),
         validation_plan=unused.to_yaml(),
-        bench=Bench.load(bench),
+        bench=bench if isinstance(bench, Bench) else Bench.load(bench),
         seed=seed,
         kinds=tuple(cast("CaseKind", kind) for kind in kinds or _KINDS[reality]),  # checked by Campaign
         reality=reality,
@@ -103,21 +120,29 @@ def campaign(
         lost=lost,
     )
     wanted = all_cases(settings, cases, only)
+    jobs = cores() if jobs is None else jobs
+    check_jobs(jobs)
     kept = None
     if keep is not None:
         with disk_errors(Path(keep)):
             Path(keep).mkdir(parents=True, exist_ok=True)
         kept = str(Path(keep).absolute())
     done: list[Judged] = []
-    if progress is not None:
-        progress(done, len(wanted))
     interrupted = False
     try:
-        with judged_cases(wanted, jobs=cores() if jobs is None else jobs, dask=dask, keep=kept) as results:
-            for case in results:
-                done.append(case)
-                if progress is not None:
-                    progress(done, len(wanted))
+        with _kept(folder, settings, cases, only, resume) as (journal, scratch):
+            done += [] if journal is None else earlier(journal, wanted)
+            known = {case.index for case in done}
+            left = [case for case in wanted if case.index not in known]
+            if progress is not None:
+                progress(done, len(wanted))
+            with judged_cases(left, jobs=jobs, dask=dask, keep=kept, scratch=scratch) as results:
+                for case in results:
+                    if journal is not None:
+                        note(journal, case)
+                    done.append(case)
+                    if progress is not None:
+                        progress(done, len(wanted))
     except KeyboardInterrupt:
         if not done:
             raise
@@ -128,3 +153,51 @@ def campaign(
     changes += [f"{100.0 * lost:g} % of the samples lost"] if lost else []
     title = ", ".join([f"{len(wanted)} blind cases of plan {chosen.name}", f"seed {seed}", *changes])
     return CampaignResult(Summary.of(seed, len(wanted), done), title, interrupted)
+
+
+def settings_of(folder: str | Path) -> dict[str, Any]:
+    """Return the arguments of `campaign` with which the one in a folder was begun, all but what does not matter.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    from gyrowheel_core.journal import begun
+    from gyrowheel_sim.bench import Bench
+
+    found = begun(Path(folder), KIND).settings
+    return found | {"bench": Bench.from_text(found["bench"], origin=str(folder))}
+
+
+def _work(campaign: Campaign, count: int, only: Sequence[int]) -> Work:
+    """Return what determines the results of a campaign; plans and bench by what is in them."""
+    from gyrowheel.code_identity import code_identity
+    from gyrowheel_core.journal import Work
+
+    single = ("plan", "validation_plan", "seed", "kinds", "reality", "noise", "drift", "gains", "lost")
+    settings = {name: getattr(campaign, name) for name in single}
+    settings |= {"bench": campaign.bench.describe(), "cases": count, "only": sorted({*only})}
+    return Work(kind=KIND, settings=settings, versions=code_identity())
+
+
+@contextlib.contextmanager
+def _kept(
+    folder: str | Path | None, campaign: Campaign, count: int, only: Sequence[int], resume: bool
+) -> Iterator[tuple[Journal | None, str | None]]:
+    """Yield the journal of a campaign and a folder for its temporary files; neither where nothing is to be kept."""
+    if folder is None:
+        yield None, None
+        return
+    from gyrowheel_core.files import disk_errors
+    from gyrowheel_core.journal import journal
+
+    with journal(Path(folder), _work(campaign, count, only), resume=resume) as kept:
+        scratch = kept.folder.absolute() / "scratch"
+        shutil.rmtree(scratch, ignore_errors=True)  # what a kill has left
+        try:
+            with disk_errors(scratch):
+                scratch.mkdir()
+            yield kept, str(scratch)
+        finally:
+            shutil.rmtree(scratch, ignore_errors=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -12,6 +13,7 @@ from gyrowheel.campaigns.cases import Case
 from gyrowheel.campaigns.job import run_case
 from gyrowheel.campaigns.judge import Judged
 from gyrowheel_core.errors import InputError, one_line
+from gyrowheel_core.processes import die_with_parent
 
 _CONNECT = 20.0  # s
 
@@ -23,9 +25,26 @@ def cores() -> int:
     return int(joblib.cpu_count())
 
 
+def check_jobs(jobs: int) -> None:
+    """Refuse a number of processes that is none.
+
+    Raises
+    ------
+    InputError
+        If it is less than one.
+    """
+    if jobs < 1:
+        raise InputError(f"jobs: {jobs} is out of range; allowed: >= 1")
+
+
 @contextlib.contextmanager
 def judged_cases(
-    cases: Sequence[Case], *, jobs: int, dask: str | None = None, keep: str | None = None
+    cases: Sequence[Case],
+    *,
+    jobs: int,
+    dask: str | None = None,
+    keep: str | None = None,
+    scratch: str | None = None,
 ) -> Iterator[Iterator[Judged]]:
     """Yield an iterator over judged cases in the order in which they finish; leaving the block ends all work.
 
@@ -39,26 +58,31 @@ def judged_cases(
         Address of a Dask scheduler; its workers then run the cases, and need this software.
     keep : str, optional
         See `run_case`; on a cluster a path that its workers can write to.
+    scratch : str, optional
+        Existing folder of this machine for temporary files; that of the system if not given.
 
     Raises
     ------
     InputError
         If there are no jobs, Dask is not installed, or the scheduler does not answer.
     """
-    if jobs < 1:
-        raise InputError(f"jobs: {jobs} is out of range; allowed: >= 1")
-    if dask is not None:
+    check_jobs(jobs)
+    if not cases:
+        yield iter(())
+    elif dask is not None:
         with _on_cluster(cases, dask, keep) as results:
             yield results
     elif jobs == 1 or len(cases) == 1:
-        yield (run_case(case, keep) for case in cases)
+        yield (run_case(case, keep, scratch) for case in cases)
     else:
-        with _in_processes(cases, jobs, keep) as results:
+        with _in_processes(cases, jobs, keep, scratch) as results:
             yield results
 
 
 @contextlib.contextmanager
-def _in_processes(cases: Sequence[Case], jobs: int, keep: str | None) -> Iterator[Iterator[Judged]]:
+def _in_processes(
+    cases: Sequence[Case], jobs: int, keep: str | None, scratch: str | None
+) -> Iterator[Iterator[Judged]]:
     import joblib
     from joblib.externals.loky import get_reusable_executor
 
@@ -67,18 +91,25 @@ def _in_processes(cases: Sequence[Case], jobs: int, keep: str | None) -> Iterato
     )
     with (
         # owned by this process: workers that are ended within a case leave their files behind
-        tempfile.TemporaryDirectory(prefix="campaign-") as scratch,
+        tempfile.TemporaryDirectory(prefix="campaign-", dir=scratch) as place,
         _ended(get_reusable_executor),
         joblib.parallel_config("loky", inner_max_num_threads=1),
     ):
         # the workers inherit what is blocked here: Ctrl-C is for this process, which then ends them
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
-            results = parallel(joblib.delayed(run_case)(case, keep, scratch) for case in cases)
+            results = parallel(joblib.delayed(_one)(case, keep, place, os.getpid()) for case in cases)
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
         with contextlib.closing(results):
             yield results
+
+
+def _one(case: Case, keep: str | None, scratch: str, campaign: int) -> Judged:
+    """Run a case in a worker of the process of this number."""
+    if os.getppid() == campaign:
+        die_with_parent()  # a worker of a campaign that is killed must not go on alone
+    return run_case(case, keep, scratch)
 
 
 @contextlib.contextmanager

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
 from gyrowheel.cli.options import Json, example
 from gyrowheel.cli.outputs import TORQUE_TABLE
+from gyrowheel.cli.resuming import Resume, going_on, going_on_command, merged, place_of
 from gyrowheel.cli.shell import advancing, finding, notes, out, put_json, put_text
 from gyrowheel.errors import InputError
 
@@ -200,7 +201,18 @@ def run(
 
 @cfd_app.command(epilog=example("gyrowheel cfd sweep -o runs/air --jobs 4"))
 def sweep(
-    output: Study,
+    context: typer.Context,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="DIR",
+            help="Folder of the study, needed unless --resume; finished cases in it are kept.",
+            show_default=False,
+        ),
+    ] = None,
+    resume: Resume = None,
     tilts: Annotated[str, typer.Option("--tilts", metavar="DEG,..", help="Tilts, in deg.")] = "0,1,2,3,4,5",
     speeds: Annotated[
         str, typer.Option("--speeds", metavar="RPM,..", help="Spin rates, in rpm.")
@@ -241,40 +253,37 @@ def sweep(
     json: Json = None,
 ) -> None:
     """Compute all tilts and speeds; finished cases in the folder are kept."""
-    import os
-
     from gyrowheel import air as sweeps
     from gyrowheel.files import disk_errors
     from gyrowheel.text import air as render
-    from gyrowheel.units import DEG, RPM
 
-    tilt_list, speed_list = _numbers("--tilts", tilts), _numbers("--speeds", speeds)
-    cases = [
-        sweeps.case_of(
-            geometry,
-            tilt,
-            speed,
-            mesh,
-            model,
-            temperature=temperature,
-            pressure=pressure,
-            iterations=iterations,
-            settle=settle,
-        )
-        for tilt in tilt_list
-        for speed in speed_list
-    ]
-    levels = sweeps.plan(
-        cases[0], [tilt * DEG for tilt in tilt_list], [speed * RPM for speed in speed_list], base * RPM
-    )
-    if checks:
-        levels.append(sweeps.companions(cases[0], max(tilt_list) * DEG, base * RPM))
+    if output is None and resume is None:
+        raise InputError("-o: missing; name the folder of the study")
+    folder = place_of(output, resume, "sweep")
+    settings: dict[str, Any] = {
+        "geometry": geometry,
+        "tilts": _numbers("--tilts", tilts),
+        "speeds": _numbers("--speeds", speeds),
+        "base": base,
+        "mesh": mesh,
+        "model": model,
+        "iterations": iterations,
+        "settle": settle,
+        "checks": checks,
+        "temperature": temperature,
+        "pressure": pressure,
+    }
+    if resume is not None:
+        settings = merged(context, settings, sweeps.sweep_settings(resume))
+    again = going_on_command("cfd sweep", folder, {"jobs": jobs, "dask": dask, "json": json})
 
     def tell(case: Case, result: Result | str, done: int, total: int) -> None:
         notes().print(render.sweep_line(case, result, done, total), soft_wrap=True)
 
-    with disk_errors(output):
-        outcome = sweeps.sweep(levels, output, jobs=jobs or os.cpu_count() or 1, dask=dask, tell=tell)
+    with going_on(again) as begun, disk_errors(folder):
+        outcome = sweeps.sweep(
+            folder, **settings, jobs=jobs, dask=dask, resume=resume is not None, begun=begun, tell=tell
+        )
     if json is not None:
         put_json(
             json,
@@ -286,7 +295,7 @@ def sweep(
             },
         )
     if json != "-":
-        put_text(render.sweep_page(outcome, str(output)))
+        put_text(render.sweep_page(outcome, str(folder)))
     finding(bool(outcome.failed))
 
 

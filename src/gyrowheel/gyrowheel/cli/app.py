@@ -25,9 +25,11 @@ from gyrowheel.cli import (
     paper,
     recordings,
     replaying,
+    reporting,
     ros,
     running,
     viewing,
+    workbench,
 )
 from gyrowheel.cli.outputs import guard
 
@@ -69,6 +71,8 @@ for module in (
     exchanging,
     correcting,
     finding,
+    reporting,
+    workbench,
     holding,
     momentum,
     paper,

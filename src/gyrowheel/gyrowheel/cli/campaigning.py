@@ -5,12 +5,13 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from gyrowheel.cli.options import BenchName, Json, example
 from gyrowheel.cli.outputs import CASE_LIST
+from gyrowheel.cli.resuming import Resume, going_on, going_on_command, merged, place_of
 from gyrowheel.cli.shell import INTERRUPTED, notes, put_json, put_text
 
 if TYPE_CHECKING:
@@ -23,6 +24,7 @@ def register(app: typer.Typer) -> None:
 
 
 def campaign(
+    context: typer.Context,
     plan: Annotated[
         str, typer.Option("--plan", metavar="P", help="Plan that is diagnosed: shipped name, or a plan file.")
     ] = "survey",
@@ -93,6 +95,17 @@ def campaign(
             show_default=False,
         ),
     ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="DIR",
+            help="New folder that keeps each finished case, to go on from.",
+            show_default="out/campaign-N",
+        ),
+    ] = None,
+    resume: Resume = None,
     list_file: Annotated[
         Path | None,
         typer.Option("--list", metavar="FILE", help="Write every case as JSON here.", show_default=False),
@@ -108,34 +121,48 @@ def campaign(
     two, or one that no library has, 1 to 10 times as large as the detection
     limit of the plan. With --reality instruments are not as the bench file
     states them, and events happen. Ctrl-C ends it and reports the cases that
-    were finished.
+    were finished; --resume goes on with the others, after a kill too.
     """
     from gyrowheel.campaigns.run import campaign as run
+    from gyrowheel.campaigns.run import settings_of
     from gyrowheel.text.campaign import campaign_page, case_line
 
-    with _counting() as (count, say):
+    folder = place_of(output, resume, "campaign")
+    settings: dict[str, Any] = {
+        "plan": plan,
+        "validation_plan": validation_plan,
+        "cases": cases,
+        "seed": seed,
+        "kinds": [] if kinds is None else [kind.strip() for kind in kinds.split(",")],
+        "reality": reality,
+        "noise": noise,
+        "drift": drift,
+        "gains": gains,
+        "lost": lost,
+        "bench": bench,
+        "only": only or (),
+    }
+    if resume is not None:
+        settings = merged(context, settings, settings_of(resume))
+    others = {"jobs": jobs, "dask": dask, "keep": keep, "list": list_file, "json": json}
+    again = going_on_command("campaign", folder, others)
+    with going_on(again) as begun, _counting() as (count, say):
 
         def progress(done: Sequence[Judged], total: int) -> None:
-            if done and not done[-1].right:
+            if begun():
+                if done:
+                    say(f"{total} cases, {len(done)} of them finished before")
+            elif not done[-1].right:
                 say(f"not right: {case_line(done[-1])}")
             count(len(done), sum(not case.right for case in done), total)
 
         result = run(
-            plan,
-            cases=cases,
-            seed=seed,
-            validation_plan=validation_plan,
-            kinds=[] if kinds is None else [kind.strip() for kind in kinds.split(",")],
-            reality=reality,
-            noise=noise,
-            drift=drift,
-            gains=gains,
-            lost=lost,
-            bench=bench,
-            only=only or (),
+            **settings,
             jobs=jobs,
             dask=dask,
             keep=keep,
+            folder=folder,
+            resume=resume is not None,
             progress=progress,
         )
     if json is not None:
@@ -145,6 +172,7 @@ def campaign(
     if json != "-":
         put_text(campaign_page(result.details, result.title))
     if result.interrupted:
+        notes().print(f"to go on: {again}", soft_wrap=True)
         raise typer.Exit(INTERRUPTED)
 
 

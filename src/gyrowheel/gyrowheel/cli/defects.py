@@ -13,7 +13,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import TracebackType
 
-from gyrowheel.errors import one_line
+from gyrowheel.errors import one_line, printable
 
 #: Errors of the machine, not of the program: no descriptors, memory or room left, a broken disk.
 _OF_THE_MACHINE = {
@@ -25,6 +25,8 @@ _OF_THE_MACHINE = {
     errno.EIO,
     errno.EROFS,
 }
+#: Errors of a path that the user gave.
+_OF_A_PATH = {errno.EACCES, errno.EPERM, errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EISDIR}
 _PACKAGES = (
     "gyrowheel", "gyrowheel_core", "gyrowheel_sim", "gyrowheel_control", "gyrowheel_analysis", "gyrowheel_bringup",
     "gyrowheel_msgs", "numpy", "scipy", "numba", "sympy", "pydantic", "rosbags", "pyarrow", "matplotlib", "typer",
@@ -33,18 +35,23 @@ _LONGEST = 300  # characters of what an exception says
 
 
 def machine_error(error: BaseException) -> str | None:
-    """Return what is wrong with the machine, if that is what an exception says; None for any other."""
+    """Return what is wrong with the machine or a path, if that is what an exception says; None for any other."""
     for cause in _causes(error):
         if isinstance(cause, MemoryError):
             return f"not enough memory{f': {one_line(cause)}' if str(cause) else ''}"
-        if isinstance(cause, OSError) and cause.errno in _OF_THE_MACHINE:
-            return f"{cause.strerror or one_line(cause)}{f': {cause.filename}' if cause.filename else ''}"
+        if isinstance(cause, OSError) and (
+            cause.errno in _OF_THE_MACHINE
+            or (cause is error and cause.errno in _OF_A_PATH and cause.filename)
+        ):
+            return printable(
+                f"{cause.strerror or one_line(cause)}{f': {cause.filename}' if cause.filename else ''}"
+            )
     return None
 
 
 def defect(error: BaseException) -> str:
     """Return the line about a defect of the program; its details go into a file, whose name the line ends with."""
-    said = one_line(error)
+    said = printable(one_line(error))
     said = said if len(said) <= _LONGEST else f"{said[:_LONGEST]}..."
     kind = type(error).__name__
     line = f"this is a defect in gyrowheel: {kind if said == kind else f'{kind}: {said}'}"

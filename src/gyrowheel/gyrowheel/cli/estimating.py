@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from gyrowheel.cli.options import Json, Recordings, example
+from gyrowheel.cli.options import Json, Mixed, Recordings, example
 from gyrowheel.cli.outputs import PICTURE, TABLE
 from gyrowheel.cli.shell import out, put_json, put_picture, put_text, working
 
@@ -45,6 +45,7 @@ def drag(
         ),
         PICTURE,
     ] = None,
+    mixed: Mixed = False,
     json: Json = None,
 ) -> None:
     """Show measured DC voltages beside simulated torques, hold by hold.
@@ -59,7 +60,7 @@ def drag(
     if columns is not None:
         check_suffix(columns)
     with working("averaging the holds"):
-        result = gw.drag(directories, gw.Model() if model is None else gw.Model.load(model))
+        result = gw.drag(directories, gw.Model() if model is None else gw.Model.load(model), mixed=mixed)
     if json is not None:
         put_json(json, result.to_dict())
     if json != "-":

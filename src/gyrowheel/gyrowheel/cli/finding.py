@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -20,9 +18,6 @@ from gyrowheel.cli.options import (
     example,
 )
 from gyrowheel.cli.shell import BAD_INPUT, finding, put_json, put_picture, put_text, warn_of, working
-
-if TYPE_CHECKING:
-    from gyrowheel import Diagnosis
 
 
 def register(app: typer.Typer) -> None:
@@ -101,6 +96,7 @@ def diagnose(
 ) -> None:
     """Find which effect a model lacks, with the evidence, the alternatives and the detection limits."""
     import gyrowheel as gw
+    from gyrowheel.commands import following
     from gyrowheel.inputs import opened_apart
     from gyrowheel.origins import noted_machine
 
@@ -153,43 +149,3 @@ def rate(directories: Recordings, model: ModelFile, mixed: Mixed = False, json: 
         put_json(json, result.to_dict())
     if json != "-":
         put_text(rates_page(result.details))
-
-
-def following(
-    result: Diagnosis,
-    directories: Sequence[Path],
-    validate: Sequence[Path],
-    model: Path,
-    bench: str = "gyrowheel",
-    *,
-    averages: bool = False,
-    machine: str = "",
-) -> str | None:
-    """Return the command to type after a diagnosis; None where there is nothing to do.
-
-    `machine` has the options for the machine that the recordings are of.
-    """
-    named = " ".join(shlex.quote(str(directory)) for directory in directories)
-    proof = result.proof
-    if proof is not None and proof.proven is False and validate:
-        # what the validation has and the fit has not shows only where both are fitted
-        every = " ".join([named, *(shlex.quote(str(directory)) for directory in validate)])
-        return (
-            f"gyrowheel diagnose {every} --model {shlex.quote(str(model))}{' --averages' if averages else ''}"
-        )
-    if result.verdict == "effect" or result.free_form:
-        fit = " ".join(f"--fit {shlex.quote(str(directory))}" for directory in directories)
-        unused = "".join(f" --validate {shlex.quote(str(directory))}" for directory in validate)
-        names = list(result.details.ties)
-        names += [f"--formula {shlex.quote(f'{form.name}: {form.formula}')}" for form in result.free_form]
-        return f"gyrowheel model add {' '.join(names)} --model {shlex.quote(str(model))} {fit}{unused}"
-    plan = result.next_test.plan if result.next_test is not None else None
-    if plan is None or result.verdict == "nothing_missing":
-        return None
-    new = shlex.quote(str(directories[0].with_name(plan)))
-    other = "" if bench == "gyrowheel" or "--bench" in machine else f" --bench {shlex.quote(bench)}"
-    other += f" {machine}" if machine else ""
-    return (
-        f"gyrowheel up --plan {shlex.quote(plan)}{other} --record {new} && "
-        f"gyrowheel diagnose {named} {new} --model {shlex.quote(str(model))}{' --averages' if averages else ''}"
-    )

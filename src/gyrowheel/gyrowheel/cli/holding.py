@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from gyrowheel.cli.numbers import numbers
-from gyrowheel.cli.options import Json, TorquePicture, example
+from gyrowheel.cli.options import Json, Mixed, TorquePicture, example
 from gyrowheel.cli.shell import advancing, put_json, put_picture, put_text
 
 
@@ -62,6 +62,7 @@ def torques(
     orbit: Annotated[
         bool, typer.Option("--orbit", help="Holds in orbit: without air, weight and the Earth's rate.")
     ] = False,
+    mixed: Mixed = False,
     picture: TorquePicture = None,
     json: Json = None,
 ) -> None:
@@ -76,7 +77,7 @@ def torques(
 
     loaded = gw.Model() if model is None else gw.Model.load(model)
     if directories:
-        result = gw.torques(directories, loaded, orbit=orbit)
+        result = gw.torques(directories, loaded, orbit=orbit, mixed=mixed)
     else:
         tilts = [math.radians(value) for value in numbers(tilt, "--tilt")]
         rates = None if speed is None else [value * math.pi / 30.0 for value in numbers(speed, "--speed")]

@@ -6,13 +6,15 @@ import shlex
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gyrowheel.cli.options import Blind, Effects, ErrorPicture, Json, Machine, ModelFile, Seed, example
+from gyrowheel.cli.options import Blind, Effects, ErrorPicture, Json, Machine, Seed, example
+from gyrowheel.cli.resuming import Resume, going_on, going_on_command, merged, place_of
 from gyrowheel.cli.shell import INTERRUPTED, notes, out, put_json, put_picture
 from gyrowheel.cli.stage import Terminal
+from gyrowheel.errors import InputError
 
 if TYPE_CHECKING:
     from gyrowheel.investigation import Step
@@ -27,7 +29,13 @@ def register(app: typer.Typer) -> None:
 
 
 def investigate(
-    model: ModelFile,
+    context: typer.Context,
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            "--model", metavar="M.yaml", help="Model file; needed unless --resume.", show_default=False
+        ),
+    ] = None,
     directories: Annotated[
         list[Path] | None,
         typer.Argument(metavar="DIR", help="Existing recordings to begin with.", show_default=False),
@@ -73,6 +81,7 @@ def investigate(
             show_default="out/investigation-N",
         ),
     ] = None,
+    resume: Resume = None,
     picture: ErrorPicture = None,
     json: Json = None,
 ) -> None:
@@ -81,41 +90,61 @@ def investigate(
     Each diagnosis names the test to run next.
     The machine is the simulated bench with --effect, --blind and --machine.
     Recordings are kept, also after Ctrl-C; the model file is not changed.
+    --resume goes on after that, and after a kill: no plan is run again.
     """
     from gyrowheel import Model, Recording
-    from gyrowheel.files import new_folder
     from gyrowheel.investigator import investigate as run
+    from gyrowheel.investigator import settings_of
     from gyrowheel.origins import machine_options, note_machine
 
+    folder = place_of(output, resume, "investigation")
+    chosen: dict[str, Any] = {
+        "model": model,
+        "directories": list(directories or ()),
+        "plan": plan,
+        "budget": budget,
+        "thorough": thorough,
+        "averages": averages,
+        "simulate": simulate,
+        "effect": effect,
+        "blind": blind,
+        "machine": machine,
+        "seed": seed,
+    }
+    if resume is not None:
+        chosen = merged(context, chosen, _as_typed(settings_of(resume)))
+    if chosen["model"] is None:
+        raise InputError("--model: missing; name the model file")
+    place = Path(chosen["model"])
     # with JSON on stdout the tour goes to stderr
     stage = Terminal(notes() if json == "-" else out())
-    at_hand = list(directories or ())
-    done = run(
-        Model.load(model),
-        at_hand,
-        plans=plan,
-        budget=budget,
-        thorough=thorough,
-        averages=averages,
-        effects=effect or (),
-        machine=machine,
-        seed=seed,
-        blind=blind,
-        nodes=not simulate,
-        folder=new_folder(Path("out"), "investigation", 1) if output is None else output,
-        listener=_Teller(stage),
-    )
-    options = machine_options(effect=effect, blind=blind, machine=machine, seed=seed)
+    machine_of = {name: chosen[name] for name in ("effect", "blind", "machine", "seed")}
+    on = going_on_command("investigate", folder, {"picture": picture, "json": json})
+    with going_on(on) as begun:
+        done = run(
+            Model.load(place),
+            chosen["directories"],
+            plans=chosen["plan"],
+            budget=chosen["budget"],
+            thorough=chosen["thorough"],
+            averages=chosen["averages"],
+            effects=machine_of["effect"] or (),
+            machine=machine_of["machine"],
+            seed=machine_of["seed"],
+            blind=machine_of["blind"],
+            nodes=not chosen["simulate"],
+            folder=folder,
+            resume=resume is not None,
+            listener=_Teller(stage, begun),
+        )
     for path in done.recordings[:1]:
-        note_machine(Recording.open(path), options)
-    recordings = [*at_hand, *done.recordings]
-    again = _again(
-        recordings,
-        model,
-        {"effect": effect, "blind": blind, "machine": machine, "seed": seed or None},
-        {"averages": averages, "simulate": simulate, "thorough": thorough},
+        note_machine(Recording.open(path), machine_options(**machine_of))
+    recordings = [*map(Path, chosen["directories"]), *done.recordings]
+    switches = {name: chosen[name] for name in ("averages", "simulate", "thorough")}
+    again = _again(recordings, place, machine_of | {"seed": machine_of["seed"] or None}, switches)
+    _finish(
+        done, recordings, place, stage, again=on if done.interrupted else again, thorough=chosen["thorough"]
     )
-    _finish(done, recordings, model, stage, again=again, thorough=thorough)
     if json is not None:
         put_json(json, done.to_dict())
     if done.diagnosis is not None:
@@ -124,13 +153,29 @@ def investigate(
         raise typer.Exit(INTERRUPTED)
 
 
-class _Teller:
-    """Shows on the terminal what an investigation does."""
+def _as_typed(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return settings of the API by the names of the parameters of the verb."""
+    names = {"recordings": "directories", "plans": "plan", "effects": "effect"}
+    result = {names.get(name, name): value for name, value in settings.items()}
+    return result | {"simulate": not settings["nodes"]}
 
-    def __init__(self, stage: Terminal) -> None:
-        self._stage = stage
+
+class _Teller:
+    """Shows on the terminal what an investigation does.
+
+    Parameters
+    ----------
+    stage : Terminal
+        Where.
+    begun : callable
+        Called when it begins, and everything given is known to be right.
+    """
+
+    def __init__(self, stage: Terminal, begun: Callable[[], object]) -> None:
+        self._stage, self._begun = stage, begun
 
     def begin(self, number: int, plans: Sequence[str], why: str) -> None:
+        self._begun()
         what = f"{'plans' if len(plans) > 1 else 'plan'} {' and '.join(plans)}: {why}" if plans else why
         self._stage.step(what[0].upper() + what[1:])
 
@@ -187,7 +232,7 @@ def _finish(
     """Show how the investigation ended, what is known now, and the next command."""
     from rich.text import Text
 
-    from gyrowheel.cli.finding import following
+    from gyrowheel.commands import following
     from gyrowheel.text.diagnosis import detection_limits, error_section, findings
     from gyrowheel.text.layout import Unbroken, command, heading
     from gyrowheel.text.sentences.investigation import end_sentence, unseen_sentence
@@ -202,9 +247,9 @@ def _finish(
         unseen = unseen_sentence(last.details)
         if done.settled and not thorough and unseen:
             stage.show([heading("To be thorough"), Text(unseen), command(f"{again} --thorough")])
-    if done.steps and not done.settled and recordings:
+    if done.interrupted or (done.steps and not done.settled and recordings):
         stage.show([heading("To go on from here"), command(again)])
     colour = "green" if done.settled else "yellow"
     stage.show([Text(f"\n{end_sentence(done.details)}", style=f"bold {colour}")])
-    if done.folder.is_dir() and any(done.folder.iterdir()):
+    if done.folder.is_dir() and any(part.is_dir() for part in done.folder.iterdir()):
         stage.show([Unbroken(f"recordings: {done.folder}")])

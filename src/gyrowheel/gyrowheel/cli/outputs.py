@@ -19,7 +19,7 @@ from typing import Annotated, Any, get_args, get_origin
 import typer
 
 from gyrowheel.errors import InputError
-from gyrowheel.files import is_exported_map, is_exported_table, require_writable
+from gyrowheel.files import is_exported_map, is_exported_table, is_report, require_writable
 
 _METADATA = "metadata.yaml"
 _BAGS = ("*.mcap", "*.db3")
@@ -209,9 +209,15 @@ def _is_picture(path: Path) -> bool:
     return head.startswith(b"\x89PNG\r\n\x1a\n") and b"Matplotlib" in head
 
 
+def _is_report(path: Path) -> bool:
+    head = _head(path, 1024)
+    return is_report(head.decode("utf-8", errors="replace"))
+
+
 JSON_RESULT = Output("a JSON result of an earlier command", _is_result)
 PICTURE = Output("an earlier picture of gyrowheel", _is_picture, (".png",))
 TORQUE_TABLE = Output("an earlier torque table", _is_torque_table)
 CASE_LIST = Output("an earlier list of cases", _is_case_list)
 TABLE = Output("an earlier table of gyrowheel export", is_exported_table)
 COLUMN_MAP = Output("an earlier map of gyrowheel export", is_exported_map)
+REPORT = Output("an earlier report of gyrowheel", _is_report, (".html", ".md"))

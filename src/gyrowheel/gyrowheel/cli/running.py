@@ -63,6 +63,21 @@ def up(
     machine: Machine = None,
     seed: Seed = 0,
     bench: BenchOfRun = None,
+    without: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--without",
+            metavar="NODE",
+            help="Do not start this node, because your own takes its place; may be given again.",
+            show_default=False,
+        ),
+    ] = None,
+    domain: Annotated[
+        int | None,
+        typer.Option(
+            "--domain", metavar="N", help="ROS domain, 0 .. 101.", show_default="ROS_DOMAIN_ID, or 0"
+        ),
+    ] = None,
     logs: Annotated[bool, typer.Option("--logs", help="Show what the nodes log.")] = False,
     json: Json = None,
 ) -> None:
@@ -89,6 +104,8 @@ def up(
         blind=blind,
         record=record,
         realtime=realtime,
+        without_nodes=without or (),
+        domain=domain,
         logs=logs,
         on_trouble=lambda node, text: notes().print(f"{node}: {text}", soft_wrap=True, highlight=False),
     )

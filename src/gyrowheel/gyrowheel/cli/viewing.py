@@ -20,6 +20,16 @@ def live(
     port: Annotated[
         int, typer.Option("--port", metavar="N", min=0, max=65535, help="Port on this computer; 0: any.")
     ] = 8765,
+    origin: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--origin",
+            metavar="URL",
+            help="A web page that may read too, such as https://app.foxglove.dev; repeatable. Pages of other sites are "
+            "refused.",
+            show_default=False,
+        ),
+    ] = None,
 ) -> None:
     """Show the running bench, or a replay, in the viewer Foxglove until Ctrl-C.
 
@@ -33,7 +43,7 @@ def live(
 
     with contextlib.ExitStack() as stack:
         with working("starting the server"):
-            address = stack.enter_context(foxglove(port))
+            address = stack.enter_context(foxglove(port, origin or ()))
         out().print(f"address: {address}", soft_wrap=True)
         out().print(f"layout: {share_file('config/foxglove_layout.json')}", soft_wrap=True)
         notes().print("Ctrl-C ends it")

@@ -19,7 +19,7 @@ from gyrowheel_analysis.residuals.error_table import (
     Residuals,
 )
 from gyrowheel_core.quantities import number
-from gyrowheel_core.units import RPM, unit_for
+from gyrowheel_core.units import RPM
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,7 +33,7 @@ _MILLI = 1e-3
 _ROLES = {"fit": "fitted", "validation": "not used to fit"}
 _SAME_SPEED = 0.04  # relative
 _WIDE = 12.0  # range of sizes from which on an axis is logarithmic
-_LONG = 7  # letters of a name that needs two lines
+_NAMES = -0.62  # where the names of channels begin, in widths of the panel of sizes
 _WORTH_A_NUMBER = 1.3  # noise floors
 _CLEAR = 1.5  # noise floors that the error of a further channel must have to be drawn window by window
 _GAP = 2.0  # between two recordings in one panel [s]
@@ -183,7 +183,7 @@ def _size_panels(figure: Figure, error: ErrorTable, *, changed: bool) -> None:
     if error.validation_before is not None and error.validation_after is not None:
         floor = error.validation_noise_floor or error.noise_floor
         parts.append(("not used to fit", error.validation_before, error.validation_after, floor))
-    grid = figure.add_gridspec(len(parts), 1, left=0.675, right=0.98, top=0.815, bottom=0.1, hspace=0.42)
+    grid = figure.add_gridspec(len(parts), 1, left=0.775, right=0.98, top=0.815, bottom=0.1, hspace=0.36)
     sizes = [
         size
         for _, *rows, floor in parts
@@ -193,19 +193,20 @@ def _size_panels(figure: Figure, error: ErrorTable, *, changed: bool) -> None:
     ]
     largest = max(sizes, default=1.0)
     logarithmic = largest > _WIDE
-    low, high = (min(0.5, 0.8 * min(sizes)), largest * 2.5) if logarithmic else (0.0, max(1.2 * largest, 1.5))
+    low, high = (min(0.5, 0.8 * min(sizes)), largest * 3.5) if logarithmic else (0.0, max(1.3 * largest, 1.5))
     for index, (name, before, after, floor) in enumerate(parts):
         axes = figure.add_subplot(grid[index])
         change = f"χ²/N {_short(before.chi2_per_n)} → " if changed else "χ²/N "
         change += _short(after.chi2_per_n)
-        axes.set_title(f"RMS, {name}", pad=10)
+        axes.set_title(f"RMS, {name}", pad=10, x=_NAMES, ha="left")
         axes.set_title(change, pad=10, loc="right", fontsize=11.5, fontweight="normal", color=TICK)
         if logarithmic:
-            axes.set_yscale("log")
+            axes.set_xscale("log")
             axes.minorticks_off()
-        axes.set_ylim(low, high)
+        axes.set_xlim(low, high)
         _bars(axes, [(before, BEFORE), (after, AFTER)] if changed else [(after, AFTER)], floor, low)
-        axes.set_ylabel("noise floors")
+        if index == len(parts) - 1:
+            axes.set_xlabel("noise floors")
 
 
 def _in_floors(row: ErrorRow, floor: ErrorRow) -> dict[str, float]:
@@ -224,43 +225,53 @@ def _size(row: ErrorRow, name: str) -> float:
 
 def _bars(axes: Axes, rows: Sequence[tuple[ErrorRow, str]], floor: ErrorRow, low: float) -> None:
     names = list(_in_floors(rows[0][0], floor))
-    width = 0.4
+    height = 0.4
     for side, (row, colour) in enumerate(rows):
         for place, size in enumerate(_in_floors(row, floor).values()):
-            at = place + (side - 0.5 * (len(rows) - 1)) * (width + 0.02)
-            axes.bar(at, max(size - low, 0.0), width, bottom=low, color=colour, zorder=2)
+            at = place + (side - 0.5 * (len(rows) - 1)) * height
+            axes.barh(at, max(size - low, 0.0), height, left=low, color=colour, zorder=2)
             if size < _WORTH_A_NUMBER and side == 0 and len(rows) > 1:
                 continue  # what was noise before needs no number
-            # a label that would lie on the noise floor goes above it
-            hidden = 0.0 <= _height(axes, 1.0) - _height(axes, size) < 0.08
+            # a label that would lie on the noise floor goes beyond it
+            hidden = 0.0 <= _along(axes, 1.0) - _along(axes, size) < 0.15
             axes.annotate(
                 _short(size),
-                (at, 1.0 if hidden else max(size, low)),
-                xytext=(0, 4),
+                (1.0 if hidden else max(size, low), at),
+                xytext=(4, 0),
                 textcoords="offset points",
-                ha="center",
+                va="center_baseline",
                 fontsize=9.5,
                 color=colour,
                 fontweight="bold",
             )
-    axes.axhline(1.0, color=INK, linewidth=1.8, zorder=3)
-    labels = []
-    for name in names:
-        level = _size(floor, name)
-        unit, scale = unit_for(level, LISTED[name].unit)
-        title = LISTED[name].title
-        title = title.replace(" ", "\n") if len(title) > _LONG else title
-        labels.append(f"{title}\n{number(level / scale)}\n{unit}")
-    axes.set_xticks(range(len(names)), labels, fontsize=9.5)
-    axes.tick_params(axis="x", length=0)
-    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    axes.grid(axis="y", color=FAINT, linewidth=0.8)
+    axes.axvline(1.0, color=INK, linewidth=1.8, zorder=3)
+    axes.set_yticks(range(len(names)), [LISTED[name].title for name in names], fontsize=10)
+    for label in axes.get_yticklabels():
+        label.set_horizontalalignment("left")
+        label.set_x(_NAMES)
+    for place, name in enumerate(names):
+        scale, unit = _UNITS[LISTED[name].unit]
+        axes.annotate(
+            f"{number(_size(floor, name) / scale)} {unit}",
+            (0.0, place),
+            xytext=(-6, 0),
+            xycoords=("axes fraction", "data"),
+            textcoords="offset points",
+            ha="right",
+            va="center",
+            fontsize=9.5,
+            color=SOFT,
+        )
+    axes.invert_yaxis()
+    axes.tick_params(axis="y", length=0)
+    axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.grid(axis="x", color=FAINT, linewidth=0.8)
     axes.set_axisbelow(True)
 
 
-def _height(axes: Axes, value: float) -> float:
-    """Return where a value lies between bottom (0) and top (1) of a panel."""
-    return float((axes.transScale + axes.transLimits).transform((0.0, value))[1])
+def _along(axes: Axes, value: float) -> float:
+    """Return where a value lies between the left (0) and the right (1) of a panel."""
+    return float((axes.transScale + axes.transLimits).transform((value, 0.0))[0])
 
 
 def _legend(figure: Figure, *, changed: bool) -> None:
@@ -270,7 +281,7 @@ def _legend(figure: Figure, *, changed: bool) -> None:
     handles = [
         Line2D([], [], marker="D", linestyle="", color=AFTER, markersize=6.5, label="model after"),
         Patch(color=NOISE, alpha=0.45, linewidth=0.0, label="noise, ±1σ"),
-        Line2D([], [], color=INK, linewidth=1.8, label="noise floor (its size below)"),
+        Line2D([], [], color=INK, linewidth=1.8, label="noise floor (its size beside the name)"),
     ]
     if changed:
         before = Line2D([], [], marker="o", linestyle="", color=BEFORE, markersize=8, label="model before")

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from gyrowheel_analysis.add import Added as Details
-    from gyrowheel_analysis.diagnosis.diagnose import Estimate
+    from gyrowheel_analysis.diagnosis.result import Estimate
     from gyrowheel_analysis.residuals.error_table import ErrorTable
 
 
@@ -42,10 +42,10 @@ class Addition(Result):
     @property
     def notes(self) -> tuple[str, ...]:
         """Warnings, such as an effect that may not be real, and what happened in the middle of a recording."""
-        from gyrowheel.text.sentences.events import event_sentence
+        from gyrowheel.text.sentences.events import event_sentences
         from gyrowheel.text.sentences.fits import doubt_sentence
 
-        happened = [event_sentence(event, several=True) for event in self.details.events]
+        happened = event_sentences(self.details.events, several=True)
         return (*happened, *(doubt_sentence(doubt) for doubt in self.details.doubts))
 
     def __str__(self) -> str:

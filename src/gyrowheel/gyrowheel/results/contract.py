@@ -8,10 +8,11 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from gyrowheel.text.sentences.diagnosis import evidence, several, verdict_sentence
-from gyrowheel.text.sentences.events import event_sentence
+from gyrowheel.text.sentences.events import event_sentence, shape_sentence
 from gyrowheel.text.sentences.fits import calibration_notes
 from gyrowheel.text.sentences.instruments import instrument_sentence
 from gyrowheel.text.sentences.proof import proof_sentence
+from gyrowheel.text.sentences.readings import reading_sentence
 from gyrowheel.text.sentences.residuals import dependence_sentences, region_description, region_name
 from gyrowheel.text.sentences.setup import cure_of, map_lines, problem
 from gyrowheel_analysis.channels import LISTED, TORQUES
@@ -20,11 +21,12 @@ from gyrowheel_analysis.residuals.maps import maps_json
 if TYPE_CHECKING:
     from gyrowheel_analysis.calibrate import Calibration
     from gyrowheel_analysis.compare import Comparison
-    from gyrowheel_analysis.diagnosis.diagnose import Diagnosis, EffectFinding, Estimate, TieReport
     from gyrowheel_analysis.diagnosis.events import DatedEvent
     from gyrowheel_analysis.diagnosis.instruments import InstrumentFinding
     from gyrowheel_analysis.diagnosis.proof import Proof
+    from gyrowheel_analysis.diagnosis.result import Diagnosis, EffectFinding, Estimate, TieReport
     from gyrowheel_analysis.model import Override
+    from gyrowheel_analysis.reduction.not_as_stated import ReadingFindings
     from gyrowheel_analysis.residuals.regions import Region
     from gyrowheel_analysis.setups.cures import WrongSetup
 
@@ -44,10 +46,24 @@ def comparison_json(found: Comparison) -> dict[str, Any]:
         "tests": [test.to_json() for test in found.tests],
         "whiteness": [test.to_json() for test in found.whiteness],
         "maps": maps_json(found.maps),
+        "instruments": reading_json(found.readings),
         "recordings": found.recordings,
         "model": found.model,
         "coverage": found.coverage.to_json(),
     }
+
+
+def reading_json(found: ReadingFindings) -> list[dict[str, Any]]:
+    """Return what the samples show of the instruments as JSON objects."""
+    return [
+        {
+            **asdict(item),
+            "shown_by": "samples",
+            "sentence": reading_sentence(item),
+            "ties": [],
+        }
+        for item in found.found
+    ]
 
 
 def setup_json(found: Sequence[WrongSetup]) -> list[dict[str, Any]]:
@@ -78,6 +94,10 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         ],
         "events": [event_json(event, several=several(found)) for event in found.events],
         "drift": dict(found.drift_scales),
+        "drift_shapes": [
+            {**asdict(shape), "sentence": shape_sentence(shape, several=several(found))}
+            for shape in found.drift_shapes
+        ],
         "error": None if found.error is None else found.error.to_json(),
         "where": [_region(region) for region in found.where],
         "next_test": None
@@ -101,7 +121,10 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
             }
             for name, n in found.nuisance.items()
         },
-        "instruments": [_instrument(finding) for finding in found.instruments],
+        "instruments": [
+            *(_instrument(finding) for finding in found.instruments),
+            *reading_json(found.readings),
+        ],
         "detection_limits": [
             {
                 "effect": limit.effect,
@@ -201,6 +224,7 @@ def _instrument(finding: InstrumentFinding) -> dict[str, Any]:
         "stated": finding.stated,
         "unit": finding.unit,
         "delta_chi2": finding.delta_chi2,
+        "shown_by": "torques",
         "sentence": instrument_sentence(finding),
         "ties": _ties(finding.ties),
     }

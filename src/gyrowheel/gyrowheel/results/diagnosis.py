@@ -13,17 +13,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from rich.console import RenderableType
 
-    from gyrowheel_analysis.diagnosis.diagnose import (
-        DetectionLimit,
-        EffectFinding,
-        FreeForm,
-        NextTest,
-        Verdict,
-    )
-    from gyrowheel_analysis.diagnosis.diagnose import Diagnosis as Details
     from gyrowheel_analysis.diagnosis.events import DatedEvent
     from gyrowheel_analysis.diagnosis.instruments import InstrumentFinding
     from gyrowheel_analysis.diagnosis.proof import Proof
+    from gyrowheel_analysis.diagnosis.result import DetectionLimit, EffectFinding, FreeForm, NextTest, Verdict
+    from gyrowheel_analysis.diagnosis.result import Diagnosis as Details
+    from gyrowheel_analysis.reduction.not_as_stated import ReadingFinding
     from gyrowheel_analysis.residuals.error_table import ErrorTable
     from gyrowheel_analysis.residuals.regions import Region
     from gyrowheel_analysis.setups.cures import WrongSetup
@@ -36,7 +31,7 @@ class Diagnosis(Result):
 
     Attributes
     ----------
-    details : gyrowheel_analysis.diagnosis.diagnose.Diagnosis
+    details : gyrowheel_analysis.diagnosis.result.Diagnosis
         The result of the analysis package, in full.
     """
 
@@ -68,6 +63,11 @@ class Diagnosis(Result):
     def instruments(self) -> tuple[InstrumentFinding, ...]:
         """Instruments that are not as the bench states them: ``.channel``, ``.quantity``, ``.value``, ``.stated``."""
         return tuple(self.details.instruments)
+
+    @property
+    def readings(self) -> tuple[ReadingFinding, ...]:
+        """What the samples show of the instruments beside what is stated: hum, steps, jitter, rate of the clock."""
+        return self.details.readings.found
 
     @property
     def free_form(self) -> tuple[FreeForm, ...]:
@@ -174,7 +174,7 @@ class Diagnosis(Result):
 
     def to_columns(self) -> Mapping[str, Sequence[Any]]:
         """Return the findings as columns, one row for each coefficient; those of instruments in whole, as found."""
-        from gyrowheel_analysis.diagnosis.diagnose import Estimate
+        from gyrowheel_analysis.diagnosis.result import Estimate
 
         items = [(f.name, f.delta_chi2, f.coefficients) for f in self.effects]
         items += [(f.name, f.delta_chi2, f.coefficients) for f in self.free_form]

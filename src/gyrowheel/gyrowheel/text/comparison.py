@@ -14,6 +14,7 @@ from rich.text import Text
 from gyrowheel.text.errors import unit_of
 from gyrowheel.text.layout import figures_table, heading, sentences, words_table
 from gyrowheel.text.quantities import decimal, fixed
+from gyrowheel.text.sentences.readings import reading_sentence, untold_sentences
 from gyrowheel.text.sentences.residuals import dependence_sentences, region_description, region_name
 from gyrowheel.text.variables import TITLES
 from gyrowheel_analysis.channels import CHANNELS, LISTED
@@ -23,6 +24,7 @@ from gyrowheel_core.units import DEG, RPM, unit_for
 if TYPE_CHECKING:
     from gyrowheel_analysis.compare import Comparison
     from gyrowheel_analysis.reduction import Coverage
+    from gyrowheel_analysis.reduction.not_as_stated import ReadingFindings
     from gyrowheel_analysis.residuals.dependence import PartDependence
     from gyrowheel_analysis.residuals.maps import ResidualMap, Span
     from gyrowheel_analysis.residuals.regions import Region
@@ -61,6 +63,7 @@ def comparison(result: Comparison, maps: Iterable[ResidualMap] | None = None) ->
     yield channel_table(result)
     yield Text(_LEGEND, style="dim")
     yield from coverage(result.coverage)
+    yield from readings(result.readings)
     failing = fails(result)
     yield from failures(result.where, result.dependence, failing=failing)
     for each in [m for m in result.maps if m.over == DEFAULT and failing] if maps is None else maps:
@@ -70,6 +73,15 @@ def comparison(result: Comparison, maps: Iterable[ResidualMap] | None = None) ->
 def coverage(found: Coverage) -> Iterator[RenderableType]:
     """Yield how much of the recordings takes part; in yellow if it is not nearly all of their steady motion."""
     yield Text(f"{found.sentence()}.", style="dim" if found.complete else "yellow")
+
+
+def readings(found: ReadingFindings) -> Iterator[RenderableType]:
+    """Yield what the samples themselves show of the instruments beside what is stated."""
+    if found.found:
+        yield heading("Instruments, by the samples themselves")
+        yield from sentences([reading_sentence(item) for item in found.found])
+    for text in untold_sentences(found):
+        yield Text(text, style="dim")
 
 
 def channel_table(result: Comparison) -> Table:

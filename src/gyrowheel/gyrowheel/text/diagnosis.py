@@ -11,7 +11,7 @@ from rich.padding import Padding
 from rich.panel import Panel
 from rich.text import Text
 
-from gyrowheel.text.comparison import coverage, failures
+from gyrowheel.text.comparison import coverage, failures, readings
 from gyrowheel.text.errors import error_table
 from gyrowheel.text.formulas import pretty
 from gyrowheel.text.layout import Unbroken, command, heading, sentences, words_table
@@ -31,13 +31,8 @@ from gyrowheel.text.sentences.proof import proof_line
 from gyrowheel.text.sentences.setup import cure, map_lines, problem
 
 if TYPE_CHECKING:
-    from gyrowheel_analysis.diagnosis.diagnose import (
-        DetectionLimit,
-        Diagnosis,
-        EffectFinding,
-        FreeForm,
-    )
     from gyrowheel_analysis.diagnosis.instruments import InstrumentFinding
+    from gyrowheel_analysis.diagnosis.result import DetectionLimit, Diagnosis, EffectFinding, FreeForm
     from gyrowheel_analysis.setups.cures import WrongSetup
 
 _COLOURS = {
@@ -77,6 +72,7 @@ def diagnosis(
     yield from error_section(result)
     if not result.coverage.complete:
         yield from coverage(result.coverage)
+    yield from readings(result.readings)
     yield from _moved(result.nuisance)
     yield from detection_limits(result.detection_limits)
     if parts:

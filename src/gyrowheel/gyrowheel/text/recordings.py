@@ -10,10 +10,12 @@ from rich.console import RenderableType
 from rich.padding import Padding
 
 from gyrowheel.text.layout import Unbroken, figures_table, heading, sentences, words_table
+from gyrowheel_analysis.recording.publishers import surplus
 from gyrowheel_core.units import DEG, RPM
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.recording.info import RecordingInfo
+    from gyrowheel_analysis.recording.publishers import Publisher
     from gyrowheel_analysis.recording.reader import Integrity
     from gyrowheel_analysis.recording.salvage import Loss, Salvaged
 
@@ -32,6 +34,8 @@ def info_page(found: RecordingInfo) -> Iterator[RenderableType]:
         "duration", f"{found.duration:.2f} s, {found.integrity.samples} samples at {found.rate:.1f} Hz"
     )
     facts.add_row("samples", integrity_text(found.integrity))
+    for topic, several in surplus(found.publishers).items():
+        facts.add_row("publishers", f"{topic} had {len(several)}: {', '.join(map(_publisher, several))}")
     if found.unchecked:
         facts.add_row("checksums", _unchecked(found.unchecked))
     facts.add_row("spin rate", f"{_range(found.spin_rate, RPM)} rpm")
@@ -81,6 +85,10 @@ def integrity_text(found: Integrity, whole: str = "") -> str:
         "not finite": found.not_finite,
     }
     text = ", ".join(f"{n} {what}" for what, n in counts.items() if n) or whole or "complete"
+    if found.stalls:
+        stalls = ", ".join(f"{length:.3f} s at {at:.1f} s" for at, length in found.stalls[:_MOST_GAPS])
+        more = f", and {len(found.stalls) - _MOST_GAPS} times more" if len(found.stalls) > _MOST_GAPS else ""
+        text += f"; the bench stood still {stalls}{more}"
     if not found.gaps:
         return text
     gaps = ", ".join(f"{n} from {first}" for first, n in found.gaps[:_MOST_GAPS])
@@ -96,6 +104,11 @@ def _topics(counts: Mapping[str, int]) -> Iterator[RenderableType]:
     for name, count in counts.items():
         table.add_row(name, str(count))
     yield Padding(table, _INDENT)
+
+
+def _publisher(found: Publisher) -> str:
+    count = "" if found.messages is None else f" {found.messages} messages"
+    return f"{found.node or 'an unknown node'}{count} (GID {found.gid or 'unknown'})"
 
 
 def _unchecked(count: int) -> str:

@@ -13,7 +13,7 @@ from gyrowheel.text.quantities import is_pure, quantity, with_error
 from gyrowheel_sim.effects import EffectValues, registry
 
 if TYPE_CHECKING:
-    from gyrowheel_analysis.diagnosis.diagnose import DetectionLimit, Diagnosis, Estimate
+    from gyrowheel_analysis.diagnosis.result import DetectionLimit, Diagnosis, Estimate
 
 
 def truth_table(truth: EffectValues, diagnosis: Diagnosis) -> RenderableType:

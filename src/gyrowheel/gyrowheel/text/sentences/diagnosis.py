@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from gyrowheel.text.quantities import is_pure, quantity
-from gyrowheel.text.sentences.events import drift_sentence, event_sentence
+from gyrowheel.text.sentences.events import drift_sentence, event_sentences, shape_sentence
 from gyrowheel.text.sentences.forms import form_sentence
 from gyrowheel.text.sentences.instruments import instrument_sentence
 from gyrowheel.text.sentences.residuals import growth_sentence
@@ -14,8 +14,8 @@ from gyrowheel.text.sentences.setup import problem
 from gyrowheel_core.quantities import listed
 
 if TYPE_CHECKING:
-    from gyrowheel_analysis.diagnosis.diagnose import Diagnosis, EffectFinding, NextTest, TieReport
     from gyrowheel_analysis.diagnosis.limits import Beyond
+    from gyrowheel_analysis.diagnosis.result import Diagnosis, EffectFinding, NextTest, TieReport
 
 _ERROR_TITLES = {
     "stiffness_error": "flexure stiffness differs from the bench file",
@@ -49,12 +49,14 @@ def physics(finding: EffectFinding) -> str:
 def verdict_sentence(found: Diagnosis) -> str:
     """Return the verdict in plain words; the same in terminal, notebook, pictures and JSON.
 
-    What is impossible or far from usual comes first, then what happened in the middle of a recording; what its drifts
-    are comes last.
+    What is impossible or far from usual comes first, then what happened in the middle of a recording and what shape its
+    drifts have; how large drifts without a shape are comes last.
     """
     said = [beyond_sentence(item) for item in found.beyond]
-    said += [event_sentence(event, several=several(found)) for event in found.events]
-    return " ".join(filter(None, [*said, _verdict(found), drift_sentence(found.drift_scales)]))
+    said += event_sentences(found.events, several=several(found))
+    said += [shape_sentence(shape, several=several(found)) for shape in found.drift_shapes]
+    drift = drift_sentence(found.drift_scales, shaped=bool(found.drift_shapes or found.events))
+    return " ".join(filter(None, [*said, _verdict(found), drift]))
 
 
 def beyond_sentence(item: Beyond) -> str:

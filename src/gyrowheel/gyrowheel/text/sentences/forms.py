@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from gyrowheel.text.quantities import decimal, with_error
 
 if TYPE_CHECKING:
-    from gyrowheel_analysis.diagnosis.diagnose import FreeForm
+    from gyrowheel_analysis.diagnosis.result import FreeForm
 
 _EXPONENT = re.compile(r"\^([kq])\b")
 

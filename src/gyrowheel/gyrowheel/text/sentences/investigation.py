@@ -13,7 +13,7 @@ from gyrowheel_core.quantities import listed
 
 if TYPE_CHECKING:
     from gyrowheel.investigation import Investigation
-    from gyrowheel_analysis.diagnosis.diagnose import Diagnosis, EffectFinding
+    from gyrowheel_analysis.diagnosis.result import Diagnosis, EffectFinding
 
 
 def learned(found: Diagnosis, ruled_out: Sequence[str]) -> list[str]:

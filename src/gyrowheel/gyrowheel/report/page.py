@@ -1,0 +1,183 @@
+"""The page of a report: its sections set into the template, or as Markdown."""
+
+from __future__ import annotations
+
+import functools
+import re
+from importlib import resources
+from typing import TYPE_CHECKING, Any
+
+from markupsafe import Markup
+
+from gyrowheel.files import REPORT_MARKS
+from gyrowheel.report import sections
+from gyrowheel.report.cells import Cells
+from gyrowheel.report.pictures import Picture, picture
+from gyrowheel.text.layout import plain_text
+from gyrowheel.text.sentences.setup import cure_of, map_lines, problem
+
+if TYPE_CHECKING:
+    import jinja2
+
+    from gyrowheel.report.report import Report
+
+_OWN = "gyrowheel.report"
+_WIDTH = 100  # letters of a line in Markdown
+
+
+@functools.cache
+def environment(package: str = "gyrowheel.report") -> jinja2.Environment:
+    """Return what reads the templates of a package, and those of the report; whatever is put into them is escaped."""
+    import jinja2
+
+    return jinja2.Environment(
+        loader=jinja2.ChoiceLoader(
+            [jinja2.FunctionLoader(functools.partial(_text, own)) for own in dict.fromkeys((package, _OWN))]
+        ),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+
+def style_sheet() -> Markup:
+    """Return the style of all pages: the report and the workbench look alike."""
+    return Markup(_text(_OWN, "page.css"))
+
+
+def _text(package: str, name: str) -> str | None:
+    file = resources.files(package).joinpath("files", name)
+    return file.read_text(encoding="utf-8") if file.is_file() else None
+
+
+def html_page(report: Report) -> str:
+    """Return a report as a page of HTML."""
+    return environment().get_template("report.html").render(_parts(report))
+
+
+def _parts(report: Report) -> dict[str, Any]:
+    found, cells = report.diagnosis.details, Cells(report.to_dict())
+    limits = sections.limits(found, cells)
+    return {
+        "style": style_sheet(),
+        "mark": Markup(REPORT_MARKS[0]),
+        "title": report.title,
+        "summary": cells.words("diagnosis.summary"),
+        "mood": sections.MOOD[found.verdict],
+        "verdict": found.verdict.replace("_", " "),
+        "proof": _proof(report, cells),
+        "names": [recording.name for recording in report.fitted],
+        "unused": [recording.name for recording in report.unused],
+        "made": report.made,
+        "setup": [
+            {
+                "recording": item.recording,
+                "problem": problem(item),
+                "cure": cure_of(item, found.setup),
+                "lines": map_lines(item),
+            }
+            for item in found.setup
+        ],
+        "findings": sections.findings(found, cells),
+        "instruments": sections.instruments(found, cells),
+        "forms": sections.forms(found, cells),
+        "events": sections.events(found),
+        "next_test": sections.next_test(found, cells),
+        "next_command": report.next_command,
+        "error": sections.error_rows(
+            cells, "diagnosis.error" if report.addition is None else "addition.error"
+        ),
+        "error_picture": _error_picture(report),
+        "regions": sections.regions(cells),
+        "where_picture": _where_picture(report),
+        "moved": sections.moved(found, cells),
+        "limits": {
+            group: [row for row in limits if row["group"] == group] for group in ("hidden", "partly", "seen")
+        },
+        "model": report.latest,
+        "model_effects": sections.model_effects(report.latest, cells),
+        "model_parameters": sections.model_parameters(report.latest, cells),
+        "references": report.latest.stated_bench.references,
+        "history": sections.history(report.latest, cells),
+        "recordings": [
+            own | {"picture": picture(recording.plot, f"What was measured in {recording.name} over time")}
+            for recording, own in zip(
+                report.recordings, sections.recordings(report.recordings, cells), strict=True
+            )
+        ],
+        "commands": report.commands,
+        "versions": cells.at("versions"),
+        "json": Markup(report.embedded()),
+    }
+
+
+def _proof(report: Report, cells: Cells) -> dict[str, Any] | None:
+    if report.addition is not None and report.addition.details.proof is not None:
+        proven, place = report.addition.details.proof.proven, "addition.proof.reason"
+    elif report.diagnosis.proof is not None:
+        proven, place = report.diagnosis.proof.proven, "diagnosis.proof.reason"
+    else:
+        return None
+    return {"mood": "open" if proven is None else "good" if proven else "bad", "words": cells.words(place)}
+
+
+def _error_picture(report: Report) -> Picture | None:
+    if report.diagnosis.error is None:
+        return None
+    return picture(
+        report.figure,
+        "The residual of every window before and after, and its size in noise floors by channel",
+    )
+
+
+def _where_picture(report: Report) -> Picture | None:
+    if report.comparison is None:
+        return None
+    return picture(
+        report.comparison.plot,
+        "The residual torque of the coils in the plane of the tilt, and χ²/N of every channel over each variable",
+    )
+
+
+def markdown_page(report: Report) -> str:
+    """Return a report as Markdown: the words and tables of the terminal, recordings with hashes, commands."""
+    from gyrowheel.text.bench import bench_page
+    from gyrowheel.text.diagnosis import diagnosis
+    from gyrowheel.text.models import model_page
+
+    def block(text: str) -> str:
+        fence = "`" * max(
+            3, *(len(run) + 1 for run in re.findall("`+", text)), 3
+        )  # what is within cannot end it
+        return f"{fence}\n{text}\n{fence}\n"
+
+    content = report.to_dict()
+    lines = [
+        REPORT_MARKS[1],
+        f"# {report.title}\n",
+        f"Made {report.made} from {', '.join(r.name for r in report.fitted)}.\n",
+    ]
+    lines += ["## Result\n", block(plain_text(diagnosis(report.diagnosis.details), _WIDTH).strip("\n"))]
+    if report.addition is not None:
+        lines += ["## Added\n", block(plain_text(report.addition._page(), _WIDTH).strip("\n"))]
+    lines += [
+        "## Model\n",
+        block(plain_text(model_page(report.latest.details, report.latest.origin), _WIDTH)),
+    ]
+    lines += [block(plain_text(bench_page(report.latest.stated_bench), _WIDTH))]
+    lines += ["## Recordings\n", "| recording | use | file | bytes | sha256 |", "|---|---|---|---|---|"]
+    for recording, own in zip(report.recordings, content["recordings"], strict=True):
+        lines += [
+            f"| {_cell(recording.name)} | {own['role']} | {_cell(file['name'])} | {file['size']} | `{file['sha256']}` |"
+            for file in own["files"]
+        ]
+    lines += ["\n## Commands\n", block("\n".join(report.commands))]
+    if report.next_command:
+        lines += ["Next:\n", block(report.next_command)]
+    versions = ", ".join(f"{name} {number}" for name, number in content["versions"].items())
+    return "\n".join([*lines, f"Versions: {versions}.\n"])
+
+
+def _cell(text: str) -> str:
+    return text.replace("\\", "\\\\").replace("|", "\\|").replace("<", "&lt;")

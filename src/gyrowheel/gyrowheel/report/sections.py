@@ -1,0 +1,350 @@
+"""What the sections of a report say, ready for the page: sentences, rows of tables, strips of the detection limits."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from gyrowheel.report.cells import Cells, declared, label
+from gyrowheel.text.errors import unit_of
+from gyrowheel.text.formulas import pretty
+from gyrowheel.text.quantities import is_pure
+from gyrowheel.text.recordings import integrity_text
+from gyrowheel.text.sentences.diagnosis import physics, purpose, tie_sentence, title
+from gyrowheel.text.sentences.events import tie_of_event
+from gyrowheel_analysis.channels import LISTED
+from gyrowheel_core.quantities import short
+from gyrowheel_core.units import DEG, RPM, Unit, unit_for
+
+if TYPE_CHECKING:
+    from gyrowheel.model import Model
+    from gyrowheel.recording import Recording
+    from gyrowheel_analysis.diagnosis.result import DetectionLimit, Diagnosis
+
+_PLAIN = Unit("", 1.0)
+_MEGABYTE = Unit("MB", 1e6)
+_FALLEN = 1.3  # noise floors that count as having come down to it
+_DECADES = 1.0  # to both sides of a detection limit that its strip shows
+_MOVED = 1.0  # stated uncertainties
+#: Colour of a verdict.
+MOOD = {
+    "nothing_missing": "good",
+    "effect": "found",
+    "ambiguous": "found",
+    "unknown": "bad",
+    "insufficient_data": "open",
+}
+
+
+def findings(found: Diagnosis, cells: Cells) -> list[dict[str, Any]]:
+    """Return the effects that are missing: title, law, coefficients, evidence, ties."""
+    items = []
+    for k, effect in enumerate(found.effects):
+        place = f"diagnosis.effects.{k}"
+        rows = []
+        for name, estimate in effect.coefficients.items():
+            at, pure = f"{place}.coefficients.{name}", is_pure(effect.name, name)
+            model = ""
+            if effect.in_model is not None:
+                model = cells.estimate(f"{place}.in_model.{name}", estimate.unit, pure=pure)
+            rows.append(
+                {
+                    "name": name,
+                    "value": cells.estimate(at, estimate.unit, pure=pure),
+                    "interval": cells.interval(at, estimate.unit, pure=pure),
+                    "model": model,
+                }
+            )
+        items.append(
+            {
+                "name": effect.name,
+                "title": title(effect),
+                "physics": physics(effect),
+                "law": cells.shown(f"{place}.formula", pretty(effect.formula), "pretty"),
+                "rows": rows,
+                "in_model": effect.in_model is not None,
+                "evidence": [
+                    cells.words(f"{place}.evidence.{n}") for n in range(len(cells.at(f"{place}.evidence")))
+                ],
+                "ties": [
+                    cells.shown(f"{place}.ties.{n}", tie_sentence(tie), "tie")
+                    for n, tie in enumerate(effect.ties)
+                ],
+            }
+        )
+    return items
+
+
+def instruments(found: Diagnosis, cells: Cells) -> list[dict[str, Any]]:
+    """Return the instruments that are not as stated."""
+    numbered = list(enumerate(found.instruments))
+    return [
+        {
+            "name": name,
+            "title": own[0][1].title,
+            "physics": own[0][1].sentence,
+            "said": [cells.words(f"diagnosis.instruments.{k}.sentence") for k, _ in own],
+            "delta": cells.number(
+                f"diagnosis.instruments.{own[0][0]}.delta_chi2", _PLAIN, lambda v: f"{v:.0f}"
+            ),
+            "ties": [
+                cells.shown(f"diagnosis.instruments.{own[0][0]}.ties.{n}", tie_sentence(tie), "tie")
+                for n, tie in enumerate(own[0][1].ties)
+            ],
+        }
+        for name, group in itertools.groupby(numbered, lambda item: item[1].name)
+        for own in [list(group)]
+    ]
+
+
+def forms(found: Diagnosis, cells: Cells) -> list[dict[str, Any]]:
+    """Return the proposed formulas."""
+    items = []
+    for k, form in enumerate(found.free_form):
+        place = f"diagnosis.free_form.{k}"
+        rows = [
+            {"name": name, "value": cells.estimate(f"{place}.coefficients.{name}", e.unit, pure=True)}
+            for name, e in form.coefficients.items()
+        ]
+        items.append(
+            {
+                "name": form.name or "proposed form",
+                "law": cells.shown(f"{place}.formula", pretty(form.formula), "pretty"),
+                "rows": rows,
+                "delta": cells.number(f"{place}.delta_chi2", _PLAIN, lambda v: f"{v:.0f}"),
+            }
+        )
+    return items
+
+
+def events(found: Diagnosis) -> list[str]:
+    """Return what happened in the middle of a recording beyond what the verdict says."""
+    return [text for text in map(tie_of_event, found.events) if text]
+
+
+def next_test(found: Diagnosis, cells: Cells) -> dict[str, Any] | None:
+    """Return the test to run next."""
+    if found.next_test is None:
+        return None
+    return {
+        "settles": found.verdict not in ("nothing_missing", "effect"),
+        "plan": found.next_test.plan,
+        "minutes": cells.number("diagnosis.next_test.minutes", _PLAIN, lambda v: f"{v:.1f}"),
+        "separation": cells.number("diagnosis.next_test.expected_separation", _PLAIN, lambda v: f"{v:.0f}"),
+        "purpose": purpose(found.next_test),
+    }
+
+
+def error_rows(cells: Cells, place: str) -> dict[str, Any] | None:
+    """Return the table of errors at a place of the JSON: before, after and noise, fitted and validation."""
+    error = cells.at(place)
+    if error is None:
+        return None
+    parts = [("fitted", "before", "after", "noise_floor")]
+    if error["validation_after"] is not None:
+        floor = "validation_noise_floor" if error["validation_noise_floor"] is not None else "noise_floor"
+        parts.append(("not used to fit", "validation_before", "validation_after", floor))
+    names = [name for name in LISTED if all(_where(error[key], name) for part in parts for key in part[1:])]
+
+    def field(key: str, name: str) -> str:
+        return f"{place}.{key}.{_where(error[key], name)}"
+
+    units = unit_of({name: cells.at(field("noise_floor", name)) for name in names})
+    rows = []
+    for name in names:
+        row = []
+        for _, before, after, floor in parts:
+            own = error[after]["channels"].get(name)
+            size, noise = (cells.at(field(key, name)) for key in (after, floor))
+            left = math.sqrt(own["chi2_per_n"]) if own is not None else size / (noise or 1.0)
+            row.append(
+                {
+                    "before": cells.number(field(before, name), units[name]),
+                    "after": cells.number(field(after, name), units[name]),
+                    "noise": cells.number(field(floor, name), units[name]),
+                    "good": left <= _FALLEN,
+                }
+            )
+        rows.append({"name": LISTED[name].title, "unit": units[name].label, "parts": row})
+    chi2 = [
+        {
+            "before": cells.number(f"{place}.{before}.chi2_per_n", _PLAIN),
+            "after": cells.number(f"{place}.{after}.chi2_per_n", _PLAIN),
+        }
+        for _, before, after, _ in parts
+    ]
+    return {"parts": [part[0] for part in parts], "rows": rows, "chi2": chi2}
+
+
+def _where(row: Mapping[str, Any], name: str) -> str:
+    """Return where a row has the error of a channel; empty if nowhere."""
+    if name in row["rms"]:
+        return f"rms.{name}"
+    return f"channels.{name}.rms" if name in row["channels"] else ""
+
+
+def regions(cells: Cells) -> list[dict[str, Any]]:
+    """Return where the model fails."""
+    return [
+        {
+            "share": cells.percent(f"diagnosis.where.{k}.share_of_chi2"),
+            "region": cells.words(f"diagnosis.where.{k}.region"),
+            "description": cells.words(f"diagnosis.where.{k}.description"),
+        }
+        for k in range(len(cells.at("diagnosis.where")))
+    ]
+
+
+def moved(found: Diagnosis, cells: Cells) -> list[dict[str, Any]]:
+    """Return the bench parameters that moved by more than their stated uncertainty."""
+    return [
+        {
+            "name": name,
+            "fitted": cells.estimate(f"diagnosis.nuisance.{name}", n.unit, pure=True),
+            "stated": cells.estimate(
+                f"diagnosis.nuisance.{name}", n.unit, pure=True, keys=("prior_value", "prior_uncertainty")
+            ),
+        }
+        for name, n in found.nuisance.items()
+        if n.prior_uncertainty > 0.0 and abs(n.pull) > _MOVED
+    ]
+
+
+def limits(found: Diagnosis, cells: Cells) -> list[dict[str, Any]]:
+    """Return the detection limits, those that hide most first; each with a strip of its usual sizes."""
+    rows = []
+    for k, limit in enumerate(found.detection_limits):
+        finite = math.isfinite(limit.value)
+        group = "hidden" if not limit.visible else "partly" if limit.value > limit.usual[0] else "seen"
+        unit = unit_for(max(abs(v) for v in limit.usual), limit.unit)
+        rows.append(
+            {
+                "group": group,
+                "effect": limit.effect,
+                "coefficient": limit.coefficient,
+                "title": limit.title,
+                "limit": cells.quantity(f"diagnosis.detection_limits.{k}.value", limit.unit)
+                if finite
+                else "never",
+                "usual": (declared(limit.usual[0], unit), declared(limit.usual[1], unit), label(unit)),
+                "strip": _strip(limit) if finite else None,
+                "order": limit.value / limit.usual[1],
+            }
+        )
+    return sorted(rows, key=lambda row: -row["order"])
+
+
+def _strip(limit: DetectionLimit) -> dict[str, float]:
+    """Return where the band of the usual sizes lies in a strip with the limit in its middle [per cent of its width]."""
+
+    def place(value: float) -> float:
+        decades = math.log10(value / limit.value) if value > 0.0 else -_DECADES
+        return 50.0 * (1.0 + min(max(decades / _DECADES, -1.0), 1.0))
+
+    low, high = (place(value) for value in limit.usual)
+    return {"left": round(low, 1), "width": round(max(high - low, 1.0), 1)}
+
+
+def model_effects(model: Model, cells: Cells) -> list[dict[str, Any]]:
+    """Return the effects of the model: law and coefficients with their sources."""
+    library = model.details.library
+    return [
+        {
+            "name": name,
+            "title": library[name].title,
+            "law": pretty(library[name].formula),
+            "source": library[name].source,
+            "rows": [
+                {
+                    "name": c.name,
+                    "about": c.description,
+                    "value": cells.estimate(
+                        f"model.content.effects.{name}.{c.name}", c.unit, pure=c.shape is not None
+                    ),
+                }
+                for c in library[name].coefficients
+                if c.name in values
+            ],
+        }
+        for name, values in model.effects.items()
+    ]
+
+
+def model_parameters(model: Model, cells: Cells) -> list[dict[str, Any]]:
+    """Return every parameter of the bench: as stated with its source, and as fitted."""
+    return [
+        {
+            "name": name,
+            "stated": cells.estimate(f"model.bench.{name}", p.unit, pure=True),
+            "fitted": cells.estimate(f"model.content.overrides.{name}", p.unit, pure=True)
+            if name in model.parameters
+            else "",
+            "source": p.source,
+        }
+        for name, p in model.stated_bench.parameters.items()
+    ]
+
+
+def history(model: Model, cells: Cells) -> list[dict[str, Any]]:
+    """Return the changes of the model, oldest first."""
+    return [
+        {
+            "time": str(entry.get("time", "")).replace("T", " ").removesuffix("+00:00"),
+            "what": str(entry.get("what", "")),
+            "fit": _names(entry.get("fit")),
+            "validate": _names(entry.get("validate")),
+            "fall": [
+                [cells.number(f"{place}.{key}.chi2_per_n", _PLAIN) for key in pair]
+                for place in [f"model.content.history.{k}.error"]
+                for pair in (("before", "after"), ("validation_before", "validation_after"))
+                if all(_has_chi2(entry.get("error"), key) for key in pair)
+            ],
+        }
+        for k, entry in enumerate(model.history)
+    ]
+
+
+def _has_chi2(error: Any, key: str) -> bool:
+    row = error.get(key) if isinstance(error, Mapping) else None
+    return isinstance(row, Mapping) and isinstance(row.get("chi2_per_n"), float)
+
+
+def _names(paths: Any) -> str:
+    return ", ".join(Path(str(path)).name for path in paths) if isinstance(paths, Sequence) else ""
+
+
+def recordings(given: Sequence[Recording], cells: Cells) -> Iterator[dict[str, Any]]:
+    """Yield what each recording is: length, samples, speeds, tilts, files with their hashes."""
+    for k, recording in enumerate(given):
+        place, info = f"recordings.{k}", recording.info
+        yield {
+            "name": recording.name,
+            "path": str(recording.path),
+            "role": cells.at(f"{place}.role"),
+            "bench": info.bench or "not stated",
+            "machine": info.machine or "not stated",
+            "duration": cells.number(f"{place}.info.duration", _PLAIN, lambda v: f"{v:.2f}"),
+            "samples": cells.number(f"{place}.info.integrity.samples", _PLAIN, lambda v: f"{v:.0f}"),
+            "rate": cells.number(f"{place}.info.rate", _PLAIN, lambda v: f"{v:.1f}"),
+            "complete": integrity_text(info.integrity),
+            "speeds": [
+                cells.number(f"{place}.info.spin_rate.{n}", Unit("rpm", RPM), lambda v: f"{v:.0f}")
+                for n in (0, 1)
+            ],
+            "tilts": [
+                cells.number(f"{place}.info.tilt.{n}", Unit("°", DEG), lambda v: f"{v:.2f}") for n in (0, 1)
+            ],
+            "holds": len(info.holds),
+            "rigs": ", ".join(info.rigs),
+            "files": [
+                {
+                    "name": file["name"],
+                    "size": cells.number(f"{place}.files.{n}.size", _MEGABYTE, lambda v: short(v, 3)),
+                    "sha256": file["sha256"],
+                }
+                for n, file in enumerate(cells.at(f"{place}.files"))
+            ],
+        }

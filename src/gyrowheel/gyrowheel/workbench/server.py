@@ -1,0 +1,341 @@
+"""The server of the workbench: a page, its state, its signals, and what a user may do; on tornado."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import threading
+from collections.abc import AsyncIterator, Callable
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from tornado.httpserver import HTTPServer
+from tornado.iostream import StreamClosedError
+from tornado.netutil import bind_sockets
+from tornado.web import Application, HTTPError, RequestHandler
+
+from gyrowheel.commands import diagnosing, following
+from gyrowheel.report.page import style_sheet
+from gyrowheel.report.report import Report
+from gyrowheel.workbench import views
+from gyrowheel.workbench.desk import Desk
+from gyrowheel.workbench.gate import COOKIE, Gate
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.files import json_text
+
+_LARGEST = 1 << 20  # request [bytes]
+_BEAT = 15.0  # seconds between signs of life to a waiting page
+_PARTING = 0.1  # seconds in which waiting pages are told that it ends
+_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
+    "connect-src 'self'; font-src 'self' data:; form-action 'self'; frame-ancestors 'none'; base-uri 'none'"
+)
+_HEADERS = {
+    "Content-Security-Policy": _POLICY,
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+#: Scripts of the library of pictures, which its package holds.
+_LIBRARY = ("bokeh.min.js", "bokeh-api.min.js")
+
+
+class _Guarded(RequestHandler):
+    """A request that has passed the gate."""
+
+    desk: Desk
+    gate: Gate
+
+    def initialize(self, desk: Desk, gate: Gate) -> None:
+        self.desk, self.gate = desk, gate
+
+    def set_default_headers(self) -> None:
+        for name, value in _HEADERS.items():
+            self.set_header(name, value)
+        self.clear_header("Server")
+
+    def prepare(self) -> None:
+        if why := self.gate.refusal(self.request.headers):
+            self.set_status(403)
+            self.finish({"error": why})
+        elif not self.open_to_all and not self.gate.knows(self.get_cookie(COOKIE)):
+            self.refuse_stranger()
+
+    open_to_all = False
+
+    def refuse_stranger(self) -> None:
+        """Answer a browser that has no token."""
+        self.set_status(401)
+        self.finish({"error": "the token is missing: open the page and give it there"})
+
+    def write_error(self, status_code: int, **given: Any) -> None:
+        """Answer with a sentence, and no traceback."""
+        error = given.get("exc_info", (None, None))[1]
+        if isinstance(error, InputError):
+            self.set_status(422)
+            self.finish({"error": str(error)})
+        else:
+            self.finish({"error": self._reason})
+
+    def log_exception(self, kind: Any, value: Any, trace: Any) -> None:
+        """Leave what the user is told of out of the log."""
+        if not isinstance(value, InputError | HTTPError):
+            super().log_exception(kind, value, trace)
+
+    def put_json(self, content: Any) -> None:
+        """Answer with JSON."""
+        self.set_header("Content-Type", "application/json; charset=utf-8")
+        self.finish(json_text(content))
+
+
+class _Page(_Guarded):
+    def refuse_stranger(self) -> None:
+        self.set_status(401)
+        self.finish(views.login("This workbench asks for its token, which the terminal shows."))
+
+    def get(self) -> None:
+        self.finish(views.page())
+
+
+class _Login(_Guarded):
+    open_to_all = True
+
+    def post(self) -> None:
+        token = self.get_body_argument("token", "")
+        if not self.gate.knows(token):
+            self.set_status(401)
+            self.finish(views.login("That is not the token."))
+            return
+        self.set_cookie(COOKIE, token, httponly=True, samesite="Strict")
+        self.redirect("/", status=303)
+
+
+class _State(_Guarded):
+    def get(self) -> None:
+        self.put_json(views.state(self.desk))
+
+
+class _Events(_Guarded):
+    """Tells a page of every change, by the number of the state."""
+
+    async def get(self) -> None:
+        self.set_header("Content-Type", "text/event-stream")
+        loop, changed = asyncio.get_running_loop(), asyncio.Event()
+
+        def tell() -> None:
+            loop.call_soon_threadsafe(changed.set)
+
+        end = self.desk.watch(tell)
+        try:
+            async for _ in _beats(changed):
+                if self.desk.closed:
+                    return
+                self.write(f"data: {self.desk.version}\n\n")
+                await self.flush()
+        except StreamClosedError:
+            pass
+        finally:
+            end()
+
+
+async def _beats(changed: asyncio.Event) -> AsyncIterator[None]:
+    yield
+    while True:
+        try:
+            await asyncio.wait_for(changed.wait(), _BEAT)
+            changed.clear()
+        except TimeoutError:
+            pass
+        yield
+
+
+class _Signal(_Guarded):
+    def get(self) -> None:
+        begin, end = (self._number(name) for name in ("from", "until"))
+        content = views.signal(
+            self.desk, self.get_query_argument("key"), begin, end, int(self._number("points"))
+        )
+        self.set_header("Content-Type", "application/octet-stream")
+        self.finish(content)
+
+    def _number(self, name: str) -> float:
+        text = self.get_query_argument(name)
+        try:
+            return float(text)
+        except ValueError:
+            raise InputError(f"{name}: {text[:40]!r} is no number") from None
+
+
+class _Report(_Guarded):
+    """The report on what is on the desk, to keep."""
+
+    async def get(self) -> None:
+        step = self.desk.step
+        if step.diagnosis is None:
+            raise InputError("report: nothing is diagnosed yet")
+        fitted, unused = self.desk.used("fitted"), self.desk.used("not used to fit")
+        file = self.desk.file or Path("wheel.yaml")
+        paths, held = ([recording.path for recording in own] for own in (fitted, unused))
+        made = Report.around(
+            step.diagnosis,
+            step.model,
+            fitted,
+            unused,
+            comparison=step.comparison,
+            commands=[diagnosing(paths, file, held)],
+            next_command=following(step.diagnosis, paths, held, file, step.model.bench_source),
+        )
+        text = await asyncio.get_running_loop().run_in_executor(None, made.html)
+        self.set_header(
+            "Content-Security-Policy", "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
+        )
+        self.finish(text)
+
+
+class _Action(_Guarded):
+    """What a user asks for, as JSON."""
+
+    def post(self, name: str) -> None:
+        if self.request.headers.get("Content-Type", "").partition(";")[0].strip() != "application/json":
+            raise HTTPError(415, reason="only application/json is taken")
+        try:
+            given = json.loads(self.request.body)
+        except (ValueError, RecursionError):
+            raise InputError("request: is no JSON") from None
+        if not isinstance(given, dict) or not all(isinstance(value, str) for value in given.values()):
+            raise InputError("request: must be an object of texts")
+        self.put_json(self._do(name, given) or {})
+
+    def _do(self, name: str, given: dict[str, str]) -> dict[str, Any] | None:
+        desk = self.desk
+        actions: dict[str, Callable[[], Any]] = {
+            "open": lambda: desk.open(given["key"], given["role"]),  # type: ignore[arg-type]
+            "close": lambda: desk.close(given["key"]),
+            "diagnose": desk.diagnose,
+            "add": lambda: desk.add(given["what"]),
+            "formula": lambda: _checked(desk, given["text"]),
+            "add_formula": lambda: desk.add(given["text"], formula=True),
+            "undo": desk.undo,
+            "save": lambda: {"path": str(desk.save(given["name"]))},
+            "end": desk.end,
+        }
+        if name not in actions:
+            raise HTTPError(404)
+        try:
+            result: dict[str, Any] | None = actions[name]()
+        except KeyError as error:
+            raise InputError(f"request: {error.args[0]} is missing") from None
+        return result
+
+
+def _checked(desk: Desk, text: str) -> dict[str, Any]:
+    """Return how a formula is read, or why it is not: to ask is no mistake."""
+    try:
+        return views.formula(desk, text)
+    except InputError as error:
+        return {"refused": str(error)}
+
+
+class _File(_Guarded):
+    """The script, the style and the library of pictures."""
+
+    def get(self, name: str) -> None:
+        self.set_header("Content-Type", "text/css" if name.endswith(".css") else "text/javascript")
+        if name == "page.css":
+            self.finish(str(style_sheet()))
+        elif name in _LIBRARY:
+            self.set_header("Cache-Control", "max-age=86400")
+            self.finish(_library(name))
+        else:
+            self.finish(resources.files("gyrowheel.workbench").joinpath("files", name).read_bytes())
+
+
+def _library(name: str) -> bytes:
+    from bokeh.util.paths import bokehjs_path
+
+    return (Path(bokehjs_path()) / "js" / name).read_bytes()
+
+
+def application(desk: Desk, gate: Gate) -> Application:
+    """Return the pages and answers of the workbench."""
+    rules: list[tuple[str, type[_Guarded]]] = [
+        (r"/", _Page),
+        (r"/login", _Login),
+        (r"/state", _State),
+        (r"/events", _Events),
+        (r"/signal", _Signal),
+        (r"/report", _Report),
+        (r"/do/([a-z_]+)", _Action),
+        (r"/files/(page\.css|workbench\.css|workbench\.js|bokeh\.min\.js|bokeh-api\.min\.js)", _File),
+    ]
+    return Application(
+        [(rule, handler, {"desk": desk, "gate": gate}) for rule, handler in rules],
+        log_function=lambda handler: None,
+        compress_response=False,
+    )
+
+
+class Server:
+    """The workbench on a port, in a thread of its own, for as long as a block lasts.
+
+    Parameters
+    ----------
+    desk : Desk
+        What it shows.
+    address : str
+        Address to listen on; any but loopback asks for a token.
+    port : int
+        Port; 0 for any that is free.
+
+    Raises
+    ------
+    InputError
+        If the address or port cannot be used, or the address is not a single one.
+    """
+
+    def __init__(self, desk: Desk, address: str = "127.0.0.1", port: int = 8080) -> None:
+        self.desk = desk
+        if address in ("", "0.0.0.0", "::"):
+            raise InputError(f"address: {address!r} is every address; name one of this computer")
+        try:
+            self._sockets = bind_sockets(port, address)
+        except OSError as error:
+            raise InputError(f"port {port} of {address} cannot be used: {error.strerror or error}") from None
+        self.port: int = self._sockets[0].getsockname()[1]
+        self.gate = Gate.of(address, self.port)
+        self._address = address
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._ready = threading.Event()
+        self._thread = threading.Thread(target=lambda: asyncio.run(self._serve()), daemon=True)
+
+    @property
+    def url(self) -> str:
+        """Where the page is."""
+        return f"http://{self._address}:{self.port}/"
+
+    def __enter__(self) -> Server:
+        """Begin to serve."""
+        self._thread.start()
+        self._ready.wait(10.0)
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        """End the server, and what is under way."""
+        self.desk.shut()
+        if self._loop is not None:
+            self._loop.call_soon_threadsafe(self._end.set)
+        self._thread.join(10.0)
+
+    async def _serve(self) -> None:
+        self._loop, self._end = asyncio.get_running_loop(), asyncio.Event()
+        server = HTTPServer(
+            application(self.desk, self.gate), max_body_size=_LARGEST, max_buffer_size=2 * _LARGEST
+        )
+        server.add_sockets(self._sockets)
+        self._ready.set()
+        await self._end.wait()
+        server.stop()
+        await asyncio.sleep(_PARTING)
+        await server.close_all_connections()

@@ -1,0 +1,20 @@
+"""Every kind of input that is tried, by name."""
+
+from __future__ import annotations
+
+from . import nodes, recordings, tables, texts
+from .harness import Kind
+
+KINDS: dict[str, Kind] = {
+    "recording": recordings.stored,
+    "message": recordings.recorded,
+    "compare": recordings.compared,
+    "diagnose": recordings.diagnosed,
+    "text": texts.files,
+    "formula": texts.formulas,
+    "typed": texts.words,
+    "csv": tables.csv,
+    "parquet": tables.parquet,
+    "graph": nodes.graph,
+    "heard": nodes.heard,
+}

@@ -1,0 +1,102 @@
+"""What the fuzzers found, each with its smallest input."""
+
+from __future__ import annotations
+
+import errno
+import os
+from pathlib import Path
+
+import pytest
+
+from gyrowheel.cli.defects import machine_error
+from gyrowheel_analysis.exchange import ColumnMap, import_table
+from gyrowheel_analysis.recording import Recording, RecordingWriter
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core import files, topics, wire
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.files import read_text
+from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.effects.typed import typed_effect
+from gyrowheel_sim.environment import from_json
+
+from ..domains import next_domain
+from .nodes import Listening
+from .recordings import messages
+from .tables import text_table
+from .texts import MAP
+
+_DEEP = "[" * 100_000
+_LONG = "9" * 400
+
+
+def test_characters_that_a_terminal_obeys_are_escaped(tmp_path: Path) -> None:
+    """A message quotes what stands in a file, but not so that a terminal would act on it."""
+    (tmp_path / "map.yaml").write_text(MAP, encoding="utf-8")
+    for odd in ("\x1b[31m", "\u2028", "\u202e", "\x07"):
+        table = tmp_path / "table.csv"
+        table.write_text(text_table().replace("3000.0", odd, 1), encoding="utf-8")
+        with pytest.raises(InputError) as refused:
+            import_table(table, ColumnMap.load(tmp_path / "map.yaml"), tmp_path / "run")
+        assert str(refused.value).isprintable()
+        assert odd.encode("unicode_escape").decode() in str(refused.value)
+
+
+@pytest.mark.parametrize("load", [Plan.load, Bench.load, Recording.open])
+def test_a_name_that_no_file_can_have(load) -> None:
+    with pytest.raises(InputError, match="File name too long"):
+        load("9" * 400)
+
+
+def test_an_error_of_a_path_is_no_defect() -> None:
+    """A folder that may not be read is the user's matter; without a path, or further down, it is ours."""
+    error = PermissionError(errno.EACCES, "Permission denied", "runs/q")
+    assert machine_error(error) == "Permission denied: runs/q"
+    assert machine_error(OSError(errno.ENOTDIR, "Not a directory")) is None
+    other = KeyError("x")
+    other.__context__ = error
+    assert machine_error(other) is None
+
+
+@pytest.mark.parametrize("unit", ["11/K", "N1m/rad", "N m", "m2"])
+def test_a_unit_without_signs_between_its_factors(unit: str) -> None:
+    with pytest.raises(InputError, match="is no unit; write it like"):
+        typed_effect(f"own: coil_gain = a*(T_coil - T_ref); a [{unit}]")
+
+
+@pytest.mark.graph
+def test_a_clock_that_is_none_is_passed_over() -> None:
+    """The conductor goes by the next one; a second of more than a second is no time either."""
+    listening = Listening(next_domain())
+    try:
+        for data in (b"", wire.CLOCK.pack(1)[:-1], wire.CLOCK.pack(0)[:8] + b"\xff" * 4):
+            assert listening.give(topics.CLOCK.name, data) == "taken"
+    finally:
+        listening.close()
+
+
+def test_a_pipe_and_a_text_without_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    os.mkfifo(tmp_path / "wheel.yaml")
+    with pytest.raises(InputError, match="it is a pipe, not a file"):
+        read_text(tmp_path / "wheel.yaml")
+    monkeypatch.setattr(files, "LONGEST_TEXT", 1000)
+    with pytest.raises(InputError, match="is too long to be read; allowed: up to 1000 characters"):
+        read_text(Path("/dev/zero"))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [_DEEP, '[{"time": 1e308}]', '[{"time": Infinity}]', f'[{{"time": {_LONG}}}]', f'[{{"yaw": {_LONG}}}]'],
+)
+def test_an_environment_of_brackets_or_digits(text: str) -> None:
+    with pytest.raises(InputError, match="environment"):
+        from_json(text)
+
+
+@pytest.mark.parametrize("text", [_DEEP, f'{{"name": "x", "parameters": {{"a": {{"value": {_LONG}}}}}}}'])
+def test_a_bench_of_brackets_or_digits_in_a_recording(text: str, tmp_path: Path) -> None:
+    """It counts as no description."""
+    with RecordingWriter(tmp_path / "run") as writer:
+        writer.write(topics.BENCH, wire.pack_text(text), 0)
+        for topic, stamp, data in messages(10):
+            writer.write(topic, data, stamp)
+    assert Recording.open(tmp_path / "run").carried_bench is None

@@ -1,0 +1,99 @@
+"""Folders and files of odd names, and disks that are full: every verb works, or says in one line that it does not."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import gyrowheel as gw
+from gyrowheel.cli.shell import BAD_INPUT, OK
+
+from .conftest import Wheel
+from .helpers import Shell
+
+#: A space, quotes, a line break, letters of other scripts, marks that mean something in paths of ours, a byte that is
+#: no text, and a dash that no option begins with.
+ODD = os.fsdecode(b"a 'b\" \n\t \xc3\xa9\xe2\x84\xa6 @from= %d {x} \xff -")
+
+
+def test_names_that_people_would_not_give(gyrowheel: Shell, wheel: Wheel, tmp_path: Path) -> None:
+    """What is written under an odd name is read from it, by each verb that writes."""
+    for stream in (sys.stdout, sys.stderr):  # as the program does where it is started
+        assert isinstance(stream, io.TextIOWrapper)
+        stream.reconfigure(errors="replace")
+    folder = tmp_path / ODD
+    folder.mkdir()
+    recording = folder / ODD
+    shutil.copytree(wheel.recording, recording)
+    model, columns = folder / f"{ODD}.yaml", folder / "map.yaml"
+    for made, *arguments in (
+        (model, "model", "new", "--model", model),
+        (folder / f"info {ODD}", "info", recording, "--json", folder / f"info {ODD}"),
+        (folder / f"saved {ODD}", "salvage", recording, "-o", folder / f"saved {ODD}"),
+        (folder / f"{ODD}.csv", "export", recording, "-o", folder / f"{ODD}.csv", "--map", columns),
+        (folder / f"{ODD}.parquet", "export", recording, "-o", folder / f"{ODD}.parquet"),
+        (folder / f"in {ODD}", "import", folder / f"{ODD}.csv", "--map", columns, "-o", folder / f"in {ODD}"),
+        (
+            folder / f"right {ODD}",
+            "correct",
+            recording,
+            "-o",
+            folder / f"right {ODD}",
+            "--scale",
+            "tilt_x=-1",
+        ),
+        (folder / f"{ODD}.json", "compare", recording, "--model", model, "--json", folder / f"{ODD}.json"),
+    ):
+        done = gyrowheel(*map(str, arguments))
+        assert done.code == OK, (arguments[0], done.err)
+        assert made.exists()
+    assert json.loads((folder / f"{ODD}.json").read_text(encoding="utf-8"))["recordings"]
+    before, after = gw.Recording.open(recording), gw.Recording.open(folder / f"in {ODD}")
+    assert len(before.data.measurement) == len(after.data.measurement)
+
+
+@pytest.fixture
+def full(tmp_path: Path) -> Iterator[Path]:
+    """Give a file system with room for 64 kB."""
+    folder = tmp_path / "full"
+    folder.mkdir()
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(folder)], capture_output=True, check=False
+    )
+    if mounted.returncode:
+        pytest.skip("file systems cannot be mounted here")
+    yield folder
+    subprocess.run(["umount", str(folder)], check=True)
+
+
+def test_a_full_disk_under_every_verb_that_writes(gyrowheel: Shell, wheel: Wheel, full: Path) -> None:
+    """One line, exit code 2; what was there is as it was, and nothing is beside it."""
+    model = full / "wheel.yaml"
+    assert gyrowheel("model", "new", "--model", str(model)).code == OK
+    old = model.read_bytes()
+    (full / "filling").write_bytes(bytes(64 * 1024 - 2 * 4096))  # not a page is left
+    recording = str(wheel.recording)
+    for arguments in (
+        ("model", "add", "windage", "--model", str(model), "--fit", recording),
+        ("compare", recording, "--model", str(wheel.model), "--json", str(full / "a.json")),
+        ("compare", recording, "--model", str(wheel.model), "--picture", str(full / "a.png")),
+        ("salvage", recording, "-o", str(full / "saved")),
+        ("correct", recording, "-o", str(full / "right"), "--scale", "tilt_x=-1"),
+        ("export", recording, "-o", str(full / "a.csv")),
+        ("export", recording, "-o", str(full / "a.parquet")),
+    ):
+        done = gyrowheel(*arguments)
+        assert done.code == BAD_INPUT, (arguments, done.err)
+        last = done.err.strip().splitlines()[-1]
+        assert last.startswith("error: "), last
+        assert last.endswith("No space left on device"), last
+        assert model.read_bytes() == old
+        assert sorted(place.name for place in full.iterdir()) == ["filling", "wheel.yaml"], arguments

@@ -1,0 +1,128 @@
+"""The report: its numbers are those of the diagnosis, it needs nothing but itself, and nothing in it runs."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import yaml
+
+import gyrowheel as gw
+
+from .conftest import Wheel
+from .helpers import Shell, write
+from .pages import Page, check_numbers
+
+
+@pytest.fixture(scope="module")
+def made(wheel: Wheel) -> gw.Report:
+    return gw.Report.of(wheel.recording, gw.Model.load(wheel.model), validate=wheel.other)
+
+
+@pytest.fixture(scope="module")
+def page(made: gw.Report) -> Page:
+    return Page(made.html())
+
+
+def test_every_number_is_that_of_diagnose(gyrowheel: Shell, wheel: Wheel, page: Page) -> None:
+    asked = ("diagnose", wheel.recording, "--model", wheel.model, "--validate", wheel.other, "--json", "-")
+    assert page.content["diagnosis"] == gyrowheel.good(*asked).json
+    assert check_numbers(page) > 100
+    # what was found is there in numbers
+    marks = [e.attributes.get("data-field", "") for e in page.elements]
+    for name in (
+        "effects.0.coefficients.w.value",
+        "error.validation_after.chi2_per_n",
+        "where.0.share_of_chi2",
+    ):
+        assert f"diagnosis.{name}" in marks
+
+
+def test_the_check_sees_a_wrong_number(page: Page) -> None:
+    text = page.text
+    mark = re.search(r'data-field="diagnosis.effects.0.coefficients.w.value"[^>]*>([0-9.]+)<', text)
+    assert mark is not None
+    start, end = mark.span(1)
+    wrong = f"{float(mark[1]) * 1.01:.{len(mark[1].partition('.')[2])}f}"
+    with pytest.raises(AssertionError):
+        check_numbers(Page(text[:start] + wrong + text[end:]))
+
+
+def test_the_result_comes_first_and_the_sources_last(made: gw.Report, page: Page) -> None:
+    (headline,) = [e for e in page.elements if e.tag == "h1"]
+    assert headline.text == made.diagnosis.sentence
+    order = [
+        e.attributes["id"] for e in page.elements if e.tag in ("header", "section") and "id" in e.attributes
+    ]
+    assert order == ["result", "missing", "error", "where", "limits", "model", "recordings", "repeat"]
+
+
+def test_it_needs_nothing_but_itself(made: gw.Report, page: Page) -> None:
+    assert len(page.text.encode()) < 5e6
+    for element in page.elements:
+        for name in ("src", "href"):
+            assert element.attributes.get(name, "#").startswith(("#", "data:image/")), element
+        assert not any(name.startswith("on") for name in element.attributes)
+    scripts = [e for e in page.elements if e.tag == "script"]
+    assert [e.attributes["type"] for e in scripts] == ["application/json"]
+    policy = next(e for e in page.elements if e.attributes.get("http-equiv") == "Content-Security-Policy")
+    assert policy.attributes["content"].startswith("default-src 'none'")
+    assert all(e.attributes["alt"] for e in page.elements if e.tag == "img")
+
+
+def test_recordings_are_told_with_hashes_and_the_commands_repeat_it(
+    gyrowheel: Shell, wheel: Wheel, page: Page
+) -> None:
+    (storage,) = wheel.recording.glob("*.mcap")
+    assert hashlib.sha256(storage.read_bytes()).hexdigest() in page.text
+    (command,) = page.content["commands"]
+    assert command == f"gyrowheel diagnose {wheel.recording} --model {wheel.model} --validate {wheel.other}"
+    assert page.content["next"].startswith("gyrowheel model add windage")
+    assert [own["role"] for own in page.content["recordings"]] == ["fitted", "not used to fit"]
+
+
+def test_what_a_user_wrote_is_text_and_never_runs(wheel: Wheel, made: gw.Report, tmp_path: Path) -> None:
+    evil = "``` </script><script>alert(1)</script>\"'><img src=x onerror=alert(1)>"
+    content = yaml.safe_load(wheel.model.read_text(encoding="utf-8"))
+    content["history"] = [
+        {"time": "2026-01-01T00:00:00+00:00", "what": evil, "fit": [evil], "error": {"before": 1}}
+    ]
+    model = gw.Model.load(write(tmp_path / "<b>wheel.yaml", yaml.safe_dump(content)))
+    report = replace(
+        made, model=model, fitted=(), unused=(), comparison=None, commands=(evil,), next_command=evil
+    )
+    page = Page(report.html())
+    assert len([e for e in page.elements if e.tag == "script"]) == 1
+    assert page.content["commands"] == [evil]
+    assert evil in "".join(text for text, _ in page.pieces)
+    outside = re.sub(r"^(`{3,})\n.*?^\1$", "", report.markdown(), flags=re.MULTILINE | re.DOTALL)
+    assert "Versions" in outside
+    assert "<img" not in outside
+
+
+def test_the_verb_writes_a_page_or_markdown(
+    gyrowheel: Shell, wheel: Wheel, made: gw.Report, page: Page, tmp_path: Path
+) -> None:
+    asked = ("report", wheel.recording, "--model", wheel.model)
+    target = tmp_path / "drag.html"
+    write(target, page.text)  # an earlier report is replaced
+    said = gyrowheel.good(*asked, "-o", target)
+    assert "An effect is missing" in said.out
+    assert "report: " in said.out
+    check_numbers(Page(target.read_text(encoding="utf-8")))
+    made.save(tmp_path / "drag.md")
+    text = (tmp_path / "drag.md").read_text(encoding="utf-8")
+    assert f"# {made.diagnosis.sentence}" in text
+    assert all(own["sha256"] in text for r in made.to_dict()["recordings"] for own in r["files"])
+    other = write(tmp_path / "mine.html", "<p>mine</p>")
+    for name, words in (
+        (other, "exists and is not an earlier report"),
+        (tmp_path / "a.txt", "allowed: .html, .md"),
+    ):
+        refused = gyrowheel(*asked, "-o", name)
+        assert refused.code == 2
+        assert words in refused.err
+    assert other.read_text(encoding="utf-8") == "<p>mine</p>"

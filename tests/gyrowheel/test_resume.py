@@ -1,0 +1,533 @@
+"""Campaigns and investigations that were interrupted or killed go on where they were."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import math
+import os
+import random
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+import gyrowheel as gw
+from gyrowheel.campaigns import workers
+from gyrowheel.campaigns.cases import Case
+from gyrowheel.campaigns.judge import EventJudged, Interval, Judged
+from gyrowheel_analysis.diagnosis.result import Diagnosis, NextTest
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.journal import FINISHED
+
+from .findings import AMBIGUOUS, diagnosis, finding
+from .helpers import DRAG_PLAN, OTHER_PLAN, Shell, write
+
+
+def killed(work: Callable[[], object], after: float, since: Callable[[], bool] = lambda: True) -> bool:
+    """Do some work in a process that is killed a while [s] after something holds; return whether it ended before."""
+    child = os.fork()
+    if child == 0:
+        code = 1
+        try:
+            work()
+            code = 0
+        finally:
+            os._exit(code)
+    end = math.inf
+    while time.monotonic() < end:
+        found, status = os.waitpid(child, os.WNOHANG)
+        if found:
+            assert os.waitstatus_to_exitcode(status) == 0
+            return True
+        if end == math.inf and since():
+            end = time.monotonic() + after
+        time.sleep(0.001)
+    os.kill(child, signal.SIGKILL)
+    _, status = os.waitpid(child, 0)
+    return os.waitstatus_to_exitcode(status) == 0
+
+
+def until_done(work: Callable[[], object], begun: Path, seed: int, longest: float) -> Iterator[None]:
+    """Do some work again and again; yield after each kill, at an instant at random, until it ends.
+
+    Parameters
+    ----------
+    work : callable
+        Goes on where it was.
+    begun : Path
+        File that grows as parts of the work begin.
+    seed : int
+        Seed of the instants.
+    longest : float
+        Longest time until a kill [s]: in turn since the beginning, and since a part of the work has begun.
+    """
+    rng = random.Random(seed)
+    for number in range(200):
+        size = begun.stat().st_size if begun.exists() else 0
+        since = (lambda: True, lambda size=size: begun.exists() and begun.stat().st_size > size)[number % 2]
+        if killed(work, rng.uniform(0.0, longest), since):
+            return
+        yield
+    pytest.fail("does not end")
+
+
+# ---- a campaign
+
+
+def made_up(case: Case, *_: object) -> Judged:
+    """Return a case that nobody has run: what it says depends on its number alone."""
+    rng = random.Random(case.index)
+    sizes = {"windage": rng.choice([math.nan, rng.uniform(0.1, 9.0)])}
+    interval = Interval("windage.w", rng.gauss(1e-3, 1e-4), rng.choice([1e-4, math.inf]), 1e-3)
+    truth = {"windage": {"w": rng.random() / 3.0}}
+    return Judged(
+        case.index,
+        case.kind,
+        truth,
+        sizes,
+        True,
+        "effect",
+        ["windage"],
+        [("bearing_viscous", None), ("eddy_drag", "survey")],
+        "exact" if case.index % 3 else "tied",
+        intervals=[interval],
+        validation=None if case.index % 2 else rng.random(),
+        seconds=rng.random(),
+        error="inf",
+        event=EventJudged("step", 3.0, rng.random(), math.inf, False),
+    )
+
+
+def campaign(folder: Path | None, **options: Any) -> gw.CampaignResult:
+    settings: dict[str, Any] = {"cases": 12, "seed": 5, "validation_plan": OTHER_PLAN, "jobs": 1} | options
+    return gw.campaign(DRAG_PLAN, folder=folder, **settings)
+
+
+def test_a_campaign_killed_at_any_instant_goes_on_where_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    begun = tmp_path / "begun"
+
+    def slowly(case: Case, keep: str | None, scratch: str | None) -> Judged:
+        with begun.open("a") as file:
+            file.write(f"{case.index}\n")
+        assert scratch is not None
+        (Path(scratch) / f"{os.getpid()}").write_text("half a recording")
+        time.sleep(0.01)
+        return made_up(case)
+
+    monkeypatch.setattr(workers, "run_case", slowly)
+    folder, kills, known = tmp_path / "out", 0, set[str]()
+    for _ in until_done(
+        lambda: campaign(folder, resume=(folder / "settings.json").exists()), begun, seed=1, longest=0.05
+    ):
+        kills += 1
+        files = {path.name: path for path in folder.glob(f"{FINISHED}/[!.]*")}
+        for path in files.values():
+            json.loads(path.read_text(), parse_constant=pytest.fail)
+        assert known <= files.keys()
+        known = {*files}
+    assert kills >= 2  # five cases end before one, at most
+    # one case at most was begun in vain for each kill, and none that was finished was begun again
+    assert 12 <= len(begun.read_text().split()) <= 12 + kills
+    once_more = campaign(folder, resume=True)
+    assert len(begun.read_text().split()) <= 12 + kills
+    assert sorted(path.name for path in folder.glob("[!.]*")) == [FINISHED, "settings.json"]
+    monkeypatch.setattr(workers, "run_case", made_up)
+    straight = campaign(None)
+    assert repr(once_more.cases) == repr(straight.cases)
+    assert json.dumps(once_more.to_dict()) == json.dumps(straight.to_dict())
+    assert once_more.title == straight.title
+
+
+def test_a_case_that_was_damaged_or_is_of_another_campaign_is_run_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(workers, "run_case", made_up)
+    straight = campaign(tmp_path / "a", cases=5)
+    campaign(tmp_path / "b", cases=5, seed=6)
+    cases = sorted((tmp_path / "a" / FINISHED).iterdir())
+    cases[0].write_text(cases[0].read_text()[:-40])
+    shutil.copy(tmp_path / "b" / FINISHED / cases[1].name, cases[1])
+    cases[2].unlink()
+    cases[3].write_text(cases[3].read_text().replace('"outcome"', '"income"'))
+    ran: list[int] = []
+
+    def told(case: Case, *_: object) -> Judged:
+        ran.append(case.index)
+        return made_up(case)
+
+    monkeypatch.setattr(workers, "run_case", told)
+    again = campaign(tmp_path / "a", cases=5, resume=True)
+    assert ran == [0, 1, 2, 3]
+    assert repr(again.cases) == repr(straight.cases)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--seed", "4"], "seed: 4 is not that of the campaign in {}, 3"),
+        (["--seed", "0"], "seed: 0 is not that of the campaign in {}, 3"),
+        (["--cases", "10"], "cases: 10 is not that of the campaign in {}, 9"),
+        (["--kinds", "single"], 'kinds: ["single"] is not that of the campaign in {}, ["none"]'),
+        (["--lost", "0.01"], "lost: 0.01 is not that of the campaign in {}, 0.0"),
+        (["--reality"], "reality: true is not that of the campaign in {}, false"),
+        (["--plan", "quick"], "plan: is another one than that of the campaign in {}"),
+        (["-o", "other"], "-o: with --resume everything goes on in {}"),
+    ],
+)
+def test_other_settings_are_refused(
+    gyrowheel: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: list[str], words: str
+):
+    monkeypatch.setattr(workers, "run_case", made_up)
+    folder = tmp_path / "out"
+    settings = ["--plan", "check", "--cases", 9, "--seed", 3, "--kinds", "none", "--jobs", 1]
+    first = gyrowheel.good("campaign", *settings, "-o", folder)
+    result = gyrowheel("campaign", "--resume", folder, *options)
+    assert (result.code, result.out) == (2, "")
+    assert result.err.startswith(f"error: {words.format(folder)}"), result.err
+    # what does not change the results may change, and the rest need not be repeated
+    again = gyrowheel.good("campaign", "--resume", folder, "--seed", 3, "--jobs", 2)
+    assert again.out == first.out
+    assert "9 cases, 9 of them finished before" in again.err
+
+
+def test_another_code_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    from gyrowheel import code_identity
+
+    monkeypatch.setattr(workers, "run_case", made_up)
+    campaign(tmp_path / "out")
+    for name in ("numpy", "gyrowheel"):
+        other = code_identity.code_identity() | {name: "1.2.3"}
+        with monkeypatch.context() as patch:
+            patch.setattr(code_identity, "code_identity", lambda other=other: other)
+            with pytest.raises(InputError, match=rf"{name}: .* this is 1\.2\.3"):
+                campaign(tmp_path / "out", resume=True)
+    campaign(tmp_path / "out", resume=True)
+
+
+def test_one_changed_line_is_another_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    from gyrowheel import code_identity
+
+    monkeypatch.syspath_prepend(str(tmp_path))
+    (tmp_path / "wheel_effects" / "below").mkdir(parents=True)
+    (tmp_path / "wheel_effects" / "__init__.py").touch()
+    part = write(tmp_path / "wheel_effects" / "below" / "air.py", "SIGN = 1\n")
+    before = code_identity.files_of.__wrapped__("wheel_effects")
+    write(part, "SIGN = -1\n")
+    assert code_identity.files_of.__wrapped__("wheel_effects") != before
+    write(part, "SIGN = 1\n")
+    assert code_identity.files_of.__wrapped__("wheel_effects") == before
+
+
+def test_there_must_be_something_to_go_on_with(
+    gyrowheel: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(workers, "run_case", made_up)
+    campaign(tmp_path / "out")
+    for verb, folder, words in (
+        ("campaign", "nowhere", "nowhere: there is no campaign to go on with"),
+        ("investigate", tmp_path / "out", "holds a campaign, not an investigation"),
+        ("cfd sweep", tmp_path / "out", "holds a campaign, not a sweep"),
+    ):
+        result = gyrowheel(*verb.split(), "--resume", folder)
+        assert (result.code, result.out) == (2, "")
+        assert words in result.err
+    with pytest.raises(InputError, match="a campaign needs a new directory"):
+        campaign(tmp_path / "out")
+    with pytest.raises(InputError, match="needs the folder"):
+        campaign(None, resume=True)
+
+
+def test_two_in_one_folder_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(workers, "run_case", made_up)
+    folder = tmp_path / "out"
+
+    def second(done: Sequence[Judged], _: int) -> None:
+        if len(done) == 1:
+            with pytest.raises(InputError, match="another campaign works in this folder"):
+                campaign(folder, resume=True)
+
+    assert len(campaign(folder, progress=second).cases) == 12
+
+
+def quick(case: Case) -> Judged:
+    """Return a case without anything in it, in which nothing was found."""
+    seconds = 0.1 * case.index
+    return Judged(case.index, case.kind, {}, {}, True, "nothing_missing", [], [], "exact", seconds=seconds)
+
+
+#: `gyrowheel` with cases that take a fifth of a second; the workers get this function by its text.
+FAST = f"""
+import os, sys, time
+from pathlib import Path
+from gyrowheel.campaigns import workers
+from gyrowheel.campaigns.cases import Case
+from gyrowheel.campaigns.judge import Judged
+from gyrowheel_core.processes import die_with_parent
+
+{inspect.getsource(quick)}
+
+def one(case, keep, scratch, campaign):
+    if os.getppid() == campaign:
+        die_with_parent()
+    (Path(scratch) / str(case.index)).write_text("half a recording")
+    time.sleep(0.2)
+    return quick(case)
+
+workers._one = one
+from gyrowheel.cli import main
+sys.argv[0] = "gyrowheel"
+main()
+"""
+
+
+@pytest.mark.slow
+def test_ctrl_c_and_kills_end_the_workers_and_the_printed_command_goes_on(
+    gyrowheel: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    write(tmp_path / "plan.yaml", DRAG_PLAN)
+    (tmp_path / "scratch").mkdir()
+    fast = write(tmp_path / "fast.py", FAST)
+
+    def start(*arguments: str) -> subprocess.Popen[str]:
+        return subprocess.Popen(
+            [sys.executable, str(fast), *arguments],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            cwd=tmp_path,
+            env=os.environ | {"TMPDIR": str(tmp_path / "scratch")},
+            start_new_session=True,
+        )
+
+    def until(process: subprocess.Popen[str], words: str) -> None:
+        assert process.stderr is not None
+        while words not in (line := process.stderr.readline()):
+            assert line, "ended before that"
+
+    first = start(
+        *["campaign", "--plan", "plan.yaml", "--cases", "30", "--kinds", "none", "--jobs", "2"],
+        *["--json", "out.json"],
+    )
+    try:
+        until(first, "3 of 30 cases")
+        os.killpg(first.pid, signal.SIGINT)  # as the terminal does: to the workers, too
+        out, err = first.communicate(timeout=60)
+    finally:
+        first.kill()
+        first.wait()
+    assert first.returncode == 130, err
+    assert "Traceback" not in err
+    assert err.splitlines()[-1] == "interrupted"
+    (command,) = (line.removeprefix("to go on: ") for line in err.splitlines() if line.startswith("to go on"))
+    assert command == "gyrowheel campaign --resume out/campaign-1 --jobs 2 --json out.json"
+    assert "of 30 cases were finished" in out
+    assert 3 <= json.loads((tmp_path / "out.json").read_text())["cases"] < 30
+    assert not (tmp_path / "out" / "campaign-1" / "scratch").exists()
+
+    second = start(*shlex.split(command)[1:])
+    try:
+        until(second, "of them finished before")
+        until(second, " of 30 cases")
+        until(second, " of 30 cases")
+        children = psutil.Process(second.pid).children(recursive=True)
+    finally:
+        second.kill()
+        second.communicate()
+    assert len(children) >= 2
+    _, alive = psutil.wait_procs(children, timeout=10.0)
+    assert not alive
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(workers, "run_case", lambda case, *_: quick(case))
+    shown = gyrowheel.good("campaign", "--resume", "out/campaign-1", "--jobs", 1, "--json", "out.json")
+    assert "30 blind cases of plan drag, seed 0" in shown.out
+    done = json.loads((tmp_path / "out.json").read_text())
+    assert (done["cases"], done["none"]) == (30, {"n": 30, "false_alarms": 0})
+    assert done["median_seconds"] == pytest.approx(1.45)
+    assert not (tmp_path / "out" / "campaign-1" / "scratch").exists()
+    assert not [path for path in (tmp_path / "scratch").iterdir() if path.name.startswith("ca")]
+
+
+def test_finished_cases_survive_an_interruption(
+    gyrowheel: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def interrupted(case: Case, *_: object) -> Judged:
+        if case.index == 3:
+            raise KeyboardInterrupt
+        return made_up(case)
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(workers, "run_case", interrupted)
+    result = gyrowheel("campaign", "--plan", "check", "--jobs", 1, "--cases", 9, "--json", "out.json")
+    assert result.code == 130
+    assert "interrupted: 3 of 9 cases were finished" in result.out
+    assert json.loads((tmp_path / "out.json").read_text())["cases"] == 3
+    assert "to go on: gyrowheel campaign --resume out/campaign-1 --jobs 1 --json out.json" in result.err
+    # before the first case, and where the disk is full, there is nothing to report, but it can go on
+    monkeypatch.setattr(workers, "run_case", lambda *_: interrupted(replace_index(_[0], 3)))
+    result = gyrowheel("campaign", "--plan", "check", "--jobs", 1, "--cases", 9)
+    assert (result.code, result.out) == (130, "")
+    assert "to go on: gyrowheel campaign --resume out/campaign-2 --jobs 1" in result.err
+    monkeypatch.setattr(workers, "run_case", made_up)
+    for number in (1, 2):
+        gyrowheel.good(
+            "campaign", "--resume", f"out/campaign-{number}", "--jobs", 1, "--json", f"{number}.json"
+        )
+    first, second = (json.loads((tmp_path / f"{number}.json").read_text()) for number in (1, 2))
+    assert first == second
+    assert first["cases"] == 9
+
+
+def replace_index(case: Case, index: int) -> Case:
+    return replace(case, index=index)
+
+
+# ---- an investigation
+
+NOTHING = diagnosis("nothing_missing")
+ANSWERS = [
+    replace(AMBIGUOUS, next_test=NextTest("air_density", 88.0, 1.2, separates=("aero_cross", "windage"))),
+    diagnosis("insufficient_data"),
+    diagnosis("effect", finding("aero_cross")),
+]
+
+
+@pytest.fixture
+def answered(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Diagnoses that depend on the number of recordings alone."""
+
+    def diagnose(recordings: Sequence[Path], *_: Any, averages: bool = False, **__: Any) -> Diagnosis:
+        return NOTHING if averages else ANSWERS[len(recordings) - 1]
+
+    monkeypatch.setattr("gyrowheel_analysis.recording.Recording.open", lambda path: path)
+    monkeypatch.setattr("gyrowheel_analysis.diagnosis.diagnose.diagnose", diagnose)
+    monkeypatch.setattr("gyrowheel_analysis.diagnosis.precision.precision_test", lambda *_, **__: None)
+
+
+@pytest.mark.usefixtures("answered")
+def test_an_investigation_killed_at_any_instant_goes_on_where_it_was(tmp_path: Path):
+    begun = tmp_path / "begun"
+
+    def run(plan: Plan, place: Path, number: int) -> None:
+        """Record a plan as the recorder of the graph does: bit by bit."""
+        with begun.open("a") as file:
+            file.write(f"{place.name}\n")
+        place.mkdir()
+        with (place / "samples").open("w") as samples:
+            for part in range(10):
+                samples.write(f"{plan.called} {number} {part}\n")
+                samples.flush()
+                time.sleep(0.004)
+
+    def go(folder: Path, **options: Any) -> Any:
+        return gw.investigate(gw.Model(), plans=["check"], folder=folder, run=run, **options).to_dict()
+
+    straight = go(tmp_path / "straight")
+    assert len(straight["steps"]) == 3
+    begun.unlink()
+    folder = tmp_path / "killed"
+    kills = sum(
+        1
+        for _ in until_done(
+            lambda: go(folder, resume=(folder / "settings.json").exists()), begun, seed=2, longest=0.06
+        )
+    )
+    assert kills >= 2
+    assert len(begun.read_text().split()) <= 3 + kills
+    result = go(folder, resume=True)
+    assert len(begun.read_text().split()) <= 3 + kills
+    told = json.dumps(result).replace(str(folder), str(tmp_path / "straight"))
+    assert told == json.dumps(straight)
+    assert json.loads((folder / "investigation.json").read_text()) == json.loads(json.dumps(result))
+    for step in straight["steps"]:
+        for path in map(Path, step["recordings"]):
+            whole = (path / "samples").read_text()
+            assert (folder / path.name / "samples").read_text() == whole
+            # what was recorded until the kill is kept beside it
+            for part in folder.glob(f"{path.name}-interrupted-*/samples"):
+                assert whole.startswith(part.read_text())
+
+
+@pytest.mark.usefixtures("answered")
+def test_an_investigation_goes_on_by_the_command_that_it_prints(
+    gyrowheel: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def record(place: Path, *_: Any, **__: Any) -> None:
+        if place.name == interrupted:
+            raise KeyboardInterrupt
+        assert not place.exists()
+        place.mkdir()
+
+    interrupted = "2-air_density"
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("gyrowheel.simulation.record_simulation", record)
+    monkeypatch.setattr("gyrowheel.cli.investigating._finish", lambda *_, **__: None)
+    monkeypatch.setattr("gyrowheel.origins.note_machine", lambda *_: None)
+    gyrowheel.good("model", "new", "--model", "m.yaml")
+    hidden = ["--effect", "windage:w=0.0013", "--machine", 5, "--seed", 3]
+    settings = ["--model", "m.yaml", "--simulate", "--plan", "check", *hidden]
+    first = gyrowheel("investigate", *settings, "--json", "out.json")
+    assert first.code == 130
+    command = "gyrowheel investigate --resume out/investigation-1 --json out.json"
+    assert f"if this is interrupted: {command}" in first.err
+    assert json.loads(Path("out.json").read_text())["reason"] == ""
+    interrupted = ""
+    for options, words in (
+        (["--seed", 4], "seed: 4 is not that of the investigation in out/investigation-1, 3"),
+        (["--plan", "quick"], 'plans: ["quick"] is not that of'),
+        (["--budget", 3], "budget: 3.0 is not that of the investigation in out/investigation-1, 15.0"),
+        (["--effect", "windage"], 'effects: ["windage"] is not that of'),
+        (["--blind", "key.json"], "blind: cannot be combined with effects"),
+    ):
+        refused = gyrowheel(*shlex.split(command)[1:], *options)
+        assert (refused.code, refused.out) == (2, "")
+        assert words in refused.err
+    gyrowheel.good(*shlex.split(command)[1:])
+    resumed = json.loads(Path("out.json").read_text())
+    gyrowheel.good("investigate", *settings, "--json", "straight.json", "-o", "straight")
+    straight = json.loads(Path("straight.json").read_text().replace("straight/", "out/investigation-1/"))
+    assert resumed == straight
+    assert len(straight["steps"]) == 3
+    # another model behind the same name
+    other = "overrides: {coil_constant: {value: 0.0201, standard_error: 0.00001}}"
+    write(Path("m.yaml"), Path("m.yaml").read_text().replace("overrides: {}", other))
+    refused = gyrowheel(*shlex.split(command)[1:])
+    assert (refused.code, refused.out) == (2, "")
+    assert "model: has changed since the investigation in out/investigation-1 was begun" in refused.err
+
+
+@pytest.mark.usefixtures("answered")
+def test_a_hidden_machine_is_the_same_one_or_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    def record(place: Path, *_: Any, **__: Any) -> None:
+        if place.name.startswith("2-"):
+            raise KeyboardInterrupt
+        place.mkdir()
+
+    monkeypatch.setattr("gyrowheel.simulation.record_simulation", record)
+    key, folder = tmp_path / "key.json", tmp_path / "run"
+
+    def go(**options: Any) -> gw.Investigation:
+        return gw.investigate(gw.Model(), plans=["check"], blind=key, folder=folder, **options)
+
+    assert go().interrupted
+    kept = key.read_text()
+    assert go(resume=True).interrupted
+    key.unlink()
+    with pytest.raises(InputError, match=r"blind: .*key\.json is not the key file with which"):
+        go(resume=True)
+    assert not key.exists()
+    write(key, kept)
+    assert go(resume=True).interrupted

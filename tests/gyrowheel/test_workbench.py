@@ -1,0 +1,296 @@
+"""The workbench: what it serves and to whom, and the loop of see, add, watch in a real browser."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+import gyrowheel as gw
+from gyrowheel.workbench import gate
+from gyrowheel.workbench.decimation import Envelope
+from gyrowheel.workbench.desk import Desk
+from gyrowheel.workbench.server import Server
+from gyrowheel.workbench.shelf import Shelf
+
+from .conftest import Wheel
+from .helpers import Shell, write
+
+CHROMIUM = shutil.which("chromium")
+EVIL = "<img src=x onerror=alert(1)></script><script>alert(2)</script>"
+
+
+@pytest.fixture
+def server(wheel: Wheel) -> Iterator[Server]:
+    with Server(
+        Desk(Shelf([wheel.recording.parent]), gw.Model.load(wheel.model), wheel.model), port=0
+    ) as own:
+        yield own
+
+
+def ask(server: Server, path: str, content: Any = None, **headers: str) -> tuple[int, bytes]:
+    """Return status and body of an answer; with `content` of a POST."""
+    connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=20.0)
+    sent = {"Host": f"127.0.0.1:{server.port}", **{k.replace("_", "-"): v for k, v in headers.items()}}
+    if content is not None:
+        sent = {"Content-Type": "application/json"} | sent
+    connection.request("GET" if content is None else "POST", path, json.dumps(content), sent)
+    answer = connection.getresponse()
+    return answer.status, answer.read()
+
+
+def test_no_spike_is_lost_and_few_samples_are_all_shown() -> None:
+    rng = np.random.default_rng(1)
+    values = rng.normal(size=300_001)
+    values[[0, 123_456, 300_000]] = 50.0, -60.0, np.nan
+    line = Envelope(values)
+    for first, last in ((0, 300_001), (100_000, 130_000), (123_000, 124_000), (120_000, 250_123)):
+        places, found = line.cut(first, last, 400)
+        assert len(found) <= 400
+        assert np.all(np.diff(places) > 0)
+        inside = values[first:last]
+        assert found.min() == np.nanmin(inside) == -60.0
+        assert found.max() >= np.nanmax(inside)
+    places, found = line.cut(5, 105, 400)
+    assert np.array_equal(found, values[5:105])
+    assert np.array_equal(places, np.arange(5, 105))
+
+
+def test_only_recordings_of_the_chosen_folders_can_be_named(wheel: Wheel, tmp_path: Path) -> None:
+    folder = tmp_path / "chosen"
+    shutil.copytree(wheel.recording, folder / "deep" / "drag")
+    (folder / "link").symlink_to(wheel.other)
+    shelf = Shelf([folder])
+    assert [entry.key for entry in shelf.entries()] == ["0/deep/drag"]
+    for key in ("0/../drag", str(wheel.other), "0/link", "0/deep/drag/../drag", "1/deep/drag", ""):
+        with pytest.raises(gw.InputError, match="not in the chosen folders"):
+            shelf.find(key)
+    with pytest.raises(gw.InputError, match="no such folder"):
+        Shelf([tmp_path / "none"])
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Host": "bench.example:80"},
+        {"Host": "127.0.0.1:1"},
+        {"Origin": "http://bench.example"},
+        {"Origin": "null"},
+        {"Sec_Fetch_Site": "cross-site"},
+    ],
+    ids=str,
+)
+def test_pages_of_other_sites_are_refused(server: Server, headers: dict[str, str]) -> None:
+    for path, content in (("/", None), ("/state", None), ("/events", None), ("/do/undo", {})):
+        status, body = ask(server, path, content, **headers)
+        assert status == 403
+        assert set(json.loads(body)) == {"error"}
+
+
+def test_another_address_asks_for_a_token(wheel: Wheel, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gate, "is_loopback", lambda address: False)
+    with Server(Desk(Shelf([wheel.recording]), gw.Model()), port=0) as server:
+        token = server.gate.token
+        assert len(token) > 20
+        for path, content in (("/", None), ("/state", None), ("/signal?key=0/.", None), ("/do/undo", {})):
+            assert ask(server, path, content)[0] == 401
+            assert ask(server, path, content, Cookie=f"{gate.COOKIE}=guess")[0] == 401
+        assert ask(server, "/state", Cookie=f"{gate.COOKIE}={token}")[0] == 200
+        assert token not in server.url
+    with pytest.raises(gw.InputError, match="name one of this computer"):
+        Server(Desk(Shelf([wheel.recording]), gw.Model()), "0.0.0.0", 0)
+
+
+@pytest.mark.parametrize(
+    ("action", "content", "words"),
+    [
+        ("open", {"key": "0/../../etc", "role": "fitted"}, "not in the chosen folders"),
+        ("open", {"key": "0/drag", "role": "root"}, "role: 'root' is not allowed"),
+        ("open", {"key": "0/drag"}, "role is missing"),
+        ("open", ["0/drag"], "object of texts"),
+        ("diagnose", {}, "none is open to fit"),
+        ("add", {"what": "windage"}, "none is open to fit"),
+        ("undo", {}, "nothing to undo"),
+        ("save", {"name": "../model.yaml"}, "name: '../model.yaml' is not allowed"),
+        ("save", {"name": ".model.yaml"}, "is not allowed"),
+    ],
+    ids=lambda value: str(value)[:30],
+)
+def test_what_cannot_be_is_refused_in_a_sentence(
+    server: Server, action: str, content: Any, words: str
+) -> None:
+    status, body = ask(server, f"/do/{action}", content)
+    assert status == 422
+    sentence = json.loads(body)["error"]
+    assert words in sentence
+    assert 10 < len(sentence) < 1000
+    assert server.desk.version == 0
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "torque = -k*Omgea*z",
+        "(" * 10_000 + "z" + ")" * 10_000,
+        "__import__('os').system('true')",
+        "k*z + Omega",
+    ],
+    ids=lambda text: text[:20],
+)
+def test_a_formula_that_cannot_be_is_refused_before_it_is_added(server: Server, text: str) -> None:
+    ask(server, "/do/open", {"key": "0/drag", "role": "fitted"})
+    server.desk.wait(30.0)
+    status, body = ask(server, "/do/formula", {"text": text})
+    assert status == 200
+    assert set(json.loads(body)) == {"refused"}
+    status, body = ask(server, "/do/add_formula", {"text": text})
+    assert status == 422
+    assert 10 < len(json.loads(body)["error"]) < 1000
+    assert server.desk.job is None
+
+
+def test_what_is_too_large_or_of_another_kind_is_refused(server: Server) -> None:
+    connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=20.0)
+    connection.putrequest("POST", "/do/open")
+    connection.putheader("Content-Length", str(10**9))
+    connection.endheaders()
+    try:
+        connection.send(b"x" * 65536)
+        assert connection.getresponse().status == 400
+    except (ConnectionError, http.client.HTTPException):
+        pass  # hung up without reading it
+    assert ask(server, "/state")[0] == 200
+    assert ask(server, "/do/undo", {}, Content_Type="text/plain")[0] == 415
+    for path in ("/files/../server.py", "/files/%2e%2e/server.py", "/files/workbench.html", "/do/quit"):
+        assert ask(server, path, {} if path.startswith("/do") else None)[0] == 404
+
+
+def test_signals_come_as_they_were_recorded(server: Server, wheel: Wheel) -> None:
+    assert ask(server, "/signal?key=0/drag&from=0&until=1&points=100")[0] == 422  # not open
+    ask(server, "/do/open", {"key": "0/drag", "role": "fitted"})
+    server.desk.wait(30.0)
+    samples = gw.Recording.open(wheel.recording).measurement
+    status, body = ask(server, "/signal?key=0/drag&from=2&until=2.01&points=1000")
+    assert status == 200
+    (count,) = np.frombuffer(body, "<f8", 1)
+    n = int(count)
+    times = np.frombuffer(body, "<f8", n, 8)
+    first, second = (np.frombuffer(body, "<f4", n, 8 + 8 * n + 4 * n * k) for k in (0, 1))
+    place = int(np.searchsorted(gw.Recording.open(wheel.recording).time, times[0]))
+    assert times[0] <= 2.0 < 2.01 <= times[-1]
+    assert np.allclose(first, np.degrees(samples["tilt_x"][place : place + n]), rtol=1e-6)
+    assert np.allclose(second, np.degrees(samples["tilt_y"][place : place + n]), rtol=1e-6)
+    for query in ("from=1&until=0", "from=nan&until=1", "from=x&until=1"):
+        assert ask(server, f"/signal?key=0/drag&{query}&points=9")[0] == 422
+
+
+def test_work_can_be_ended(server: Server) -> None:
+    desk = server.desk
+    ask(server, "/do/open", {"key": "0/drag", "role": "fitted"})
+    desk.wait(30.0)
+    ask(server, "/do/diagnose", {})
+    assert ask(server, "/do/add", {"what": "windage"})[0] == 422  # one thing at a time
+    ask(server, "/do/end", {})
+    desk.wait(30.0)
+    assert desk.job is None
+    assert desk.trouble is not None
+    assert desk.trouble.sentence == "ended"
+    assert desk.step.diagnosis is None
+
+
+def test_the_verb_refuses_what_cannot_be(gyrowheel: Shell, tmp_path: Path, server: Server) -> None:
+    for arguments, words in (
+        ([tmp_path / "none"], "no such folder"),
+        ([tmp_path, "--model", tmp_path / "m.yaml"], "m.yaml"),
+        ([tmp_path, "--port", server.port], "cannot be used"),
+        ([tmp_path, "--address", "0.0.0.0"], "name one of this computer"),
+    ):
+        result = gyrowheel("workbench", *arguments)
+        assert result.code == 2
+        assert words in result.err
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
+def test_see_add_watch_undo_in_a_browser(wheel: Wheel, tmp_path: Path) -> None:
+    playwright = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
+    for own in (wheel.recording, wheel.other):
+        shutil.copytree(own, tmp_path / "runs" / own.name)
+    content = yaml.safe_load(wheel.model.read_text(encoding="utf-8"))
+    content["history"] = [{"time": "2026-01-01T00:00:00+00:00", "what": EVIL, "fit": [EVIL]}]
+    file = write(tmp_path / "wheel.yaml", yaml.safe_dump(content))
+    desk = Desk(Shelf([tmp_path / "runs"]), gw.Model.load(file), file)
+    said: list[str] = []
+    asked: list[str] = []
+    with Server(desk, port=0) as server, playwright.sync_playwright() as play:
+        browser = play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        window = browser.new_context(viewport={"width": 1400, "height": 1000})
+
+        def page() -> Any:
+            new = window.new_page()
+            new.set_default_timeout(60_000)
+            new.on("console", lambda message: said.append(message.text) if message.type == "error" else None)
+            new.on("pageerror", lambda error: said.append(str(error)))
+            new.on("dialog", lambda dialog: said.append("a script ran"))
+            new.on("request", lambda request: asked.append(request.url))
+            new.goto(server.url)
+            return new
+
+        first, second = page(), page()
+        expect = playwright.expect
+        expect.set_options(timeout=60_000)
+
+        def shelf(name: str) -> Any:
+            return first.locator("#part-recordings li").filter(has=first.locator("b", has_text=name))
+
+        shelf("drag").get_by_role("button", name="fit").click()
+        expect(first.locator("#tabs button")).to_have_count(1)
+        shelf("other").get_by_role("button", name="only predict").click()
+        expect(first.locator("#tabs button")).to_have_count(2)
+        expect(second.locator("#tabs button")).to_have_count(2)  # two pages agree
+        # signals: all of it, then every sample
+        expect(first.locator("#span")).to_contain_text("no spike is lost")
+        for _ in range(7):
+            first.keyboard.press("+")
+        expect(first.locator("#span")).to_contain_text("every one")
+        # where, and what is missing
+        first.locator("button[data-do=diagnose]").click()
+        expect(first.locator("[data-verdict=effect]")).to_contain_text("windage")
+        expect(first.locator("#where canvas").first).to_be_visible()
+        expect(second.locator("[data-verdict=effect]")).to_contain_text("windage")
+        # an own formula is checked as it is typed
+        first.locator("#formula").fill("mine: torque = -k*Omgea*z")
+        expect(first.locator("[data-trouble=formula]")).to_contain_text("Omgea")
+        expect(first.locator("#formula-form button")).to_be_disabled()
+        first.locator("#formula").fill("mine: torque = -k*Omega*z")
+        expect(first.locator("#formula-said")).to_contain_text("mine")
+        expect(first.locator("#formula-form button")).to_be_enabled()
+        # add: the error on the unused recording falls to its noise
+        first.locator("button[data-do=add][data-what=windage]").click()
+        expect(first.locator("#part-model .card")).to_contain_text("windage")
+        row = first.locator("#part-error tr.total td.figure")
+        before, after = (float(row.nth(k).inner_text()) for k in (3, 4))
+        assert after < 1.3**2 < before
+        added = desk.step.model.added
+        assert added is not None
+        assert added.error.validation_after is not None
+        assert after == pytest.approx(added.error.validation_after.chi2_per_n, rel=5e-3)
+        # a reload keeps all, undo brings the model back, on both pages
+        first.reload()
+        expect(first.locator("#part-model .card")).to_contain_text("windage")
+        expect(first.locator("#fall canvas").first).to_be_visible()
+        first.locator("button[data-do=undo]").click()
+        expect(first.locator("#part-model .card")).to_have_count(0)
+        expect(second.locator("#part-model .card")).to_have_count(0)
+        expect(second.locator("#part-model")).to_contain_text(EVIL)  # as text
+        assert desk.step.model.effects == {}
+        browser.close()
+    assert said == []
+    assert [url for url in asked if not url.startswith((server.url, "data:", "blob:"))] == []

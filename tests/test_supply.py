@@ -1,0 +1,63 @@
+"""What `make` installs: pinned by version and hash, and under licences that go with ours."""
+
+from __future__ import annotations
+
+import re
+from email.message import Message
+from types import SimpleNamespace
+
+import pytest
+
+from gyrowheel_core.errors import InputError
+from tools import licences, lock
+
+_PIN = re.compile(r"[a-z0-9.-]+==\S+( \\\n    --hash=sha256:[0-9a-f]{64})+\n")
+
+
+def test_every_package_of_the_lock_file_has_hashes_and_they_are_asked_for() -> None:
+    text = licences.LOCK.read_text(encoding="utf-8")
+    assert text.startswith(lock.HEADER)
+    assert _PIN.sub("", text.removeprefix(lock.HEADER)) == ""
+    makefile = (licences.ROOT / "Makefile").read_text(encoding="utf-8")
+    installs = re.findall(
+        r"pip.* install.*requirements\.lock|\$\(PIP\) install.*requirements\.lock", makefile
+    )
+    assert installs
+    assert all("--require-hashes" in line for line in installs)
+
+
+def test_the_lock_file_has_what_the_packages_ask_for() -> None:
+    asked = {re.split(r"[<>=\[ ;]", text)[0].lower().replace("_", "-") for text in lock.requirements()}
+    assert asked <= set(licences.pins())
+
+
+def test_the_page_of_the_licences_is_up_to_date() -> None:
+    page = licences.ROOT / "docs" / "licences.md"
+    assert page.read_text(encoding="utf-8") == licences.page(), "`make docs` writes it anew"
+
+
+@pytest.mark.parametrize(
+    ("field", "text", "found"),
+    [
+        ("License-Expression", "MIT AND Zlib", ("MIT", "Zlib")),
+        ("License-Expression", "GPL-3.0-only OR MIT", ("GPL-3.0-only OR MIT",)),
+        ("License-Expression", "MIT AND GPL-3.0-only", None),
+        ("Classifier", "License :: OSI Approved :: BSD License", ("BSD",)),
+        ("Classifier", "License :: OSI Approved :: GNU Affero General Public License v3", None),
+        ("License", "Apache 2.0", ("Apache-2.0",)),
+        ("License", "ask us", None),
+        ("Summary", "no licence at all", None),
+    ],
+)
+def test_a_licence_that_does_not_go_with_ours_is_refused(
+    field: str, text: str, found: tuple[str, ...] | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    about = Message()
+    about["Name"] = "other"
+    about[field] = text
+    monkeypatch.setattr(licences, "distribution", lambda name: SimpleNamespace(metadata=about, files=()))
+    if found is None:
+        with pytest.raises(InputError, match=r"^other: (licence .* is not known to go|states no licence)"):
+            licences.licence("other")
+    else:
+        assert licences.licence("other") == found
