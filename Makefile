@@ -8,6 +8,7 @@ MAKEFLAGS += --no-builtin-rules --no-print-directory
 
 PYTHON ?= python3
 SEED ?= 1
+MINUTES ?= 5
 
 BIN := .venv/bin
 # One empty file a step that is done; a step is done again when what it was made from is newer.
@@ -33,7 +34,7 @@ ifdef _ROS_WHEELS_BOOTSTRAP_COMPLETE
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH
 endif
 
-.PHONY: all demo test quick bench lint docs lock clean help
+.PHONY: all demo test quick workspace fuzz bench lint docs lock clean help
 
 all: $(DONE)/packages ## create .venv and install the seven packages into it (also: just `make`)
 	$(call say,ready: .venv/bin/gyrowheel ("make demo" shows what it does))
@@ -50,7 +51,7 @@ $(DONE)/venv:
 
 $(DONE)/requirements: requirements.lock | $(DONE)/venv
 	$(call say,installing the packages of requirements.lock (about a minute))
-	@$(PIP) install --requirement requirements.lock
+	@$(PIP) install --require-hashes --requirement requirements.lock
 	@touch $@
 
 $(DONE)/msgs: $(MSGS_FILES) $(DONE)/requirements
@@ -71,11 +72,17 @@ ifdef ARGS
 	@$(BIN)/python -m pytest $(ARGS)
 else
 	@$(BIN)/python -m pytest -n auto --dist worksteal -m 'not alone'
-	@$(BIN)/python -m pytest -m alone
+	@$(BIN)/python -m pytest -m alone $$(grep -rl --include='test_*.py' 'mark\.alone' tests)
 endif
 
 quick: lint ## lint, and the tests that are neither slow nor start nodes: for every commit
 	@$(BIN)/python -m pytest -n auto --dist worksteal -m 'not slow and not graph'
+
+fuzz: $(DONE)/packages ## try damaged input of every kind for MINUTES=5; what goes wrong is kept in fuzz_findings
+	@$(BIN)/python -m tests.fuzz --minutes $(MINUTES) $(ARGS)
+
+workspace: $(DONE)/packages ## build and test the packages by colcon (ARGS="-k units" picks some)
+	@$(BIN)/python -m tools.workspace $(ARGS)
 
 bench: $(DONE)/packages ## measure speed and accuracy beside other tools; figures in bench.json (ARGS=simulation)
 	@$(BIN)/python -m benchmarks $(ARGS)
@@ -97,4 +104,4 @@ clean: ## remove .venv and all caches
 	@find src $(wildcard tests) -name __pycache__ -prune -exec rm -rf {} +
 
 help: ## list the targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-6s %s\n", $$1, $$2}' $(firstword $(MAKEFILE_LIST))
+	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-9s %s\n", $$1, $$2}' $(firstword $(MAKEFILE_LIST))

@@ -16,6 +16,6 @@ SUBJECTS = {
     "diagnosis": "time and memory of a diagnosis, minutes and an hour of samples, stage by stage",
     "recording": "columns read per second, beside rosbags and mcap_ros2; the recorder at 10 000 messages/s, killed",
     "solver": "one fit of a recording, our Gauss-Newton beside SciPy's least_squares: time, same minimum",
+    "killed": "kill -9 at random instants of verbs that write, and fifty writers of one model at once",
     "readers": "our MCAP reader and writer beside rosbags' raw bytes: time, damage that shows, what a kill loses",
-    "mutations": "damaged recordings and YAML files: refused, or read exactly",
 }

@@ -16,10 +16,11 @@ import numpy as np
 
 from gyrowheel.text.layout import plain_text, words_table
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
-from gyrowheel_analysis.diagnosis.event_scan import Evidence, Profiles
+from gyrowheel_analysis.diagnosis.event_scan import places, price
 from gyrowheel_analysis.diagnosis.events import THRESHOLD
+from gyrowheel_analysis.diagnosis.evidence import Evidence, Profiles
 from gyrowheel_analysis.diagnosis.selection import select
-from gyrowheel_analysis.fitting.events import Event
+from gyrowheel_analysis.fitting.events import QUANTITIES, Event
 from gyrowheel_analysis.fitting.preparation import one_thread, prepare
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.recording import Recording, write_run
@@ -112,7 +113,7 @@ def run(seed: int, plan: str, folder: Path) -> Case:
     off = min((abs(e.time - event.time) for e in own), default=None) if event else None
     return Case(
         seed, drift, tuple(machine.effects), event, limits, off,
-        len(found.events) - bool(own),
+        len(found.events) - len(own) + len(found.drift_shapes),
         (*(f.name for f in found.effects), *(f.formula for f in found.free_form)),
     )  # fmt: skip
 
@@ -124,7 +125,9 @@ def _limits(recording: Recording, model: Model, event: Event, size: float) -> fl
         evidence = Evidence(problem, select(problem).best)
         w = problem.balances[0].windows
         profiles = Profiles(event.kind, [event.edges], np.array([event.profile(w.start, w.duration)]))
-        return abs(size) / evidence.limit(event.quantity, 0, profiles, THRESHOLD)
+        needed = THRESHOLD + price(event.kind, places(problem))
+        large = QUANTITIES[event.quantity].width(problem.bench)
+        return abs(size) / (large * evidence.limit((event.quantity,), 0, profiles, needed))
 
 
 def shown(cases: Sequence[Case]) -> str:

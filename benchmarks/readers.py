@@ -21,7 +21,6 @@ from mcap.writer import CompressionType
 from mcap.writer import Writer as ForeignWriter
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 
-from benchmarks.mutations import mutated
 from benchmarks.results import Bar, Figure, MeasurementError, Report
 from benchmarks.source import PERIOD_NS
 from benchmarks.timing import by_turns
@@ -30,6 +29,7 @@ from gyrowheel_analysis.recording.definitions import definition, typestore
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.topics import Topic
+from tests.fuzz.damage import mutated
 
 Fraction = Callable[[float], None]
 Columns = dict[str, npt.NDArray[Any]]

@@ -38,7 +38,7 @@ from gyrowheel_sim.effects.quantities import QUANTITIES, REFERENCES, z
 from gyrowheel_sim.effects.targets import TARGETS
 from gyrowheel_sim.effects.typed import typed_effect
 from gyrowheel_sim.mechanics.momentum import envelope
-from tools import house
+from tools import house, licences
 
 #: Texts and pictures by path.
 Pages: TypeAlias = dict[Path, str | bytes]
@@ -413,6 +413,7 @@ def made() -> Pages:
         pages[DOCS / page] = with_tables((DOCS / page).read_text(encoding="utf-8"))
     momentum = envelope(bench)
     pages[DOCS / "momentum.csv"] = momentum.to_csv()
+    pages[DOCS / "licences.md"] = licences.page()
     pages[DOCS / "images" / "house.svg"] = house.to_svg()
     shown = json.dumps(momentum.to_json())
     pages[DOCS / "images" / "momentum_caps.png"] = png_bytes(caps_figure(bench), shown)

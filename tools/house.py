@@ -34,9 +34,10 @@ HOUSE = (
         "gyrowheel_core",
         "no physics: what every package uses",
         (
-            ("errors", "wire", "cache"),
+            ("errors", "wire", "cache", "leftovers", "processes"),
             ("units", "files", "schema", "yaml_text", "readings", "topics"),
             ("quantities", "node", "locks", "limits"),
+            ("journal",),
         ),
     ),
     Package(
@@ -70,20 +71,23 @@ HOUSE = (
     Package(
         "gyrowheel_bringup",
         "the graph of nodes",
-        (("graph", "viewers"), ("foxglove_process", "replay_session", "foxglove_node")),
+        (
+            ("graph", "viewers", "gate"),
+            ("foxglove_process", "replay_session", "foxglove_node"),
+        ),
     ),
     Package(
         "gyrowheel",
         "the front door: import gyrowheel as gw",
         (
-            ("errors", "files", "units", "blind_trial"),
+            ("errors", "files", "units", "blind_trial", "code_identity"),
             ("campaigns",),
             ("text.uncut_table",),
             ("text",),
             ("plots",),
             ("results",),
             ("recording", "air"),
-            ("correcting", "inputs", "origins", "tables", "catalogue"),
+            ("commands", "correcting", "inputs", "origins", "tables", "catalogue"),
             ("machine",),
             ("model",),
             ("simulation", "results.calibration", "investigation"),
@@ -99,7 +103,8 @@ HOUSE = (
                 "campaigns.workers",
                 "graph",
             ),
-            ("demo", "publication"),
+            ("report",),
+            ("demo", "publication", "workbench"),
             ("cli",),
         ),
     ),

@@ -1,4 +1,4 @@
-"""Write requirements.lock: one version of everything that the five packages need to build, run and be tested.
+"""Write requirements.lock: one version of everything that our packages need to build, run and be tested, with hashes.
 
 What they need is read from their own pyproject.toml. ``make lock`` calls this, in an environment with ``uv``.
 """
@@ -13,6 +13,7 @@ LOCK = ROOT / "requirements.lock"
 HEADER = """\
 # Written by `make lock` from the pyproject.toml files, for Python 3.11 on Linux; do not edit.
 # Holds all that `make` installs: what the packages need to run, what builds them, what checks them.
+# The hashes are those of the files on PyPI; pip refuses any other file, from whatever index or cache it comes.
 """
 
 
@@ -30,7 +31,7 @@ def requirements() -> list[str]:
 
 def main() -> int:
     """Resolve the requirements to the newest versions that agree; replace the lock file if there are such."""
-    options = "--quiet --no-config --no-header --no-annotate --no-emit-index-url --no-emit-find-links"
+    options = "--quiet --no-config --no-header --no-annotate --no-emit-index-url --no-emit-find-links --generate-hashes"
     target = "--python-version 3.11 --python-platform x86_64-manylinux_2_28"
     resolved = subprocess.run(
         [sys.executable, "-m", "uv", "pip", "compile", *options.split(), *target.split(), "-"],

@@ -22,7 +22,8 @@ from benchmarks.independent.sequence import (
     short_sequence,
 )
 from gyrowheel.text.sentences.diagnosis import verdict_sentence
-from gyrowheel_analysis.diagnosis.diagnose import Diagnosis, diagnose
+from gyrowheel_analysis.diagnosis.diagnose import diagnose
+from gyrowheel_analysis.diagnosis.result import Diagnosis
 from gyrowheel_analysis.diagnosis.selection import ERROR_LIMIT, THRESHOLD, threshold
 from gyrowheel_analysis.fitting.preparation import one_thread, prepare
 from gyrowheel_analysis.fitting.terms import Term
