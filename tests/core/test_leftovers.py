@@ -60,7 +60,6 @@ def test_killed_at_any_instant(kind: str, tmp_path: Path) -> None:
     )
     assert process.stdin is not None
     assert process.stdout is not None
-    left = 0
     for _ in range(30):
         process.stdin.write("go\n")
         process.stdin.flush()
@@ -73,10 +72,8 @@ def test_killed_at_any_instant(kind: str, tmp_path: Path) -> None:
         assert contents <= {b"a" * 300_000, b"b" * 300_000}
         if kind == "folder":  # the child empties it, one file after the other, before it makes the next one
             assert len(contents) <= 1
-        left += len(list(tmp_path.iterdir())) > 1
     process.stdin.close()
     assert process.wait(10) == 0
-    assert left > 0, "it was never killed on the way"
     if kind == "file":
         write_bytes(path, b"done")
     else:
@@ -85,6 +82,44 @@ def test_killed_at_any_instant(kind: str, tmp_path: Path) -> None:
         with new_directory(path) as place:
             place.mkdir()
     assert [place.name for place in tmp_path.iterdir()] == ["target"]
+
+
+#: A process that stops half way to a file or a folder, and says so.
+_STOPS_HALF_WAY = """
+    import sys, time
+    from pathlib import Path
+    from gyrowheel_core.files import new_directory, new_file
+
+    path, folder = Path(sys.argv[1]), sys.argv[2] == "folder"
+    with (new_directory if folder else new_file)(path) as place:
+        if folder:
+            place.mkdir()
+        (place / "1" if folder else place).write_bytes(b"a" * 300_000)
+        print("half way", flush=True)
+        time.sleep(600)
+"""
+
+
+@pytest.mark.parametrize("kind", ["file", "folder"])
+def test_what_a_killed_process_left_is_taken_away(kind: str, tmp_path: Path) -> None:
+    """Nothing is at the path, what is beside it goes when the path is written the next time."""
+    path = tmp_path / "target"
+    process = subprocess.Popen(
+        [sys.executable, "-c", textwrap.dedent(_STOPS_HALF_WAY), str(path), kind], stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "half way\n"
+    process.kill()
+    process.wait(10)
+    process.stdout.close()
+    assert not path.exists()
+    assert len(list(tmp_path.iterdir())) == 1
+    if kind == "file":
+        write_bytes(path, b"done")
+    else:
+        with new_directory(path) as place:
+            place.mkdir()
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_what_another_process_has_on_its_way_stays(tmp_path: Path) -> None:
