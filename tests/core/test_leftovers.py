@@ -105,7 +105,9 @@ def test_what_a_killed_process_left_is_taken_away(kind: str, tmp_path: Path) -> 
     """Nothing is at the path, what is beside it goes when the path is written the next time."""
     path = tmp_path / "target"
     process = subprocess.Popen(
-        [sys.executable, "-c", textwrap.dedent(_STOPS_HALF_WAY), str(path), kind], stdout=subprocess.PIPE, text=True
+        [sys.executable, "-c", textwrap.dedent(_STOPS_HALF_WAY), str(path), kind],
+        stdout=subprocess.PIPE,
+        text=True,
     )
     assert process.stdout is not None
     assert process.stdout.readline() == "half way\n"

@@ -14,7 +14,7 @@ import pytest
 import yaml
 
 import gyrowheel as gw
-from gyrowheel.workbench import gate
+from gyrowheel.workbench import gate, pictures
 from gyrowheel.workbench.decimation import Envelope
 from gyrowheel.workbench.desk import Desk
 from gyrowheel.workbench.server import Server
@@ -44,6 +44,19 @@ def ask(server: Server, path: str, content: Any = None, **headers: str) -> tuple
     connection.request("GET" if content is None else "POST", path, json.dumps(content), sent)
     answer = connection.getresponse()
     return answer.status, answer.read()
+
+
+@pytest.fixture(scope="module")
+def compared(wheel: Wheel) -> Iterator[Desk]:
+    """Return a desk with a recording compared and its holds predicted, and nothing diagnosed."""
+    desk = Desk(Shelf([wheel.recording.parent]), gw.Model.load(wheel.model), wheel.model)
+    desk.open("0/drag", "fitted")
+    desk.wait(60.0)
+    desk.compare()
+    desk.wait(60.0)
+    assert desk.trouble is None
+    yield desk
+    desk.shut()
 
 
 def test_no_spike_is_lost_and_few_samples_are_all_shown() -> None:
@@ -191,6 +204,49 @@ def test_signals_come_as_they_were_recorded(server: Server, wheel: Wheel) -> Non
         assert ask(server, f"/signal?key=0/drag&{query}&points=9")[0] == 422
 
 
+def test_a_cell_of_the_map_has_its_windows_and_what_is_said_of_them(compared: Desk) -> None:
+    found = pictures.found(compared)
+    comparison = compared.step.comparison
+    assert comparison is not None
+    data = comparison.details.data
+    for shown in found["maps"]:
+        every = [k for cell in shown["cells"] for k in cell["windows"]]
+        assert sorted(every) == list(range(len(data.windows)))  # each window once
+        for cell, own in zip(shown["cells"], comparison.map(shown["variable"]).cells, strict=True):
+            assert len(cell["windows"]) == own.count
+            mean = np.mean([found["windows"]["chi2"]["spin"]["values"][k] for k in cell["windows"]])
+            assert mean == pytest.approx(own.chi2_per_n["spin"])
+    whole = pictures.region(compared, range(len(data.windows)))
+    assert whole["share"] == pytest.approx(1.0)
+    assert [own["share"] for own in whole["said"]] == [r.share_of_chi2 for r in comparison.where]
+    with pytest.raises(gw.InputError, match="windows: must be of 0"):
+        pictures.region(compared, [len(data.windows)])
+
+
+def test_holds_are_those_of_the_papers_analysis(compared: Desk, wheel: Wheel) -> None:
+    own = pictures.holds(compared)["0/drag"]
+    (holds,) = gw.drag(wheel.recording, gw.Model.load(wheel.model)).holds
+    constant = gw.Model.load(wheel.model).bench.value("coil_constant")
+    assert own["hold"] == [e.segment for e in holds]
+    for k, e in enumerate(holds):
+        x = own["actuators"][0]
+        assert x["torque"]["measured"][k] == pytest.approx(1e3 * e.measured_torque[0])
+        assert x["torque"]["predicted"][k] == pytest.approx(1e3 * e.simulated_torque[0])
+        assert x["voltage"]["predicted"][k] == pytest.approx(1e3 * e.simulated_voltage_increment[0])
+        level = own["levels"]["coil_voltage_x"]
+        assert constant * (level["measured"][k] - level["predicted"][k]) == pytest.approx(e.residual[0])
+        assert 0.0 <= own["start"][k] < own["end"][k] <= compared.opened["0/drag"].recording.duration
+
+
+def test_states_of_the_rotor_are_means_of_the_samples(compared: Desk) -> None:
+    samples, time = (getattr(compared.opened["0/drag"].recording, name) for name in ("measurement", "time"))
+    states = pictures.motion(compared, "0/drag", 1.0, 2.0)
+    assert len(states["time"]) == 30
+    span = (time >= 1.0) & (time < 2.0)
+    assert np.mean(states["tilt_x"]) == pytest.approx(samples["tilt_x"][span].mean(), rel=1e-2)
+    assert all(1.0 <= t <= 2.0 for t in states["time"])
+
+
 def test_work_can_be_ended(server: Server) -> None:
     desk = server.desk
     ask(server, "/do/open", {"key": "0/drag", "role": "fitted"})
@@ -260,11 +316,21 @@ def test_see_add_watch_undo_in_a_browser(wheel: Wheel, tmp_path: Path) -> None:
         for _ in range(7):
             first.keyboard.press("+")
         expect(first.locator("#span")).to_contain_text("every one")
+        # the raw sample at the cursor, by keyboard
+        first.keyboard.press(".")
+        expect(first.locator("#readout")).to_contain_text("sample ")
         # where, and what is missing
         first.locator("button[data-do=diagnose]").click()
         expect(first.locator("[data-verdict=effect]")).to_contain_text("windage")
         expect(first.locator("#where canvas").first).to_be_visible()
         expect(second.locator("[data-verdict=effect]")).to_contain_text("windage")
+        # a cell of the map shows its windows, and what is said of them
+        first.locator(".map tbody tr").nth(1).locator("button").last.click()
+        expect(first.locator("#chosen")).to_contain_text("windows chosen")
+        expect(first.locator("#chosen .said")).to_contain_text("residual")
+        # holds, measured beside predicted
+        expect(first.locator("#predicted canvas").first).to_be_visible()
+        expect(first.locator("#predicted-said")).to_contain_text("holds")
         # an own formula is checked as it is typed
         first.locator("#formula").fill("mine: torque = -k*Omgea*z")
         expect(first.locator("[data-trouble=formula]")).to_contain_text("Omgea")

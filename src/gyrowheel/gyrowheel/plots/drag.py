@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -62,7 +63,7 @@ def _draw(result: Drag) -> Figure:
             "hspace": 0.32,
         },
     )
-    tilt, tilt_label = _tilts(every)
+    tilt, tilt_label = tilts(every)
     speed = np.array([e.spin_rate for e in every]) / RPM
     for place, (name, signal) in enumerate(_ACTUATORS):
         over_time, over_tilt, over_speed = grid[place]
@@ -130,7 +131,7 @@ def air_increments(result: Drag, place: int) -> Any:
     return np.array(found)
 
 
-def _tilts(estimates: list[Estimate]) -> tuple[Any, str]:
+def tilts(estimates: Sequence[Estimate]) -> tuple[Any, str]:
     """Return tilts in degrees and what they are: along the one line on which all lie, else magnitudes."""
     tilt = np.array([[e.tilt_x, e.tilt_y] for e in estimates])
     directions = np.linalg.svd(tilt)[2]

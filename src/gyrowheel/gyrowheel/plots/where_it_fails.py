@@ -160,22 +160,24 @@ def _strip(axes: Axes, shown: ResidualMap, data: WindowResiduals, norm: Any, *, 
         text = f"{values[i, j]:.0f}" if values[i, j] >= 9.95 else f"{values[i, j]:.1f}"
         if values.shape[1] <= 9:
             axes.text(j, i, text, ha="center", va="center", fontsize=8, color="white" if dark else DARK)
-    axes.set_xticks(range(len(shown.cells)), [_label(variable, cell) for cell in shown.cells], fontsize=9)
-    if any(len(_label(variable, cell)) > 4 for cell in shown.cells) or len(shown.cells) > 6:
+    axes.set_xticks(range(len(shown.cells)), [cell_label(variable, cell) for cell in shown.cells], fontsize=9)
+    if any(len(cell_label(variable, cell)) > 4 for cell in shown.cells) or len(shown.cells) > 6:
         axes.tick_params(axis="x", rotation=45)
     axes.set_yticks(range(len(names)), [CHANNELS[name].title for name in names] if first else [])
-    axes.set_title(_axis_title(variable), fontsize=10.5, loc="center")
+    axes.set_title(axis_title(variable), fontsize=10.5, loc="center")
     axes.tick_params(length=0)
     for side in axes.spines.values():
         side.set_visible(False)
     return image
 
 
-def _axis_title(variable: str) -> str:
+def axis_title(variable: str) -> str:
+    """Return the title of a variable, with the unit of `cell_label`."""
     return f"{TITLES[variable]}, {_UNITS[variable]}"
 
 
-def _label(variable: str, cell: Cell) -> str:
+def cell_label(variable: str, cell: Cell) -> str:
+    """Return the label of a cell of a map over one variable."""
     span: Span = cell.spans[variable]
     if math.isnan(span.low):
         return "none"

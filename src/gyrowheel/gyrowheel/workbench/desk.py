@@ -5,16 +5,19 @@ There is one desk, whatever browser looks at it: two pages show the same, and cl
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
-from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
+
+from numpy.typing import NDArray
 
 from gyrowheel.analysis import compare, diagnose
 from gyrowheel.catalogue import own_effect
+from gyrowheel.estimating import drag
 from gyrowheel.model import Model
 from gyrowheel.recording import Recording
 from gyrowheel.workbench.decimation import Envelope
@@ -24,29 +27,55 @@ from gyrowheel_core.errors import InputError, one_line
 if TYPE_CHECKING:
     from gyrowheel.results.comparison import Comparison
     from gyrowheel.results.diagnosis import Diagnosis
+    from gyrowheel_analysis.drag import Estimate
     from gyrowheel_sim.effects import Effect
 
 #: What a recording is used for.
 Role = Literal["fitted", "not used to fit"]
 ROLES: tuple[Role, ...] = ("fitted", "not used to fit")
+_PATIENCE = 30.0  # s in which ended work must come to its next line
 
 
 @dataclass(frozen=True)
 class Opened:
-    """A recording on the desk: what it is used for, and its signals ready to be drawn."""
+    """A recording on the desk: what it is used for, its signals and setpoints ready to be drawn."""
 
     key: str
     recording: Recording
     role: Role
-    signals: dict[str, Envelope]
+    signals: Mapping[str, Envelope]
+    setpoints: Mapping[str, Envelope]
+
+    @classmethod
+    def of(cls, key: str, recording: Recording, role: Role) -> Opened:
+        """Return a recording made ready."""
+        return cls(key, recording, role, _envelopes(recording.measurement), _envelopes(recording.setpoints))
+
+
+def _envelopes(rows: NDArray[Any]) -> dict[str, Envelope]:
+    names = [name for name in rows.dtype.names or () if rows.dtype[name].kind == "f"]
+    return {name: Envelope(rows[name]) for name in names}
 
 
 @dataclass(frozen=True)
 class Step:
-    """A model, and what was found with it."""
+    """A model, and what was found with it.
+
+    Attributes
+    ----------
+    model : Model
+        The model.
+    comparison : Comparison or None
+        Where it fails on the fitted recordings.
+    holds : dict of str to tuple of Estimate
+        What it predicts for every hold of every opened recording beside what was measured, by the recording's key.
+    diagnosis : Diagnosis or None
+        What it lacks.
+    """
 
     model: Model
     comparison: Comparison | None = None
+    holds: Mapping[str, tuple[Estimate, ...]] = field(default_factory=dict)
     diagnosis: Diagnosis | None = None
 
 
@@ -71,6 +100,36 @@ class Ended(Exception):
     """The work was ended by the user."""
 
 
+class Work:
+    """The hand of what is under way on the desk; the desk takes nothing from it any more once it is ended.
+
+    A calculation cannot be stopped in its middle: it goes on unseen to its next line, and stops there.
+    """
+
+    def __init__(self, desk: Desk, place: str) -> None:
+        self._desk = desk
+        self.place = place
+        self.ended = False
+
+    def say(self, line: str) -> None:
+        """Show what is being done.
+
+        Raises
+        ------
+        Ended
+            If the user has ended it.
+        """
+        self.change(lambda: self._desk.tell(line))
+
+    def change(self, what: Callable[[], None]) -> None:
+        """Change something on the desk; raises `Ended` as `say` does."""
+        with self._desk.lock:
+            if self.ended:
+                raise Ended
+            what()
+        self._desk.changed()
+
+
 class Desk:
     """The state of the workbench; every method may be called from any thread.
 
@@ -88,17 +147,17 @@ class Desk:
         self.shelf = shelf
         self.file = file
         self.version = 0
+        self.facts = 0
         self.opened: dict[str, Opened] = {}
         self.steps: list[Step] = [Step(model)]
         self.job: Job | None = None
         self.trouble: Trouble | None = None
         self.saved = ""
         self.closed = False
-        self._ending = threading.Event()
-        self._lock = threading.RLock()
-        self._worker = ThreadPoolExecutor(1, thread_name_prefix="workbench")
+        self.lock = threading.RLock()
+        self._work: Work | None = None
+        self._threads: list[threading.Thread] = []
         self._watchers: set[Callable[[], None]] = set()
-        self._future: Future[None] | None = None
 
     # --- looking
 
@@ -124,50 +183,44 @@ class Desk:
             raise InputError(f"role: {role!r} is not allowed; allowed: {', '.join(ROLES)}")
         entry = self.shelf.find(key)
 
-        def work(say: Callable[[str], None]) -> None:
+        def work(at: Work) -> None:
             own = self.opened.get(key)
             if own is None:
                 recording = Recording.open(entry.path)
-                say("looking for spikes")
-                samples = recording.measurement
-                names = [name for name in samples.dtype.names or () if name not in ("stamp_ns", "sequence")]
-                own = Opened(key, recording, role, {name: Envelope(samples[name]) for name in names})
-            with self._lock:
-                self.opened[key] = replace(own, role=role)
-                self._forget_results()
+                at.say("looking for spikes")
+                own = Opened.of(key, recording, role)
+            at.change(lambda: self._put(replace(own, role=role)))
 
         self._begin(f"opening {entry.name}", "recordings", work)
 
     def close(self, key: str) -> None:
         """Take a recording off the desk."""
-        with self._lock:
+        with self.lock:
             self._require_idle()
             if self.opened.pop(key, None) is not None:
-                self._forget_results()
-        self._changed()
+                self._keep([Step(self.step.model)])
+        self.changed()
+
+    def compare(self) -> None:
+        """Compare the model with the opened recordings, and predict their holds."""
+        self._data()
+        self._begin("comparing", "missing", self._compare)
 
     def diagnose(self) -> None:
         """Compare the model with the opened recordings, and find what it lacks."""
-        fitted, unused = self._data()
-
-        def work(say: Callable[[str], None]) -> None:
-            model = self.step.model
-            found = compare(fitted, model, progress=say)
-            self._now(replace(self.step, comparison=found, diagnosis=None))
-            self._now(replace(self.step, diagnosis=diagnose(fitted, model, validate=unused, progress=say)))
-
-        self._begin("diagnosing", "missing", work)
+        self._data()
+        self._begin("diagnosing", "missing", self._diagnose)
 
     def add(self, what: str, *, formula: bool = False) -> None:
         """Add an effect of the library, or one of the user's own, to the model and fit it."""
         fitted, unused = self._data()
         item: str | Effect = self.own(what) if formula else what
 
-        def work(say: Callable[[str], None]) -> None:
-            model = self.step.model.add(item, fit=fitted, validate=unused, progress=say)
-            found = compare(fitted, model, progress=say)
-            with self._lock:
-                self.steps.append(Step(model, found))
+        def work(at: Work) -> None:
+            model = self.step.model.add(item, fit=fitted, validate=unused, progress=at.say)
+            found = compare(fitted, model, progress=at.say)
+            step = Step(model, found, self._holds(model, at))
+            at.change(lambda: self._keep([*self.steps, step]))
 
         name = item if isinstance(item, str) else item.name
         self._begin(f"adding {name}", "formula" if formula else "missing", work)
@@ -184,14 +237,11 @@ class Desk:
 
     def undo(self) -> None:
         """Return to the model before its last change."""
-        with self._lock:
+        with self.lock:
             self._require_idle()
-            if len(self.steps) > 1:
-                self.steps.pop()
-            else:
-                self.steps = [Step(self.step.model.undo())]
+            self._keep(self.steps[:-1] if len(self.steps) > 1 else [Step(self.step.model.undo())])
             self.trouble, self.saved = None, ""
-        self._changed()
+        self.changed()
 
     def save(self, name: str) -> Path:
         """Write the model into the folder of its file, or of the recordings.
@@ -207,28 +257,34 @@ class Desk:
         path = folder / name
         if path.exists() and (self.file is None or path.resolve() != self.file.resolve()):
             raise InputError(f"name: {path} exists; choose another one")
-        with self._lock:
+        with self.lock:
             self._require_idle()
             self.step.model.save(path)
             self.saved = str(path)
-        self._changed()
+        self.changed()
         return path
 
     def end(self) -> None:
-        """End the work that is under way, at its next line."""
-        self._ending.set()
+        """End the work that is under way, at once: the desk is as it was, but for what had been found."""
+        with self.lock:
+            if self._work is not None:
+                self._finish(self._work, Trouble(self._work.place, "ended"))
+        self.changed()
 
     def wait(self, seconds: float) -> None:
-        """Wait until nothing is under way."""
-        if self._future is not None:
-            self._future.result(seconds)
+        """Wait until nothing is under way, and what was ended has stopped."""
+        until = time.monotonic() + seconds
+        for thread in list(self._threads):
+            thread.join(max(until - time.monotonic(), 0.0))
+            if thread.is_alive():
+                raise TimeoutError(f"the work goes on after {seconds:g} s")
 
     def shut(self) -> None:
-        """End everything: the work at its next line, and what waits for changes."""
+        """End everything: the work, and what waits for changes."""
         self.closed = True
         self.end()
-        self._changed()
-        self._worker.shutdown(wait=True, cancel_futures=True)
+        with contextlib.suppress(TimeoutError):  # it dies with the program
+            self.wait(_PATIENCE)
 
     # --- within
 
@@ -238,52 +294,78 @@ class Desk:
             raise InputError("recordings: none is open to fit; open one on the left")
         return fitted, self.used("not used to fit")
 
-    def _begin(self, title: str, place: str, work: Callable[[Callable[[str], None]], None]) -> None:
-        with self._lock:
+    def _begin(self, title: str, place: str, work: Callable[[Work], None]) -> None:
+        with self.lock:
             self._require_idle()
-            self._ending.clear()
             self.job, self.trouble, self.saved = Job(title), None, ""
-        self._changed()
-        self._future = self._worker.submit(self._run, place, work)
+            self._work = own = Work(self, place)
+            self._threads = [each for each in self._threads if each.is_alive()]
+            self._threads.append(threading.Thread(target=self._run, args=(own, work), daemon=True))
+        self.changed()
+        self._threads[-1].start()
 
-    def _run(self, place: str, work: Callable[[Callable[[str], None]], None]) -> None:
+    def _run(self, own: Work, work: Callable[[Work], None]) -> None:
         trouble = None
         try:
-            self._say("")
-            work(self._say)
+            work(own)
         except Ended:
-            trouble = Trouble(place, "ended")
+            return
         except InputError as error:
-            trouble = Trouble(place, str(error))
+            trouble = Trouble(own.place, str(error))
         except Exception as error:  # a defect of ours: the page says so and goes on
-            trouble = Trouble(place, f"{type(error).__name__}: {one_line(error)}")
-        with self._lock:
-            self.job, self.trouble = None, trouble
-        self._changed()
+            trouble = Trouble(own.place, f"{type(error).__name__}: {one_line(error)}")
+        with self.lock:
+            self._finish(own, trouble)
+        self.changed()
 
-    def _say(self, line: str) -> None:
-        if self._ending.is_set():
-            raise Ended
-        with self._lock:
-            if self.job is not None:
-                self.job = replace(self.job, line=line)
-        self._changed()
+    def _finish(self, own: Work, trouble: Trouble | None) -> None:
+        if not own.ended:
+            own.ended, self._work, self.job, self.trouble = True, None, None, trouble
 
-    def _now(self, step: Step) -> None:
-        with self._lock:
-            self.steps[-1] = step
-        self._changed()
+    def tell(self, line: str) -> None:
+        """Take the line of what is under way."""
+        if self.job is not None:
+            self.job = replace(self.job, line=line)
 
-    def _forget_results(self) -> None:
-        """Keep the model; what was found belongs to other recordings."""
-        self.steps = [Step(self.step.model)]
+    def _compare(self, at: Work) -> None:
+        fitted, _ = self._data()
+        model = self.step.model
+        step = Step(model, compare(fitted, model, progress=at.say))
+        at.change(lambda: self._keep([*self.steps[:-1], step]))
+        holds = self._holds(model, at)
+        at.change(lambda: self._keep([*self.steps[:-1], replace(step, holds=holds)]))
+
+    def _diagnose(self, at: Work) -> None:
+        self._compare(at)
+        fitted, unused = self._data()
+        found = diagnose(fitted, self.step.model, validate=unused, progress=at.say)
+        at.change(lambda: self._keep([*self.steps[:-1], replace(self.step, diagnosis=found)]))
+
+    def _holds(self, model: Model, at: Work) -> dict[str, tuple[Estimate, ...]]:
+        """Return the holds of all opened recordings as the model predicts them."""
+        found = {}
+        for own in list(self.opened.values()):
+            at.say(f"predicting the holds of {own.recording.name}")
+            with contextlib.suppress(InputError):  # there is no hold
+                (found[own.key],) = drag(own.recording, model).holds
+        return found
+
+    def _put(self, own: Opened) -> None:
+        """Put a recording on the desk; what was found belongs to others. The model stays."""
+        self.opened[own.key] = own
+        self._keep([Step(self.step.model)])
+
+    def _keep(self, steps: Sequence[Step]) -> None:
+        self.steps = list(steps)
+        self.facts += 1
 
     def _require_idle(self) -> None:
         if self.job is not None:
             raise InputError(f"busy: {self.job.title}; end it first")
 
-    def _changed(self) -> None:
-        with self._lock:
+    def changed(self) -> None:
+        """Tell all who watch."""
+        with self.lock:
             self.version += 1
         for watcher in list(self._watchers):
             watcher()

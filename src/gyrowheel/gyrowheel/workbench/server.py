@@ -18,7 +18,7 @@ from tornado.web import Application, HTTPError, RequestHandler
 from gyrowheel.commands import diagnosing, following
 from gyrowheel.report.page import style_sheet
 from gyrowheel.report.report import Report
-from gyrowheel.workbench import views
+from gyrowheel.workbench import pictures, views
 from gyrowheel.workbench.desk import Desk
 from gyrowheel.workbench.gate import COOKIE, Gate
 from gyrowheel_core.errors import InputError
@@ -151,21 +151,42 @@ async def _beats(changed: asyncio.Event) -> AsyncIterator[None]:
         yield
 
 
-class _Signal(_Guarded):
-    def get(self) -> None:
-        begin, end = (self._number(name) for name in ("from", "until"))
-        content = views.signal(
-            self.desk, self.get_query_argument("key"), begin, end, int(self._number("points"))
-        )
-        self.set_header("Content-Type", "application/octet-stream")
-        self.finish(content)
+class _Numbers(_Guarded):
+    """Numbers for the pictures."""
 
-    def _number(self, name: str) -> float:
+    def number(self, name: str) -> float:
+        """Return a number of the query."""
         text = self.get_query_argument(name)
         try:
             return float(text)
         except ValueError:
             raise InputError(f"{name}: {text[:40]!r} is no number") from None
+
+
+class _Found(_Numbers):
+    def get(self) -> None:
+        self.put_json(pictures.found(self.desk))
+
+
+class _Signal(_Numbers):
+    def get(self) -> None:
+        key, points = self.get_query_argument("key"), self.number("points")
+        if not 0.0 < points < 1e6:
+            raise InputError(f"points: {points:g}; allowed: 1 .. 1e6")
+        content = pictures.signal(self.desk, key, self.number("from"), self.number("until"), int(points))
+        self.set_header("Content-Type", "application/octet-stream")
+        self.finish(content)
+
+
+class _Sample(_Numbers):
+    def get(self) -> None:
+        self.put_json(pictures.sample(self.desk, self.get_query_argument("key"), self.number("time")))
+
+
+class _Motion(_Numbers):
+    def get(self) -> None:
+        key = self.get_query_argument("key")
+        self.put_json(pictures.motion(self.desk, key, self.number("from"), self.number("until")))
 
 
 class _Report(_Guarded):
@@ -213,9 +234,11 @@ class _Action(_Guarded):
         actions: dict[str, Callable[[], Any]] = {
             "open": lambda: desk.open(given["key"], given["role"]),  # type: ignore[arg-type]
             "close": lambda: desk.close(given["key"]),
+            "compare": desk.compare,
             "diagnose": desk.diagnose,
             "add": lambda: desk.add(given["what"]),
             "formula": lambda: _checked(desk, given["text"]),
+            "region": lambda: pictures.region(desk, _numbers(given["windows"])),
             "add_formula": lambda: desk.add(given["text"], formula=True),
             "undo": desk.undo,
             "save": lambda: {"path": str(desk.save(given["name"]))},
@@ -228,6 +251,13 @@ class _Action(_Guarded):
         except KeyError as error:
             raise InputError(f"request: {error.args[0]} is missing") from None
         return result
+
+
+def _numbers(text: str) -> list[int]:
+    try:
+        return [int(part) for part in text.split(",") if part]
+    except ValueError:
+        raise InputError(f"windows: {text[:40]!r} are no numbers") from None
 
 
 def _checked(desk: Desk, text: str) -> dict[str, Any]:
@@ -249,7 +279,10 @@ class _File(_Guarded):
             self.set_header("Cache-Control", "max-age=86400")
             self.finish(_library(name))
         else:
-            self.finish(resources.files("gyrowheel.workbench").joinpath("files", name).read_bytes())
+            file = resources.files("gyrowheel.workbench").joinpath("files", name)
+            if not file.is_file():
+                raise HTTPError(404)
+            self.finish(file.read_bytes())
 
 
 def _library(name: str) -> bytes:
@@ -265,10 +298,13 @@ def application(desk: Desk, gate: Gate) -> Application:
         (r"/login", _Login),
         (r"/state", _State),
         (r"/events", _Events),
+        (r"/found", _Found),
         (r"/signal", _Signal),
+        (r"/sample", _Sample),
+        (r"/motion", _Motion),
         (r"/report", _Report),
         (r"/do/([a-z_]+)", _Action),
-        (r"/files/(page\.css|workbench\.css|workbench\.js|bokeh\.min\.js|bokeh-api\.min\.js)", _File),
+        (r"/files/([a-z-]+(?:\.min)?\.(?:css|js))", _File),
     ]
     return Application(
         [(rule, handler, {"desk": desk, "gate": gate}) for rule, handler in rules],

@@ -1,4 +1,4 @@
-"""What the page shows of the desk: parts of HTML made by the same templates as the report, and numbers for pictures."""
+"""What the page shows of the desk in words and tables: parts of HTML, made by the same templates as the report."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 from markupsafe import Markup
 
 from gyrowheel.report import sections
@@ -15,24 +14,13 @@ from gyrowheel.report.page import environment, style_sheet
 from gyrowheel.text.formulas import pretty
 from gyrowheel.text.recordings import integrity_text
 from gyrowheel.workbench.desk import ROLES, Desk
-from gyrowheel_analysis.channels import CHANNELS
-from gyrowheel_core.errors import InputError
-from gyrowheel_core.units import DEG, RPM, unit_for
+from gyrowheel.workbench.pictures import PANELS
+from gyrowheel_core.units import unit_for
 from gyrowheel_sim.effects import registry
-
-#: Panels of the signals: title with unit, size of the unit, columns with their labels.
-PANELS: tuple[tuple[str, float, Mapping[str, str]], ...] = (
-    ("tilt, °", DEG, {"tilt_x": "about x", "tilt_y": "about y"}),
-    ("spin rate, rpm", RPM, {"spin_rate": "spin rate"}),
-    ("coil voltage, V", 1.0, {"coil_voltage_x": "coil x", "coil_voltage_y": "coil y"}),
-    ("motor voltage, V", 1.0, {"motor_voltage": "motor"}),
-    ("motor current, A", 1.0, {"motor_current": "motor"}),
-)
-_MOST_POINTS = 4000
 
 
 def state(desk: Desk) -> dict[str, Any]:
-    """Return all that the page shows, but the signals."""
+    """Return all that the page shows, but what its pictures are drawn of."""
     job, trouble = desk.job, desk.trouble
     return {
         "version": desk.version,
@@ -50,8 +38,7 @@ def state(desk: Desk) -> dict[str, Any]:
             }
             for own in list(desk.opened.values())
         ],
-        "windows": windows(desk),
-        "fall": fall(desk),
+        "facts": desk.facts,
     }
 
 
@@ -60,7 +47,15 @@ def page() -> str:
     return (
         environment("gyrowheel.workbench")
         .get_template("workbench.html")
-        .render(panels=[{"title": title, "columns": list(columns.values())} for title, _, columns in PANELS])
+        .render(
+            panels=[
+                {
+                    "title": title,
+                    "columns": [{"name": name, "label": label} for name, label in columns.items()],
+                }
+                for title, _, columns in PANELS
+            ]
+        )
     )
 
 
@@ -71,93 +66,6 @@ def login(sentence: str) -> str:
         .get_template("login.html")
         .render(sentence=sentence, style=style_sheet())
     )
-
-
-def signal(desk: Desk, key: str, begin: float, end: float, points: int) -> bytes:
-    """Return the signals of a recording in a span of time, for the picture.
-
-    Parameters
-    ----------
-    desk : Desk
-        The desk.
-    key : str
-        The recording, which is open.
-    begin, end : float
-        The span [s from its start].
-    points : int
-        Most points of a line.
-
-    Returns
-    -------
-    bytes
-        Little-endian: number of points as float64, times [s] as float64, then a float32 a point for every column of
-        `PANELS` in its unit.
-
-    Raises
-    ------
-    InputError
-        If the recording is not open, or the span is none.
-    """
-    own = desk.opened.get(key)
-    if own is None:
-        raise InputError(f"recording {key!r}: is not open")
-    if not (np.isfinite(begin) and np.isfinite(end) and begin < end):
-        raise InputError(f"span: {begin:g} to {end:g} s is none")
-    times = own.recording.time
-    first, last = np.searchsorted(times, [begin, end])
-    first, last = max(int(first) - 1, 0), min(int(last) + 1, len(times))
-    parts: list[bytes] = []
-    for _, size, columns in PANELS:
-        for name in columns:
-            places, values = own.signals[name].cut(first, last, min(max(points, 4), _MOST_POINTS))
-            if not parts:
-                at = np.interp(places, np.arange(first, last), times[first:last])
-                parts += [np.array([len(at)], "<f8").tobytes(), at.astype("<f8").tobytes()]
-            parts.append((values / size).astype("<f4").tobytes())
-    return b"".join(parts)
-
-
-def windows(desk: Desk) -> dict[str, Any] | None:
-    """Return the windows of the comparison with their residuals, for the map and what is linked with it."""
-    found = desk.step.comparison
-    if found is None:
-        return None
-    data, keys = found.details.data, [own.key for own in desk.opened.values() if own.role == ROLES[0]]
-    w, tilt = data.windows, data.parts["tilt"]
-    unit = unit_for(float(np.median(np.abs(tilt.values))), "N·m")
-    return {
-        "recording": [keys[int(k)] for k in data.recording],
-        "start": w.start.tolist(),
-        "duration": w.duration.tolist(),
-        "speed": (w.mean_spin / RPM).round(1).tolist(),
-        "tilt_x": (np.real(w.mean_tilt) / DEG).round(4).tolist(),
-        "tilt_y": (np.imag(w.mean_tilt) / DEG).round(4).tolist(),
-        "residual_x": (np.real(tilt.values) / unit.size).tolist(),
-        "residual_y": (np.imag(tilt.values) / unit.size).tolist(),
-        "unit": unit.label,
-        "chi2": {
-            name: {"title": CHANNELS[name].title, "values": (part.squares / len(part.kind.rows)).tolist()}
-            for name, part in data.parts.items()
-        },
-    }
-
-
-def fall(desk: Desk) -> list[dict[str, Any]]:
-    """Return how the error fell with the changes made here: χ²/N on fitted and on unused recordings."""
-    rows: list[dict[str, Any]] = []
-    for step in list(desk.steps):
-        added = step.model.added
-        if added is None:
-            continue
-        error, name = added.error, ", ".join(added.coefficients)
-        if not rows:
-            rows.append({"what": "before", **_chi2(error.before, error.validation_before)})
-        rows.append({"what": f"+ {name}", **_chi2(error.after, error.validation_after)})
-    return rows
-
-
-def _chi2(fitted: Any, unused: Any) -> dict[str, float | None]:
-    return {"fitted": fitted.chi2_per_n, "unused": None if unused is None else unused.chi2_per_n}
 
 
 def formula(desk: Desk, text: str) -> dict[str, Any]:

@@ -1,0 +1,91 @@
+// Torques and voltages of the holds, measured beside predicted: over time, tilt and spin rate.
+
+import { P, at, colours, css, element, now, put, themed } from "./shared.js";
+import { choose, shown } from "./signals.js";
+
+const UNITS = { torque: ["torque, mN·m", "torque"], voltage: ["change of voltage, mV", "voltage"] };
+let quantity = "torque";
+let drawn = "";
+
+for (const button of at("quantity").querySelectorAll("button")) {
+  button.addEventListener("click", () => {
+    quantity = button.dataset.quantity;
+    showPredicted();
+  });
+}
+
+export function showPredicted(anew = false) {
+  for (const button of at("quantity").querySelectorAll("button")) {
+    button.setAttribute("aria-pressed", String(button.dataset.quantity === quantity));
+  }
+  const key = shown()?.key;
+  const holds = now.found?.holds[key];
+  const mark = JSON.stringify([key, quantity, holds]);
+  if (mark === drawn && !anew) return;
+  drawn = mark;
+  at("predicted-section").hidden = !holds;
+  if (!holds) return put("predicted", null);
+  const [one, other] = colours();
+  const soft = css("--soft");
+  const signs = [["●", one, "measured"], ["✕", other, "predicted"], ["✚", soft, "predicted before the last change"]];
+  at("signs").replaceChildren(
+    ...signs.slice(0, holds.actuators[0][quantity].before ? 3 : 2).map(([sign, colour, title]) => {
+      const entry = element("span");
+      const drawnSign = element("span", sign);
+      drawnSign.style.color = colour;
+      entry.append(drawnSign, ` ${title}`);
+      return entry;
+    }),
+  );
+  const sources = holds.actuators.map((actuator) => {
+    const { measured, error, predicted, before } = actuator[quantity];
+    return new Bokeh.ColumnDataSource({
+      data: {
+        time: holds.start.map((start, k) => 0.5 * (start + holds.end[k])), tilt: holds.tilt, speed: holds.speed, measured, predicted,
+        before: before ?? measured.map(() => NaN), low: measured.map((value, k) => value - error[k]), high: measured.map((value, k) => value + error[k]),
+      },
+    });
+  });
+  const axes = [["time", "time, s"], ["tilt", holds.tilt_title], ["speed", "spin rate, rpm"]];
+  const ranges = axes.map(() => new Bokeh.DataRange1d());
+  const children = [];
+  holds.actuators.forEach((actuator, row) => {
+    const source = sources[row];
+    axes.forEach(([field, title], column) => {
+      const last = row === holds.actuators.length - 1;
+      const figure = P.figure({
+        height: last ? 205 : 175, sizing_mode: "stretch_width", tools: "tap,pan,wheel_zoom,reset", toolbar_location: null, x_range: ranges[column],
+        title: column ? "" : actuator.title,
+      });
+      if (last) figure.below[0].axis_label = title;
+      if (!column) figure.left[0].axis_label = UNITS[quantity][0];
+      figure.min_border_left = 60;
+      const x = { field };
+      figure.segment(x, { field: "low" }, x, { field: "high" }, { source, line_color: one, line_width: 1 });
+      figure.scatter(x, { field: "measured" }, { source, size: 7, fill_color: one, line_color: null, nonselection_alpha: 0.25 });
+      if (actuator[quantity].before) {
+        figure.scatter(x, { field: "before" }, {
+          source, size: 8, marker: "cross", line_color: soft, line_width: 1.5,
+        });
+      }
+      figure.scatter(x, { field: "predicted" }, {
+        source, size: 9, marker: "x", line_color: other, line_width: 2, nonselection_alpha: 0.25,
+      });
+      children.push([themed(figure), row, column]);
+    });
+    source.selected.properties.indices.change.connect(() => {
+      const [k] = source.selected.indices;
+      if (k === undefined) return;
+      for (const each of sources) if (each !== source) each.selected.indices = [...source.selected.indices];
+      const margin = 0.25 * (holds.end[k] - holds.start[k]) + 0.1;
+      choose(key, holds.start[k] - margin, holds.end[k] + margin);
+    });
+  });
+  put("predicted", new Bokeh.GridBox({ children, sizing_mode: "stretch_width", spacing: 4 }));
+  at("predicted-said").replaceChildren(
+    ...holds.actuators.map((actuator) => element("li", `${actuator.title}: ${actuator.said.replace("SE", "standard errors")}`)),
+    element("li", holds.calibrated
+      ? "The constants of coils and motor were learned from recordings."
+      : "The constants of coils and motor are those stated for the bench; their uncertainty is in the bars."),
+  );
+}

@@ -1,0 +1,101 @@
+// What all parts of the page use: the server, the theme, and the place where a picture is put.
+
+export const P = Bokeh.Plotting;
+export const at = (id) => document.getElementById(id);
+export const dark = window.matchMedia("(prefers-color-scheme: dark)");
+export const still = window.matchMedia("(prefers-reduced-motion: reduce)");
+const COLOURS = ["#0072B2", "#D55E00"]; // blue and vermilion, which people with any colour vision distinguish
+const SIGHT = ["#56B4E9", "#E69F00"]; // the same on dark ground
+
+// What the server says: its state, and what was found.
+export const now = { state: null, found: null };
+// Carries what one part of the page tells the others: "cursor", "shown", "windows".
+export const wire = new EventTarget();
+export const say = (name, detail) => wire.dispatchEvent(new CustomEvent(name, { detail }));
+export const hear = (name, listener) => wire.addEventListener(name, (event) => listener(event.detail));
+
+export async function ask(path, options) {
+  const answer = await fetch(path, options);
+  if (answer.status === 401) location.reload();
+  if (!answer.ok) throw new Error((await answer.json()).error);
+  return answer;
+}
+
+export async function send(name, content) {
+  const answer = await fetch(`/do/${name}`, {
+    method: "POST",
+    headers: { "Content-Type": "application/json" },
+    body: JSON.stringify(content),
+  });
+  const result = await answer.json();
+  if (!answer.ok) throw new Error(result.error);
+  return result;
+}
+
+export function tell(place, sentence) {
+  const field = document.querySelector(`[data-trouble="${place}"]`);
+  if (field) field.textContent = sentence;
+}
+
+export const colours = () => (dark.matches ? SIGHT : COLOURS);
+export const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+
+export function element(tag, text, properties = {}) {
+  const made = Object.assign(document.createElement(tag), properties);
+  if (text !== undefined) made.textContent = text;
+  return made;
+}
+
+export function themed(figure) {
+  const [card, ink, soft, line] = ["--card", "--ink", "--soft", "--line"].map(css);
+  figure.background_fill_color = card;
+  figure.border_fill_color = card;
+  figure.outline_line_color = line;
+  for (const axis of [...figure.left, ...figure.below]) {
+    if (!("axis_label_text_color" in axis)) continue;
+    axis.axis_label_text_color = ink;
+    axis.major_label_text_color = soft;
+    axis.axis_line_color = line;
+    axis.major_tick_line_color = line;
+    axis.minor_tick_line_color = null;
+    axis.axis_label_text_font_style = "normal";
+  }
+  for (const grid of figure.center) {
+    if ("grid_line_color" in grid) grid.grid_line_color = line;
+    if ("label_text_color" in grid) {
+      grid.label_text_color = ink;
+      grid.background_fill_color = card;
+      grid.border_line_color = null;
+    }
+  }
+  figure.title.text_color = ink;
+  figure.toolbar.logo = null;
+  return figure;
+}
+
+// Shows a layout in a place, and forgets the one that was there.
+const drawn = {};
+export function put(place, layout) {
+  const old = drawn[place];
+  if (old) {
+    old.clear();
+    Bokeh.documents.splice(Bokeh.documents.indexOf(old), 1);
+    delete drawn[place];
+  }
+  at(place).replaceChildren();
+  if (!layout) return;
+  P.show(layout, `#${place}`);
+  drawn[place] = Bokeh.documents.at(-1);
+}
+
+// A table of texts, its first row as head.
+export function table(rows) {
+  const made = element("table");
+  rows.forEach((cells, k) => {
+    const line = (k ? made.tBodies[0] ?? made.createTBody() : made.createTHead()).insertRow();
+    for (const text of cells) line.append(element(k ? "td" : "th", text, { className: "figure" }));
+  });
+  const frame = element("div", undefined, { className: "scroll", tabIndex: 0 });
+  frame.append(made);
+  return frame;
+}

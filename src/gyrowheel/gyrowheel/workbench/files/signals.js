@@ -1,0 +1,268 @@
+// The signals of a recording over time: measured, asked for and predicted; zoom, pan, and the sample at the cursor.
+
+import { P, ask, at, colours, css, element, hear, now, put, say, themed } from "./shared.js";
+
+const POINTS = 2000;
+const PANELS = JSON.parse(at("plots").dataset.panels);
+
+let own = null; // the recording that is shown
+let figures = [];
+let range = null;
+let parts = []; // sources of each panel: lines, setpoints, predicted levels
+let marks = null; // windows chosen, events
+let cursors = [];
+let cursor = null; // s
+let zooming = 0;
+let drawing = null;
+
+export const shown = () => own;
+export const span = () => (range ? [range.start, range.end] : null);
+
+export async function showSignals() {
+  const signals = now.state.signals;
+  if (own) own = signals.find((each) => each.key === own.key) ?? null;
+  at("tabs").replaceChildren(
+    ...signals.map((each) => {
+      const tab = element("button", each.name, { type: "button" });
+      tab.dataset.signal = each.key;
+      tab.onclick = () => choose(each.key);
+      return tab;
+    }),
+  );
+  press();
+  at("readout").hidden = at("keys").hidden = !signals.length;
+  if (!signals.length) {
+    put("plots", null);
+    figures = [];
+    cursor = null;
+    at("span").textContent = "Open a recording on the left.";
+  } else if (!own) await choose(signals[0].key);
+}
+
+function press() {
+  for (const tab of at("tabs").children) tab.setAttribute("aria-pressed", String(own && tab.dataset.signal === own.key));
+}
+
+export async function choose(key, from, until) {
+  const wanted = now.state.signals.find((each) => each.key === key);
+  if (!wanted) return;
+  if (own && own.key !== key) putCursor(null);
+  own = wanted;
+  if (!figures.length) draw();
+  press();
+  showFound();
+  await zoom(from ?? 0, until ?? own.duration);
+  say("shown", own.key);
+}
+
+function draw() {
+  range = new Bokeh.Range1d({ start: 0, end: 1 });
+  parts = [];
+  cursors = [];
+  marks = {
+    windows: new Bokeh.ColumnDataSource({ data: { x0: [], x1: [] } }),
+    events: new Bokeh.ColumnDataSource({ data: { x0: [], x1: [] } }),
+  };
+  const [ink, soft] = [css("--ink"), css("--soft")];
+  figures = PANELS.map((panel, k) => {
+    const last = k === PANELS.length - 1;
+    const figure = P.figure({
+      height: last ? 175 : 140, sizing_mode: "stretch_width", x_range: range, tools: "xpan,xwheel_zoom,xbox_zoom",
+      active_scroll: "xwheel_zoom", toolbar_location: null, output_backend: "canvas",
+    });
+    figure.left[0].axis_label = panel.title;
+    figure.below[0].visible = last;
+    if (last) figure.below[0].axis_label = "time, s";
+    figure.min_border_left = 72;
+    figure.vstrip({ field: "x0" }, { field: "x1" }, { source: marks.windows, fill_color: "#E69F00", fill_alpha: 0.22, line_color: null });
+    figure.vstrip({ field: "x0" }, { field: "x1" }, {
+      source: marks.events, fill_color: "#CC79A7", fill_alpha: 0.35, line_color: "#CC79A7", line_width: 2,
+    });
+    const zeros = (names, of) => new Bokeh.ColumnDataSource({ data: Object.fromEntries(names.map((name) => [name, of])) });
+    const names = panel.columns.map((each) => each.name);
+    const part = { names, lines: zeros(["t", ...names], [0, 1]), setpoints: zeros(["t", ...names], []), levels: zeros(["x0", "x1", "y"], []) };
+    parts.push(part);
+    panel.columns.forEach(({ name, label }, c) => {
+      const several = panel.columns.length > 1 ? { legend_label: label } : {};
+      figure.line({ field: "t" }, { field: name }, { source: part.lines, line_color: colours()[c], line_width: 1.2, ...several });
+      figure.line({ field: "t" }, { field: name }, { source: part.setpoints, line_color: soft, line_width: 1.2, line_dash: "dashed" });
+    });
+    figure.segment({ field: "x0" }, { field: "y" }, { field: "x1" }, { field: "y" }, { source: part.levels, line_color: ink, line_width: 2.5 });
+    const line = new Bokeh.Span({ dimension: "height", location: 0, line_color: ink, line_width: 1, line_dash: "dotted", visible: false });
+    figure.add_layout(line);
+    cursors.push(line);
+    figure.on_event("mousemove", (event) => {
+      if (Number.isFinite(event.x)) putCursor(event.x);
+    });
+    return figure;
+  });
+  for (const figure of figures) {
+    figure.center.find((each) => each.type === "Legend")?.setv({ location: "top_right", orientation: "horizontal" });
+    themed(figure);
+  }
+  // one layout, as figures that share a span or a source must belong together
+  put("plots", new Bokeh.Column({ children: figures, sizing_mode: "stretch_width", spacing: 0 }));
+  // asked anew when the span has stood still for a moment, so that a turned wheel asks once
+  const moved = () => {
+    clearTimeout(zooming);
+    zooming = setTimeout(() => fetchSpan(range.start, range.end), 60);
+  };
+  range.properties.start.change.connect(moved);
+  range.properties.end.change.connect(moved);
+}
+
+export async function zoom(from, until) {
+  clearTimeout(zooming);
+  range.setv({ start: from, end: until });
+  clearTimeout(zooming);
+  await fetchSpan(from, until);
+}
+
+// One block of the answer: times, and a column for each name.
+function block(buffer, place, names) {
+  const [count] = new Float64Array(buffer, place, 1);
+  const t = new Float64Array(buffer, place + 8, count);
+  place += 8 * (1 + count);
+  const data = {};
+  if (count || names.length) {
+    for (const name of names) {
+      data[name] = count ? new Float32Array(buffer, place, count) : [];
+      place += 4 * count;
+    }
+  }
+  return [{ t, ...data }, place + ((8 - (place % 8)) % 8)];
+}
+
+async function fetchSpan(from, until) {
+  const began = performance.now();
+  const key = own.key;
+  drawing?.abort();
+  drawing = new AbortController();
+  let buffer;
+  try {
+    const query = new URLSearchParams({ key, from, until, points: POINTS });
+    buffer = await (await ask(`/signal?${query}`, { signal: drawing.signal })).arrayBuffer();
+  } catch {
+    return; // another span was asked for meanwhile, or the recording was closed
+  }
+  const every = PANELS.flatMap((panel) => panel.columns.map((each) => each.name));
+  const [lines, place] = block(buffer, 0, every);
+  const [setpoints] = block(buffer, place, ["tilt_x", "tilt_y", "spin_rate"]);
+  for (const part of parts) {
+    const pick = (data) => Object.fromEntries(["t", ...part.names].map((name) => [name, data[name]]));
+    part.lines.data = pick(lines);
+    if (part.names.every((name) => name in setpoints)) part.setpoints.data = pick(setpoints);
+  }
+  const count = lines.t.length;
+  at("span").textContent =
+    `${own.name}, ${from.toFixed(3)} to ${until.toFixed(3)} s: ` +
+    (count < POINTS ? `${count} samples, every one.` : "smallest and largest value of every stretch, so that no spike is lost.");
+  at("plots").dataset.drawn = `${from},${until},${count}`;
+  at("plots").dataset.milliseconds = (performance.now() - began).toFixed(1);
+}
+
+// --- what was found, on top of the samples
+
+export function showFound() {
+  if (!figures.length || !own) return;
+  const holds = now.found?.holds[own.key];
+  for (const part of parts) {
+    const levels = { x0: [], x1: [], y: [] };
+    for (const name of part.names) {
+      if (!holds?.levels[name]) continue;
+      levels.x0.push(...holds.start);
+      levels.x1.push(...holds.end);
+      levels.y.push(...holds.levels[name].predicted);
+    }
+    part.levels.data = levels;
+  }
+  const events = now.found?.events[own.key] ?? [];
+  marks.events.data = { x0: events.map((each) => each.time), x1: events.map((each) => each.end) };
+  at("events").replaceChildren(
+    ...events.slice(0, 20).map((each) => {
+      const line = element("li");
+      const go = element("button", `${each.time.toFixed(2)} s`, { type: "button", className: "plain" });
+      const reach = Math.max(2 * (each.end - each.time), 1);
+      go.onclick = () => zoom(each.time - reach, each.end + reach);
+      line.append(go, ` ${each.said}`);
+      return line;
+    }),
+  );
+  at("drawn").textContent =
+    "Dashed: what the plan asks for." + (holds ? " Thick: what the model predicts for each hold." : "");
+}
+
+hear("windows", ({ key, spans }) => {
+  if (marks && own?.key === key) marks.windows.data = { x0: spans.map(([start]) => start), x1: spans.map(([, end]) => end) };
+});
+hear("shown", () => {
+  if (marks) marks.windows.data = { x0: [], x1: [] };
+});
+
+// --- the cursor
+
+let asking = false;
+let asked = null;
+export async function putCursor(time) {
+  cursor = time;
+  for (const line of cursors) line.setv(time === null ? { visible: false } : { location: time, visible: true });
+  if (time === null) {
+    at("readout").textContent = "Point at a signal, or press , and . to go from sample to sample.";
+    return;
+  }
+  asked = time;
+  if (asking) return;
+  asking = true;
+  try {
+    while (asked !== null) {
+      const time = asked;
+      asked = null;
+      const found = await (await ask(`/sample?${new URLSearchParams({ key: own.key, time })}`)).json();
+      read(found);
+      say("cursor", { key: own.key, time, ...found });
+    }
+  } catch {
+    // the recording was closed
+  } finally {
+    asking = false;
+  }
+}
+
+function read(found) {
+  let k = 0;
+  const texts = PANELS.map((panel) => {
+    const values = panel.columns.map(() => found.values[k++]);
+    const [title, unit] = panel.title.split(", ");
+    return `${title} ${values.map((value) => (value === null ? "none" : value.toPrecision(5))).join(", ")} ${unit}`;
+  });
+  at("readout").textContent = `sample ${found.sample} at ${found.time.toFixed(4)} s: ${texts.join("; ")}`;
+}
+
+document.addEventListener("keydown", (event) => {
+  if (!range || !own || event.target.closest("input, textarea, select, [role=grid]")) return;
+  if (event.ctrlKey || event.metaKey || event.altKey) return;
+  const length = range.end - range.start;
+  const middle = 0.5 * (range.end + range.start);
+  const moves = {
+    ArrowLeft: [range.start - 0.25 * length, range.end - 0.25 * length],
+    ArrowRight: [range.start + 0.25 * length, range.end + 0.25 * length],
+    "+": [middle - 0.25 * length, middle + 0.25 * length],
+    "-": [middle - length, middle + length],
+    0: [0, own.duration],
+  };
+  const steps = { ",": -1, ".": 1 };
+  if (event.key in moves) {
+    event.preventDefault();
+    zoom(...moves[event.key]);
+  } else if (event.key in steps) {
+    event.preventDefault();
+    const step = own.duration / Math.max(own.samples - 1, 1);
+    putCursor(Math.min(Math.max((cursor ?? middle) + step * steps[event.key], 0), own.duration));
+  }
+});
+
+export function redraw() {
+  const before = span();
+  figures = [];
+  if (own) choose(own.key, ...(before ?? []));
+}

@@ -1,0 +1,164 @@
+// Where the model fails: windows in the tilt plane and over the spin rate, every channel over every variable, linked.
+
+import { P, at, dark, element, now, put, say, send, table, tell, themed } from "./shared.js";
+import { choose } from "./signals.js";
+
+const NOISE = 9; // χ²/N of a window up to which it may be noise
+const WORST = 1000; // χ²/N at the end of the colours
+let source = null;
+let drawn = null;
+let channel = "tilt";
+
+// White for noise, on to red; on dark ground from dark to bright.
+function shade(value) {
+  const part = Math.min(Math.max(Math.log10(Math.max(value, 1)) / Math.log10(WORST), 0), 1);
+  return dark.matches ? `hsl(${48 - 40 * part} ${25 + 65 * part}% ${18 + 47 * part}%)` : `hsl(${40 - 35 * part} 90% ${97 - 55 * part}%)`;
+}
+const short = (value) => (value >= 9.95 ? value.toFixed(0) : value.toFixed(1));
+
+export function showWhere(anew = false) {
+  const w = now.found?.windows ?? null;
+  const text = JSON.stringify([w, now.found?.maps]);
+  if (text === drawn && !anew) return;
+  drawn = text;
+  put("where", null);
+  at("map").replaceChildren();
+  at("chosen").replaceChildren();
+  at("where-help").textContent = w
+    ? "Each point is a window of steady motion, each line the residual torque of the coils from the tilt at which it acts. " +
+      "Choose points with a click or a box, or a cell of the map below: their samples are shown above."
+    : "Compare and diagnose first.";
+  if (!w) return;
+  if (!(channel in w.chi2)) channel = "tilt";
+  plane(w);
+  map(w);
+}
+
+function plane(w) {
+  const chi2 = w.chi2[channel].values;
+  const size = Math.max(...w.residual_x.map((x, k) => Math.hypot(x, w.residual_y[k])), 1e-12);
+  const reach = 1.2 * Math.max(...w.tilt_x.map((x, k) => Math.hypot(x, w.tilt_y[k])), 0.5);
+  // what is noise alone is drawn short
+  const scale = ((Math.max(...w.chi2.tilt.values) > NOISE ? 0.3 : 0.08) * reach) / size;
+  source = new Bokeh.ColumnDataSource({
+    data: {
+      x: w.tilt_x, y: w.tilt_y, speed: w.speed, chi2: chi2.map((v) => Math.max(v, 0.05)),
+      x1: w.tilt_x.map((x, k) => x + scale * w.residual_x[k]), y1: w.tilt_y.map((y, k) => y + scale * w.residual_y[k]),
+      colour: chi2.map(shade),
+    },
+  });
+  const mark = { source, size: 9, fill_color: { field: "colour" }, line_color: "#777777", nonselection_alpha: 0.2 };
+  const title = w.chi2[channel].title;
+  const options = { height: 430, sizing_mode: "stretch_width", tools: "tap,box_select,pan,wheel_zoom,reset", toolbar_location: "right" };
+  const left = P.figure({ ...options, title: `tilt plane; colour: χ²/N of the ${title} (1: noise)`, match_aspect: true });
+  left.below[0].axis_label = "tilt about x, °";
+  left.left[0].axis_label = "tilt about y, °";
+  left.segment({ field: "x" }, { field: "y" }, { field: "x1" }, { field: "y1" }, { source, line_color: "#888888", line_width: 1.5 });
+  left.scatter({ field: "x" }, { field: "y" }, mark);
+  const right = P.figure({ ...options, title: `χ²/N of the ${title} over the spin rate`, y_axis_type: "log" });
+  right.below[0].axis_label = "spin rate, rpm";
+  right.left[0].axis_label = "χ²/N";
+  right.scatter({ field: "speed" }, { field: "chi2" }, mark);
+  put("where", new Bokeh.Row({ children: [themed(left), themed(right)], spacing: 16, sizing_mode: "stretch_width" }));
+  source.selected.properties.indices.change.connect(() => choosing([...source.selected.indices]));
+}
+
+// --- every channel over every variable: a grid of buttons, one of which is in the order of Tab
+
+function map(w) {
+  const grid = element("table", undefined, { className: "map" });
+  grid.setAttribute("role", "grid");
+  grid.setAttribute("aria-label", "χ²/N of every channel over every variable");
+  const [over, labels] = [grid.createTHead().insertRow(), grid.tHead.insertRow()];
+  over.append(element("th", "χ²/N"));
+  labels.append(element("th", ""));
+  for (const own of now.found.maps) {
+    const [title, unit] = own.title.split(", ");
+    const head = element("th", `${title}, ${unit}`, { colSpan: own.cells.length, scope: "colgroup" });
+    over.append(head);
+    own.cells.forEach((cell, k) => labels.append(element("th", cell.label, { scope: "col", className: k ? "" : "first" })));
+  }
+  const body = grid.createTBody();
+  for (const [name, { title }] of Object.entries(w.chi2)) {
+    const row = body.insertRow();
+    row.append(element("th", title, { scope: "row" }));
+    for (const own of now.found.maps) {
+      own.cells.forEach((cell, k) => {
+        const value = cell.chi2[name];
+        const place = row.insertCell();
+        place.className = k ? "" : "first";
+        const button = element("button", short(value), { type: "button", tabIndex: -1 });
+        button.style.background = shade(value);
+        button.style.color = dark.matches ? (value > 12 ? "#14171a" : "#e6e9ec") : value > 120 ? "#ffffff" : "#1c2126";
+        button.setAttribute("aria-label", `${title}, ${own.title} ${cell.label}: χ²/N ${short(value)}`);
+        button.onclick = () => {
+          const other = channel !== name;
+          channel = name;
+          if (other) plane(w);
+          for (const each of grid.querySelectorAll("[aria-pressed]")) each.removeAttribute("aria-pressed");
+          button.setAttribute("aria-pressed", "true");
+          source.selected.indices = cell.windows;
+        };
+        place.append(button);
+      });
+    }
+  }
+  const buttons = [...body.querySelectorAll("button")];
+  if (buttons.length) buttons[0].tabIndex = 0;
+  const wide = body.rows[0] ? body.rows[0].cells.length - 1 : 1;
+  grid.addEventListener("keydown", (event) => {
+    const step = { ArrowLeft: -1, ArrowRight: 1, ArrowUp: -wide, ArrowDown: wide }[event.key];
+    const k = buttons.indexOf(document.activeElement) + (step ?? 0);
+    if (step === undefined || !buttons[k]) return;
+    event.preventDefault();
+    for (const each of buttons) each.tabIndex = -1;
+    buttons[k].tabIndex = 0;
+    buttons[k].focus();
+  });
+  const frame = element("div", undefined, { className: "scroll" });
+  frame.append(grid);
+  at("map").append(frame);
+}
+
+let turn = 0;
+async function choosing(indices) {
+  const w = now.found.windows;
+  const place = at("chosen");
+  const mine = ++turn;
+  place.replaceChildren();
+  tell("where", "");
+  if (!w || !indices.length) return say("windows", { key: null, spans: [] });
+  const chi2 = w.chi2[channel].values;
+  const sorted = [...indices].sort((a, b) => chi2[b] - chi2[a]);
+  const key = w.recording[sorted[0]];
+  const spans = indices.filter((k) => w.recording[k] === key).map((k) => [w.start[k], w.start[k] + w.duration[k]]);
+  // the worst is looked at, the others are marked
+  const [start, end] = [w.start[sorted[0]], w.start[sorted[0]] + w.duration[sorted[0]]];
+  const margin = 0.25 * (end - start) + 0.1;
+  await choose(key, start - margin, end + margin);
+  say("windows", { key, spans });
+  let said;
+  try {
+    said = await send("region", { windows: indices.join(",") });
+  } catch (error) {
+    return tell("where", error.message);
+  }
+  if (mine !== turn) return;
+  const percent = (share) => `${(100 * share).toFixed(share < 0.1 ? 1 : 0)} %`;
+  place.append(
+    element("p", `${indices.length} of ${w.start.length} windows chosen; they have ${percent(said.share)} of the whole χ². What the residual looks like in them:`),
+    table([["share of χ²", "where", "what the residual looks like"], ...said.said.map((own) => [percent(own.share), own.where, own.looks])]),
+  );
+  place.lastChild.classList.add("said");
+  const kinds = Object.values(w.chi2);
+  place.append(
+    element("p", indices.length > 12 ? "The worst twelve of them:" : "Window by window:"),
+    table([
+      ["time, s", "tilt x, °", "tilt y, °", "rpm", `residual x, ${w.unit}`, `residual y, ${w.unit}`, ...kinds.map((c) => `χ²/N ${c.title}`)],
+      ...sorted.slice(0, 12).map((k) => [
+        w.start[k].toFixed(2), w.tilt_x[k].toFixed(2), w.tilt_y[k].toFixed(2), w.speed[k].toFixed(0), w.residual_x[k].toFixed(3),
+        w.residual_y[k].toFixed(3), ...kinds.map((c) => c.values[k].toFixed(1)),
+      ]),
+    ]),
+  );
+}

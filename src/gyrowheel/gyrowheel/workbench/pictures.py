@@ -1,0 +1,392 @@
+"""Numbers for the pictures of the page: signals, holds, windows, maps of the residual, how the error fell."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel.plots.drag import tilts
+from gyrowheel.plots.where_it_fails import axis_title, cell_label
+from gyrowheel.text.drag import agreement
+from gyrowheel.text.sentences.events import event_sentence
+from gyrowheel.text.sentences.residuals import region_description, region_name
+from gyrowheel.workbench.decimation import Envelope
+from gyrowheel.workbench.desk import ROLES, Desk, Opened
+from gyrowheel_analysis.channels import CHANNELS
+from gyrowheel_analysis.reduction.groups import UPRIGHT, octants
+from gyrowheel_analysis.residuals.maps import VARIABLES, Cell, residual_map
+from gyrowheel_analysis.residuals.regions import regions
+from gyrowheel_analysis.residuals.windows import WindowResiduals
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.units import DEG, RPM, unit_for
+
+if TYPE_CHECKING:
+    from gyrowheel_analysis.drag import Estimate
+
+Array = NDArray[np.float64]
+
+#: Panels of the signals: title with unit, size of the unit, columns with their labels.
+PANELS: tuple[tuple[str, float, Mapping[str, str]], ...] = (
+    ("tilt, °", DEG, {"tilt_x": "about x", "tilt_y": "about y"}),
+    ("spin rate, rpm", RPM, {"spin_rate": "spin rate"}),
+    ("coil voltage, V", 1.0, {"coil_voltage_x": "coil x", "coil_voltage_y": "coil y"}),
+    ("motor voltage, V", 1.0, {"motor_voltage": "motor"}),
+    ("motor current, A", 1.0, {"motor_current": "motor"}),
+)
+_MOST_POINTS = 4000
+_SETPOINT_POINTS = 800
+_MILLI = 1e3
+_ACTUATORS = ("coil x", "coil y", "motor")
+#: Rows of the holds, by actuator: a voltage of the coils and the current of the motor, with the constants that turn
+#: them into torques.
+_LEVELS = (
+    ("coil_voltage_x", "coil_constant"),
+    ("coil_voltage_y", "coil_constant"),
+    ("motor_current", "motor_constant"),
+)
+_PER_SECOND = 30.0  # states of the rotor
+_MOST_STATES = 3000
+_MOST_GAPS = 200
+
+
+def columns() -> Iterator[tuple[str, float]]:
+    """Yield the columns of `PANELS` with the sizes of their units."""
+    for _, size, names in PANELS:
+        for name in names:
+            yield name, size
+
+
+def signal(desk: Desk, key: str, begin: float, end: float, points: int) -> bytes:
+    """Return the signals of a recording in a span of time, for the picture.
+
+    Parameters
+    ----------
+    desk : Desk
+        The desk.
+    key : str
+        The recording, which is open.
+    begin, end : float
+        The span [s from its start].
+    points : int
+        Most points of a line.
+
+    Returns
+    -------
+    bytes
+        Two blocks, little-endian, the measurement and the setpoints. Each is the number of points as float64, their
+        times [s] as float64, then a float32 a point for every column of `PANELS` in its unit (of the setpoints: for
+        those that it has), with zeros up to a whole number of 8 bytes.
+
+    Raises
+    ------
+    InputError
+        If the recording is not open, or the span is none.
+    """
+    own = _opened(desk, key)
+    _require_span(begin, end)
+    data = own.recording.data
+    asked = min(max(points, 4), _MOST_POINTS)
+    blocks = _block(own.signals, own.recording.time, begin, end, asked)
+    if len(data.setpoint):
+        times = data.seconds(data.setpoint["stamp_ns"])
+        return blocks + _block(own.setpoints, times, begin, end, min(asked, _SETPOINT_POINTS))
+    return blocks + np.zeros(1, "<f8").tobytes()
+
+
+def _block(signals: Mapping[str, Envelope], times: Array, begin: float, end: float, points: int) -> bytes:
+    first, last = np.searchsorted(times, [begin, end])
+    first, last = max(int(first) - 1, 0), min(int(last) + 1, len(times))
+    parts: list[bytes] = []
+    for name, size in columns():
+        if name in signals:
+            places, values = signals[name].cut(first, last, points)
+            if not parts:
+                at = np.interp(places, np.arange(first, last), times[first:last])
+                parts += [np.array([len(at)], "<f8").tobytes(), at.astype("<f8").tobytes()]
+            parts.append((values / size).astype("<f4").tobytes())
+    whole = b"".join(parts)
+    return whole + bytes(-len(whole) % 8)
+
+
+def sample(desk: Desk, key: str, time: float) -> dict[str, Any]:
+    """Return the sample of a recording that is nearest to a time: its number, time [s] and columns in their units."""
+    own = _opened(desk, key)
+    times = own.recording.time
+    if not np.isfinite(time) or not len(times):
+        raise InputError(f"time: {time:g} s is none")
+    k = int(np.clip(np.searchsorted(times, time), 1, len(times) - 1)) if len(times) > 1 else 0
+    if k and time - times[k - 1] < times[k] - time:
+        k -= 1
+    row = own.recording.measurement[k]
+    return {
+        "sample": int(row["sequence"]),
+        "time": float(times[k]),
+        "values": [float(row[name]) / size for name, size in columns()],
+    }
+
+
+def motion(desk: Desk, key: str, begin: float, end: float) -> dict[str, Any]:
+    """Return states of the rotor in a span of time, for the view in space.
+
+    Each is the mean over a thirtieth of a second, or over a longer time where the span is long: time [s], tilt [rad],
+    spin rate [rad/s], torque of the coils by their voltages and the constant of the model [N·m].
+    """
+    own = _opened(desk, key)
+    _require_span(begin, end)
+    times, rows = own.recording.time, own.recording.measurement
+    first, last = np.searchsorted(times, [begin, end])
+    count = int(min(max((end - begin) * _PER_SECOND, 1.0), _MOST_STATES, max(last - first, 1)))
+    edges = np.unique(np.linspace(first, last, count + 1).astype(np.int64))[:-1]
+    if not len(edges) or last <= first:
+        return {"time": [], "tilt_x": [], "tilt_y": [], "spin": [], "torque_x": [], "torque_y": []}
+    width = np.diff(np.append(edges, last))
+
+    def means(column: Any, scale: float = 1.0) -> list[float]:
+        some = np.nan_to_num(np.asarray(column[first:last], dtype=float))
+        found: list[float] = (np.add.reduceat(some, edges - first) / width * scale).tolist()
+        return found
+
+    coil = desk.step.model.bench.value("coil_constant")
+    return {
+        "time": means(times),
+        "tilt_x": means(rows["tilt_x"]),
+        "tilt_y": means(rows["tilt_y"]),
+        "spin": means(rows["spin_rate"]),
+        "torque_x": means(rows["coil_voltage_x"], coil),
+        "torque_y": means(rows["coil_voltage_y"], coil),
+    }
+
+
+def found(desk: Desk) -> dict[str, Any]:
+    """Return all that was found, for the pictures."""
+    return {
+        "facts": desk.facts,
+        "windows": windows(desk),
+        "maps": maps(desk),
+        "holds": holds(desk),
+        "events": events(desk),
+        "fall": fall(desk),
+    }
+
+
+def windows(desk: Desk) -> dict[str, Any] | None:
+    """Return the windows of the comparison with their residuals, for the map and what is linked with it."""
+    found = desk.step.comparison
+    if found is None:
+        return None
+    data, keys = found.details.data, [own.key for own in desk.opened.values() if own.role == ROLES[0]]
+    w, tilt = data.windows, data.parts["tilt"]
+    unit = unit_for(float(np.median(np.abs(tilt.values))), "N·m")
+    return {
+        "recording": [keys[int(k)] for k in data.recording],
+        "start": w.start.tolist(),
+        "duration": w.duration.tolist(),
+        "speed": (w.mean_spin / RPM).round(1).tolist(),
+        "tilt_x": (np.real(w.mean_tilt) / DEG).round(4).tolist(),
+        "tilt_y": (np.imag(w.mean_tilt) / DEG).round(4).tolist(),
+        "residual_x": (np.real(tilt.values) / unit.size).tolist(),
+        "residual_y": (np.imag(tilt.values) / unit.size).tolist(),
+        "unit": unit.label,
+        "chi2": {
+            name: {"title": CHANNELS[name].title, "values": (part.squares / len(part.kind.rows)).tolist()}
+            for name, part in data.parts.items()
+        },
+    }
+
+
+def maps(desk: Desk) -> list[dict[str, Any]]:
+    """Return χ²/N of every channel over every variable, each cell with its windows."""
+    if desk.step.comparison is None:
+        return []
+    data = desk.step.comparison.details.data
+    return [
+        {
+            "variable": variable,
+            "title": axis_title(variable),
+            "cells": [
+                {
+                    "label": cell_label(variable, cell),
+                    "chi2": {name: round(value, 3) for name, value in cell.chi2_per_n.items()},
+                    "windows": np.flatnonzero(members(data, variable, cell)).tolist(),
+                }
+                for cell in residual_map(data, (variable,)).cells
+            ],
+        }
+        for variable in VARIABLES
+    ]
+
+
+def members(data: WindowResiduals, variable: str, cell: Cell) -> NDArray[np.bool_]:
+    """Return which windows are in a cell of a map over one variable."""
+    w, span = data.windows, cell.spans[variable]
+    tilt = np.asarray(w.mean_tilt)
+    if variable == "azimuth":
+        if span.low != span.low:
+            return np.abs(tilt) < UPRIGHT
+        return octants(tilt) == int(octants(np.exp(1j * span.middle)))
+    values = {
+        "tilt": np.abs(tilt), "speed": w.mean_spin, "time": w.middle, "temperature": w.coil_temperature,
+    }[variable]  # fmt: skip
+    return np.asarray((values >= span.low) & (values <= span.high))
+
+
+def region(desk: Desk, chosen: Sequence[int]) -> dict[str, Any]:
+    """Return what is said of some windows: their share of the misfit, and what the residual looks like in them.
+
+    Raises
+    ------
+    InputError
+        If nothing is compared, or there are no such windows.
+    """
+    result = desk.step.comparison
+    if result is None:
+        raise InputError("windows: nothing is compared yet")
+    data = result.details.data
+    mask = np.zeros(len(data.windows), dtype=bool)
+    if not chosen or not all(0 <= k < len(mask) for k in chosen):
+        raise InputError(f"windows: must be of 0 .. {len(mask) - 1}")
+    mask[list(chosen)] = True
+    some = replace(
+        data,
+        windows=data.windows.select(mask),
+        recording=data.recording[mask],
+        parts={name: part.at(mask) for name, part in data.parts.items()},
+    )
+    return {
+        "share": some.chi2 / data.chi2 if data.chi2 else 0.0,
+        "said": [
+            {"where": region_name(own), "share": own.share_of_chi2, "looks": region_description(own)}
+            for own in regions(some, desk.step.model.details.bench)
+        ],
+    }
+
+
+def holds(desk: Desk) -> dict[str, Any]:
+    """Return measured and predicted torques and voltages of every hold, by the key of the recording.
+
+    The torques in mN·m, the change of voltages from the reference hold in mV; the level of a voltage of the coils [V]
+    and of the current of the motor [A] as measured and as predicted, for the panels of the signals. ``before`` is the
+    prediction of the model before its last change here, null without one.
+    """
+    step = desk.step
+    before = desk.steps[-2].holds if len(desk.steps) > 1 else {}
+    return {
+        key: _holds(desk.opened[key], own, before.get(key, ()), step.model.bench.value)
+        for key, own in step.holds.items()
+        if key in desk.opened
+    }
+
+
+def _holds(
+    opened: Opened, own: Sequence[Estimate], before: Sequence[Estimate], value: Callable[[str], float]
+) -> dict[str, Any]:
+    end = opened.recording.data.seconds(np.array([e.stamp_ns for e in own], dtype=np.int64))
+    tilt, title = tilts(own)
+
+    def row(of: Sequence[Estimate], name: str, place: int) -> list[float]:
+        return [float(getattr(e, name)[place]) * _MILLI for e in of]
+
+    same = before if [e.segment for e in before] == [e.segment for e in own] else ()
+    actuators = []
+    for place, called in enumerate(_ACTUATORS):
+        actuators.append(
+            {
+                "title": called,
+                "torque": {
+                    "measured": row(own, "measured_torque", place),
+                    "error": row(own, "residual_std", place),
+                    "predicted": row(own, "simulated_torque", place),
+                    "before": row(same, "simulated_torque", place) or None,
+                },
+                "voltage": {
+                    "measured": row(own, "voltage_increment", place),
+                    "error": row(own, "voltage_increment_std", place),
+                    "predicted": row(own, "simulated_voltage_increment", place),
+                    "before": row(same, "simulated_voltage_increment", place) or None,
+                },
+                "said": agreement(own, place),
+            }
+        )
+    levels = {}
+    for place, (name, constant) in enumerate(_LEVELS):
+        measured = [e.motor_current if place == 2 else float(e.dc_voltage[place]) for e in own]
+        levels[name] = {
+            "measured": measured,
+            "predicted": [
+                m - float(e.residual[place]) / value(constant) for m, e in zip(measured, own, strict=True)
+            ],
+        }
+    return {
+        "start": [float(t) - e.duration for t, e in zip(end, own, strict=True)],
+        "end": end.tolist(),
+        "hold": [int(e.segment) for e in own],
+        "tilt": np.asarray(tilt).tolist(),
+        "tilt_title": title,
+        "tilt_x": [e.tilt_x / DEG for e in own],
+        "tilt_y": [e.tilt_y / DEG for e in own],
+        "speed": [e.spin_rate / RPM for e in own],
+        "calibrated": all(e.calibrated for e in own),
+        "actuators": actuators,
+        "levels": levels,
+    }
+
+
+def events(desk: Desk) -> dict[str, list[dict[str, Any]]]:
+    """Return what happened in the middle of the recordings, by their keys: found changes, stops, missing samples."""
+    marks: dict[str, list[dict[str, Any]]] = {}
+    dated = () if desk.step.diagnosis is None else desk.step.diagnosis.events
+    for own in list(desk.opened.values()):
+        rows = [
+            {"time": e.time, "end": e.end if e.end is not None else e.time, "said": event_sentence(e)}
+            for e in dated
+            if e.recording == str(own.recording.path)
+        ]
+        integrity, samples = own.recording.integrity, own.recording.measurement
+        rows += [
+            {"time": at, "end": at + length, "said": f"the bench stood still for {length:.3g} s"}
+            for at, length in integrity.stalls
+        ]
+        places = np.searchsorted(samples["sequence"], [first for first, _ in integrity.gaps[:_MOST_GAPS]])
+        for (_, length), k in zip(integrity.gaps, places.tolist(), strict=False):
+            low, high = (float(own.recording.time[min(max(n, 0), len(samples) - 1)]) for n in (k - 1, k))
+            rows.append({"time": low, "end": high, "said": f"{length} samples are missing"})
+        marks[own.key] = rows
+    return marks
+
+
+def fall(desk: Desk) -> list[dict[str, Any]]:
+    """Return how the error fell with the changes made here: χ²/N on fitted and on unused recordings."""
+    rows: list[dict[str, Any]] = []
+    for step in list(desk.steps):
+        added = step.model.added
+        if added is None:
+            continue
+        error, name = added.error, ", ".join(added.coefficients)
+        if not rows:
+            rows.append({"what": "before", **_chi2(error.before, error.validation_before)})
+        rows.append({"what": f"+ {name}", **_chi2(error.after, error.validation_after)})
+    for number, row in enumerate(itertools.islice(rows, 1, None), 1):
+        if any(row["what"] == other["what"] for other in rows[:number]):
+            row["what"] += f" ({number})"
+    return rows
+
+
+def _chi2(fitted: Any, unused: Any) -> dict[str, float | None]:
+    return {"fitted": fitted.chi2_per_n, "unused": None if unused is None else unused.chi2_per_n}
+
+
+def _opened(desk: Desk, key: str) -> Opened:
+    own = desk.opened.get(key)
+    if own is None:
+        raise InputError(f"recording {key!r}: is not open")
+    return own
+
+
+def _require_span(begin: float, end: float) -> None:
+    if not (np.isfinite(begin) and np.isfinite(end) and begin < end):
+        raise InputError(f"span: {begin:g} to {end:g} s is none")
