@@ -71,8 +71,7 @@ test: $(DONE)/packages ## run the tests (ARGS="-k plans" picks some)
 ifdef ARGS
 	@$(BIN)/python -m pytest $(ARGS)
 else
-	@$(BIN)/python -m pytest -n auto --dist worksteal -m 'not alone'
-	@$(BIN)/python -m pytest -m alone $$(grep -rl --include='test_*.py' 'mark\.alone' tests)
+	@$(BIN)/python -m pytest -n auto --dist worksteal
 endif
 
 quick: lint ## lint, and the tests that are neither slow nor start nodes: for every commit

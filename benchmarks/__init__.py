@@ -15,6 +15,7 @@ SUBJECTS = {
     "graph": "the nodes in lock-step beside a bare ping-pong, and their pace in real time",
     "diagnosis": "time and memory of a diagnosis, minutes and an hour of samples, stage by stage",
     "recording": "columns read per second, beside rosbags and mcap_ros2; the recorder at 10 000 messages/s, killed",
+    "studies": "every effect, instrument and verdict one by one: how many cases hold, of how many",
     "solver": "one fit of a recording, our Gauss-Newton beside SciPy's least_squares: time, same minimum",
     "killed": "kill -9 at random instants of verbs that write, and fifty writers of one model at once",
     "readers": "our MCAP reader and writer beside rosbags' raw bytes: time, damage that shows, what a kill loses",

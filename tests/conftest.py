@@ -2,8 +2,37 @@
 
 from __future__ import annotations
 
+import os
 import signal
+
+import pytest
+from hypothesis import HealthCheck, settings
 
 # A shell that runs the tests in the background has them ignore Ctrl-C, and every process that they start with them.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# Hundreds of processes import the same modules: they need not be compiled in each.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
+# The same examples every time, on a fast machine and on a slow one; `make fuzz` draws new ones.
+settings.register_profile(
+    "same", derandomize=True, deadline=None, database=None, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.load_profile("same")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Studies go through more cases than a change needs; ``python -m benchmarks studies`` runs them."""
+    parser.addoption("--studies", action="store_true", help="run the studies, and nothing else")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    asked = bool(config.getoption("--studies", default=False))
+    kept: list[pytest.Item] = []
+    left_out: list[pytest.Item] = []
+    for item in items:
+        is_study = item.get_closest_marker("study") is not None
+        (kept if is_study == asked else left_out).append(item)
+    config.hook.pytest_deselected(items=left_out)
+    items[:] = kept

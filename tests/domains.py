@@ -21,9 +21,11 @@ def next_domain() -> int:
         domain = 20 + (7 * os.getpid() + next(_numbers)) % 80
         if domain in _held:  # by a test of this run that ended long ago
             return domain
-        handle = os.open(
-            Path(tempfile.gettempdir()) / f"gyrowheel_test_domain_{domain}", os.O_RDWR | os.O_CREAT, 0o666
-        )
+        place = Path(tempfile.gettempdir()) / f"gyrowheel_test_domain_{domain}"
+        try:
+            handle = os.open(place, os.O_RDWR | os.O_CREAT, 0o666)
+        except PermissionError:  # another user's
+            continue
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

@@ -35,7 +35,7 @@ LARGE: EffectValues = {
     "coil_inductance": {"t_L": 4.0e-4},
     "windage_tilt": {"w": -0.0005, "n": 1.48},
 }
-#: Of each kind one that is looked for again once it is in the model.
+#: Of each kind one, which is looked for again once it is in the model; the others are a study.
 AGAIN = (
     "aero_cross",
     "bearing_viscous",
@@ -58,7 +58,9 @@ def named(diagnosis: Diagnosis) -> set[str]:
     return set(diagnosis.ties)
 
 
-@pytest.mark.parametrize("name", HIDDEN)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[] if name in AGAIN else [pytest.mark.study]) for name in HIDDEN]
+)
 def test_a_hidden_effect_is_found_added_and_validated(name: str, tmp_path: Path) -> None:
     truth = HIDDEN[name]
     machine = hidden_machine(seed=40 + list(HIDDEN).index(name), effects=truth)
@@ -86,17 +88,20 @@ def test_a_hidden_effect_is_found_added_and_validated(name: str, tmp_path: Path)
         assert again.verdict == "nothing_missing", verdict_sentence(again)
 
 
-@pytest.mark.slow
-def test_nothing_hidden_is_nothing_missing(tmp_path: Path) -> None:
-    for seed in range(10):
-        machine = hidden_machine(seed=700 + seed, effects={})
-        found = diagnose([record(tmp_path, f"seed{seed}", machine, "quick")], Model.new())
-        assert found.verdict == "nothing_missing", (seed, verdict_sentence(found))
-        assert not found.effects
-        assert not found.free_form
+@pytest.mark.parametrize(
+    "seed", [700, 701, *(pytest.param(seed, marks=pytest.mark.study) for seed in range(702, 710))]
+)
+def test_nothing_hidden_is_nothing_missing(seed: int, tmp_path: Path) -> None:
+    machine = hidden_machine(seed=seed, effects={})
+    found = diagnose([record(tmp_path, "fit", machine, "quick")], Model.new())
+    assert found.verdict == "nothing_missing", verdict_sentence(found)
+    assert not found.effects
+    assert not found.free_form
 
 
-@pytest.mark.parametrize("name", NOT_SHOWN)
+@pytest.mark.parametrize(
+    "name", [NOT_SHOWN[0], *(pytest.param(name, marks=pytest.mark.study) for name in NOT_SHOWN[1:])]
+)
 def test_what_the_plan_cannot_show_is_called_so(name: str, tmp_path: Path) -> None:
     usual = registry()[name].defaults()
     found = diagnose([record(tmp_path, "fit", hidden_machine(4, {name: usual}), "quick")], Model.new())
@@ -144,22 +149,27 @@ def test_the_next_test_settles_what_the_first_could_not_show(tmp_path: Path) -> 
     assert found.verdict == "effect"
 
 
-def test_a_wrong_gimbal_inertia_is_told_from_the_air_by_its_torque_twice_a_revolution(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "name", [pytest.param("aero_restoring", marks=pytest.mark.study), "gimbal_inertia_error"]
+)
+def test_a_wrong_gimbal_inertia_is_told_from_the_air_by_its_torque_twice_a_revolution(
+    name: str, tmp_path: Path
+) -> None:
     """In the averages both are a torque against the tilt that grows as the square of the speed."""
-    for name, machine in (
-        ("air", hidden_machine(5, {"aero_restoring": {"k": 0.12, "n": 2.0}})),
-        ("inertia", with_gimbal_inertia(hidden_machine(7, {}), 1.7)),
-    ):
-        recordings = [
-            record(tmp_path, f"{name}_speed", machine, "paper_speed"),
-            record(tmp_path, f"{name}_tilt", machine, "paper_tilt", noise_seed=6),
-        ]
-        found = diagnose(recordings, Model.new())
-        assert named(found) == {"aero_restoring" if name == "air" else "gimbal_inertia_error"}
-        assert found.verdict == "effect", verdict_sentence(found)
+    if name == "aero_restoring":
+        machine = hidden_machine(5, {"aero_restoring": {"k": 0.12, "n": 2.0}})
+    else:
+        machine = with_gimbal_inertia(hidden_machine(7, {}), 1.7)
+    recordings = [
+        record(tmp_path, "speed", machine, "paper_speed"),
+        record(tmp_path, "tilt", machine, "paper_tilt", noise_seed=6),
+    ]
+    found = diagnose(recordings, Model.new())
+    assert named(found) == {name}
+    assert found.verdict == "effect", verdict_sentence(found)
 
 
-@pytest.mark.slow
+@pytest.mark.study  # tests/bringup/test_investigate.py goes the same way
 def test_look_alikes_are_a_tie_with_the_test_that_separates_them(tmp_path: Path) -> None:
     """By averages alone, speeds and tilts cannot tell a strong restoring torque of the air from a wrong inertia."""
     machine = hidden_machine(5, {"aero_restoring": {"k": 0.12, "n": 2.0}})
@@ -198,6 +208,7 @@ def test_a_wrong_bench_parameter_is_a_finding_of_its_own_name(tmp_path: Path) ->
     assert abs(estimate.value - 0.2) < 4.0 * max(estimate.standard_error, 0.005)
 
 
+@pytest.mark.study
 def test_a_very_different_rotor_is_one_finding(tmp_path: Path) -> None:
     """Its torques twice a revolution are noisier than those of the stated one, which nearly cancel."""
     machine = hidden_machine(21, {})
@@ -212,11 +223,12 @@ def test_a_very_different_rotor_is_one_finding(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "truth",
     [
-        {"three_lobed": {"A": 0.003}},
-        {"contact": {"A": 0.01, "p": 0.5}},
-        {"speed_bump": {"A": 0.04, "p": 0.71, "w": 0.1}},
+        pytest.param({"three_lobed": {"A": 0.003}}, id="three_lobed"),
+        pytest.param({"contact": {"A": 0.01, "p": 0.5}}, id="contact", marks=pytest.mark.study),
+        pytest.param(
+            {"speed_bump": {"A": 0.04, "p": 0.71, "w": 0.1}}, id="speed_bump", marks=pytest.mark.study
+        ),
     ],
-    ids=lambda truth: next(iter(truth)),
 )
 def test_an_effect_outside_the_library_is_unknown_with_a_formula(truth: EffectValues, tmp_path: Path) -> None:
     found = diagnose([record(tmp_path, "fit", hidden_machine(8, truth), "quick")], Model.new())
@@ -227,6 +239,7 @@ def test_an_effect_outside_the_library_is_unknown_with_a_formula(truth: EffectVa
     assert found.error.after.chi2_per_n < 0.5 * found.error.before.chi2_per_n
 
 
+@pytest.mark.study
 def test_the_controller_does_not_enter(tmp_path: Path) -> None:
     truth = {"aero_cross": {"c": 0.0053, "n": 1.98}}
     gains = Gains(spin_proportional=12.7, spin_integral=21.0, tilt_bandwidth=9.0)

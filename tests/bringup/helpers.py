@@ -48,9 +48,13 @@ def alive(pid: int) -> bool:
         return False
 
 
-def wait_for(condition: Callable[[], Any], timeout: float) -> Any:
-    """Return the first true value of `condition`; fail after `timeout` [s]."""
-    end = time.monotonic() + timeout
+#: How long something may take that happens at once on an idle machine [s].
+PATIENCE = 240.0
+
+
+def wait_for(condition: Callable[[], Any]) -> Any:
+    """Return the first true value of `condition`; fail after `PATIENCE`."""
+    end = time.monotonic() + PATIENCE
     while not (value := condition()):
         assert time.monotonic() < end, "timed out"
         time.sleep(0.02)
@@ -77,9 +81,9 @@ class Bystander:
     def publisher(self, topic: topics.Topic) -> Any:
         return self.node.create_publisher(topic.message_class, topic.name, topic.qos)
 
-    def spin_until(self, condition: Callable[[], Any], timeout: float = 30.0) -> Any:
-        """Return the first true value of `condition`; fail after `timeout` [s]."""
-        end = time.monotonic() + timeout
+    def spin_until(self, condition: Callable[[], Any]) -> Any:
+        """Return the first true value of `condition`; fail after `PATIENCE`."""
+        end = time.monotonic() + PATIENCE
         while not (value := condition()):
             assert time.monotonic() < end, f"timed out; last diagnoses: {self.diagnoses}"
             self.executor.spin_once(timeout_sec=0.02)
@@ -135,4 +139,4 @@ class NodeProcess:
         """Send Ctrl-C, which may well come twice; return the exit code."""
         self.process.send_signal(signal.SIGINT)
         self.process.send_signal(signal.SIGINT)
-        return self.process.wait(15.0)
+        return self.process.wait(PATIENCE)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -27,10 +28,10 @@ from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.plant.scenario import Scenario
 
 from ..domains import next_domain
-from .helpers import LONG_PLAN, SHORT_PLAN, Bystander, NodeProcess, alive, wait_for
+from .helpers import LONG_PLAN, PATIENCE, SHORT_PLAN, Bystander, NodeProcess, alive, wait_for
 
 # ruff: noqa: PT012  (the graph is a context manager, and the error comes from within)
-pytestmark = [pytest.mark.graph, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.graph
 
 SHARED = Path("/dev/shm")
 FAULTY = Topic("/faulty/command", topics.COMMAND.type_name, topics.COMMAND.depth, layout=wire.COMMAND)
@@ -38,9 +39,8 @@ FAULTY = Topic("/faulty/command", topics.COMMAND.type_name, topics.COMMAND.depth
 ALONE: dict[str, dict[str, object]] = {"controller": {"wait_for_subscribers": 1}}
 #: A loaded computer keeps a process waiting for longer than a real bench allows: the loop must stand the delay.
 PATIENT: dict[str, dict[str, object]] = {
-    "plant": {"watchdog": 5.0, "oldest_command": 5.0},
-    "controller": {"nutation_damping": 0.0, "tilt_bandwidth": 1.0, "tilt_integral": 0.5}
-    | ALONE["controller"],
+    "plant": {"watchdog": 4.0, "oldest_command": 4.0, "spin_down_rate": 400.0},
+    "controller": {"nutation_damping": 0.0, "tilt_bandwidth": 1.0, "tilt_integral": 0.5},
 }
 BRIEF = """\
 schema: 1
@@ -120,59 +120,37 @@ def test_a_killed_node_is_named(node: str, tmp_path: Path, watched: Watched):
     assert info(directory).integrity.missing == 0
 
 
-@pytest.mark.alone
 def test_in_real_time_the_motor_is_brought_down_when_the_controller_dies(tmp_path: Path, watched: Watched):
+    """What the motor does then, sample by sample, is in test_guard.py."""
     directory = tmp_path / "recording"
-    parameters: dict[str, dict[str, object]] = {"plant": {"watchdog": 1.0, "spin_down_rate": 400.0}}
     with (
         pytest.raises(GraphError) as caught,
         Graph(
-            BRIEF.replace("1.0}", "60.0}"),
+            LONG_PLAN,
             record=directory,
             realtime=True,
-            parameters=parameters,
+            parameters=PATIENT,
+            without=["drag_estimator"],
             domain_id=next_domain(),
         ) as graph,
     ):
 
         def kill(progress: Progress) -> None:
-            if progress.elapsed >= 3.0 and not watched.pids:  # by then the loop is closed on any computer
+            if not watched.pids:
                 watched.note(set(graph.pids.values()))
                 os.kill(graph.pids["controller"], signal.SIGKILL)
 
         graph.run(progress=kill)
     assert (caught.value.fault, caught.value.node) == ("node_died", "controller")
-    recording = Recording.open(directory)
-    assert recording.integrity().missing == 0
     said = diagnoses(directory, "plant")
     assert said[-1]["state"] == "inactive"
     lost = [entry for entry in said if entry.get("guard") == "controller_lost"]
-    assert lost[0]["message"].startswith("controller_lost: no valid command for 2000 samples; coils off")
+    assert re.match(r"controller_lost: no valid command for 8000 samples.*; coils off", lost[0]["message"])
     assert lost[-1]["outputs"] == "off"
     # what the recording shows of it
-    assert abs(recording.measurement["coil_voltage_x"][-100:].mean()) < 0.1
-    assert abs(recording.measurement["motor_voltage"][-100:].mean()) < 0.1
-    assert_brought_down(recording, spin_down_rate=400.0)
-
-
-def assert_brought_down(recording: Recording, spin_down_rate: float) -> None:
-    """Hold the fall of the no-load speed to the rate that was asked for [rad/s^2], that of the rotor to its balance."""
-    bench = Bench.load()
-    constant, resistance = bench.value("motor_constant"), bench.value("motor_resistance")
-    at, volts, speed = recording.time, recording.readings.motor_voltage, recording.readings.spin_rate
-    held = np.median(volts[volts > 0.8 * volts.max()])
-    falling = np.flatnonzero(volts > 0.9 * held)[-1]
-    half = slice(falling, np.flatnonzero(volts > 0.4 * held)[-1])
-    slope = np.polyfit(at[half], volts[half], 1)[0]
-    assert slope == pytest.approx(-constant * spin_down_rate, rel=0.03)
-    # the balance of the shaft from before that to the end: what the motor gives, less what friction took when steady
-    steady, after = slice(falling - 1000, falling - 300), slice(falling - 200, None)
-    torque = constant * (volts - constant * speed) / resistance
-    missing = torque[steady].mean() - torque[after]
-    expected = np.trapezoid(missing, at[after]) / bench.axial_inertia
-    fallen = speed[falling - 300 : falling - 100].mean() - speed[-20:].mean()
-    assert expected > 15.0  # what the ramp of half a second alone takes away [rad/s]
-    assert fallen == pytest.approx(expected, rel=0.05)
+    measurement = Recording.open(directory).measurement
+    assert abs(measurement["coil_voltage_x"][-100:].mean()) < 0.1
+    assert abs(measurement["motor_voltage"][-100:].mean()) < 0.1
 
 
 class Relay:
@@ -222,72 +200,6 @@ class Relay:
 def with_voltages(raw: bytes, *voltages: float) -> bytes:
     stamp, sequence, *_ = wire.COMMAND.unpack(raw)
     return wire.COMMAND.pack(stamp, sequence, *voltages)
-
-
-class BadLine:
-    """Drops, repeats, exchanges and spoils commands, each kind one in a hundred."""
-
-    def __init__(self) -> None:
-        self._old = self._kept = b""
-        self.dropped = self.stale = self.spoilt = self.nonsense = 0
-
-    def __call__(self, count: int, raw: bytes) -> list[bytes]:
-        self._old = self._old or raw
-        if self._kept:  # the one before, after this one
-            kept, self._kept = self._kept, b""
-            self.stale += 1
-            return [raw, kept]
-        match count % 100:
-            case 10:
-                self.dropped += 1
-                return []
-            case 30:
-                self.stale += 1
-                return [raw, self._old]
-            case 50:
-                self._kept = raw
-                return []
-            case 70:
-                self.spoilt += 1
-                return [with_voltages(raw, 0.0, math.nan, 5.0)]
-            case 90:
-                self.nonsense += 1
-                return [with_voltages(raw, 0.0, -1e6, 5.0)]
-            case _:
-                return [raw]
-
-
-@pytest.mark.alone
-def test_in_real_time_a_bad_line_is_counted_and_the_last_command_acts(tmp_path: Path, watched: Watched):
-    domain, directory, line = next_domain(), tmp_path / "recording", BadLine()
-    with (
-        Relay(domain, line),
-        Graph(
-            BRIEF,
-            record=directory,
-            realtime=True,
-            remap=Relay.REMAP,
-            parameters=PATIENT,
-            domain_id=domain,
-        ) as graph,
-    ):
-        watched.note(set(graph.pids.values()))
-        result = graph.run()
-    assert result.samples >= round(result.simulated_seconds / 0.0005)
-    said = [entry for entry in diagnoses(directory, "plant") if "guard" in entry][-1]
-    # on a loaded computer many of the last ones come after the last word of the plant; test_guard.py counts exactly
-    for name, sent in (
-        ("refused_stale", line.stale),
-        ("refused_not_finite", line.spoilt),
-        ("refused_out_of_range", line.nonsense),
-    ):
-        assert sent > 10
-        assert 5 <= int(said[name]) <= sent
-    # of two that are exchanged the first is passed over
-    assert 5 <= int(said["missing_commands"]) <= line.dropped + line.stale
-    assert result.pace["held_samples"] >= 5
-    assert said["guard"] in ("holding", "command_refused")
-    assert Recording.open(directory).integrity().missing == 0
 
 
 def fails(
@@ -380,7 +292,7 @@ def test_an_estimator_that_starts_late_joins(
     with Graph(BRIEF, record=directory, domain_id=domain, **options) as graph:
         graph.run()
         estimator = start_node("drag_estimator")
-        bystander.spin_until(lambda: int(bystander.values("drag_estimator").get("samples", 0)) > 0, 60.0)
+        bystander.spin_until(lambda: int(bystander.values("drag_estimator").get("samples", 0)) > 0)
         watched.note({*graph.pids.values(), estimator.process.pid})
         graph.run(BRIEF)
         assert estimator.interrupt() == 0
@@ -437,14 +349,13 @@ def test_ctrl_c_twice_leaves_a_complete_recording(tmp_path: Path, watched: Watch
             lambda: (
                 any(directory.rglob("*.mcap"))
                 and max(f.stat().st_size for f in directory.rglob("*.mcap")) > 10**6
-            ),
-            40.0,
+            )
         )
         watched.note({process.pid, *map(int, pids)})
         for _ in range(2):
             os.killpg(process.pid, signal.SIGINT)
         rest = process.stderr.read()
-        assert process.wait(60.0) == 130
+        assert process.wait(PATIENCE) == 130
     assert rest.strip().endswith("interrupted")
     assert "Traceback" not in rest
     assert info(directory).integrity.missing == 0

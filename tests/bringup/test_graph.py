@@ -24,9 +24,9 @@ from gyrowheel_sim.effects import registry
 from gyrowheel_sim.plant.scenario import Scenario
 
 from ..domains import next_domain
-from .helpers import LONG_PLAN, SHORT_PLAN, alive, wait_for
+from .helpers import LONG_PLAN, PATIENCE, SHORT_PLAN, alive, wait_for
 
-pytestmark = [pytest.mark.graph, pytest.mark.timeout(90)]
+pytestmark = pytest.mark.graph
 
 
 def everything() -> Scenario:
@@ -160,9 +160,9 @@ def test_ctrl_c_twice_leaves_nothing_behind(tmp_path: Path, start_graph: StartGr
     """
     starter, pids = start_graph(code)
     starter.send_signal(signal.SIGINT)
-    wait_for(lambda: not all(alive(pid) for pid in pids), 10.0)
+    wait_for(lambda: not all(alive(pid) for pid in pids))
     starter.send_signal(signal.SIGINT)
-    assert starter.wait(20.0) != 0
+    assert starter.wait(PATIENCE) != 0
     assert not any(alive(pid) for pid in pids)
     assert (tmp_path / "log").read_text().strip().endswith("KeyboardInterrupt")
 
@@ -180,7 +180,7 @@ def test_a_used_domain_is_refused_and_nodes_end_after_a_killed_starter(domain: i
     assert all(alive(pid) for pid in pids)
     starter.kill()
     starter.wait()
-    wait_for(lambda: not any(alive(pid) for pid in pids), 10.0)
+    wait_for(lambda: not any(alive(pid) for pid in pids))
 
 
 def test_bad_input_is_refused_before_anything_starts(tmp_path: Path):

@@ -39,7 +39,6 @@ def investigated(folder: Path, *arguments: str) -> tuple[dict[str, Any], str]:
 
 @pytest.mark.graph
 @pytest.mark.slow
-@pytest.mark.timeout(1200)
 def test_the_papers_own_plans_are_ambiguous_and_the_graph_settles_it(tmp_path: Path):
     """As the paper analysed it, by averages: torque of the air and inertia of the gimbal are the same."""
     gimbal = {"gimbal_inertia_x": 8e-6, "gimbal_inertia_y": 8e-6, "gimbal_inertia_z": 1.4e-5}

@@ -104,7 +104,7 @@ def test_the_gate_ends_requests_that_do_not_end() -> None:
                 b"GET / HTTP/1.1\r\n" + b"a: b\r\n" * 20_000,
                 b"GET / HTTP/1.1\r\nHost: example.com\r\n\r\n",
             ):
-                with socket.create_connection(("127.0.0.1", gate.port), timeout=10.0) as client:
+                with socket.create_connection(("127.0.0.1", gate.port), timeout=120.0) as client:
                     client.sendall(sent)
                     assert client.recv(4096).startswith(b"HTTP/1.1 403 ")
             assert gate.refused == 2
@@ -114,13 +114,13 @@ def test_the_gate_ends_requests_that_do_not_end() -> None:
         finally:
             gate.close()
         with pytest.raises(ConnectionRefusedError):
-            socket.create_connection(("127.0.0.1", gate.port), timeout=1.0)
+            socket.create_connection(("127.0.0.1", gate.port), timeout=120.0)
 
 
 async def connect(port: int, headers: dict[str, str]) -> WebSocketClientConnection:
     filled = {name: value.format(port=port) for name, value in headers.items()}
     return await websocket_connect(
-        HTTPRequest(f"ws://127.0.0.1:{port}", headers=filled, connect_timeout=30.0), subprotocols=PROTOCOL
+        HTTPRequest(f"ws://127.0.0.1:{port}", headers=filled, connect_timeout=120.0), subprotocols=PROTOCOL
     )
 
 
@@ -160,7 +160,6 @@ async def watch(port: int) -> tuple[dict[int, str], dict[str, list[tuple[int, by
 
 
 @pytest.mark.graph
-@pytest.mark.timeout(180)
 def test_foxglove_is_shown_a_replay_and_other_sites_nothing(tmp_path: Path) -> None:
     pytest.importorskip("foxglove")
     from gyrowheel_bringup.foxglove_process import foxglove
@@ -186,10 +185,10 @@ def test_foxglove_is_shown_a_replay_and_other_sites_nothing(tmp_path: Path) -> N
                 stderr=subprocess.DEVNULL,
             )  # fmt: skip
             try:
-                channels, heard = asyncio.run(asyncio.wait_for(watch(port), 90.0))
+                channels, heard = asyncio.run(asyncio.wait_for(watch(port), 300.0))
             finally:
                 replay.send_signal(signal.SIGINT)
-                replay.wait(30.0)
+                replay.wait(120.0)
     assert topics.TRUTH.name not in channels.values()
     samples = heard[topics.MEASUREMENT.name]
     numbers = [wire.MEASUREMENT.unpack(data)[1] for _, data in samples]

@@ -25,9 +25,9 @@ from gyrowheel_core import topics, wire
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import from_json, to_json
 
-from .helpers import LONG_PLAN, SHORT_PLAN, Bystander, NodeProcess
+from .helpers import LONG_PLAN, PATIENCE, SHORT_PLAN, Bystander, NodeProcess
 
-pytestmark = [pytest.mark.graph, pytest.mark.timeout(60)]
+pytestmark = pytest.mark.graph
 
 Start = Callable[..., NodeProcess]
 LEAD_NS = 100_000_000
@@ -42,7 +42,7 @@ def test_bad_parameters_end_a_node_with_one_line(start_node: Start):
         "no/such.json": start_node("plant", scenario_file="no/such.json"),
     }
     for line, node in nodes.items():
-        assert node.process.wait(30.0) == 2
+        assert node.process.wait(PATIENCE) == 2
         assert line in node.output
         assert node.output.count("\n") == 1
         assert "Traceback" not in node.output
@@ -114,7 +114,7 @@ def test_an_inactive_estimator_leaves_samples_out(bystander: Bystander, start_no
         bystander.spin_until(answer.done)
         assert answer.result().success
 
-    bystander.spin_until(lambda: bystander.values("drag_estimator").get("state") == "active", 60.0)
+    bystander.spin_until(lambda: bystander.values("drag_estimator").get("state") == "active")
     for ready in (samples.get_subscription_count, setpoints.get_subscription_count, change.service_is_ready):
         bystander.spin_until(ready)
     send(0)
@@ -177,7 +177,7 @@ def test_setpoints_are_limited_or_refused_and_a_deactivated_controller_lets_go(
     assert "input_refused" in bystander.diagnoses["controller"].message
     controller.process.send_signal(2)
     bystander.spin_until(lambda: len(commands) == 3)
-    assert controller.process.wait(15.0) == 0
+    assert controller.process.wait(PATIENCE) == 0
     assert [command[1] for command in commands] == [0, 10, 30]
     assert commands[-1][2:] == (0.0, 0.0, commands[1][4])
 
@@ -258,18 +258,18 @@ def test_a_command_that_is_not_finite_is_a_named_fault(bystander: Bystander, sta
     answers.send(0.0, math.nan, 5.0)
     bystander.spin_until(lambda: bystander.values("plant").get("fault") == "command_not_finite")
     assert bystander.diagnoses["plant"].level == DiagnosticStatus.ERROR
-    assert plant.process.wait(15.0) == 3
+    assert plant.process.wait(PATIENCE) == 3
     last = plant.output.strip().rpartition("\n")[2]
     assert last.startswith("plant: command_not_finite: command for sample 0:")
     assert "Traceback" not in plant.output
     assert answers.samples == [0]
 
 
-def test_plant_publishes_counts_and_names_a_silent_controller(bystander: Bystander, start_node: Start):
+def test_plant_publishes_and_counts(bystander: Bystander, start_node: Start):
     heard: dict[str, list[Any]] = {}
     for topic in (topics.CLOCK, topics.JOINT_STATES, topics.BENCH, topics.TRUTH):
         bystander.listen(topic, heard.setdefault(topic.name, []).append)
-    plant = start_node("plant", initial_spin_rate=200.0, command_timeout=2.0, publish_truth="true")
+    start_node("plant", initial_spin_rate=200.0, command_timeout=3600.0, publish_truth="true")
     answers = Answers(bystander)
     for sequence in range(100):
         answers.send(0.0, 0.0, 5.0)
@@ -291,13 +291,23 @@ def test_plant_publishes_counts_and_names_a_silent_controller(bystander: Bystand
     bystander.spin_until(lambda: bystander.values("plant").get("commands") == "101")
     assert bystander.values("plant")["ignored_commands"] == "2"
     assert bystander.values("plant")["saturated_commands"] == "1"
-    bystander.spin_until(lambda: bystander.values("plant").get("fault") == "controller_silent")
-    assert plant.process.wait(15.0) == 3
-    assert "plant: controller_silent: no command for 2 s after sample 101" in plant.output
     assert answers.samples == list(range(102))
 
 
-@pytest.mark.alone
+def test_a_silent_controller_is_named(bystander: Bystander, start_node: Start):
+    plant = start_node("plant", command_timeout=0.2)
+    answers = Answers(bystander)
+    answers.send(0.0, 0.0, 5.0)
+    bystander.spin_until(lambda: bystander.values("plant").get("fault") == "controller_silent")
+    assert plant.process.wait(PATIENCE) == 3
+    assert "plant: controller_silent: no command for 0.2 s after sample 1" in plant.output
+    assert answers.samples == [0, 1]
+
+
+#: Real time: delays of a busy machine that are nothing to this test [s].
+PATIENT = {"watchdog": 60.0, "oldest_command": 10.0}
+
+
 def test_in_real_time_samples_come_unasked_and_the_guard_names_what_it_sees(
     bystander: Bystander, start_node: Start
 ):
@@ -306,20 +316,23 @@ def test_in_real_time_samples_come_unasked_and_the_guard_names_what_it_sees(
         topics.MEASUREMENT, lambda raw: stamps.append(wire.MEASUREMENT.unpack(raw)[:2]), raw=True
     )
     plant = start_node(
-        "plant", initial_spin_rate=200.0, clock="realtime", watchdog=1.0, spin_down_rate=2000.0
+        "plant",
+        initial_spin_rate=200.0,
+        clock="realtime",
+        spin_down_rate=2000.0,
+        **PATIENT | {"watchdog": 1.0},
     )
     commands = bystander.publisher(topics.COMMAND)
     bystander.spin_until(lambda: len(stamps) > 200 and commands.get_subscription_count())
-    first, sequence = stamps[0]
-    assert stamps == [(first + 500_000 * k, sequence + k) for k in range(len(stamps))]
-    assert abs(first * 1e-9 - time.time()) < 60.0
+    numbers = np.array(stamps)
+    assert np.all(np.diff(numbers[:, 1]) == 1)
+    assert np.diff(numbers[:, 0]).min() == 500_000  # longer only where the machine let the bench stand still
+    assert abs(stamps[0][0] * 1e-9 - time.time()) < PATIENCE
     assert bystander.node.count_publishers("/clock") == 0
     assert bystander.values("plant").get("guard", "waiting") == "waiting"
 
-    now = time.time()
-    commands.publish(wire.COMMAND.pack(stamps[-1][0], stamps[-1][1], 0.1, 0.0, 7.0))
+    commands.publish(wire.COMMAND.pack(*stamps[-1], 0.1, 0.0, 7.0))
     bystander.spin_until(lambda: bystander.values("plant").get("guard") == "controller_lost")
-    assert time.time() - now > 0.5
     status = bystander.diagnoses["plant"]
     assert status.level == DiagnosticStatus.ERROR
     assert status.hardware_id == "gyrowheel"
@@ -329,7 +342,49 @@ def test_in_real_time_samples_come_unasked_and_the_guard_names_what_it_sees(
     assert "Traceback" not in plant.output
 
 
-@pytest.mark.alone
+def test_in_real_time_a_bad_line_is_counted_and_the_last_command_acts(
+    bystander: Bystander, start_node: Start
+):
+    """Commands of which some are lost, come twice, in the wrong order or spoilt: each kind is counted, to one."""
+    samples: list[tuple[Any, ...]] = []
+    bystander.listen(topics.MEASUREMENT, lambda raw: samples.append(wire.MEASUREMENT.unpack(raw)), raw=True)
+    start_node("plant", initial_spin_rate=200.0, clock="realtime", **PATIENT)
+    commands = bystander.publisher(topics.COMMAND)
+    bystander.spin_until(lambda: samples and commands.get_subscription_count())
+
+    def send(answered: int, y: float = 0.0, motor: float = 6.0) -> None:
+        commands.publish(wire.COMMAND.pack(answered * 500_000, answered, 0.2, y, motor))
+
+    first = None
+    for _ in range(12):
+        heard = len(samples)
+        bystander.spin_until(lambda heard=heard: len(samples) > heard + 5)  # type: ignore[misc]
+        n = samples[-1][1]
+        first = n - 4 if first is None else first
+        send(n - 4)
+        send(n - 4)  # twice
+        send(n - 2)  # that of n - 3 is lost
+        send(n - 3)  # it comes after all, too late
+        send(n - 1, y=math.nan)
+        send(n, motor=-1e6)
+
+    def values() -> dict[str, int]:
+        told = bystander.values("plant")
+        return {name: int(text) for name, text in told.items() if text.isdecimal()}
+
+    bystander.spin_until(lambda: values().get("refused_out_of_range") == 12)
+    told = values()
+    assert (told["refused_stale"], told["refused_not_finite"], told["refused_ahead"]) == (24, 12, 0)
+    # all the samples that no command answered, from the first one answered to the last
+    assert told["missing_commands"] == n - first + 1 - 12 * 4
+    assert told["held_samples"] >= 12
+    # the last command that was valid still acts
+    heard = len(samples)
+    bystander.spin_until(lambda: len(samples) > heard + 400)
+    column = 2 + list(wire.MEASUREMENT.fields).index("motor_voltage")
+    assert np.mean([row[column] for row in samples[-200:]]) == pytest.approx(6.0, abs=0.1)
+
+
 def test_in_real_time_a_stall_is_told_and_the_stamps_stay_true(bystander: Bystander, start_node: Start):
     stamps: list[tuple[int, int]] = []
     delays: list[float] = []
@@ -343,7 +398,7 @@ def test_in_real_time_a_stall_is_told_and_the_stamps_stay_true(bystander: Bystan
     def hear(message: Any) -> None:
         for status in message.status:
             found = re.fullmatch(r"stood_still: ([\d.]+) s at ([\d.]+) s", status.message)
-            if found and float(found[1]) > 0.2:
+            if found:
                 assert status.level == DiagnosticStatus.WARN
                 told.append((float(found[1]), float(found[2])))
 
@@ -352,20 +407,22 @@ def test_in_real_time_a_stall_is_told_and_the_stamps_stay_true(bystander: Bystan
     plant = start_node("plant", clock="realtime", wait_for_subscribers=1)
     bystander.spin_until(lambda: len(stamps) > 1000)
     plant.process.send_signal(signal.SIGSTOP)
-    time.sleep(0.3)
-    plant.process.send_signal(signal.SIGCONT)
+    time.sleep(3.0)  # far longer than what a busy machine takes from the plant in between
     stopped = len(stamps)
-    bystander.spin_until(lambda: told)
-    bystander.spin_until(lambda: len(stamps) > stopped + 3000)
+    plant.process.send_signal(signal.SIGCONT)
+    bystander.spin_until(lambda: any(length > 2.5 for length, _ in told))
+    bystander.spin_until(lambda: len(stamps) > stopped + 1000)
+    # the stamps are those of the clock again: they are not three seconds behind
+    bystander.spin_until(lambda: delays[-1] < 1.5)
+    assert min(delays) > -1e-3
     numbers = np.array(stamps)
     assert np.all(np.diff(numbers[:, 1]) == 1)
     steps = np.diff(numbers[:, 0]) - 500_000
+    assert steps.min() >= 0
     gap = int(np.argmax(steps))
-    assert 0.25 < steps[gap] * 1e-9 < 0.5
-    assert told[0][0] == pytest.approx(steps[gap] * 1e-9, abs=0.005)
-    assert told[0][1] == pytest.approx((numbers[gap, 0] - numbers[0, 0]) * 1e-9, abs=0.1)
-    # the quickest message shows the stamp against the clock
-    assert min(delays[: gap - 100]) == pytest.approx(min(delays[gap + 1000 :]), abs=0.002)
+    length, at = max(told)
+    assert length == pytest.approx(steps[gap] * 1e-9, abs=0.005)
+    assert at == pytest.approx((numbers[gap, 0] - numbers[0, 0]) * 1e-9, abs=0.1)
 
 
 class Client:
@@ -462,7 +519,7 @@ def test_conductor_walks_holds_and_refuses(bystander: Bystander, start_node: Sta
     conductor.process.send_signal(2)
     bystander.spin_until(future.done)
     assert "the conductor was stopped" in future.result().result.message
-    assert conductor.process.wait(15.0) == 0
+    assert conductor.process.wait(PATIENCE) == 0
 
 
 def test_a_plan_ends_where_the_time_stands_or_jumps_and_its_setpoint_is_held(
@@ -475,9 +532,11 @@ def test_a_plan_ends_where_the_time_stands_or_jumps_and_its_setpoint_is_held(
     client.move_clock(0, 200_000_000)
     result = client.result(goal)
     assert not result.success
-    assert result.message == (
-        "aborted: clock_stands: the time of the bench has stood at 0.200 s for 1.5 s: "
-        "nobody answers its last sample, or it is gone"
+    # at 0.2 s; on a busy machine it may have stood before that
+    assert re.fullmatch(
+        r"aborted: clock_stands: the time of the bench has stood at 0\.[012]\d\d s for 1\.5 s: "
+        "nobody answers its last sample, or it is gone",
+        result.message,
     )
     client.move_clock(210_000_000, 300_000_000)  # it holds
     stamps = [s[0] for s in client.setpoints]

@@ -20,7 +20,7 @@ from gyrowheel_core import topics, wire
 
 from .helpers import SHORT_PLAN, Bystander
 
-pytestmark = [pytest.mark.graph, pytest.mark.timeout(180)]
+pytestmark = pytest.mark.graph
 
 
 class Intruder(Bystander):

@@ -73,7 +73,7 @@ def test_killed_at_any_instant(kind: str, tmp_path: Path) -> None:
         if kind == "folder":  # the child empties it, one file after the other, before it makes the next one
             assert len(contents) <= 1
     process.stdin.close()
-    assert process.wait(10) == 0
+    assert process.wait(240) == 0
     if kind == "file":
         write_bytes(path, b"done")
     else:
@@ -112,7 +112,7 @@ def test_what_a_killed_process_left_is_taken_away(kind: str, tmp_path: Path) -> 
     assert process.stdout is not None
     assert process.stdout.readline() == "half way\n"
     process.kill()
-    process.wait(10)
+    process.wait(240)
     process.stdout.close()
     assert not path.exists()
     assert len(list(tmp_path.iterdir())) == 1

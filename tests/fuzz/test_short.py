@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +31,15 @@ _COUNTS = {
 }
 
 
+@pytest.fixture
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a slow and busy machine have its time."""
+    monkeypatch.setattr(harness, "PATIENCE", 100.0)
+    monkeypatch.setattr(harness, "WAIT", 600.0)
+
+
 @pytest.mark.slow
+@pytest.mark.usefixtures("patient")
 @pytest.mark.parametrize("kind", _COUNTS)
 def test_a_few_of_every_kind(kind: str, tmp_path: Path) -> None:
     tally = run(KINDS[kind], seed=7, folder=tmp_path, count=_COUNTS[kind])
@@ -43,6 +52,7 @@ def test_a_few_of_every_kind(kind: str, tmp_path: Path) -> None:
 
 @pytest.mark.graph
 @pytest.mark.slow
+@pytest.mark.usefixtures("patient")
 @pytest.mark.parametrize("kind", ["graph", "heard"])
 def test_a_few_messages(kind: str, tmp_path: Path) -> None:
     """No bytes that arrive end a node but by a fault of a name."""
@@ -60,16 +70,13 @@ def test_every_kind_has_its_share() -> None:
 
 def test_what_goes_wrong_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each kind of failure is one, and an error of one line is none."""
-    monkeypatch.setattr(harness, "PATIENCE", 0.05)
-    monkeypatch.setattr(harness, "WAIT", 0.4)
-    monkeypatch.setattr(harness, "MEMORY", 1 << 28)
 
     def works(_: bytes) -> str:
         while True:
             np.zeros(10).sum()
 
     def waits(_: bytes) -> str:
-        time.sleep(20.0)
+        time.sleep(600.0)
         return "waited"
 
     def grows(_: bytes) -> str:
@@ -81,17 +88,21 @@ def test_what_goes_wrong_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     broken = InputError("file")
     broken.args = ("two\nlines",)
     tally = Tally()
-    for use in (
-        works,
-        waits,
-        grows,
-        lambda _: raises(KeyError("x")),
-        lambda _: raises(WrongAnswer("other samples")),
-        lambda _: raises(broken),
-        lambda _: raises(InputError("file: bad")),
-        lambda _: "exact",
-    ):
-        tally.take(Case("a", b"", use))
+    uses: list[tuple[Callable[[bytes], str], dict[str, float]]] = [
+        (works, {"PATIENCE": 0.05}),
+        (waits, {"PATIENCE": 0.05, "WAIT": 0.1}),
+        (grows, {"MEMORY": 1 << 28}),
+        (lambda _: raises(KeyError("x")), {}),
+        (lambda _: raises(WrongAnswer("other samples")), {}),
+        (lambda _: raises(broken), {}),
+        (lambda _: raises(InputError("file: bad")), {}),
+        (lambda _: "exact", {}),
+    ]
+    for use, limits in uses:
+        with monkeypatch.context() as patch:
+            for name, limit in limits.items():
+                patch.setattr(harness, name, limit)
+            tally.take(Case("a", b"", use))
     found = [failure.what for failure in tally.failures]
     assert found == ["hang", "memory", "traceback", "wrong", "wrong"]  # both hangs say the same
     assert tally.outcomes == {"failed": 6, "refused": 1, "exact": 1}

@@ -55,7 +55,7 @@ for plan in ("quick", "check"):
     notebook = nbformat.v4.new_notebook(
         cells=[nbformat.v4.new_code_cell(verdict), nbformat.v4.new_code_cell(picture)]
     )
-    NotebookClient(notebook, timeout=240, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    NotebookClient(notebook, timeout=800, resources={"metadata": {"path": str(tmp_path)}}).execute()
     shown, drawn = (
         [output for output in cell.outputs if output.output_type == "execute_result"]
         for cell in notebook.cells

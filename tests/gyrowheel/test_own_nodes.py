@@ -47,7 +47,7 @@ def test_the_controller_of_the_page_holds_the_bench_through_a_plan(tmp_path: Pat
         )
     finally:
         mine.terminate()
-        mine.wait(10.0)
+        mine.wait(240.0)
     assert done.returncode == 0, done.stderr
     assert "none missing" in done.stdout
     # it is the law of the bench, so the samples are those of the bench

@@ -29,7 +29,7 @@ def test_every_addition_is_in_the_model(wheel: Wheel, tmp_path: Path) -> None:
         )
         for name in names
     ]
-    said = [process.communicate(timeout=120)[1] for process in running]
+    said = [process.communicate(timeout=600)[1] for process in running]
     assert [process.returncode for process in running] == [0, 0, 0], said
     assert set(gw.Model.load(model).effects) == set(names)
     assert len(gw.Model.load(model).history) == 3

@@ -30,7 +30,7 @@ effects:
 """
 COMMAND = [sys.executable, "-c", "from gyrowheel.cli import main; main()"]
 
-pytestmark = [pytest.mark.graph, pytest.mark.timeout(120)]
+pytestmark = pytest.mark.graph
 
 
 def test_up_and_simulate_give_the_same_samples(gyrowheel: Shell, tmp_path: Path):
