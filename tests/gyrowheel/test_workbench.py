@@ -52,9 +52,9 @@ def compared(wheel: Wheel) -> Iterator[Desk]:
     """Return a desk with a recording compared and its holds predicted, and nothing diagnosed."""
     desk = Desk(Shelf([wheel.recording.parent]), gw.Model.load(wheel.model), wheel.model)
     desk.open("0/drag", "fitted")
-    desk.wait(60.0)
+    desk.wait(240.0)
     desk.compare()
-    desk.wait(60.0)
+    desk.wait(240.0)
     assert desk.trouble is None
     yield desk
     desk.shut()
