@@ -58,9 +58,10 @@ def calibrated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scenario, list
 
 
 @pytest.mark.slow
-def test_wrong_constants_are_found_within_their_errors(tmp_path: Path):
+@pytest.mark.parametrize("count", [2, pytest.param(8, marks=pytest.mark.study)])
+def test_wrong_constants_are_found_within_their_errors(count: int, tmp_path: Path):
     apart = []
-    for seed in range(41, 49):
+    for seed in range(41, 41 + count):
         # every other machine has air about it that the model knows nothing of
         machine = wrong_machine(seed, AIR if seed % 2 else {})
         found = calibrate(recordings(tmp_path, machine, "cone", "coast_down"), Model.new())
@@ -68,10 +69,11 @@ def test_wrong_constants_are_found_within_their_errors(tmp_path: Path):
         apart.append(pulls(found, machine))
         for name, part in (("coil_constant", 0.01), ("motor_constant", 0.0005), ("motor_resistance", 0.01)):
             assert found.constants[name].after.standard_error < part * found.constants[name].after.value
-    rms = np.sqrt(np.mean(np.square(apart), axis=0))
-    assert np.all(rms < 1.8), apart
-    assert np.all(rms > 0.3), apart  # errors that are far too generous are wrong, too
     assert np.abs(apart).max() < 4.0
+    if count == 8:
+        rms = np.sqrt(np.mean(np.square(apart), axis=0))
+        assert np.all(rms < 1.8), apart
+        assert np.all(rms > 0.3), apart  # errors that are far too generous are wrong, too
 
 
 def test_the_ruler_is_what_limits_the_coils(calibrated: tuple[Scenario, list[Recording], Calibration]):

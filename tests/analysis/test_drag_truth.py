@@ -91,9 +91,14 @@ def stated_constants_std(estimate: Estimate) -> NDArray[np.float64]:
     return np.abs(estimate.measured_torque) * [0.02, 0.02, 0.01]
 
 
-def test_the_torque_is_that_of_the_machine_within_three_standard_errors() -> None:
+#: How many machines; the larger number is a study.
+MACHINES = pytest.mark.parametrize("machines", [3, pytest.param(10, marks=pytest.mark.study)])
+
+
+@MACHINES
+def test_the_torque_is_that_of_the_machine_within_three_standard_errors(machines: int) -> None:
     scores, differences = [], []
-    for number in range(10):
+    for number in range(machines):
         effects = AIR if number else {}
         machine = hidden_machine(number, effects)
         found = holds(run_of(machine), believing(effects))
@@ -109,9 +114,10 @@ def test_the_torque_is_that_of_the_machine_within_three_standard_errors() -> Non
         assert 0.3 < np.sqrt(np.mean(np.square(score))) < 1.6
 
 
-def test_the_rig_is_predicted_as_it_stands() -> None:
+@MACHINES
+def test_the_rig_is_predicted_as_it_stands(machines: int) -> None:
     scores, blind, sizes = [], [], []
-    for number in range(10):
+    for number in range(machines):
         machine = hidden_machine(number, ROOM)
         run = run_of(machine, TURNED)
         for estimate in (known := holds(run, believing(ROOM))):

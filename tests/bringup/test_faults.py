@@ -28,7 +28,7 @@ from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.plant.scenario import Scenario
 
 from ..domains import next_domain
-from .helpers import LONG_PLAN, PATIENCE, SHORT_PLAN, Bystander, NodeProcess, alive, wait_for
+from .helpers import LONG_PLAN, PATIENCE, Bystander, NodeProcess, alive, wait_for
 
 # ruff: noqa: PT012  (the graph is a context manager, and the error comes from within)
 pytestmark = pytest.mark.graph
@@ -309,7 +309,11 @@ def test_two_graphs_on_two_domains_do_not_meet(tmp_path: Path, watched: Watched)
         try:
             scenario = Scenario.nominal(noise_seed=number)
             with Graph(
-                SHORT_PLAN, scenario=scenario, record=tmp_path / f"{number}", domain_id=domains[number]
+                BRIEF,
+                scenario=scenario,
+                record=tmp_path / f"{number}",
+                without=["drag_estimator"],
+                domain_id=domains[number],
             ) as graph:
                 watched.note(set(graph.pids.values()))
                 graph.run()
@@ -323,7 +327,7 @@ def test_two_graphs_on_two_domains_do_not_meet(tmp_path: Path, watched: Watched)
     for thread in threads:
         thread.join()
     assert not errors
-    plan = Plan.load(SHORT_PLAN)
+    plan = Plan.load(BRIEF)
     for number in range(2):
         expected = simulate(Bench.load(), Scenario.nominal(noise_seed=number), plan)
         readings = Recording.open(tmp_path / f"{number}").readings.array

@@ -15,6 +15,7 @@ from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.recording import Recording
 
 from ..domains import next_domain
+from ..gyrowheel.helpers import DRAG_PLAN
 
 COMMAND = [sys.executable, "-c", "from gyrowheel.cli import main; main()"]
 
@@ -38,7 +39,18 @@ def investigated(folder: Path, *arguments: str) -> tuple[dict[str, Any], str]:
 
 
 @pytest.mark.graph
-@pytest.mark.slow
+def test_an_investigation_records_with_the_nodes_and_names_what_is_hidden(tmp_path: Path):
+    """The loop that the simulation goes, too; the recordings are those of the running bench."""
+    (tmp_path / "plan.yaml").write_text(DRAG_PLAN, encoding="utf-8")
+    hidden = ["--effect", "windage:w=0.0013", "--machine", "4"]
+    result, told = investigated(tmp_path, "--plan", "plan.yaml", "--budget", "1", *hidden)
+    assert result["named"] == ["windage"]
+    assert result["settled"] is True
+    assert "windage" in told
+
+
+@pytest.mark.graph
+@pytest.mark.study
 def test_the_papers_own_plans_are_ambiguous_and_the_graph_settles_it(tmp_path: Path):
     """As the paper analysed it, by averages: torque of the air and inertia of the gimbal are the same."""
     gimbal = {"gimbal_inertia_x": 8e-6, "gimbal_inertia_y": 8e-6, "gimbal_inertia_z": 1.4e-5}

@@ -79,7 +79,7 @@ def test_the_tour_finds_what_is_hidden_without_the_key(gyrowheel: Shell, tmp_pat
     assert all(len(line) <= 80 for line in result.err.splitlines())
 
 
-@pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.usefixtures("simulated")
 def test_a_wrong_verdict_is_called_wrong(gyrowheel: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(demo, "hidden_effects", lambda key: {"coil_heating": {"a": 0.004}})

@@ -245,7 +245,7 @@ def settle(gyrowheel: Shell, tmp_path: Path, *arguments: object) -> Any:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("hidden", ["aero_restoring"])  # the other one is settled on the graph
+@pytest.mark.parametrize("hidden", ["aero_restoring"])  # the other one is settled on the graph, by a study
 def test_the_papers_own_plans_and_averages_are_ambiguous_and_a_test_settles_it(
     gyrowheel: Shell, tmp_path: Path, hidden: str
 ):
@@ -265,7 +265,9 @@ def test_the_papers_own_plans_and_averages_are_ambiguous_and_a_test_settles_it(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("hidden", ["gimbal_inertia_error", "aero_restoring"])
+@pytest.mark.parametrize(
+    "hidden", ["gimbal_inertia_error", pytest.param("aero_restoring", marks=pytest.mark.study)]
+)
 def test_what_happens_within_a_revolution_settles_the_papers_own_plans_at_once(
     gyrowheel: Shell, tmp_path: Path, hidden: str
 ):
@@ -283,7 +285,7 @@ def test_what_happens_within_a_revolution_settles_the_papers_own_plans_at_once(
     assert other in why
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_the_papers_tilt_sweep_is_ambiguous_and_a_test_settles_it(gyrowheel: Shell, tmp_path: Path):
     """At one speed a restoring torque acts as a stiffness does, and as an offset of the centre of gravity."""
     hidden = ["--effect", "aero_restoring:k=0.04", "--machine", "5"]
