@@ -15,7 +15,9 @@ import pytest
 import yaml
 
 import gyrowheel as gw
+from gyrowheel.origins import note_machine
 from gyrowheel.workbench import gate, pictures
+from gyrowheel.workbench.bench import SimulatedBench
 from gyrowheel.workbench.decimation import Envelope
 from gyrowheel.workbench.desk import Desk
 from gyrowheel.workbench.server import Server
@@ -132,6 +134,7 @@ def test_another_address_asks_for_a_token(wheel: Wheel, monkeypatch: pytest.Monk
         ("diagnose", {}, "none is open to fit"),
         ("add", {"what": "windage"}, "none is open to fit"),
         ("undo", {}, "nothing to undo"),
+        ("test", {"plan": "quick"}, "none is open to fit"),
         ("save", {"name": "../model.yaml"}, "name: '../model.yaml' is not allowed"),
         ("save", {"name": ".model.yaml"}, "is not allowed"),
     ],
@@ -246,6 +249,66 @@ def test_states_of_the_rotor_are_means_of_the_samples(compared: Desk) -> None:
     span = (time >= 1.0) & (time < 2.0)
     assert np.mean(states["tilt_x"]) == pytest.approx(samples["tilt_x"][span].mean(), rel=1e-2)
     assert all(1.0 <= t <= 2.0 for t in states["time"])
+
+
+def test_a_test_runs_on_the_machine_of_the_recordings_and_is_joined(
+    wheel: Wheel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(wheel.recording, tmp_path / "drag")
+    desk = Desk(Shelf([tmp_path / "drag"]), gw.Model.load(wheel.model))
+    desk.open("0/.", "fitted")
+    desk.wait(240.0)
+    plan = "check@hold_s=0.5"
+    with pytest.raises(gw.InputError, match="not what the diagnosis asks for"):
+        desk.test(plan)
+    diagnosed: list[int] = []
+    monkeypatch.setattr(desk, "tests", lambda: [plan])
+    monkeypatch.setattr(desk, "_diagnose", lambda at: diagnosed.append(len(desk.used("fitted"))))
+    with pytest.raises(gw.InputError, match="not of a simulated bench"):
+        desk.test(plan)
+    note_machine(desk.used("fitted")[0], ["--effect", "windage", "--machine", "3", "--seed", "5"])
+    desk.test(plan)
+    desk.wait(240.0)
+    assert desk.trouble is None
+    assert diagnosed == [2]  # after it was joined
+    made = desk.opened["1/."].recording
+    assert made.path == tmp_path / "check-hold-s-0-5-1"
+    bench = SimulatedBench.of([made])
+    assert bench == SimulatedBench(effect=("windage",), machine=3, seed=5)
+    # ended in the middle: nothing is left of it
+    ended, record = threading.Event(), SimulatedBench.record
+
+    def later(*arguments: Any) -> Any:
+        assert ended.wait(240.0)
+        return record(*arguments)
+
+    monkeypatch.setattr(SimulatedBench, "record", later)
+    desk.test(plan)
+    desk.end()
+    assert desk.job is None
+    ended.set()
+    desk.wait(240.0)
+    assert not (tmp_path / "check-hold-s-0-5-2").exists()
+    assert len(desk.opened) == 2
+
+
+def test_help_explains_and_every_effect_has_a_page(server: Server) -> None:
+    status, body = ask(server, "/help")
+    assert status == 200
+    assert b"Omega" in body
+    status, body = ask(server, "/help/effect/windage")
+    assert status == 200
+    assert b"windage" in body
+    status, body = ask(server, "/help/effect/windge")
+    assert status == 422
+    assert "windage" in json.loads(body)["error"]
+
+
+def test_an_empty_workbench_offers_the_demonstration(tmp_path: Path) -> None:
+    with Server(Desk(Shelf([tmp_path]), gw.Model()), port=0) as server:
+        parts = json.loads(ask(server, "/state")[1])["parts"]
+    assert 'data-do="demonstrate"' in parts["recordings"]
+    assert 'aria-current="step"' in parts["tour"]
 
 
 def test_work_can_be_ended(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,11 +18,13 @@ from numpy.typing import NDArray
 from gyrowheel.analysis import compare, diagnose
 from gyrowheel.catalogue import own_effect
 from gyrowheel.estimating import drag
+from gyrowheel.files import new_folder
 from gyrowheel.model import Model
 from gyrowheel.recording import Recording
+from gyrowheel.workbench.bench import SimulatedBench
 from gyrowheel.workbench.decimation import Envelope
 from gyrowheel.workbench.shelf import Shelf
-from gyrowheel_core.errors import InputError, one_line
+from gyrowheel_core.errors import InputError, nearest, one_line
 
 if TYPE_CHECKING:
     from gyrowheel.results.comparison import Comparison
@@ -33,6 +35,12 @@ if TYPE_CHECKING:
 #: What a recording is used for.
 Role = Literal["fitted", "not used to fit"]
 ROLES: tuple[Role, ...] = ("fitted", "not used to fit")
+#: Why a test cannot be run from here.
+NO_BENCH = (
+    "these recordings are not of a simulated bench; run the plan on your bench, and open its recording here"
+)
+#: The machine of the demonstration.
+_DEMONSTRATION = SimulatedBench(effect=("aero_cross",), machine=6)
 _PATIENCE = 30.0  # s in which ended work must come to its next line
 
 
@@ -81,10 +89,11 @@ class Step:
 
 @dataclass(frozen=True)
 class Job:
-    """What is under way: its title, its last line, and when it began."""
+    """What is under way: its title, its last line, the fraction that is done where that is known, and when it began."""
 
     title: str
     line: str = ""
+    part: float | None = None
     began: float = field(default_factory=time.monotonic)
 
 
@@ -119,7 +128,19 @@ class Work:
         Ended
             If the user has ended it.
         """
-        self.change(lambda: self._desk.tell(line))
+        self.change(lambda: self._desk.tell(line, None))
+
+    def advancing(self, line: str) -> Callable[[float], None]:
+        """Return what shows the fraction that is done of something, in steps of a hundredth."""
+        shown = -1
+
+        def advance(part: float) -> None:
+            nonlocal shown
+            if int(100 * part) != shown:
+                shown = int(100 * part)
+                self.change(lambda: self._desk.tell(line, part))
+
+        return advance
 
     def change(self, what: Callable[[], None]) -> None:
         """Change something on the desk; raises `Ended` as `say` does."""
@@ -225,6 +246,56 @@ class Desk:
         name = item if isinstance(item, str) else item.name
         self._begin(f"adding {name}", "formula" if formula else "missing", work)
 
+    def tests(self) -> list[str]:
+        """Return the plans that the diagnosis asks for: the next test, and those that separate ties."""
+        found = self.step.diagnosis
+        if found is None:
+            return []
+        named = [] if found.next_test is None else [found.next_test.plan]
+        ties = [tie.separating_plan for effect in found.effects for tie in effect.ties]
+        return list(dict.fromkeys([*named, *(plan for plan in ties if plan is not None)]))
+
+    def test(self, plan: str) -> None:
+        """Run a test that the diagnosis asks for on the machine of the recordings, join it, and diagnose again.
+
+        Raises
+        ------
+        InputError
+            If it does not ask for it, or the machine is no simulated one.
+        """
+        fitted, _ = self._data()
+        if plan not in self.tests():
+            raise InputError(
+                f"plan: {plan[:60]!r} is not what the diagnosis asks for; {nearest(plan, self.tests())}"
+            )
+        bench = SimulatedBench.of(fitted)
+        if bench is None:
+            raise InputError(f"plan: {NO_BENCH}")
+
+        def work(at: Work) -> None:
+            self._record(bench, plan, "fitted", at)
+            self._diagnose(at)
+
+        self._begin(f"testing: {plan}", "test", work)
+
+    def demonstrate(self) -> None:
+        """Record two tests on a simulated machine that has something the model does not know, and open both."""
+
+        def work(at: Work) -> None:
+            for plan, role in (("quick", ROLES[0]), ("check", ROLES[1])):
+                self._record(_DEMONSTRATION, plan, role, at)
+
+        self._begin("making the demonstration", "recordings", work)
+
+    def _record(self, bench: SimulatedBench, plan: str, role: Role, at: Work) -> None:
+        name = "".join(c if c.isalnum() else "-" for c in plan)
+        folder = new_folder(self.shelf.first, name, 1)
+        number = int(folder.name.rpartition("-")[2])
+        made = bench.record(plan, folder, self.step.model, number, at.advancing(f"plan {plan} on the bench"))
+        at.say(f"opening {made.name}")
+        own = Opened.of(self.shelf.take(folder), Recording.open(folder), role)
+        at.change(lambda: self._put(own))
+
     def own(self, formula: str) -> Effect:
         """Return the effect that a formula declares.
 
@@ -322,10 +393,10 @@ class Desk:
         if not own.ended:
             own.ended, self._work, self.job, self.trouble = True, None, None, trouble
 
-    def tell(self, line: str) -> None:
-        """Take the line of what is under way."""
+    def tell(self, line: str, part: float | None) -> None:
+        """Take the line of what is under way, and the fraction that is done."""
         if self.job is not None:
-            self.job = replace(self.job, line=line)
+            self.job = replace(self.job, line=line, part=part)
 
     def _compare(self, at: Work) -> None:
         fitted, _ = self._data()

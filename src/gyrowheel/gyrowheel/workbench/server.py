@@ -215,6 +215,13 @@ class _Report(_Guarded):
         self.finish(text)
 
 
+class _Help(_Guarded):
+    """Pages for people who look for help, and one for every effect."""
+
+    def get(self, name: str | None = None) -> None:
+        self.finish(views.help_page() if name is None else views.effect_page(self.desk, name))
+
+
 class _Action(_Guarded):
     """What a user asks for, as JSON."""
 
@@ -240,6 +247,8 @@ class _Action(_Guarded):
             "formula": lambda: _checked(desk, given["text"]),
             "region": lambda: pictures.region(desk, _numbers(given["windows"])),
             "add_formula": lambda: desk.add(given["text"], formula=True),
+            "test": lambda: desk.test(given["plan"]),
+            "demonstrate": desk.demonstrate,
             "undo": desk.undo,
             "save": lambda: {"path": str(desk.save(given["name"]))},
             "end": desk.end,
@@ -303,6 +312,8 @@ def application(desk: Desk, gate: Gate) -> Application:
         (r"/sample", _Sample),
         (r"/motion", _Motion),
         (r"/report", _Report),
+        (r"/help", _Help),
+        (r"/help/effect/([A-Za-z_0-9]{1,60})", _Help),
         (r"/do/([a-z_]+)", _Action),
         (r"/files/([a-z-]+(?:\.min)?\.(?:css|js))", _File),
     ]

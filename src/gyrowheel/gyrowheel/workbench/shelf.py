@@ -65,6 +65,15 @@ class Shelf:
         own = self._folders[0]
         return own.parent if _is_recording(own) else own
 
+    def take(self, recording: Path) -> str:
+        """Return the key of a recording that was made here; it is on the shelf from now on."""
+        place = recording.resolve()
+        for entry in self.entries():
+            if entry.path == place:
+                return entry.key
+        self._folders.append(place)
+        return f"{len(self._folders) - 1}/."
+
     def entries(self) -> list[Entry]:
         """Return the recordings, the latest first."""
         found: dict[Path, Entry] = {}

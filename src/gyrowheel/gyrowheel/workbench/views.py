@@ -13,10 +13,13 @@ from gyrowheel.report.cells import Cells
 from gyrowheel.report.page import environment, style_sheet
 from gyrowheel.text.formulas import pretty
 from gyrowheel.text.recordings import integrity_text
-from gyrowheel.workbench.desk import ROLES, Desk
+from gyrowheel.workbench.bench import SimulatedBench
+from gyrowheel.workbench.desk import NO_BENCH, ROLES, Desk
 from gyrowheel.workbench.pictures import PANELS
+from gyrowheel_core.errors import InputError, nearest
 from gyrowheel_core.units import unit_for
 from gyrowheel_sim.effects import registry
+from gyrowheel_sim.effects.quantities import QUANTITIES
 
 
 def state(desk: Desk) -> dict[str, Any]:
@@ -26,9 +29,14 @@ def state(desk: Desk) -> dict[str, Any]:
         "version": desk.version,
         "job": None
         if job is None
-        else {"title": job.title, "line": job.line, "seconds": round(time.monotonic() - job.began, 1)},
+        else {
+            "title": job.title,
+            "line": job.line,
+            "part": job.part,
+            "seconds": round(time.monotonic() - job.began, 1),
+        },
         "trouble": None if trouble is None else {"place": trouble.place, "sentence": trouble.sentence},
-        "parts": {name: _part(name, desk) for name in ("recordings", "missing", "error", "model")},
+        "parts": {name: _part(name, desk) for name in ("tour", "recordings", "missing", "error", "model")},
         "signals": [
             {
                 "key": own.key,
@@ -56,6 +64,33 @@ def page() -> str:
                 for title, _, columns in PANELS
             ]
         )
+    )
+
+
+def help_page() -> str:
+    """Return the page for people who look for help."""
+    template = environment("gyrowheel.workbench").get_template("help.html")
+    return template.render(style=style_sheet(), quantities=QUANTITIES)
+
+
+def effect_page(desk: Desk, name: str) -> str:
+    """Return the page of an effect, of the library or of the model.
+
+    Raises
+    ------
+    InputError
+        If there is none of that name.
+    """
+    from gyrowheel.text import effects as render
+    from gyrowheel.text.notebook import html
+
+    library = desk.step.model.details.library
+    if name not in library:
+        raise InputError(f"effect: {name!r} is not known; {nearest(name, library)}")
+    return (
+        environment("gyrowheel.workbench")
+        .get_template("effect.html")
+        .render(style=style_sheet(), name=name, page=Markup(html(render.effect_page(library[name]))))
     )
 
 
@@ -113,6 +148,21 @@ def _recordings(desk: Desk) -> dict[str, Any]:
     return {"rows": rows, "roles": ROLES, "busy": desk.job is not None}
 
 
+def _tour(desk: Desk) -> dict[str, Any]:
+    step, added = desk.step, any(step.model.added is not None for step in desk.steps)
+    done = [
+        bool(desk.used(ROLES[0])),
+        step.comparison is not None or added,
+        added,
+        desk.saved != "",
+    ]
+    return {
+        "done": done,
+        "next": done.index(False) if False in done else None,
+        "unused": bool(desk.used(ROLES[1])),
+    }
+
+
 def _missing(desk: Desk) -> dict[str, Any]:
     result, inside = desk.step.diagnosis, set(desk.step.model.effects)
     shared: dict[str, Any] = {
@@ -138,6 +188,9 @@ def _missing(desk: Desk) -> dict[str, Any]:
         "formulas": [f"{form.name}: {form.formula}" for form in found.free_form],
         "events": sections.events(found),
         "next_test": sections.next_test(found, cells),
+        "tests": desk.tests(),
+        "runs_here": _simulated(desk),
+        "no_bench": NO_BENCH,
         "regions": sections.regions(cells),
         "limits": {
             group: [row for row in limits if row["group"] == group] for group in ("hidden", "partly", "seen")
@@ -175,4 +228,11 @@ def _yaml(content: Mapping[str, Any]) -> str:
     return yaml.safe_dump(shown, sort_keys=False, width=100, default_flow_style=None, allow_unicode=True)
 
 
-_CONTENT = {"recordings": _recordings, "missing": _missing, "error": _error, "model": _model}
+def _simulated(desk: Desk) -> bool:
+    try:
+        return SimulatedBench.of(desk.used(ROLES[0])) is not None
+    except InputError:
+        return False
+
+
+_CONTENT = {"tour": _tour, "recordings": _recordings, "missing": _missing, "error": _error, "model": _model}

@@ -85,18 +85,19 @@ function showJob() {
     return;
   }
   const turning = element("span", undefined, { className: "turning" });
-  const { title, line } = now.state.job;
+  const { title, line, part } = now.state.job;
   const text = element("span", line ? `${title}: ${line}` : title);
   const end = element("button", "End", { type: "button" });
   end.dataset.do = "end";
-  place.replaceChildren(turning, text, end);
+  const bar = part === null ? [] : [element("progress", undefined, { value: part, max: 1, ariaLabel: line })];
+  place.replaceChildren(turning, text, ...bar, end);
 }
 
 document.addEventListener("click", async (event) => {
   const button = event.target.closest("button[data-do]");
   if (!button) return;
   const { do: name, ...content } = button.dataset;
-  const place = { open: "recordings", close: "recordings", undo: "model" }[name] ?? "missing";
+  const place = { open: "recordings", close: "recordings", undo: "model", demonstrate: "recordings", test: "test" }[name] ?? "missing";
   try {
     tell(place, "");
     await send(name, content);
