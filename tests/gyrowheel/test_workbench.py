@@ -27,6 +27,8 @@ from .conftest import Wheel
 from .helpers import Shell, write
 
 CHROMIUM = shutil.which("chromium")
+#: Checks accessibility; `npm install --no-save axe-core` at the root of the project brings it. Without it that is left out.
+AXE = Path(__file__).parents[2] / "node_modules" / "axe-core" / "axe.min.js"
 EVIL = "<img src=x onerror=alert(1)></script><script>alert(2)</script>"
 
 
@@ -60,6 +62,18 @@ def compared(wheel: Wheel) -> Iterator[Desk]:
     assert desk.trouble is None
     yield desk
     desk.shut()
+
+
+def serious_faults(page: Any) -> list[str]:
+    """Return the serious faults of accessibility of a page."""
+    page.evaluate(AXE.read_text(encoding="utf-8"))
+    found = page.evaluate("axe.run(document, {resultTypes: ['violations']})")
+    return [
+        f"{fault['id']}: {node['html']}"
+        for fault in found["violations"]
+        if fault["impact"] in ("serious", "critical")
+        for node in fault["nodes"]
+    ]
 
 
 def test_no_spike_is_lost_and_few_samples_are_all_shown() -> None:
@@ -400,6 +414,13 @@ def test_see_add_watch_undo_in_a_browser(wheel: Wheel, tmp_path: Path) -> None:
         first.locator(".map tbody tr").nth(1).locator("button").last.click()
         expect(first.locator("#chosen")).to_contain_text("windows chosen")
         expect(first.locator("#chosen .said")).to_contain_text("residual")
+        # the rotor at the cursor, and no fault of accessibility
+        expect(first.locator("#rotor-said")).to_contain_text("mN·m")
+        if AXE.is_file():
+            for theme in ("light", "dark"):
+                first.emulate_media(color_scheme=theme)
+                expect(first.locator("#where canvas").first).to_be_visible()
+                assert serious_faults(first) == []
         # holds, measured beside predicted
         expect(first.locator("#predicted canvas").first).to_be_visible()
         expect(first.locator("#predicted-said")).to_contain_text("holds")

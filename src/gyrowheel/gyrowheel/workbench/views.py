@@ -9,7 +9,7 @@ from typing import Any
 from markupsafe import Markup
 
 from gyrowheel.report import sections
-from gyrowheel.report.cells import Cells
+from gyrowheel.report.cells import Cells, declared, label
 from gyrowheel.report.page import environment, style_sheet
 from gyrowheel.text.formulas import pretty
 from gyrowheel.text.recordings import integrity_text
@@ -81,16 +81,26 @@ def effect_page(desk: Desk, name: str) -> str:
     InputError
         If there is none of that name.
     """
-    from gyrowheel.text import effects as render
-    from gyrowheel.text.notebook import html
-
     library = desk.step.model.details.library
     if name not in library:
         raise InputError(f"effect: {name!r} is not known; {nearest(name, library)}")
+    own = library[name]
+    rows = []
+    for c in own.coefficients:
+        unit = unit_for(max(abs(v) for v in c.usual), c.unit)
+        low, high = (declared(v, unit) for v in c.usual)
+        rows.append(
+            {
+                "name": c.name,
+                "about": c.description,
+                "usual": f"{low} … {high} {label(unit)}",
+                "source": c.source,
+            }
+        )
     return (
         environment("gyrowheel.workbench")
         .get_template("effect.html")
-        .render(style=style_sheet(), name=name, page=Markup(html(render.effect_page(library[name]))))
+        .render(style=style_sheet(), own=own, law=pretty(own.formula), rows=rows, library=library)
     )
 
 

@@ -14,6 +14,14 @@ function shade(value) {
   const part = Math.min(Math.max(Math.log10(Math.max(value, 1)) / Math.log10(WORST), 0), 1);
   return dark.matches ? `hsl(${48 - 40 * part} ${25 + 65 * part}% ${18 + 47 * part}%)` : `hsl(${40 - 35 * part} 90% ${97 - 55 * part}%)`;
 }
+// Black or white, whichever stands out more from a colour "rgb(r, g, b)".
+function legible(colour) {
+  const [r, g, b] = colour.match(/[0-9.]+/g).map((part) => {
+    const value = Number(part) / 255;
+    return value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4;
+  });
+  return 0.2126 * r + 0.7152 * g + 0.0722 * b > 0.179 ? "#000000" : "#ffffff";
+}
 const short = (value) => (value >= 9.95 ? value.toFixed(0) : value.toFixed(1));
 
 export function showWhere(anew = false) {
@@ -71,7 +79,7 @@ function map(w) {
   grid.setAttribute("aria-label", "χ²/N of every channel over every variable");
   const [over, labels] = [grid.createTHead().insertRow(), grid.tHead.insertRow()];
   over.append(element("th", "χ²/N"));
-  labels.append(element("th", ""));
+  labels.append(element("td", ""));
   for (const own of now.found.maps) {
     const [title, unit] = own.title.split(", ");
     const head = element("th", `${title}, ${unit}`, { colSpan: own.cells.length, scope: "colgroup" });
@@ -89,7 +97,7 @@ function map(w) {
         place.className = k ? "" : "first";
         const button = element("button", short(value), { type: "button", tabIndex: -1 });
         button.style.background = shade(value);
-        button.style.color = dark.matches ? (value > 12 ? "#14171a" : "#e6e9ec") : value > 120 ? "#ffffff" : "#1c2126";
+        button.style.color = legible(button.style.background);
         button.setAttribute("aria-label", `${title}, ${own.title} ${cell.label}: χ²/N ${short(value)}`);
         button.onclick = () => {
           const other = channel !== name;

@@ -6,6 +6,7 @@ import { redraw, showFound, showSignals } from "./signals.js";
 import { showPredicted } from "./predicted.js";
 import { showWhere } from "./where.js";
 import { showFall } from "./fall.js";
+import { show as showRotor } from "./rotor.js";
 
 let shown = {}; // parts as they were written last
 
@@ -69,6 +70,8 @@ async function show() {
   showPredicted();
   showWhere();
   showFall();
+  at("rotor-section").hidden = !now.state.signals.length;
+  showRotor();
 }
 
 hear("shown", () => showPredicted());
