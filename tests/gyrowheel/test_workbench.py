@@ -27,7 +27,7 @@ from .conftest import Wheel
 from .helpers import Shell, write
 
 CHROMIUM = shutil.which("chromium")
-#: Checks accessibility; `npm install --no-save axe-core` at the root of the project brings it. Without it that is left out.
+#: Checks accessibility; `npm install --no-save axe-core` at the root of the project brings it, else it is left out.
 AXE = Path(__file__).parents[2] / "node_modules" / "axe-core" / "axe.min.js"
 EVIL = "<img src=x onerror=alert(1)></script><script>alert(2)</script>"
 
