@@ -57,7 +57,7 @@ HOUSE = (
         "gyrowheel_analysis",
         "from a recording to a verdict",
         (
-            ("channels", "model", "notch", "recording"),
+            ("channels", "derived", "model", "notch", "recording", "tables"),
             ("setups",),
             ("exchange", "reduction"),
             ("balance",),

@@ -183,12 +183,32 @@ def test_what_is_found_is_the_same_with_a_reading_missing(recording: Recording) 
     assert diagnose([hurt], Model.new()).verdict == "nothing_missing"
 
 
+#: Channels that need a reading.
+COMPARES = {
+    "spin_angle": {"tilt_1n", "tilt_2n", "angle_1n", "angle_2n", "spin_ripple", "voltage_ripple"},
+    "spin_rate": {"spin_ripple", "voltage_ripple"},
+    "coil_voltage_x": {"tilt_x", "tilt_1n", "tilt_2n"},
+    "coil_voltage_y": {"tilt_y", "tilt_1n", "tilt_2n"},
+    "motor_voltage": {"motor_voltage", "voltage_ripple"},
+    "motor_current": {"spin", "spin_ripple", "voltage_ripple"},
+}
+
+
 @pytest.mark.parametrize("name", NEEDED)
-def test_a_needed_column_without_any_reading_is_named(recording: Recording, name: str) -> None:
+def test_what_can_be_compared_without_a_reading_is_compared(recording: Recording, name: str) -> None:
     hurt = without(recording, name)
-    for verb in (compare, rates):
+    with pytest.raises(InputError, match=rf"^{recording.path}: {name}: no reading is a number; [^\n]+$"):
+        rates([hurt], Model.new())
+    if name not in COMPARES:
         with pytest.raises(InputError, match=rf"^{recording.path}: {name}: no reading is a number; [^\n]+$"):
-            verb([hurt], Model.new())
+            compare([hurt], Model.new())
+        return
+    whole, found = (compare([r], Model.new()) for r in (recording, hurt))
+    assert whole.channels.keys() - found.channels.keys() == COMPARES[name]
+    assert f"not measured: {name} (" in found.coverage.sentence()
+    for channel, metrics in found.channels.items():
+        assert metrics.rms == pytest.approx(whole.channels[channel].rms, rel=0.5), channel
+        assert metrics.chi2_per_n < 2.0, channel
 
 
 def test_what_the_analysis_can_do_without_is_assumed_and_said(recording: Recording, windows: Windows) -> None:

@@ -41,7 +41,8 @@ def drag(recordings: Recordings, model: Model | None = None, *, mixed: bool = Fa
         if not holds:
             raise InputError(f"{own.path}: no steady hold")
         found.append(tuple(holds))
-        filtered = notched(samples_of(own.data).readings, NEEDED, known.bench.value("sample_period"))
+        samples = samples_of(own.data)
+        filtered = notched(samples.readings, NEEDED, samples.period(known.bench.sample_period))
         stamps = own.data.measurement["stamp_ns"] * 1e-9
         signals.append({"stamp": stamps, **{f"notched_{name}": v for name, v in filtered.items()}})
     return Drag(tuple(found), known, tuple(str(own.path) for own in given), tuple(signals))

@@ -8,6 +8,7 @@ its `quantity` in `balance.rows` and `fitting.variance`; a channel of a quantity
 
 from __future__ import annotations
 
+from collections.abc import Set
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -147,3 +148,28 @@ def rows_of(*groups: Group) -> tuple[str, ...]:
 #: Rows of the averages, and all rows, in their order.
 AVERAGE_ROWS = rows_of("average")
 ALL_ROWS = rows_of(*GROUPS)
+
+#: Readings without which a quantity cannot be compared, beside those by which its own rows are named.
+_COMPARES: dict[Quantity, frozenset[str]] = {
+    "coil_torque": frozenset(),
+    "motor_torque": frozenset({"motor_current"}),
+    "motor_voltage": frozenset({"motor_voltage"}),
+    "shaft_torque": frozenset({"spin_angle", "spin_rate", "motor_current"}),
+    "winding_voltage": frozenset({"spin_angle", "spin_rate", "motor_current", "motor_voltage"}),
+    "encoder_angle": frozenset({"spin_angle"}),
+}
+_COILS = frozenset({"coil_voltage_x", "coil_voltage_y"})
+
+
+def measurable(channel: Channel, absent: Set[str]) -> tuple[str, ...]:
+    """Return the rows of a channel that are measured where some readings were never taken.
+
+    The average torque of one coil needs its own voltage alone; what turns with the rotor needs both, and the angle.
+    """
+    if _COMPARES[channel.quantity] & absent:
+        return ()
+    if channel.quantity != "coil_torque" or not absent:
+        return channel.rows
+    if channel.group == "average":
+        return tuple(row for row in channel.rows if f"coil_voltage_{row[-1]}" not in absent)
+    return () if absent & (_COILS | {"spin_angle"}) else channel.rows

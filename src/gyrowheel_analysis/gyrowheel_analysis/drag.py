@@ -223,16 +223,19 @@ class DragEstimator:
     ----------
     model : Model
         The model whose torques are simulated.
+    period : float, optional
+        Sampling period of the readings, where it is not that of the bench [s].
     """
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, model: Model, period: float | None = None) -> None:
         self._bench = model.bench
+        self._period = self._bench.sample_period if period is None else period
         self._predictor = Predictor(model)
         self._state = np.full(4 * len(COLUMNS) + 1, math.nan)
         self._setpoints: deque[_Setpoint] = deque()
         self._hold: _Hold | None = None
         self._spin_before: float | None = None
-        self._batch = max(round(_BATCH / self._bench.sample_period), 1)
+        self._batch = max(round(_BATCH / self._period), 1)
         v, learned = self._bench.value, model.overrides
         self._drift = np.array([v(f"{name}_drift") for name in _NOISY])
         self._white = np.array([v(f"{name}_noise") for name in _NOISY])
@@ -280,7 +283,7 @@ class DragEstimator:
             readings.array,
             COLUMNS,
             readings.spin_rate,
-            self._bench.sample_period,
+            self._period,
             RADIUS,
             self._state,
             filtered,

@@ -35,6 +35,7 @@ def drag_estimates(
     setpoints: Any,
     model: Model,
     environment: Sequence[Environment] = (),
+    period: float | None = None,
 ) -> Iterator[Estimate]:
     """Yield the drag estimates of a whole run, as a `DragStream` gives them.
 
@@ -50,8 +51,10 @@ def drag_estimates(
         The believed model.
     environment : sequence of Environment
         Environments of the rig, with times [s] on the clock of the stamps.
+    period : float, optional
+        Sampling period of the readings, where it is not that of the bench [s].
     """
-    estimator = DragEstimator(model)
+    estimator = DragEstimator(model, period)
     estimator.set_environment(environment)
     for row in setpoints:
         values = [float(row[name]) for name in wire.SETPOINT.fields]
@@ -87,7 +90,8 @@ def recorded_holds(recording: Recording, model: Model) -> list[Estimate]:
     stamps = recording.measurement["stamp_ns"]
     start = recording.start_ns * 1e-9
     environment = [replace(event, time=event.time + start) for event in recording.environment]
-    every = drag_estimates(stamps, samples.readings, setpoints, model, environment)
+    period = samples.period(model.bench.sample_period)
+    every = drag_estimates(stamps, samples.readings, setpoints, model, environment, period)
     return [estimate for estimate in every if estimate.settled]
 
 

@@ -7,7 +7,7 @@ and of rectified harmonics follow from that for every effect alike.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from copy import copy
 from dataclasses import replace
 from typing import Any
@@ -30,7 +30,7 @@ from gyrowheel_analysis.balance.torques import (
     pushed,
     required_torques,
 )
-from gyrowheel_analysis.channels import GROUPS, in_groups
+from gyrowheel_analysis.channels import GROUPS, in_groups, measurable
 from gyrowheel_analysis.reduction import MOTOR_THERMAL, Windows, without_noise
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.declaration import Effect
@@ -64,6 +64,8 @@ class Balance:
         (`reduction.without_noise`); what those need on the bench as stated is then taken from the measured rows.
     harmonics : bool
         Whether there are rows of what happens within a revolution, or of the averages alone.
+    absent : set of str
+        Readings that were never taken; what compares them has no rows (`channels.measurable`).
 
     Attributes
     ----------
@@ -77,17 +79,27 @@ class Balance:
         The measured rows [N m, V].
     """
 
-    def __init__(self, windows: Windows, bench: Bench, *, clean: bool = True, harmonics: bool = True) -> None:
+    def __init__(
+        self,
+        windows: Windows,
+        bench: Bench,
+        *,
+        clean: bool = True,
+        harmonics: bool = True,
+        absent: Set[str] = frozenset(),
+    ) -> None:
         self.bench = bench
         self.windows = without_noise(windows) if clean else windows
         self._uncleaned = windows if clean else None
-        self._harmonics = harmonics
-        self._channels = in_groups(*(GROUPS if harmonics else ("average",)))
-        self.rows = tuple(row for channel in self._channels for row in channel.rows)
+        self.harmonics, self.absent = harmonics, frozenset(absent)
+        every = in_groups(*(GROUPS if harmonics else ("average",)))
+        self._channels = tuple(channel for channel in every if measurable(channel, absent))
+        self.rows = tuple(row for channel in self._channels for row in measurable(channel, absent))
+        self._kept = frozenset(self.rows)
         self.motion = Motion(self.windows, bench)
         self._response: RippleResponse | None = None
         self._derivatives: dict[str, Array] = {}
-        self.measured = measured_rows(self.windows, bench, self._channels)
+        self.measured = measured_rows(self.windows, bench, self._channels, self._kept)
         if clean:
             self.measured = self._without_noise(bench.values(), [])
 
@@ -128,7 +140,7 @@ class Balance:
     def _without_noise(self, values: Mapping[str, float], effects: Sequence[ActiveEffect]) -> Array:
         if self._uncleaned is None or not len(self.windows):
             return self.measured
-        raw = Balance(self._uncleaned, self.bench, clean=False, harmonics=self._harmonics)
+        raw = Balance(self._uncleaned, self.bench, clean=False, harmonics=self.harmonics, absent=self.absent)
         return raw.measured - raw.predicted(values, effects) + self.predicted(values, effects)
 
     def __len__(self) -> int:
@@ -168,7 +180,7 @@ class Balance:
 
     def rows_at(self, at: Instants, values: Mapping[str, float]) -> Array:
         """Return the predicted rows of a state (see `predicted`)."""
-        return predicted_rows(at, values, self.windows, self.bench, self._channels)
+        return predicted_rows(at, values, self.windows, self.bench, self._channels, self._kept)
 
     def motion_at(self, values: Mapping[str, float], effects: Sequence[ActiveEffect]) -> Motion:
         """Return the true motion, if bench parameters and effects are right: what the instruments did is undone."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from functools import cached_property
 from typing import Any
 
@@ -19,9 +19,15 @@ from gyrowheel_sim.effects.targets import added, changed
 Array = NDArray[np.float64]
 
 
-def measured_rows(windows: Windows, bench: Bench, channels: Sequence[Channel]) -> Array:
-    """Return the measured rows of channels, converted with the constants of a bench."""
-    return np.concatenate([row for c in channels for row in _MEASURED[c.quantity](windows, bench, c)])
+def measured_rows(windows: Windows, bench: Bench, channels: Sequence[Channel], kept: Set[str]) -> Array:
+    """Return the measured rows of channels that are kept, converted with the constants of a bench."""
+    return _joined(channels, kept, lambda c: _MEASURED[c.quantity](windows, bench, c))
+
+
+def _joined(channels: Sequence[Channel], kept: Set[str], rows: Callable[[Channel], list[Array]]) -> Array:
+    return np.concatenate(
+        [row for c in channels for name, row in zip(c.rows, rows(c), strict=True) if name in kept]
+    )
 
 
 def predicted_rows(
@@ -30,8 +36,9 @@ def predicted_rows(
     windows: Windows,
     bench: Bench,
     channels: Sequence[Channel],
+    kept: Set[str],
 ) -> Array:
-    """Return the predicted rows of channels.
+    """Return the predicted rows of channels that are kept.
 
     Parameters
     ----------
@@ -45,9 +52,11 @@ def predicted_rows(
         The model's bench, whose constants convert readings to torques.
     channels : sequence of Channel
         The channels, in the order of their rows.
+    kept : set of str
+        Names of the rows.
     """
     state = _Predicted(at, values, windows, bench)
-    return np.concatenate([row for c in channels for row in _PREDICTED[c.quantity](state, c)])
+    return _joined(channels, kept, lambda c: _PREDICTED[c.quantity](state, c))
 
 
 def _coil_measured(w: Windows, bench: Bench, channel: Channel) -> list[Array]:

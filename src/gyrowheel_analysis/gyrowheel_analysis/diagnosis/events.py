@@ -391,7 +391,7 @@ def _dated(evidence: Evidence, candidate: Candidate, recording: Recording) -> _D
             evidence, moved(), k, *_between_windows(windows, *candidate.spans[k])
         )
     by_windows = _Dated(moved(), tuple(errors), _gain(evidence, [moved()]))
-    data, _, _ = readable(samples_of(recording), bench)
+    data, _, _ = readable(samples_of(recording, incomplete=True), bench)
     for k in (0,) if first.kind == "step" else (0, 1, 0, 1):
         wide = min(_WIDELY * by_windows.errors[k], _WIDEST)
         low, high = _between_windows(windows, edges[k] - wide, edges[k] + wide)

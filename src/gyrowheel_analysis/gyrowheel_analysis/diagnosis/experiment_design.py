@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance.balance import Balance
-from gyrowheel_analysis.channels import AVERAGE_ROWS
 from gyrowheel_analysis.diagnosis.selection import threshold
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.problem import Problem
@@ -96,8 +95,9 @@ def planned(problem: Problem, name: str) -> tuple[Problem, float] | None:
         plan.check(bench)
     except InputError:
         return None
-    harmonics = all(len(b.rows) > len(AVERAGE_ROWS) for b in problem.balances)
-    balance = Balance(planned_windows(plan, bench), bench, harmonics=harmonics)
+    harmonics = all(b.harmonics for b in problem.balances)
+    absent = frozenset[str]().union(*(b.absent for b in problem.balances))
+    balance = Balance(planned_windows(plan, bench), bench, harmonics=harmonics, absent=absent)
     other = Problem.of([balance], problem.unknowns).with_scales(problem.noise.scales)
     return other, plan.duration / 60.0
 

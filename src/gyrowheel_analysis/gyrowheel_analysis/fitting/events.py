@@ -173,7 +173,8 @@ def unit_rows(balance: Balance, quantity: EventQuantity, lag: float | None = Non
     rows = np.zeros(len(balance))
     own = quantity.rows(balance) if lag is None else _lagging(balance, lag)
     for name, values in own.items():
-        rows[balance.row(name)] = values
+        if name in balance.rows:
+            rows[balance.row(name)] = values
     return rows
 
 

@@ -68,6 +68,7 @@ class Noise:
                 (average_covariance(balance, rows, channel, row), channel.drift)
                 for channel in in_groups("average")
                 for row in channel.rows
+                if row in balance.rows
             )
             for balance, rows in zip(balances, predicted, strict=True)
         )
@@ -253,7 +254,7 @@ def _amplitudes(
     for balance, rows, bench in zip(balances, predicted, benches, strict=True):
         variances = [np.zeros(0)]
         for channel in in_groups("revolution", "ripple"):
-            if channel.rows[0] in balance.rows:
+            if channel.rows[0] in balance.rows:  # of an amplitude, both parts or none
                 variances += [amplitude_variance(balance, bench, rows, channel, lateness)] * len(channel.rows)
         result.append(np.sqrt(np.concatenate(variances)))
     return tuple(result)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from gyrowheel_analysis.balance.balance import Balance
+from gyrowheel_analysis.derived import lacking, unmeasured
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.fitting.unknowns import Unknowns
@@ -124,15 +125,29 @@ def one_thread() -> Iterator[None]:
         yield
 
 
-def samples_of(recording: Recording) -> Samples:
+def samples_of(recording: Recording, *, incomplete: bool = False) -> Samples:
     """Return the columns of a recording that the reduction needs.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording.
+    incomplete : bool
+        Whether readings may be missing that others can stand for (`derived`).
 
     Raises
     ------
     InputError
         If one that nothing can stand for was never measured.
     """
-    if missing := [name for name in NEEDED if not np.isfinite(recording.readings[name]).any()]:
+    absent = unmeasured(recording.readings)
+    if incomplete:
+        if needed := lacking(recording.readings):
+            raise InputError(
+                f"{recording.path}: {', '.join(needed)}: no reading is a number; allowed: readings of both tilts, of "
+                "the angle or the speed, and of at least one voltage or current"
+            )
+    elif missing := [name for name in NEEDED if not np.isfinite(recording.readings[name]).any()]:
         raise InputError(
             f"{recording.path}: {', '.join(missing)}: no reading is a number; "
             f"allowed: readings of {', '.join(NEEDED)} in most samples, all else may be missing"
@@ -146,6 +161,7 @@ def samples_of(recording: Recording) -> Samples:
         part=recording.part,
         sequence=recording.measurement["sequence"],
         commanded=_commanded(recording),
+        absent=absent,
     )
 
 
@@ -241,11 +257,12 @@ def _reduced(
     """
     require_one_bench(recordings, model)
     bench = model.reference_bench
-    reduced, coverages, shown = [], [], []
+    reduced, coverages, shown, absents = [], [], [], []
     for recording in recordings:
         if progress:
             progress(f"reducing {recording.name}")
-        samples = samples_of(recording)
+        samples = samples_of(recording, incomplete=True)
+        absents.append(samples.absent)
         windows, coverage = reduce_and_account(samples, bench)
         _check(windows, bench, str(recording.path))
         coverages.append(coverage)
@@ -253,8 +270,8 @@ def _reduced(
         reduced.append(windows)
     every = [*shown, *elsewhere]
     balances = [
-        Balance(own.weighed(windows, every), bench, harmonics=harmonics)
-        for own, windows in zip(shown, reduced, strict=True)
+        Balance(own.weighed(windows, every), bench, harmonics=harmonics, absent=absent)
+        for own, windows, absent in zip(shown, reduced, absents, strict=True)
     ]
     return balances, Coverage.of(coverages), shown
 

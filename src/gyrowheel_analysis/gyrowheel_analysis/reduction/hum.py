@@ -87,7 +87,7 @@ def find_lines(data: Samples, windows: Windows, bench: Bench) -> list[Line]:
     """
     stated = bench.value("mains_frequency")
     highest = 1.05 * max(MULTIPLES) * max(stated, *MAINS)
-    spectra = tapered(data, windows, bench.sample_period, highest)
+    spectra = tapered(data, windows, data.period(bench.sample_period), highest)
     if spectra is None:
         return []
     found = []

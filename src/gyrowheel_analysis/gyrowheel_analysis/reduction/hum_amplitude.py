@@ -65,10 +65,12 @@ def line_amplitudes(
         result["coil_voltage"] = (size, math.hypot(error, math.sqrt(0.5) * gain_error * told))
     # the tilt: what is left once the answer of the rotor to the coils is taken off
     drive = [at[c if known else r] for r, c in _pairs()]
+    held = min(bench.sample_period, spectra.period)
     forward, backward = _turned(at["tilt_x"], at["tilt_y"])
     moved, resists = [], []
     for amplitude, sign in zip(_turned(*drive), (1.0, -1.0), strict=True):
-        answer, clear = _answer(amplitude, sign * 2.0 * math.pi * frequency, spin, bench, commanded=known)
+        omega = sign * 2.0 * math.pi * frequency
+        answer, clear = _answer(amplitude, omega, spin, bench, held, commanded=known)
         moved.append(answer)
         resists.append(clear)
     clear = resists[0] & resists[1]
@@ -92,18 +94,17 @@ def _turned(x: Complex, y: Complex) -> tuple[Complex, Complex]:
 
 
 def _answer(
-    voltage: Complex, omega: float, spin: Array, bench: Bench, *, commanded: bool
+    voltage: Complex, omega: float, spin: Array, bench: Bench, held: float, *, commanded: bool
 ) -> tuple[Complex, NDArray[np.bool_]]:
     """Return what the tilt sensors show of the rotor's answer to the coils, and where it is known.
 
     `voltage` is the amplitude of exp(i omega t) in the voltages x + i y, as read or as commanded for the interval that
-    ends at the stamp.
+    ends at the stamp; `held` is how long that is [s].
     """
-    v, period = bench.value, bench.sample_period
-    half = 0.5 * omega * period
+    v, half = bench.value, 0.5 * omega * held
     acting = voltage * np.exp(1j * half) * np.sinc(half / math.pi)
     if not commanded:
-        acting = acting / held_response(omega, *_chain(bench, "coil_voltage"), period=period)
+        acting = acting / held_response(omega, *_chain(bench, "coil_voltage"), period=held)
     inertia = v("rotor_inertia_x") + 0.5 * v("gimbal_inertia_x")
     stiffness = 0.5 * (v("flexure_stiffness_x") + v("flexure_stiffness_y"))
     gyro = bench.precession_inertia * spin * omega

@@ -206,7 +206,7 @@ def _clock(own: Shown, recording: str, bench: Bench) -> list[ReadingFinding]:
         result.append(jitter(stamps.jitter, stamps.jitter_error, stated, remark))
     elif stamps.hidden > _CLEAR_HIDDEN * stamps.hidden_error and own.spin * stamps.hidden > _HIDDEN * noise:
         result.append(jitter(stamps.hidden, stamps.hidden_error, 0.0, "hidden"))
-    period, rate_stated = bench.sample_period, bench.value("clock_rate_error")
+    period, rate_stated = stamps.stated, bench.value("clock_rate_error")
     rate, error = stamps.period / period - 1.0, stamps.period_error / period
     off = abs(rate - rate_stated)
     if off > max(_CLEAR * error, _RATE):

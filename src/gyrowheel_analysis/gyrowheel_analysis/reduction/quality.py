@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_analysis.derived import completed, in_words
 from gyrowheel_analysis.reduction.samples import Array, Samples
 from gyrowheel_analysis.reduction.taper import taper
 from gyrowheel_core.readings import READINGS, Readings
@@ -40,6 +41,7 @@ _FEWEST_BLOCKS = 20
 _NOISE_BAND = (0.4, 0.97)  # of half the sampling rate: above every motion, below the corner of a filter
 #: Intervals before and after one whose commands a reading of a coil voltage may show, delayed and filtered.
 _SHOWN_COMMANDS = (-7, 2)
+_SLOWER = 1.5  # sampling period over that of the loop
 _NOISE_RANGE = (0.5, 50.0)  # of the estimated noise over the stated one; estimates beyond are limited to it
 _SPIKE = 8.0  # robust standard deviations
 _MOST_SPIKES = 0.02  # of the samples; if there are more, they are not spikes
@@ -69,7 +71,11 @@ def readable(data: Samples, bench: Bench) -> tuple[Samples, Array, tuple[str, ..
     finite = np.isfinite(data.readings.array)
     if finite.all():
         return data, np.zeros(0), ()
-    readings, assumed = data.readings.copy(), []
+    readings, assumed = completed(data.time, data.readings, data.absent, bench).copy(), []
+    for name in NEEDED:
+        if name in data.absent and not np.isfinite(readings[name]).any():
+            readings[name][:] = 0.0  # is compared with nothing
+    finite = np.isfinite(readings.array)
     for name in _FILLED:
         column = readings[name]
         known = np.isfinite(column)
@@ -94,7 +100,7 @@ def readable(data: Samples, bench: Bench) -> tuple[Samples, Array, tuple[str, ..
         sequence=None if data.sequence is None else data.sequence[whole],
         commanded=None if data.commanded is None else data.commanded[whole],
     )
-    return read, data.time[~whole], tuple(assumed)
+    return read, data.time[~whole], (*in_words(data.absent), *assumed)
 
 
 def reading_noise(data: Samples, bench: Bench) -> Array:
@@ -108,7 +114,8 @@ def reading_noise(data: Samples, bench: Bench) -> Array:
     stated = np.array([bench.value(name) for name in READING_NOISES])
     shown = [name for names in _NOISE_SHOWN_BY.values() for name in names]
     coils = [shown.index(name) for name in _NOISE_SHOWN_BY["coil_voltage_noise"]]
-    whole = np.flatnonzero(np.abs(np.diff(data.time) - bench.sample_period) > 0.5 * bench.sample_period) + 1
+    period = data.period(bench.sample_period)
+    whole = np.flatnonzero(np.abs(np.diff(data.time) - period) > 0.5 * period) + 1
     edges = np.r_[0, whole, len(data.time)]
     for block in _NOISE_BLOCKS:
         starts = np.concatenate(
@@ -129,9 +136,10 @@ def reading_noise(data: Samples, bench: Bench) -> Array:
     window = taper(block)
     low, high = (round(edge * block / 2) for edge in _NOISE_BAND)
     waves = np.fft.rfft(values * window[:, None], axis=1)[:, low:high]
-    if data.commanded is None:
+    # in a recording slower than the loop, what the controller does between the samples is noise, and counts as such
+    if data.commanded is None and period < _SLOWER * bench.sample_period:
         waves[:, :, coils] = 0.0
-    else:
+    elif data.commanded is not None:
         lags = np.arange(*_SHOWN_COMMANDS)
         around = np.clip(at[:, :, None] + lags, 0, len(data.commanded) - 1)
         for axis, column in enumerate(coils):
@@ -139,9 +147,10 @@ def reading_noise(data: Samples, bench: Bench) -> Array:
             waves[:, :, column] = _not_commanded(waves[:, :, column], commands)
     power = np.abs(waves) ** 2 / np.sum(window**2)
     level = np.median(np.median(power, axis=1), axis=0) / math.log(2.0)
-    found = [
-        np.sqrt(np.mean([level[shown.index(name)] for name in names])) for names in _NOISE_SHOWN_BY.values()
-    ]
+    found = []
+    for names in _NOISE_SHOWN_BY.values():
+        taken = [level[shown.index(name)] for name in names if name not in data.absent]
+        found.append(math.sqrt(float(np.mean(taken))) if taken else 0.0)
     return np.array(
         [
             own if ratio == 0.0 else own * min(max(ratio, _NOISE_RANGE[0]), _NOISE_RANGE[1])

@@ -54,7 +54,7 @@ def reduce_and_account(data: Samples, bench: Bench) -> tuple[Windows, Coverage]:
     coverage : Coverage
         How much of the steady motion is used.
     """
-    h = bench.sample_period
+    h, held = data.period(bench.sample_period), data.held(bench.sample_period)
     length = 0.0
     if len(data.time):
         begin, end = max(float(data.time[0]) - h, data.part[0]), min(float(data.time[-1]), data.part[1])
@@ -68,7 +68,7 @@ def reduce_and_account(data: Samples, bench: Bench) -> tuple[Windows, Coverage]:
     heat = motor_temperatures(data, bench)
 
     def fit(i: int, j: int) -> dict[str, Any] | None:
-        return fit_window(data, i, j, h, bench, heat, noise)
+        return fit_window(data, i, j, (h, held), bench, heat, noise)
 
     for start, stop, segment, turn in steady_spans(data):
         if stop <= start:

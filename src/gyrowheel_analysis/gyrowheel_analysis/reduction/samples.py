@@ -15,6 +15,9 @@ from gyrowheel_sim.environment import Environment
 
 Array = NDArray[np.float64]
 
+#: Part by which the clock of a recording of the bench's own rate may be off.
+_SAME_RATE = 0.05
+
 
 @dataclass(frozen=True)
 class Samples:
@@ -38,6 +41,8 @@ class Samples:
         Numbers of the samples, ascending.
     commanded : ndarray (n, 2), optional
         Coil voltages that were commanded for the interval that ends with each sample [V]; None where unknown.
+    absent : frozenset of str
+        Readings that were never taken; `derived` says what stands for them.
     """
 
     time: Array
@@ -48,3 +53,29 @@ class Samples:
     part: tuple[float, float] = (-math.inf, math.inf)
     sequence: NDArray[np.integer] | None = None
     commanded: Array | None = None
+    absent: frozenset[str] = frozenset()
+
+    def period(self, stated: float) -> float:
+        """Return the sampling period of the recording [s].
+
+        A recording may be of another rate than the loop of its bench. Where its stamps agree with the `stated` period
+        of the bench, that one holds: by how much the clock is off is for the diagnosis to find.
+        """
+        steps = np.diff(self.time)
+        if self.sequence is not None and len(self.sequence) == len(self.time):
+            steps = steps / np.maximum(np.diff(self.sequence.astype(np.int64)), 1)
+        steps = steps[steps > 0.0]
+        if not len(steps):
+            return stated
+        one = float(np.median(steps))
+        if abs(one / stated - 1.0) < _SAME_RATE:
+            return stated
+        return float(np.mean(steps[np.abs(steps / one - 1.0) < 0.5]))
+
+    def held(self, stated: float) -> float:
+        """Return how long the voltage of a sample has been held by its stamp, as far as the samples tell [s].
+
+        The loop holds a voltage for the `stated` period of the bench; samples that follow each other faster show it
+        more than once.
+        """
+        return min(stated, self.period(stated))

@@ -12,7 +12,7 @@ import numpy as np
 
 from gyrowheel_analysis.reduction.hum import Line, find_lines, hum_variance, untold
 from gyrowheel_analysis.reduction.lattice import steps
-from gyrowheel_analysis.reduction.quality import READING_NOISES
+from gyrowheel_analysis.reduction.quality import READING_NOISES, readable
 from gyrowheel_analysis.reduction.samples import Samples
 from gyrowheel_analysis.reduction.stamps import Stamps, read_stamps
 from gyrowheel_analysis.reduction.windows import Windows
@@ -102,9 +102,13 @@ def look(data: Samples, windows: Windows, bench: Bench) -> Shown:
     bench : Bench
         The bench as stated.
     """
-    stamps = None if data.sequence is None else read_stamps(data, data.sequence, bench.sample_period)
+    stamps = (
+        None if data.sequence is None else read_stamps(data, data.sequence, data.period(bench.sample_period))
+    )
     if not len(windows):
         return Shown(stamps=stamps)
+    if data.absent:
+        data, _, _ = readable(data, bench)
     return Shown(
         tuple(find_lines(data, windows, bench)),
         untold(windows, bench.value("mains_frequency")),

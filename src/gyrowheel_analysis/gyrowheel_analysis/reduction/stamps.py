@@ -33,6 +33,8 @@ class Stamps:
 
     Attributes
     ----------
+    stated : float
+        Time between samples as stated [s].
     period : float
         Mean time between samples by the stamps [s].
     period_error : float
@@ -56,6 +58,7 @@ class Stamps:
         Its standard error.
     """
 
+    stated: float
     period: float
     period_error: float
     jitter: float
@@ -105,6 +108,7 @@ def read_stamps(data: Samples, sequence: NDArray[np.integer], period: float) -> 
     counter, counter_error = _counter(time, angle, data.readings.spin_rate, count)
     slope = math.hypot(scale, _ROUNDING) / math.sqrt(float(x @ x))
     return Stamps(
+        stated=period,
         period=found,
         period_error=slope + _ROUNDING / float(count[-1] - count[0]),
         jitter=jitter,

@@ -43,7 +43,7 @@ def fit_window(
     data: Samples,
     i: int,
     j: int,
-    h: float,
+    periods: tuple[float, float],
     bench: Bench,
     heat: tuple[Array, Array, Array],
     noise: Array,
@@ -56,8 +56,8 @@ def fit_window(
         The recording.
     i, j : int
         The samples of the window.
-    h : float
-        Sampling period [s].
+    periods : (float, float)
+        Sampling period of the recording, and how long a voltage is held by its stamp [s].
     bench : Bench
         Gives the order of the motor's ripple.
     heat : tuple of ndarray
@@ -71,6 +71,7 @@ def fit_window(
         The fields of `Windows` for this window except ``segment``, and ``unsettled``: whether the polynomials cannot
         follow the motion. None if there are too few samples or revolutions.
     """
+    h, hold = periods
     if j - i < 3 * FEWEST_REVOLUTIONS:
         return None
     angle = np.unwrap(data.readings.spin_angle[i:j])
@@ -83,8 +84,8 @@ def fit_window(
     time, own = data.time[i:j], data.readings[i:j]
     if len(time) < FEWEST_SAMPLES * (time[-1] - time[0]) / h or time[-1] - time[0] < 0.5 * SHORTEST:
         return None  # too many samples lost
-    # a voltage reading belongs to the interval that ends with it
-    begin, end = float(time[0]) - h, float(time[-1])
+    # a voltage reading belongs to the interval of the loop that ends with it, and stands for one sampling period
+    begin, end = float(time[0]) - 0.5 * (h + hold), float(time[-1]) + 0.5 * (h - hold)
     duration = end - begin
     x = (time - 0.5 * (begin + end)) / (0.5 * duration)
     degree = DEGREE + 1
@@ -136,7 +137,7 @@ def fit_window(
     speed = float(means[_SPIN].real)
     forward = [HARMONICS.index(order) for order in FORWARD]
     mean = MEAN[:MODULATION]
-    held = _held(np.array(FORWARD), speed * h)
+    held = _held(np.array(FORWARD), speed * hold)
     heating = interpolated(heat[0], heat[1], end) - interpolated(heat[0], heat[1], begin)
     return {
         "unsettled": unsettled,
@@ -163,7 +164,7 @@ def fit_window(
         "hum_variance": np.zeros((2, len(FORWARD))),
         "spin_ripple": spin_ripple,
         "current_ripple": current_ripple,
-        "voltage_ripple": voltage_ripple * _held(bench.value("motor_ripple_order"), speed * h),
+        "voltage_ripple": voltage_ripple * _held(bench.value("motor_ripple_order"), speed * hold),
         **attitude(surroundings),
         "tilt_rate_variance": float(rise @ inverse @ rise) * tilt_noise**2,
         "spin_acceleration_variance": float(slope @ turning_gram[:smooth, :smooth] @ slope) * angle_noise**2,

@@ -156,7 +156,7 @@ def floor_row(balances: Sequence[Balance], deviation: Array) -> ErrorRow:
 
 
 def _torques(channels: dict[str, ChannelError]) -> dict[str, float]:
-    return {name: channels[name].rms for name in TORQUES}
+    return {name: channels[name].rms for name in TORQUES if name in channels}
 
 
 def channels_of(balances: Sequence[Balance]) -> list[str]:

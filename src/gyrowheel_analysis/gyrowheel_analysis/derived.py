@@ -1,0 +1,106 @@
+"""Readings that were never taken, derived from others where physics allows it.
+
+A reading that is derived says nothing new: what compares it with the readings that it comes from is left out
+(`channels.measurable`), and what needs its own noise or phase is left out, too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Set
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel_core.readings import Readings
+from gyrowheel_sim.bench import Bench
+
+Array = NDArray[np.float64]
+
+#: What stands for a reading that was never taken, in words.
+_WORDS: Final = {
+    "spin_angle": "spin_angle (summed up from the speed; where in its turn the rotor is, is not known: averages alone)",
+    "spin_rate": "spin_rate (the rate of the angle is taken)",
+    "motor_current": "motor_current (from voltage and speed by the bench's constants)",
+    "motor_voltage": "motor_voltage (from current and speed by the bench's constants)",
+    "coil_voltage_x": "coil_voltage_x (nothing is said of the torque about x)",
+    "coil_voltage_y": "coil_voltage_y (nothing is said of the torque about y)",
+}
+_SPAN: Final = 0.01  # s over which the rate of an angle is taken
+
+
+def unmeasured(readings: Readings) -> frozenset[str]:
+    """Return the readings of which none is a number."""
+    return frozenset(name for name in _WORDS if not np.isfinite(readings[name]).any())
+
+
+def lacking(readings: Readings) -> list[str]:
+    """Return what is missing for any analysis: readings for which nothing can stand."""
+    absent = unmeasured(readings)
+    needed = [name for name in ("tilt_x", "tilt_y") if not np.isfinite(readings[name]).any()]
+    if {"spin_angle", "spin_rate"} <= absent:
+        needed.append("spin_angle or spin_rate")
+    if {"coil_voltage_x", "coil_voltage_y", "motor_current", "motor_voltage"} <= absent:
+        needed.append("a voltage or the motor's current")
+    return needed
+
+
+def completed(time: Array, readings: Readings, absent: Set[str], bench: Bench) -> Readings:
+    """Return readings in which those `absent` are derived from others where that is possible, else as they are.
+
+    Parameters
+    ----------
+    time : ndarray (n,)
+        Stamps [s].
+    readings : Readings
+        The readings [SI].
+    absent : set of str
+        What `unmeasured` returns.
+    bench : Bench
+        Gives constant and resistance of the motor.
+    """
+    if not absent or len(time) < 2:
+        return readings
+    result = readings.copy()
+    if "spin_rate" in absent and "spin_angle" not in absent:
+        result["spin_rate"][:] = _rate(time, readings.spin_angle)
+    if "spin_angle" in absent and "spin_rate" not in absent:
+        result["spin_angle"][:] = _angle(time, readings.spin_rate)
+    resistance, constant = bench.value("motor_resistance"), bench.value("motor_constant")
+    if "motor_current" in absent and "motor_voltage" not in absent:
+        result["motor_current"][:] = (readings.motor_voltage - constant * result.spin_rate) / resistance
+    if "motor_voltage" in absent and "motor_current" not in absent:
+        result["motor_voltage"][:] = resistance * readings.motor_current + constant * result.spin_rate
+    return result
+
+
+def in_words(absent: Set[str]) -> tuple[str, ...]:
+    """Return what stands for the readings that were never taken."""
+    motor = ("motor_current", "motor_voltage")
+    if absent >= set(motor):
+        rest = tuple(text for name, text in _WORDS.items() if name in absent and name not in motor)
+        return (*rest, f"{' and '.join(motor)} (nothing is said of the torque about the spin axis)")
+    return tuple(text for name, text in _WORDS.items() if name in absent)
+
+
+def _angle(time: Array, rate: Array) -> Array:
+    """Return an angle that turns at a rate [rad]; its beginning is arbitrary."""
+    known = np.isfinite(rate)
+    filled = np.interp(time, time[known], rate[known])
+    turned = np.concatenate([[0.0], np.cumsum(0.5 * (filled[1:] + filled[:-1]) * np.diff(time))])
+    return np.where(known, np.mod(turned, 2.0 * math.pi), np.nan)
+
+
+def _rate(time: Array, angle: Array) -> Array:
+    """Return the rate of an angle [rad/s], over some samples so that its noise stays small."""
+    known = np.flatnonzero(np.isfinite(angle))
+    result = np.full(len(time), np.nan)
+    if len(known) < 3:
+        return result
+    when, turned = time[known], np.unwrap(angle[known])
+    half = max(round(0.5 * _SPAN / max(float(np.median(np.diff(when))), 1e-9)), 1)
+    ahead = np.minimum(np.arange(len(known)) + half, len(known) - 1)
+    behind = np.maximum(np.arange(len(known)) - half, 0)
+    result[known] = (turned[ahead] - turned[behind]) / (when[ahead] - when[behind])
+    return result

@@ -1,0 +1,21 @@
+"""Tables of other programs, of whatever format: columns by name, with units and clocks where a file states them.
+
+A reader is found by what a file begins with, then by its ending. What columns mean is not known here; `exchange` says
+it.
+"""
+
+from gyrowheel_analysis.tables.formats import READABLE, Format, format_of, read_grid
+from gyrowheel_analysis.tables.grid import Column, Grid
+from gyrowheel_analysis.tables.text import TextForm, form_of, text_of
+
+__all__ = [
+    "READABLE",
+    "Column",
+    "Format",
+    "Grid",
+    "TextForm",
+    "form_of",
+    "format_of",
+    "read_grid",
+    "text_of",
+]

@@ -1,0 +1,55 @@
+"""Parquet files and tables of arrow."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from gyrowheel_analysis.tables.grid import Column, Grid, require_table
+from gyrowheel_core.errors import InputError, one_line
+
+
+def read(path: Path, names: Sequence[str] | None) -> Grid:
+    """Read a Parquet file (see `formats.read_grid`)."""
+    try:
+        # opened here: arrow refuses names of files that are not text
+        with path.open("rb") as opened, pq.ParquetFile(opened) as file:
+            there = file.schema_arrow.names
+            wanted = list(there) if names is None else [name for name in there if name in names]
+            # what the file claims of its size may be small: a column of one repeated value has hardly any bytes
+            require_table(file.metadata.num_rows * len(wanted), str(path))
+            return of_table(file.read(columns=wanted), str(path))
+    except (pa.ArrowException, OSError) as error:
+        raise InputError(f"{path}: cannot be read: {one_line(error)}") from None
+
+
+def of_table(table: Any, where: str) -> Grid:
+    """Return a table of arrow."""
+    columns = []
+    for name, values in zip(table.column_names, table.columns, strict=True):
+        about = table.schema.field(name).metadata or {}
+        unit = about.get(b"unit", b"").decode("utf-8", "replace")
+        columns.append(Column(name, as_numbers(values), "" if unit == "1" else unit))
+    return Grid.of(where, columns)
+
+
+def as_numbers(values: Any) -> Any:
+    """Return a column of arrow as numbers with NaN where nothing stands, as dates, or as texts."""
+    kind = values.type
+    if pa.types.is_timestamp(kind):
+        return values.cast(pa.timestamp("ns")).to_numpy()
+    if pa.types.is_integer(kind) and not values.null_count:
+        return values.to_numpy()
+    if (
+        pa.types.is_integer(kind)
+        or pa.types.is_floating(kind)
+        or pa.types.is_boolean(kind)
+        or pa.types.is_decimal(kind)
+    ):
+        return values.cast(pa.float64(), safe=False).to_numpy()
+    return np.array([str(value) for value in values.slice(0, 1000).to_pylist()], dtype=object)
