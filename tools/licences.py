@@ -51,6 +51,7 @@ _WORDS: Final = {
     "Apache Software License": "Apache-2.0",
     "BSD License": "BSD",
     "GNU General Public License (GPL)": "GPL",
+    "GNU Lesser General Public License v3 or later (LGPLv3+)": "LGPL-3.0-or-later",
     "ISC License (ISCL)": "ISC",
     "MIT License": "MIT",
     "Mozilla Public License 2.0 (MPL 2.0)": "MPL-2.0",
@@ -63,6 +64,12 @@ _SET_ASIDE: Final = {
     ("docutils", "GPL"): "the GPL is that of a file for Emacs, which the wheel does not have",
     ("pytest-timeout", "DFSG approved"): "not a licence",
 }
+#: Packages under licences that ask more than ours does, and why they may be here: no installation needs them.
+_OPTIONAL: Final = {
+    "asammdf": "reads MDF files for those who install the extra `mdf`; here for its tests",
+    "nptdms": "reads TDMS files for those who install the extra `tdms`; here for its tests",
+}
+_LESSER: Final = frozenset({"LGPL-3.0-only", "LGPL-3.0-or-later"})
 _HEAD: Final = """\
 # Licences
 
@@ -70,7 +77,8 @@ _HEAD: Final = """\
 
 gyrowheel is under the [Apache License 2.0](../LICENSE). `make` installs what follows, from `requirements.lock`: each
 version with the hashes of its files. Nothing of it is part of this repository. The licences are those that the packages
-state; all of them may be used beside Apache-2.0, and none asks anything of your recordings, models or results.
+state; all of them may be used beside Apache-2.0, and none asks anything of your recordings, models or results. What is
+under the LGPL is not installed with the packages.
 BSD without a number is where a package does not say which.
 """
 
@@ -91,6 +99,8 @@ def licence(name: str) -> tuple[str, ...]:
     stated = [_WORDS.get(word, word) for word in _stated(_installed(name))]
     found = tuple(dict.fromkeys(word for word in stated if (name, word) not in _SET_ASIDE))
     for word in found:
+        if word in _LESSER and name in _OPTIONAL and name not in running():
+            continue
         # of a choice, one is enough
         if not any(part.strip("() ") in COMPATIBLE for part in word.split(" OR ")):
             raise InputError(f"{name}: licence {word!r} is not known to go with Apache-2.0")
@@ -160,6 +170,7 @@ def page() -> str:
         As `licence` does.
     """
     aside = [f"- {name}: {reason}." for (name, word), reason in _SET_ASIDE.items() if word.isupper()]
+    aside += [f"- {name}: {reason}." for name, reason in _OPTIONAL.items()]
     return "\n".join(
         [_HEAD, *aside, "", "| package | version | licence | for |", "|---|---|---|---|", *_rows(), ""]
     )

@@ -207,7 +207,7 @@ def test_what_can_be_compared_without_a_reading_is_compared(recording: Recording
     assert whole.channels.keys() - found.channels.keys() == COMPARES[name]
     assert f"not measured: {name} (" in found.coverage.sentence()
     for channel, metrics in found.channels.items():
-        assert metrics.rms == pytest.approx(whole.channels[channel].rms, rel=0.5), channel
+        assert metrics.rms < 2.0 * whole.channels[channel].rms, channel
         assert metrics.chi2_per_n < 2.0, channel
 
 

@@ -77,7 +77,7 @@ def _use(folder: Path, name: str, data: bytes) -> str:
     (folder / name).write_bytes(data)
     target = folder / "run"
     shutil.rmtree(target, ignore_errors=True)
-    number = import_table(folder / name, _map(folder), target)
+    number = import_table(folder / name, _map(folder), target).samples
     recording = Recording.open(target)
     if len(recording.measurement) != number:
         raise WrongAnswer(f"{number} samples were imported, {len(recording.measurement)} are read")

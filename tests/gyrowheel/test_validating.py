@@ -46,7 +46,7 @@ def test_a_reading_that_is_no_number_does_not_end_the_analysis(
     """Once it ended in a traceback, and with 1, which also means that something was found."""
     whole = Recording.open(wheel.recording)
     commands = np.column_stack([whole.command[name] for name in wire.COMMAND.fields if "voltage" in name])
-    for name, rows, code in (("tilt_x", slice(5000, 5001), 0), ("motor_current", slice(None), 2)):
+    for name, rows, code in (("tilt_x", slice(5000, 5001), 0), ("tilt_y", slice(None), 2)):
         readings = whole.readings.copy()
         readings[name][rows] = float("nan")
         write_run(

@@ -48,10 +48,11 @@ if TYPE_CHECKING:
     from gyrowheel.results.momentum import Momentum
     from gyrowheel.results.paper import Paper
     from gyrowheel.results.rates import Rates
+    from gyrowheel.results.suggestion import TableMap
     from gyrowheel.results.torques import Torques
     from gyrowheel.sealed_key import open_key
     from gyrowheel.simulation import simulate
-    from gyrowheel.tables import read_table, write_table
+    from gyrowheel.tables import read_bag, read_table, suggest_map, write_table
     from gyrowheel_core.errors import InputError
 
 __version__ = "0.1.0"
@@ -73,6 +74,7 @@ _HOMES = {
     "Rates": "gyrowheel.results.rates",
     "Recording": "gyrowheel.recording",
     "Report": "gyrowheel.report.report",
+    "TableMap": "gyrowheel.results.suggestion",
     "Torques": "gyrowheel.results.torques",
     "benches": "gyrowheel.catalogue",
     "calibrate": "gyrowheel.analysis",
@@ -89,9 +91,11 @@ _HOMES = {
     "paper": "gyrowheel.publication.run",
     "plans": "gyrowheel.catalogue",
     "rate": "gyrowheel.analysis",
+    "read_bag": "gyrowheel.tables",
     "read_table": "gyrowheel.tables",
     "salvage": "gyrowheel.recording",
     "simulate": "gyrowheel.simulation",
+    "suggest_map": "gyrowheel.tables",
     "torques": "gyrowheel.holding",
     "write_table": "gyrowheel.tables",
 }
@@ -112,6 +116,7 @@ __all__ = [
     "Rates",
     "Recording",
     "Report",
+    "TableMap",
     "Torques",
     "__version__",
     "benches",
@@ -129,9 +134,11 @@ __all__ = [
     "paper",
     "plans",
     "rate",
+    "read_bag",
     "read_table",
     "salvage",
     "simulate",
+    "suggest_map",
     "torques",
     "write_table",
 ]

@@ -17,6 +17,7 @@ __all__ = [
     "is_exported_map",
     "is_exported_table",
     "is_report",
+    "is_suggested_map",
     "json_text",
     "new_folder",
     "require_new",
@@ -37,6 +38,12 @@ def is_exported_map(file: Path) -> bool:
     from gyrowheel_analysis.exchange import is_exported_map
 
     return is_exported_map(file)
+
+
+def is_suggested_map(file: Path) -> bool:
+    """Return whether a file is plainly a map of `gyrowheel.TableMap`; OSError if it cannot be read."""
+    with file.open(encoding="utf-8", errors="replace") as stream:
+        return stream.readline(1000).startswith("# Suggested for ")
 
 
 def is_report(head: str) -> bool:

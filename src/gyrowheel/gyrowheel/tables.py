@@ -3,38 +3,129 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from gyrowheel.recording import Recording
+from gyrowheel_core.errors import InputError
+
+if TYPE_CHECKING:
+    from gyrowheel.results.suggestion import TableMap
+    from gyrowheel_analysis.tables import Grid
+
+_IN_MEMORY = "table"  # name of a table that is no file
 
 
-def read_table(file: str | Path, column_map: str | Path, folder: str | Path | None = None) -> Recording:
-    """Return the recording that a table holds: one row per sample.
+def suggest_map(table: Any, *, bench: str | Path = "gyrowheel") -> TableMap:
+    """Look at a table and suggest a map for it: which column holds which reading, in which unit, and why.
+
+    Names, units and ranges are looked at; then the laws of the wheel are asked whether the columns can be what they
+    are called. All that is doubtful is told at once.
 
     Parameters
     ----------
-    file : str or Path
-        A ``.csv`` or ``.parquet`` file, rows in the order of time.
-    column_map : str or Path
-        Map file: which column holds which reading, in which unit; docs/exchange.md describes it.
-    folder : str or Path, optional
-        New directory to keep the recording in; a temporary one that is removed with the recording if not given.
+    table : path, pandas.DataFrame or pyarrow.Table
+        CSV or other text, Parquet, MATLAB, HDF5, TDMS, MDF, a bag of ROS 1 or ROS 2, or a table in memory.
+    bench : str or Path
+        The bench that it was measured on.
 
     Raises
     ------
     InputError
-        If a file cannot be read, a column is missing, a value is missing or cannot be meant, the times are not
-        uniform at the sample period of the bench, or the folder cannot be written.
+        If it cannot be read at all.
     """
+    from gyrowheel.results.suggestion import TableMap
+    from gyrowheel_analysis.exchange.suggestion import suggest
+    from gyrowheel_sim.bench import Bench
+
+    grid = _in_memory(table)
+    own = "" if str(bench) == "gyrowheel" else str(bench)
+    return TableMap(suggest(_IN_MEMORY if grid else table, Bench.load(bench), bench_name=own, grid=grid))
+
+
+def read_table(
+    table: Any,
+    column_map: TableMap | Mapping[str, Any] | str | Path | None = None,
+    folder: str | Path | None = None,
+    *,
+    bench: str | Path = "gyrowheel",
+) -> Recording:
+    """Return the recording that a table holds: one row per sample.
+
+    Parameters
+    ----------
+    table : path, pandas.DataFrame or pyarrow.Table
+        CSV or other text, Parquet, MATLAB, HDF5, TDMS, MDF, a bag, or a table in memory; rows in the order of time.
+    column_map : TableMap, mapping or path, optional
+        Which column holds which reading, in which unit: what `suggest_map` returns, its content as a mapping, or a map
+        file (docs/exchange.md). What `suggest_map` finds if not given, where that leaves no question.
+    folder : str or Path, optional
+        New directory to keep the recording in; a temporary one that is removed with the recording if not given.
+    bench : str or Path
+        The bench that it was measured on, where no map says it.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, a column is missing, a value is missing or cannot be meant, the times are those of no
+        clock, the folder cannot be written, or no map is given and one cannot be told without a question.
+    """
+    given = column_map
+    if given is None:
+        given = suggest_map(table, bench=bench)
+        if not given.settled:
+            asked = " ".join(f"({k}) {text}" for k, text in enumerate(given.questions, 1))
+            raise InputError(
+                f"{given.details.table}: {len(given.questions)} questions about its columns: {asked} Answer by "
+                "a map: `gyrowheel import --suggest` writes one to correct, gw.suggest_map returns one"
+            )
     if folder is not None:
-        import_table(file, column_map, folder)
+        import_table(table, given, folder)
         return Recording.made(Path(folder))
     scratch = tempfile.TemporaryDirectory(prefix="gyrowheel-")
-    place = Path(scratch.name) / Path(file).stem
-    import_table(file, column_map, place)
+    place = Path(scratch.name) / (_IN_MEMORY if _in_memory(table) else Path(table).name.partition(".")[0])
+    import_table(table, given, place)
     return Recording.made(place, scratch)
+
+
+def read_bag(
+    bag: str | Path,
+    column_map: TableMap | Mapping[str, Any] | str | Path | None = None,
+    folder: str | Path | None = None,
+    *,
+    bench: str | Path = "gyrowheel",
+) -> Recording:
+    """Return the recording that a bag of ROS 1 or ROS 2 with other messages than the bench's holds.
+
+    Columns are named by topic and field: ``/imu/data.angular_velocity.x``; those of a topic share its stamps. All else
+    is as for `read_table`.
+
+    Raises
+    ------
+    InputError
+        As `read_table` does.
+    """
+    return read_table(bag, column_map, folder, bench=bench)
+
+
+def _in_memory(table: Any) -> Grid | None:
+    """Return a table of pandas or arrow; None for a path."""
+    if isinstance(table, str | Path):
+        return None
+    import pyarrow as pa
+
+    from gyrowheel_analysis.tables.readers.arrow import of_table
+
+    if isinstance(table, pa.Table):
+        return of_table(table, _IN_MEMORY)
+    if hasattr(table, "columns") and hasattr(table, "to_numpy"):
+        named = any(name is not None for name in getattr(table.index, "names", ()))
+        return of_table(pa.Table.from_pandas(table, preserve_index=named), _IN_MEMORY)
+    raise InputError(
+        f"table: {type(table).__name__} is not allowed; allowed: a path, a pandas or a pyarrow table"
+    )
 
 
 @dataclass(frozen=True)
@@ -48,25 +139,40 @@ class Imported:
     samples : int
         Number of samples.
     seconds : float
-        What so many samples last [s].
+        Time from the first to the last [s].
+    rate : float
+        Samples in a second.
+    remarks : tuple of str
+        What was done to make a recording of it, and what it lacks.
     """
 
     bench: str
     samples: int
     seconds: float
+    rate: float
+    remarks: tuple[str, ...]
 
 
-def import_table(file: str | Path, column_map: str | Path, folder: str | Path) -> Imported:
+def import_table(
+    table: Any, column_map: TableMap | Mapping[str, Any] | str | Path, folder: str | Path
+) -> Imported:
     """Make a recording of a table, as `read_table` does, without reading it back; the folder is whole or not there."""
+    from gyrowheel.results.suggestion import TableMap
     from gyrowheel_analysis.exchange import ColumnMap
     from gyrowheel_analysis.exchange import import_table as write_recording
     from gyrowheel_core.files import new_directory, require_new
 
     require_new(Path(folder))
-    loaded = ColumnMap.load(column_map)
+    if isinstance(column_map, TableMap):
+        loaded = ColumnMap.from_mapping(column_map.content, "the suggested map")
+    elif isinstance(column_map, Mapping):
+        loaded = ColumnMap.from_mapping(dict(column_map), "the map")
+    else:
+        loaded = ColumnMap.load(column_map)
+    grid = _in_memory(table)
     with new_directory(Path(folder)) as place:
-        samples = write_recording(file, loaded, place)
-    return Imported(loaded.bench.name, samples, (samples - 1) * loaded.bench.sample_period)
+        made = write_recording(_IN_MEMORY if grid else table, loaded, place, grid=grid)
+    return Imported(loaded.bench.name, made.samples, made.seconds, made.rate, made.remarks)
 
 
 def write_table(

@@ -8,8 +8,9 @@ from typing import Annotated
 import typer
 
 from gyrowheel.cli.options import Json, example
-from gyrowheel.cli.outputs import COLUMN_MAP, TABLE, NewRecording
-from gyrowheel.cli.shell import advancing, out, put_json, working
+from gyrowheel.cli.outputs import COLUMN_MAP, PICTURE, TABLE, NewRecording
+from gyrowheel.cli.shell import advancing, out, put_json, put_picture, put_text, working
+from gyrowheel.errors import InputError
 
 
 def register(app: typer.Typer) -> None:
@@ -22,30 +23,65 @@ def register(app: typer.Typer) -> None:
 
 def import_(
     file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="Table, .csv or .parquet.", show_default=False)
+        Path,
+        typer.Argument(
+            metavar="FILE",
+            help="Text (CSV), Parquet, MATLAB, HDF5, TDMS, MDF, or a bag.",
+            show_default=False,
+        ),
     ],
     column_map: Annotated[
-        Path,
+        Path | None,
         typer.Option(
             "--map", metavar="MAP.yaml", help="Meaning and units of the columns.", show_default=False
         ),
-    ],
+    ] = None,
     output: Annotated[
-        Path,
+        Path | None,
         typer.Option(
-            "-o", "--output", metavar="DIR", help="New directory for the recording.", show_default=False
+            "-o",
+            "--output",
+            metavar="DIR|MAP.yaml",
+            help="New directory for the recording; with --suggest, the map to write.",
+            show_default=False,
         ),
         NewRecording(),
-    ],
+    ] = None,
+    suggest: Annotated[
+        bool, typer.Option("--suggest", help="Look at the table and propose a map, with reasons.")
+    ] = False,
+    picture: Annotated[
+        Path | None,
+        typer.Option(
+            "--picture",
+            metavar="FILE.png",
+            help="Draw the signals as the map reads them.",
+            show_default=False,
+        ),
+        PICTURE,
+    ] = None,
+    bench: Annotated[
+        str, typer.Option("--bench", metavar="NAME|FILE", help="With --suggest: the bench it is of.")
+    ] = "gyrowheel",
     json: Json = None,
 ) -> None:
     """Convert a table, one row per sample, into a recording.
 
-    The map says which column holds which reading, in which unit. Missing values
-    (unless the map keeps them), repeated or irregular times and units of another
-    kind are refused, each with its place in the table.
-    docs/exchange.md shows a map.
+    A map says which column holds which reading, in which unit. --suggest proposes
+    one: it looks at names, units and ranges, asks the laws of the wheel, and tells
+    at once all that is doubtful or missing, each with its cure.
+    docs/exchange.md shows maps, and a lab's recording in ten minutes.
     """
+    if suggest:
+        _suggest(file, column_map, output, picture, bench, json)
+        return
+    if column_map is None:
+        raise InputError(
+            "--map: missing; allowed: a map file; `gyrowheel import --suggest FILE -o MAP.yaml` proposes one"
+        )
+    if output is None:
+        raise InputError("-o: missing; allowed: a new directory for the recording")
+    from gyrowheel import Recording
     from gyrowheel.tables import import_table
 
     with working(f"reading {file}"):
@@ -60,11 +96,48 @@ def import_(
                 "bench": made.bench,
                 "samples": made.samples,
                 "seconds": made.seconds,
+                "rate": made.rate,
+                "remarks": list(made.remarks),
             },
         )
     if json != "-":
         out().print(f"{made.samples} samples, {made.seconds:.2f} s")
+        for remark in made.remarks:
+            out().print(f"  {remark}")
         out().print(f"recording: {output}", soft_wrap=True)
+    put_picture(picture, lambda: Recording.open(output).plot(), quiet=json == "-")
+
+
+def _suggest(
+    file: Path,
+    column_map: Path | None,
+    output: Path | None,
+    picture: Path | None,
+    bench: str,
+    json: Path | None,
+) -> None:
+    """Propose a map."""
+    from gyrowheel import suggest_map
+    from gyrowheel.files import is_suggested_map
+    from gyrowheel.text.layout import command
+    from gyrowheel.text.suggestion import suggestion_page
+
+    if column_map is not None:
+        raise InputError("--map: is not allowed beside --suggest, which proposes one")
+    if output is not None and output.exists() and not is_suggested_map(output):
+        raise InputError(f"-o: {output} exists and is not an earlier suggested map; name a new file")
+    with working(f"looking at {file}"):
+        found = suggest_map(file, bench=bench)
+    if output is not None:
+        found.save(output)
+    if json is not None:
+        put_json(json, found.to_dict())
+    if json != "-":
+        put_text(suggestion_page(found))
+        if output is not None:
+            out().print(f"map: {output}", soft_wrap=True)
+            put_text([command(f"gyrowheel import {file} --map {output} -o {file.name.partition('.')[0]}")])
+    put_picture(picture, found.plot, quiet=json == "-")
 
 
 def export(

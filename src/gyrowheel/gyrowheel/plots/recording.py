@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import textwrap
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel.plots.figure import Picture, finished
-from gyrowheel.plots.style import BLUE, FAINT, VERMILION, style
+from gyrowheel.plots.style import BLUE, FAINT, SOFT, VERMILION, style
 from gyrowheel_core.units import DEG, RPM
 
 if TYPE_CHECKING:
@@ -28,29 +30,37 @@ _PANELS: tuple[tuple[str, float, dict[str, str]], ...] = (
 )
 
 
-def recording_figure(recording: Recording) -> Figure:
+def recording_figure(recording: Recording, questions: Sequence[str] = ()) -> Figure:
     """Return a figure of tilt, spin rate, voltages and motor current over time.
+
+    A reading that was never taken has no line; the `questions` that are asked of a table stand above.
 
     A sample in a hundred or so is drawn of a long recording, and with it the range of those between: nothing that
     sticks out is lost.
     """
     with style(10.0):
-        return finished(_draw(recording))
+        return finished(_draw(recording, questions))
 
 
-def _draw(recording: Recording) -> Figure:
+def _draw(recording: Recording, questions: Sequence[str]) -> Figure:
     figure = Picture(11.0, 8.0, layout="constrained")
     panels = figure.subplots(len(_PANELS), 1, sharex=True)
     for axes, (title, unit, fields) in zip(panels, _PANELS, strict=True):
         for (name, label), colour in zip(fields.items(), _LINES, strict=False):
             time, values = _envelope(recording.time, recording.measurement[name] / unit)
+            if not np.isfinite(values).any():
+                axes.text(
+                    0.5, 0.5, f"{name}: not measured", transform=axes.transAxes, ha="center", color=SOFT
+                )
+                continue
             axes.plot(time, values, color=colour, linewidth=0.9, label=label)
         axes.set_ylabel(title)
         axes.grid(color=FAINT, linewidth=0.6)
-        if len(fields) > 1:
+        if len(fields) > 1 and axes.get_legend_handles_labels()[0]:
             # above the panel, where no line runs
             axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.96), borderaxespad=0.0, ncols=2)
-    panels[0].set_title(recording.name)
+    asked = [line for text in questions[:4] for line in textwrap.wrap(f"? {text}", 130)]
+    panels[0].set_title("\n".join([recording.name, *asked]), loc="left" if asked else "center")
     panels[-1].set_xlabel("time, s")
     figure.align_ylabels(panels)
     return figure

@@ -5,12 +5,13 @@ A map file says which column of a table holds which reading, and in which unit; 
 
 from gyrowheel_analysis.exchange.column_map import ColumnMap
 from gyrowheel_analysis.exchange.exporting import export_recording, is_exported_map, is_exported_table
-from gyrowheel_analysis.exchange.importing import import_table
+from gyrowheel_analysis.exchange.importing import Imported, import_table
 from gyrowheel_analysis.exchange.map_file import Source
 from gyrowheel_analysis.exchange.table import check_suffix
 
 __all__ = [
     "ColumnMap",
+    "Imported",
     "Source",
     "check_suffix",
     "export_recording",

@@ -83,7 +83,9 @@ def clock_of(time: Array, numbers: NDArray[np.int64] | None = None) -> Clock:
     if len(wrong):
         k = int(wrong[0])
         what = "the same time as" if steps[k] == 0.0 else f"{-1e3 * steps[k]:.6g} ms before"
-        raise ClockError(k + 1, f"{what} the row before; time must ascend (sort the rows, or cut them in two files)")
+        raise ClockError(
+            k + 1, f"{what} the row before; time must ascend (sort the rows, or cut them in two files)"
+        )
     if not SHORTEST <= period <= LONGEST:
         raise ClockError(
             -1,
@@ -101,17 +103,19 @@ def clock_of(time: Array, numbers: NDArray[np.int64] | None = None) -> Clock:
     if missing:
         gaps = int(np.count_nonzero(np.diff(sequence) > 1))
         remarks.append(
-            f"{missing} samples are missing in {gaps} gap{'s' * (gaps > 1)}, {missing * period:.3g} s; they are counted as lost"
+            f"{missing} samples missing in {gaps} gap{'s' * (gaps > 1)}, {missing * period:.3g} s: they count as lost"
         )
     if jitter > _EVEN * period or np.any(np.diff(given) <= 0):
         stamps = np.round((even - even[0]) / _EXACT).astype(np.int64)
         remarks.append(
-            f"times are rounded or jitter by {1e3 * jitter:.2g} ms; samples are put at even steps of {1e3 * period:.6g} ms"
+            f"times are rounded or jitter by {1e3 * jitter:.2g} ms; samples are put {1e3 * period:.6g} ms apart"
         )
     else:
         stamps = given
         if jitter > _JITTERS:
-            remarks.append(f"times jitter by {1e3 * jitter:.2g} ms; the analysis asks the angle whether the samples do")
+            remarks.append(
+                f"times jitter by {1e3 * jitter:.2g} ms; the analysis asks the angle whether the samples do"
+            )
     remarks.insert(0, f"{rate:.6g} samples a second")
     return Clock(period, sequence, stamps, tuple(remarks))
 
@@ -163,4 +167,4 @@ def _fitted(time: Array, sequence: NDArray[np.int64]) -> tuple[float, Array]:
     middle = float(np.mean(time))
     square = float(x @ x)
     period = float(x @ (time - middle)) / square if square else 0.0
-    return period, middle + period * x
+    return period, np.asarray(middle + period * x, dtype=np.float64)

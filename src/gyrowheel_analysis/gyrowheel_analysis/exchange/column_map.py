@@ -34,8 +34,10 @@ class ColumnMap:
         Sources of the fields of the messages; the last two may be empty.
     environment : tuple of Environment
         What held on the rig; empty where unknown.
-    csv : CsvSettings
-        How a CSV file is written.
+    csv : CsvSettings or None
+        How a CSV file is written; None where it is to be seen.
+    clocks : dict of str to float
+        What is added to the times of further clocks [s].
     """
 
     origin: str
@@ -47,7 +49,8 @@ class ColumnMap:
     command: dict[str, Source]
     setpoint: dict[str, Source]
     environment: tuple[Environment, ...]
-    csv: CsvSettings
+    csv: CsvSettings | None
+    clocks: dict[str, float]
 
     @classmethod
     def load(cls, file: str | Path) -> ColumnMap:
@@ -76,12 +79,21 @@ class ColumnMap:
             setpoint={} if content.setpoint is None else read_group("setpoint", content.setpoint, origin),
             environment=tuple(entry.in_si() for entry in content.environment),
             csv=content.csv,
+            clocks=content.clocks,
         )
+
+    @property
+    def sources(self) -> list[Source]:
+        """All sources, the clocks first."""
+        found = [self.time, *([self.sequence] if self.sequence else [])]
+        for group in (self.columns, self.command, self.setpoint):
+            found += group.values()
+        return found
 
     @property
     def names(self) -> list[str]:
         """Names of the columns that are needed, each once."""
-        sources = [self.time, *([self.sequence] if self.sequence else [])]
-        for group in (self.columns, self.command, self.setpoint):
-            sources += group.values()
-        return list(dict.fromkeys(source.column for source in sources if source.column))
+        sources = self.sources
+        return list(
+            dict.fromkeys(name for source in sources for name in (source.column, source.clock) if name)
+        )

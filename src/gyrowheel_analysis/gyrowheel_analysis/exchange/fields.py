@@ -10,27 +10,35 @@ from gyrowheel_core import wire
 
 @dataclass(frozen=True)
 class Reading:
-    """A field of a message: SI unit, plausible range, whether a constant is allowed in place of a column."""
+    """A field of a message.
+
+    SI unit, plausible range, whether a constant is allowed in place of a column, whether it may be missing, and another
+    unit that a resistance turns into its own.
+    """
 
     unit: str
     low: float
     high: float
     constant: bool = False
+    optional: bool = False
+    current: bool = False
 
 
 _VOLTAGE = Reading("V", -1000.0, 1000.0)
+_COIL = Reading("V", -1000.0, 1000.0, optional=True, current=True)
+_SLOW = {"constant": True, "optional": True}
 READINGS: Final = {
     "tilt_x": Reading("rad", -0.2, 0.2),
     "tilt_y": Reading("rad", -0.2, 0.2),
-    "spin_angle": Reading("rad", -1e9, 1e9),
-    "spin_rate": Reading("rad/s", -2000.0, 2000.0),
-    "coil_voltage_x": _VOLTAGE,
-    "coil_voltage_y": _VOLTAGE,
-    "motor_voltage": _VOLTAGE,
-    "motor_current": Reading("A", -100.0, 100.0),
-    "coil_temperature": Reading("K", 150.0, 600.0, constant=True),
-    "air_temperature": Reading("K", 150.0, 400.0, constant=True),
-    "air_pressure": Reading("Pa", 0.0, 3e5, constant=True),
+    "spin_angle": Reading("rad", -1e9, 1e9, optional=True),
+    "spin_rate": Reading("rad/s", -2000.0, 2000.0, optional=True),
+    "coil_voltage_x": _COIL,
+    "coil_voltage_y": _COIL,
+    "motor_voltage": Reading("V", -1000.0, 1000.0, optional=True),
+    "motor_current": Reading("A", -100.0, 100.0, optional=True),
+    "coil_temperature": Reading("K", 150.0, 600.0, **_SLOW),
+    "air_temperature": Reading("K", 150.0, 400.0, **_SLOW),
+    "air_pressure": Reading("Pa", 0.0, 3e5, **_SLOW),
 }
 COMMANDS: Final = dict.fromkeys(wire.COMMAND.fields, _VOLTAGE)
 SETPOINTS: Final = {

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,51 +14,91 @@ from gyrowheel_analysis.exchange.column_map import ColumnMap
 from gyrowheel_analysis.exchange.fields import COMMANDS, READINGS, SETPOINTS
 from gyrowheel_analysis.exchange.table import Table
 from gyrowheel_analysis.recording import RecordingWriter
+from gyrowheel_analysis.tables import Grid
 from gyrowheel_control.plans.plan import SETPOINT_PERIOD
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim import environment as environments
 
+#: Turning between two samples beyond which an angle does not show how far it was [rad].
+_TURNS: Final = 0.9 * math.pi
 
-def import_table(file: str | Path, column_map: ColumnMap, directory: str | Path) -> int:
+
+@dataclass(frozen=True)
+class Imported:
+    """What a table held.
+
+    Attributes
+    ----------
+    samples : int
+        Number of samples.
+    seconds : float
+        Time from the first to the last one, and the period of one [s].
+    rate : float
+        Samples in a second.
+    remarks : tuple of str
+        What was done to make a recording of it, and what it lacks.
+    """
+
+    samples: int
+    seconds: float
+    rate: float
+    remarks: tuple[str, ...]
+
+
+def import_table(
+    file: str | Path, column_map: ColumnMap, directory: str | Path, *, grid: Grid | None = None
+) -> Imported:
     """Write a table as a recording.
 
     Parameters
     ----------
     file : str or Path
-        A ``.csv`` or ``.parquet`` file; one row a sample, in the order of time.
+        A table of any format that `tables` reads; one row a sample, in the order of time.
     column_map : ColumnMap
         What its columns mean.
     directory : str or Path
         The recording, to create. Its time begins at 0 with the first row.
-
-    Returns
-    -------
-    int
-        Number of samples.
+    grid : Grid, optional
+        The table itself, where it is no file; `file` is its name then.
 
     Raises
     ------
     InputError
         If the file cannot be read or lacks a column; if a value is missing (unless the map keeps such readings) or out
-        of range; if its time is not uniform at the sample period of the bench; or if the directory cannot be written.
+        of range; if its times are those of no clock; or if the directory cannot be written.
     """
-    table = Table(Path(file), column_map)
+    table = Table(Path(file), column_map, grid)
     bench = column_map.bench
-    sequence = table.sequence()
-    period_ns = round(bench.sample_period * wire.SECOND)
-    stamps = sequence * period_ns
+    clock = table.clock()
+    sequence, stamps = clock.sequence, clock.stamps_ns
     readings = wire.MEASUREMENT.array(len(sequence))
     wire.MEASUREMENT.set_stamps(readings, stamps)
     readings["sequence"] = sequence
-    for name, source in column_map.columns.items():
-        readings[name] = table.values(
-            source, READINGS[name], f"columns.{name}", missing=column_map.keep_missing
+    for name in READINGS:
+        source = column_map.columns.get(name)
+        readings[name] = (
+            math.nan
+            if source is None
+            else table.values(source, READINGS[name], f"columns.{name}", missing=column_map.keep_missing)
         )
-    _check_spin(table, readings, bench.sample_period)
+    remarks = [*clock.remarks, *table.remarks]
+    if {"spin_angle", "spin_rate"} <= column_map.columns.keys():
+        _check_spin(table, readings, np.asarray(stamps * 1e-9, dtype=np.float64))
+    if "spin_angle" in column_map.columns:
+        fastest = _fastest(readings, clock.period)
+        if fastest * clock.period > _TURNS:
+            readings["spin_angle"] = math.nan
+            remarks.append(
+                f"spin_angle is left out: at {fastest / (2.0 * math.pi):.4g} turns a second, {1.0 / clock.period:.4g} "
+                "samples a second do not show how far it turns"
+            )
     readings["spin_angle"] = np.mod(readings["spin_angle"], 2.0 * math.pi)
     # a remainder may round up to the divisor itself
     readings["spin_angle"][readings["spin_angle"] >= 2.0 * math.pi] = 0.0
+    lacking = [name for name in READINGS if name not in column_map.columns]
+    if lacking:
+        remarks.append(f"not in the table: {', '.join(lacking)}")
 
     columns: list[tuple[topics.Topic, NDArray[np.int64], Any]] = []
     first = np.zeros(1, dtype=np.int64)
@@ -72,22 +113,33 @@ def import_table(file: str | Path, column_map: ColumnMap, directory: str | Path)
         columns.append(_commands(table, column_map, stamps, sequence))
     with RecordingWriter(directory) as writer:
         writer.write_columns(columns)
-    return len(sequence)
+    length = float(stamps[-1]) / wire.SECOND
+    return Imported(len(sequence), length, 1.0 / clock.period, tuple(remarks))
 
 
-def _check_spin(table: Table, readings: NDArray[Any], period: float) -> None:
-    """Refuse a spin rate that disagrees with the spin angle: the unit of one of them is wrong."""
-    angle, rate = np.diff(readings["spin_angle"]), readings["spin_rate"]
+def _fastest(readings: NDArray[Any], period: float) -> float:
+    """Return the highest speed [rad/s], by the reading of the speed where there is one."""
+    rate = readings["spin_rate"]
+    if not np.isfinite(rate).any():
+        turned = np.diff(readings["spin_angle"])
+        rate = (np.remainder(turned + math.pi, 2.0 * math.pi) - math.pi) / period
+    return float(np.nanmax(np.abs(rate), initial=0.0))
+
+
+def _check_spin(table: Table, readings: NDArray[Any], time: NDArray[np.float64]) -> None:
+    """Refuse a spin rate that disagrees with the spin angle: the unit of one of them, or of the time, is wrong."""
+    angle, rate, passed = np.diff(readings["spin_angle"]), readings["spin_rate"], np.diff(time)
     turns = np.remainder(angle + math.pi, 2.0 * math.pi) - math.pi
     means = 0.5 * (rate[1:] + rate[:-1])
     # the angle does not show the number of turns in a gap
     known = (np.diff(readings["sequence"].astype(np.int64)) == 1) & np.isfinite(turns) & np.isfinite(means)
-    turned, expected = float(np.sum(turns[known])), float(np.sum(means[known])) * period
+    known &= np.abs(means) * passed < _TURNS
+    turned, expected = float(np.sum(turns[known])), float(np.sum((means * passed)[known]))
     # noise and the ends of the range make less than a tenth of a turn
     if abs(turned - expected) > max(0.02 * abs(expected), 0.2 * math.pi):
         raise InputError(
             f"{table.path}: the spin angle turns by {turned:.6g} rad where the spin rate gives {expected:.6g} rad;"
-            " allowed: 2 % between them (are unit and scale of columns.spin_angle and columns.spin_rate right?)"
+            " allowed: 2 % between them (are unit and scale of columns.spin_angle, columns.spin_rate and time right?)"
         )
 
 
@@ -105,7 +157,8 @@ def _setpoints(
         read = table.integers if name in wire.SETPOINT.integers else table.values
         rows[name] = read(source, SETPOINTS[name], f"setpoint.{name}", filled)
         changed[1:] |= rows[name][1:] != rows[name][:-1]
-    chosen = np.flatnonzero(changed | (stamps % round(SETPOINT_PERIOD * wire.SECOND) == 0))
+    ticks = stamps // round(SETPOINT_PERIOD * wire.SECOND)
+    chosen = np.flatnonzero(changed | np.r_[True, np.diff(ticks) > 0])
     result = rows.view(f"V{rows.dtype.itemsize}")[chosen].view(rows.dtype)  # as bytes: with the padding
     return topics.SETPOINT, stamps[chosen], result
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import functools
 import itertools
 import math
+from collections.abc import Mapping
 from typing import Annotated, Any, Final, Literal
 
 from pydantic import AfterValidator, Field, create_model, model_validator
 
 from gyrowheel_analysis.exchange.fields import GROUPS, Reading
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.schema import Number, Section, Text, Whole, check, refuse, shown
+from gyrowheel_core.schema import Name, Number, Section, Text, Whole, check, refuse, shown
 from gyrowheel_core.units import DEG, conversion
 from gyrowheel_sim.environment import LONGEST_NAME, AirDensityRatio, Environment, Preheat, Rig, TableRate, Yaw
 
@@ -36,6 +37,11 @@ class Source(Section):
         A value of the table is multiplied by `scale` and increased by `offset` before its unit is converted.
     value : float
         The constant, in the unit.
+    clock : str
+        Column with the times of its rows, in the unit of the map's time, where it is not that of the map; the values
+        are then interpolated.
+    resistance : float
+        For a voltage whose current was measured: what the current is multiplied by [ohm]; 0 where it is a voltage.
     """
 
     column: Text = ""
@@ -43,14 +49,16 @@ class Source(Section):
     scale: Number = 1.0
     offset: Number = 0.0
     value: Number = math.nan
+    clock: Text = ""
+    resistance: Annotated[Number, Field(ge=0.0)] = 0.0
 
     @model_validator(mode="after")
     def _column_or_value(self) -> Source:
         given = self.model_fields_set
         if ("column" in given) == ("value" in given):
             refuse("either column or value must be given")
-        if "value" in given and given & {"scale", "offset"}:
-            refuse("scale and offset belong to a column, not to a value")
+        if "value" in given and given & {"scale", "offset", "clock", "resistance"}:
+            refuse("scale, offset, clock and resistance belong to a column, not to a value")
         if self.scale == 0.0:
             refuse("0 is out of range; allowed: any other number", "scale")
         return self
@@ -66,6 +74,14 @@ def _fitting(source: Source, reading: Reading) -> Source:
         return source
     if not source.unit:
         refuse(f"missing; allowed: such as {reading.unit}", "unit")
+    if source.resistance:
+        if not reading.current:
+            refuse("is for coils whose current was measured", "resistance")
+        try:
+            conversion(source.unit, "A")
+        except InputError as error:
+            refuse(str(error), "unit")
+        return source
     if not (reading.unit == "s" and source.unit == TIMESTAMP):
         try:
             conversion(source.unit, reading.unit)
@@ -82,7 +98,10 @@ def _fit(reading: Reading) -> AfterValidator:
 def _schema_of(group: str) -> type[Section]:
     """Return the schema of a group of sources: one for each field of the message, and no other."""
     fields: dict[str, Any] = {
-        name: Annotated[Source, _fit(reading)] for name, reading in GROUPS[group].items()
+        name: (Annotated[Source, _fit(reading)] | None, None)
+        if reading.optional
+        else Annotated[Source, _fit(reading)]
+        for name, reading in GROUPS[group].items()
     }
     return create_model(group, __base__=Section, **fields)
 
@@ -103,7 +122,10 @@ def read_group(group: str, content: Any, origin: str) -> dict[str, Source]:
         If a source is missing, unknown or not allowed, or one column stands for two quantities.
     """
     where = f"{origin}: {group}"
-    sources: dict[str, Source] = dict(check(_schema_of(group), content, where, separator="."))
+    every: dict[str, Source | None] = dict(check(_schema_of(group), content, where, separator="."))
+    sources = {name: source for name, source in every.items() if source is not None}
+    if group == "columns":
+        _require_enough(sources, where)
     owners: dict[str, str] = {}
     for name, source in sources.items():
         # the rates of the setpoints may all be one column of zeros, and one thermometer may stand for coils and air
@@ -116,6 +138,15 @@ def read_group(group: str, content: Any, origin: str) -> dict[str, Source]:
             )
         owners[source.column] = name
     return sources
+
+
+def _require_enough(sources: Mapping[str, Source], where: str) -> None:
+    """Refuse a map by which nothing could be analysed."""
+    if not sources.keys() & {"spin_angle", "spin_rate"}:
+        raise InputError(f"{where}.spin_rate: missing, and spin_angle too; allowed: one of them, better both")
+    torques = ("coil_voltage_x", "coil_voltage_y", "motor_voltage", "motor_current")
+    if not sources.keys() & set(torques):
+        raise InputError(f"{where}: no voltage and no current; allowed: at least one of {', '.join(torques)}")
 
 
 class EnvironmentEntry(Section):
@@ -157,6 +188,8 @@ def _one_character(text: str) -> str:
 class CsvSettings(Section):
     """How a CSV file is written."""
 
+    unit_lines: Annotated[Whole, Field(ge=0, le=100)] = 0
+    comment: Annotated[str, Field(max_length=8)] = ""
     delimiter: Annotated[str, AfterValidator(_one_character)] = ","
     decimal: Annotated[str, AfterValidator(_one_character)] = "."
     skip_lines: Annotated[Whole, Field(ge=0, le=10_000)] = 0
@@ -181,4 +214,5 @@ class MapFile(Section):
     command: dict[str, Any] | None = None
     setpoint: dict[str, Any] | None = None
     environment: Annotated[list[EnvironmentEntry], AfterValidator(_ascending)] = Field(default_factory=list)
-    csv: CsvSettings = CsvSettings()
+    csv: CsvSettings | None = None
+    clocks: dict[Name, Number] = Field(default_factory=dict)

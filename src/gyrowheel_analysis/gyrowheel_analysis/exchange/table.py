@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import codecs
 import contextlib
+import io
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NoReturn
 
 import numpy as np
 import pyarrow as pa
@@ -15,9 +16,12 @@ import pyarrow.csv as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from gyrowheel_analysis.exchange.clock import Clock, ClockError, clock_of
 from gyrowheel_analysis.exchange.column_map import ColumnMap
 from gyrowheel_analysis.exchange.fields import Reading
-from gyrowheel_analysis.exchange.map_file import TIMESTAMP, Source
+from gyrowheel_analysis.exchange.map_file import TIMESTAMP, CsvSettings, Source
+from gyrowheel_analysis.tables import Column, Grid, TextForm, form_of, format_of, read_grid, text_of
+from gyrowheel_analysis.tables.text import GZIP, ZSTD, plain_rows
 from gyrowheel_core.errors import InputError, one_line
 from gyrowheel_core.limits import require_room
 from gyrowheel_core.units import unit_registry
@@ -28,19 +32,7 @@ SUFFIXES: Final = (".csv", ".parquet")
 _TEXT_TO_MEMORY: Final = 2.0  # a short number takes more bytes in memory than in a text
 _BYTES_A_VALUE: Final = 16  # as it is read, and as it is converted
 _HEAD: Final = 1 << 16  # bytes by which a text is known
-#: How files begin that are sometimes called .csv.
-_KINDS: Final = {
-    b"PK\x03\x04": "a zip archive or a spreadsheet",
-    b"\x1f\x8b": "compressed by gzip",
-    b"\x28\xb5\x2f\xfd": "compressed by zstd",
-    b"PAR1": "a Parquet file",
-    b"\x89MCAP": "an MCAP file",
-    b"\x89HDF": "an HDF5 file",
-    b"MATLAB 5.0": "a MATLAB file",
-    b"SQLite format 3": "a database",
-}
-_STEP: Final = 0.1  # largest deviation of a time step, as a fraction of the sample period
-_PERIOD: Final = 0.01  # the same for the mean time step
+_SEEN: Final = 1 << 18  # bytes by which is told how a text is written
 
 
 def check_suffix(path: Path) -> None:
@@ -58,23 +50,67 @@ def check_suffix(path: Path) -> None:
 class Table:
     """The columns that a map needs, read and converted one by one."""
 
-    def __init__(self, path: Path, column_map: ColumnMap) -> None:
-        check_suffix(path)
+    def __init__(self, path: Path, column_map: ColumnMap, grid: Grid | None = None) -> None:
         self.path = path
+        self.remarks: list[str] = []
         self._map = column_map
-        self._csv = path.suffix == ".csv"
-        self._table = self._read()
-        if self._table.num_rows < 2:
-            raise InputError(f"{path}: {self._table.num_rows} rows; allowed: 2 or more")
+        self._first = 0
+        form = format_of(path) if grid is None else None
+        self._csv = form is not None and form.name == "text"
+        self._settings = self._text_settings() if self._csv else CsvSettings()
+        clocks = {s.column: s.clock for s in column_map.sources if s.column}
+        if form is None or form.name not in ("text", "parquet"):
+            content = grid if grid is not None else read_grid(path, self._map.names)
+            self._check_columns(list(content.columns), self._map.names)
+            self._columns = {name: _as_arrow(content.columns[name]) for name in self._map.names}
+            clocks = {name: own or content.columns[name].clock for name, own in clocks.items()}
+            for name in dict.fromkeys(clocks.values()):
+                if name and name not in self._columns:
+                    self._columns[name] = _as_arrow(content.columns[name])
+            self.remarks += content.remarks
+        else:
+            table = self._read()
+            self._columns = {name: table.column(name) for name in table.column_names}
+        if not column_map.time.column:
+            raise InputError(f"{column_map.origin}: time: must be a column")
+        rows = len(self._columns[column_map.time.column])
+        if rows < 2:
+            raise InputError(f"{path}: {rows} rows; allowed: 2 or more")
+        self._put_on_one_clock(clocks)
+
+    def _text_settings(self) -> CsvSettings:
+        """Return how a text is written: as the map says, or as it seems."""
+        if self._map.csv is not None:
+            return self._map.csv
+        try:
+            form = form_of(
+                text_of(self.path, most=_SEEN), str(self.path), whole=self.path.stat().st_size < _SEEN
+            )
+        except InputError:  # what is wrong with it is told where it is read
+            return CsvSettings()
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot be read: {error.strerror or one_line(error)}") from None
+        if not form.named:
+            raise InputError(f"{self.path}: has no line of names; allowed: a table whose columns have names")
+        return CsvSettings(
+            delimiter=form.delimiter,
+            decimal=form.decimal,
+            skip_lines=form.skip_lines,
+            unit_lines=form.unit_lines,
+            comment=form.comment,
+            encoding=form.encoding,
+        )
 
     def place(self, row: int) -> str:
         """Return the name of a row for messages."""
+        row += self._first
+        s = self._settings
         # the header is line 1 where nothing is skipped
-        return f"line {row + 2 + self._map.csv.skip_lines}" if self._csv else f"row {row + 1}"
+        return f"line {row + 2 + s.skip_lines + s.unit_lines}" if self._csv else f"row {row + 1}"
 
     def filled(self, sources: Mapping[str, Source]) -> NDArray[np.int64]:
         """Return the rows in which the columns of a group have values: in each row all of them or none."""
-        masks = {s.column: self._table.column(s.column).is_valid().to_numpy() for s in sources.values()}
+        masks = {s.column: self._columns[s.column].is_valid().to_numpy() for s in sources.values()}
         whole = np.logical_or.reduce(list(masks.values()))
         for name, mask in masks.items():
             if np.any(mask != whole):
@@ -101,9 +137,13 @@ class Table:
         if not source.column:
             constant = to_si(np.array([source.value]), source.unit, field)
             self._check_range(constant, field, lambda _: f"{self._map.origin}: {what}.value", source)
-            return np.full(self._table.num_rows, constant[0])
+            return np.full(len(self._time), constant[0])
         raw = self._numbers(source.column, rows, missing=missing)
-        result = to_si(raw * source.scale + source.offset, source.unit, field)
+        given = raw * source.scale + source.offset
+        if source.resistance:
+            result = source.resistance * to_si(given, source.unit, Reading("A", -math.inf, math.inf))
+        else:
+            result = to_si(given, source.unit, field)
 
         def where(k: int) -> str:
             row = k if rows is None else int(rows[k])
@@ -125,76 +165,99 @@ class Table:
             )
         return values.astype(np.int64)
 
-    def sequence(self) -> NDArray[np.int64]:
-        """Return the numbers of the samples, from 0 on, by their times and sequence numbers."""
-        time, name = self._time(), self._map.time.column
-        period = self._map.bench.sample_period
-        steps = np.diff(time)
-        wrong = np.flatnonzero(~(steps > 0.0))
-        if len(wrong):
-            k = int(wrong[0]) + 1
-            what = "the same time as" if steps[k - 1] == 0.0 else f"{-1e3 * steps[k - 1]:.6g} ms before"
-            raise InputError(
-                f"{self.path}: column '{name}', {self.place(k)}: {what} the row before; time must ascend"
-            )
-        if self._map.sequence is None:
-            sequence, counted = np.arange(len(time)), np.ones(len(steps), dtype=np.int64)
-        else:
-            source = self._map.sequence
-            sequence = self.integers(source, Reading("", 0, 2**53), "sequence")
-            counted = np.diff(sequence)
-            back = np.flatnonzero(counted < 1)
+    def clock(self) -> Clock:
+        """Return when the samples were taken, by their times and sequence numbers."""
+        source = self._map.sequence
+        numbers = None
+        if source is not None:
+            numbers = self.integers(source, Reading("", 0, 2**53), "sequence")
+            back = np.flatnonzero(np.diff(numbers) < 1)
             if len(back):
                 k = int(back[0]) + 1
                 raise InputError(
-                    f"{self.path}: column '{source.column}', {self.place(k)}: {sequence[k]} follows"
-                    f" {sequence[k - 1]}; the sequence must ascend"
+                    f"{self.path}: column '{source.column}', {self.place(k)}: {numbers[k]} follows"
+                    f" {numbers[k - 1]}; the sequence must ascend"
                 )
-        mean = float(np.median(steps / counted))
-        if not abs(mean / period - 1.0) <= _PERIOD:
-            raise InputError(
-                f"{self.path}: column '{name}': a row every {1e3 * mean:.6g} ms; allowed for the bench"
-                f" {self._map.bench.name}: {1e3 * period:g} ms ± {100 * _PERIOD:g} % (is the unit right?)"
-            )
-        with np.errstate(over="ignore"):  # a step of any size is told below
-            wrong = np.flatnonzero(~(np.abs(steps / mean - counted) <= _STEP))
-        if len(wrong):
-            k = int(wrong[0]) + 1
-            hint = (
-                "" if self._map.sequence else "; where samples are missing, map a column of sequence numbers"
-            )
-            raise InputError(
-                f"{self.path}: column '{name}', {self.place(k)}: {1e3 * steps[k - 1]:.6g} ms after the row"
-                f" before; allowed: {1e3 * mean * counted[k - 1]:.6g} ms ± {1e3 * mean * _STEP:.2g} ms{hint}"
-            )
-        result: NDArray[np.int64] = sequence - sequence[0]
-        return result
+        try:
+            return clock_of(self._time, numbers)
+        except ClockError as error:
+            where = f", {self.place(error.row)}" if error.row >= 0 else ""
+            raise InputError(f"{self.path}: column '{self._map.time.column}'{where}: {error}") from None
 
-    def _time(self) -> Array:
-        """Return the times from the first row on [s]."""
+    def _seconds(self, name: str, start: Any = None) -> tuple[Array, Any]:
+        """Return the times in a column from its first row on, or from a given start [s], and that start."""
         source = self._map.time
-        if not source.column:
-            raise InputError(f"{self._map.origin}: time: must be a column")
+        column = self._column(name)
         if source.unit == TIMESTAMP:
-            column = self._column(source.column)
             if not pa.types.is_timestamp(column.type):
                 raise InputError(
-                    f"{self.path}: column '{source.column}': holds {column.type}; allowed for the unit"
+                    f"{self.path}: column '{name}': holds {column.type}; allowed for the unit"
                     f" {TIMESTAMP}: dates with times"
                 )
             stamps = column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy()
-            return (stamps - stamps[0]) * 1e-9
-        column = self._column(source.column)
-        if pa.types.is_integer(column.type):  # large numbers keep their last digits
-            whole = column.to_numpy()
-            numbers = (whole - whole[0]).astype(np.float64)
-        else:
-            numbers = self._numbers(source.column)
-            numbers = numbers - numbers[0]
-        return to_si(numbers * source.scale, source.unit, Reading("s", -math.inf, math.inf))
+            begin = stamps[0] if start is None else start
+            return (stamps - begin) * 1e-9, begin
+        # large whole numbers keep their last digits
+        values = column.to_numpy() if pa.types.is_integer(column.type) else self._numbers(name)
+        begin = values[0] if start is None else start
+        passed = (values - begin).astype(np.float64) * source.scale
+        return to_si(passed, source.unit, Reading("s", -math.inf, math.inf)), begin
+
+    def _put_on_one_clock(self, clocks: Mapping[str, str]) -> None:
+        """Interpolate columns of other clocks than the map's at its times; rows that one does not cover go.
+
+        `clocks` has the names of the columns with the times of some columns.
+        """
+        own = self._map.time.column
+        time, start = self._seconds(own)
+        others = {name: clock for name, clock in clocks.items() if clock and clock != own}
+        rows = slice(0, len(time))
+        for clock in dict.fromkeys(others.values()):
+            there, _ = self._seconds(clock, start)
+            there = there + self._map.clocks.get(clock, 0.0)
+            if len(there) < 2 or np.any(np.diff(there) < 0.0):
+                raise InputError(
+                    f"{self.path}: column '{clock}': times do not ascend; allowed: those of a clock"
+                )
+            first, last = (int(k) for k in np.searchsorted(time, (there[0], there[-1])))
+            rows = slice(max(rows.start, first), min(rows.stop, last))
+            rate, step = (1.0 / max(float(np.median(np.diff(x))), 1e-12) for x in (there, time))
+            names = [name for name, other in others.items() if other == clock]
+            for name in names:
+                values = self._numbers(name, missing=True)
+                known = np.isfinite(values)
+                if len(values) != len(there) or not known.any():
+                    raise InputError(f"{self.path}: column '{name}': has not the rows of its clock '{clock}'")
+                self._columns[name] = pa.chunked_array([np.interp(time, there[known], values[known])])
+            if abs(rate / step - 1.0) > 0.01:
+                lost = f"; what is faster than {0.5 * rate:.4g} Hz is lost" if rate < step else ""
+                self.remarks.append(f"{', '.join(names)}: {rate:.4g} samples a second, interpolated{lost}")
+            else:
+                self.remarks.append(f"{', '.join(names)}: interpolated to the clock '{own}'")
+        lengths = {name: len(column) for name, column in self._columns.items()}
+        for name, length in lengths.items():
+            if length != len(time) and name not in others.values():
+                raise InputError(
+                    f"{self.path}: column '{name}': {length} rows, '{own}' has {len(time)}; allowed: as many, or a "
+                    "clock of its own (`clock:` names the column with its times)"
+                )
+        if rows.stop - rows.start < 2:
+            raise InputError(
+                f"{self.path}: {max(rows.stop - rows.start, 0)} rows; allowed: 2 or more, on all clocks"
+            )
+        if others and rows != slice(0, len(time)):
+            gone = len(time) - (rows.stop - rows.start)
+            self.remarks.append(f"{gone} rows that not all clocks cover are left out")
+        self._first = rows.start
+        self._columns = {
+            name: column.slice(rows.start, rows.stop - rows.start)
+            for name, column in self._columns.items()
+            if len(column) == len(time)
+        }
+        self._time = time[rows] - time[rows][0]
 
     def _column(self, name: str, rows: NDArray[np.int64] | None = None, *, missing: bool = False) -> Any:
-        column = self._table.column(name)
+        column = self._columns[name]
         if rows is not None:
             column = column.take(pa.array(rows))
         if column.null_count and not missing:
@@ -246,8 +309,6 @@ class Table:
     def _read(self) -> Any:
         names = self._map.names
         try:
-            if self.path.exists() and not self.path.is_file():
-                raise InputError(f"{self.path}: cannot be read: it is not a file")
             return self._read_csv(names) if self._csv else self._read_parquet(names)
         except FileNotFoundError:
             raise InputError(f"{self.path}: no such file") from None
@@ -267,12 +328,8 @@ class Table:
 
     def _check_text(self) -> None:
         """Refuse a file whose beginning is no text: the parser would quote what it cannot read."""
-        encoding = self._map.csv.encoding
-        with self.path.open("rb") as file:
-            head = file.read(_HEAD)
-        kind = next((kind for mark, kind in _KINDS.items() if head.startswith(mark)), "")
-        if kind:
-            raise InputError(f"{self.path}: is {kind}, not a text; allowed: a table as text, or Parquet")
+        encoding = self._settings.encoding
+        head = text_of(self.path, most=_HEAD)
         try:
             # a character may be cut in two at the end
             text = codecs.getincrementaldecoder(encoding)().decode(head)
@@ -287,15 +344,26 @@ class Table:
             raise InputError(f"{self.path}: is no text: it has a zero byte near its beginning")
 
     def _read_csv(self, names: Sequence[str]) -> Any:
-        settings = self._map.csv
+        settings = self._settings
         self._check_text()
-        require_room(_TEXT_TO_MEMORY * self.path.stat().st_size, f"{self.path}: it")
-        read = pc.ReadOptions(skip_rows=settings.skip_lines, encoding=settings.encoding)
+        with self.path.open("rb") as file:
+            packed = file.read(4).startswith((GZIP, ZSTD))
+        plain = not (packed or settings.unit_lines or settings.comment or settings.delimiter == " ")
+        data = b"" if plain else text_of(self.path)
+        require_room(_TEXT_TO_MEMORY * (self.path.stat().st_size if plain else len(data)), f"{self.path}: it")
+        encoding, skipped = (settings.encoding, settings.skip_lines) if plain else ("utf-8", 0)
+        if not plain:
+            try:
+                data = plain_rows(data, TextForm(**settings.model_dump()))
+            except LookupError:
+                self._unknown_encoding()
+        self._opened = (lambda: self.path.open("rb")) if plain else (lambda: io.BytesIO(data))
+        read = pc.ReadOptions(skip_rows=skipped, encoding=encoding)
         parse = pc.ParseOptions(delimiter=settings.delimiter)
         try:
             # opened here and below: arrow refuses names of files that are not text
             with (
-                self.path.open("rb") as opened,
+                self._opened() as opened,
                 pc.open_csv(opened, read_options=read, parse_options=parse) as stream,
             ):
                 self._check_columns(stream.schema.names, names)
@@ -303,9 +371,7 @@ class Table:
             self._name_the_row(read)
             raise
         except LookupError:
-            raise InputError(
-                f"{self._map.origin}: csv.encoding: '{settings.encoding}' is not known; allowed: such as utf-8"
-            ) from None
+            self._unknown_encoding()
 
         def options(kind: Any) -> Any:
             types = dict.fromkeys(names, kind)
@@ -316,18 +382,23 @@ class Table:
             )
 
         try:
-            with self.path.open("rb") as opened:
+            with self._opened() as opened:
                 return pc.read_csv(
                     opened, read_options=read, parse_options=parse, convert_options=options(pa.float64())
                 )
         except pa.ArrowInvalid:
             self._name_the_row(read)
-            with self.path.open("rb") as opened:
+            with self._opened() as opened:
                 texts = pc.read_csv(
                     opened, read_options=read, parse_options=parse, convert_options=options(pa.string())
                 )
             self._name_the_text(texts)
             raise
+
+    def _unknown_encoding(self) -> NoReturn:
+        raise InputError(
+            f"{self._map.origin}: csv.encoding: '{self._settings.encoding}' is not known; allowed: such as utf-8"
+        ) from None
 
     def _name_the_row(self, read: Any) -> None:
         """Raise for the first row that has too few columns or too many."""
@@ -339,8 +410,8 @@ class Table:
 
         # rows are counted by one thread alone
         one = pc.ReadOptions(skip_rows=read.skip_rows, encoding=read.encoding, use_threads=False)
-        parse = pc.ParseOptions(delimiter=self._map.csv.delimiter, invalid_row_handler=note)
-        with contextlib.suppress(pa.ArrowInvalid), self.path.open("rb") as opened:
+        parse = pc.ParseOptions(delimiter=self._settings.delimiter, invalid_row_handler=note)
+        with contextlib.suppress(pa.ArrowInvalid), self._opened() as opened:
             pc.read_csv(opened, read_options=one, parse_options=parse)
         if wrong and wrong[0].number is not None:
             row = wrong[0]
@@ -356,7 +427,7 @@ class Table:
                 continue
             for k, text in enumerate(table.column(name).to_pylist()):
                 try:
-                    float((text or "nan").replace(self._map.csv.decimal, "."))
+                    float((text or "nan").replace(self._settings.decimal, "."))
                 except ValueError:
                     raise InputError(
                         f"{self.path}: column '{name}', {self.place(k)}: '{text}' is not allowed; allowed: a number"
@@ -380,3 +451,15 @@ def to_si(values: Array, unit: str, field: Reading) -> Array:
     quantity = unit_registry().Quantity(values, unit)
     result: Array = np.asarray(quantity.to(field.unit).magnitude, dtype=np.float64)
     return result
+
+
+def _as_arrow(column: Column) -> Any:
+    """Return a column as one of arrow; what is not finite stays so."""
+    values = column.values
+    if values.dtype.kind == "M":
+        values = values.astype("datetime64[ns]")
+    elif values.dtype.kind == "f":
+        values = values.astype(np.float64)
+    elif values.dtype.kind == "b":
+        values = values.astype(np.uint8)
+    return pa.chunked_array([pa.array(np.ascontiguousarray(values), from_pandas=False)])

@@ -127,6 +127,11 @@ def fit_window(
     rise = RISE / duration
     # mean second derivative of the angle: difference between the ends of its slope, which is n (n + 1) / 2 at x = 1
     slope = np.array([k * (k + 1) * (1 - k % 2) for k in range(smooth)]) * 2.0 / duration**2
+    slope_variance = float(slope @ turning_gram[:smooth, :smooth] @ slope) * angle_noise**2
+    if "spin_angle" in data.absent:
+        # of a polynomial fitted to the speed, whose ends are known that much worse than its mean
+        ends = (smooth - 1) * noise[READING_NOISES.index("spin_rate_noise")] / duration
+        slope_variance = 2.0 * ends**2 / len(time)
     slow = without_spikes(np.column_stack([own[name] for name in SLOW]))
     coil = slow[:, SLOW.index("coil_temperature")]
     warming = float(x @ coil - x.sum() * coil.mean()) / float(x @ x - x.sum() * x.mean())
@@ -167,7 +172,7 @@ def fit_window(
         "voltage_ripple": voltage_ripple * _held(bench.value("motor_ripple_order"), speed * hold),
         **attitude(surroundings),
         "tilt_rate_variance": float(rise @ inverse @ rise) * tilt_noise**2,
-        "spin_acceleration_variance": float(slope @ turning_gram[:smooth, :smooth] @ slope) * angle_noise**2,
+        "spin_acceleration_variance": slope_variance,
         "reading_noise": noise,
     }
 

@@ -82,7 +82,9 @@ _FORMATS: Final = (
 )
 _BY_NAME: Final = {own.name: own for own in _FORMATS}
 #: What can be read, for messages.
-READABLE: Final = "CSV and other text (plain, .gz or .zst), Parquet, MATLAB .mat, HDF5, TDMS, MDF4 (.mf4), bags of ROS 2 and ROS 1"
+READABLE: Final = (
+    "text as CSV (plain, .gz, .zst), Parquet, MATLAB .mat, HDF5, TDMS, MDF4 .mf4, bags of ROS 2 and ROS 1"
+)
 #: What is sometimes taken for a table, and what to do with it.
 _OTHERS: Final = (
     (b"PK\x03\x04", "a zip archive or a spreadsheet; save its sheet as CSV"),

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import zstandard
 
@@ -89,7 +89,7 @@ def text_of(path: Path, *, most: int | None = None) -> bytes:
     with path.open("rb") as raw:
         head = raw.read(4)
         raw.seek(0)
-        opener = None
+        opener: Any = None
         if head.startswith(GZIP):
             opener = gzip.GzipFile(fileobj=raw)
         elif head.startswith(ZSTD):

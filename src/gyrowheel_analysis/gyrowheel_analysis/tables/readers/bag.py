@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import functools
+import operator
 from collections import defaultdict
 from collections.abc import Callable, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from rosbags.highlevel import AnyReader, AnyReaderError
-from rosbags.typesys import Stores, get_typestore
 
 from gyrowheel_analysis.tables.grid import Column, Grid, require_table
 from gyrowheel_core.errors import InputError, one_line
@@ -20,6 +21,9 @@ _STAMP: Final = "stamp"
 
 def read(path: Path, names: Sequence[str] | None) -> Grid:
     """Read the topics as ``/topic.field.field``, and their stamps as ``/topic.stamp`` (see `formats.read_grid`)."""
+    from rosbags.highlevel import AnyReader, AnyReaderError
+    from rosbags.typesys import Stores, get_typestore
+
     times: dict[str, list[int]] = defaultdict(list)
     values: dict[str, list[Any]] = defaultdict(list)
     parts: dict[str, list[tuple[str, Callable[[Any], Any]]]] = {}
@@ -71,28 +75,24 @@ def read(path: Path, names: Sequence[str] | None) -> Grid:
 def _fields(message: Any, name: str) -> list[tuple[str, Callable[[Any], Any]]]:
     """Return the numbers in a message: their names, and how they are taken out of another one like it."""
     found: list[tuple[str, Callable[[Any], Any]]] = []
-    for own in message.__dataclass_fields__:
+    for own in (field.name for field in fields(message)):  # constants are none
         if own == "__msgtype__" or (own == "header" and name.count(".") == 0):
             continue
-        value = getattr(message, own)
-
-        def pick(m: Any, own: str = own) -> Any:
-            return getattr(m, own)
-
+        value, where = getattr(message, own), f"{name}.{own}"
         if isinstance(value, bool | int | float | np.number):
-            found.append((f"{name}.{own}", pick))
+            found.append((where, operator.attrgetter(own)))
         elif isinstance(value, np.ndarray) and value.dtype.kind in "biuf" and 0 < value.size <= _MOST:
-            for k in range(value.size):
-                found.append((f"{name}.{own}.{k}", lambda m, own=own, k=k: _element(getattr(m, own), k)))
+            found += [(f"{where}.{k}", functools.partial(_element, own, k)) for k in range(value.size)]
         elif hasattr(value, "__dataclass_fields__"):
-            found += [
-                (inner, lambda m, own=own, take=take: take(getattr(m, own)))
-                for inner, take in _fields(value, f"{name}.{own}")
-            ]
+            found += [(inner, functools.partial(_within, own, take)) for inner, take in _fields(value, where)]
     return found
 
 
-def _element(values: Any, k: int) -> Any:
-    """Return an element of an array, NaN where it is shorter than the first one was."""
-    flat = values.ravel()
+def _within(name: str, take: Callable[[Any], Any], message: Any) -> Any:
+    return take(getattr(message, name))
+
+
+def _element(name: str, k: int, message: Any) -> Any:
+    """Return an element of an array in a message, NaN where it is shorter than the first one was."""
+    flat = getattr(message, name).ravel()
     return flat[k] if k < len(flat) else np.nan

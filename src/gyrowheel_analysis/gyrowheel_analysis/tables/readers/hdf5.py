@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 
 from gyrowheel_analysis.tables.grid import Column, Grid, require_table, split
@@ -17,6 +16,8 @@ _UNITS = ("unit", "units", "Unit", "Units", "UNIT")
 
 def read(path: Path, names: Sequence[str] | None) -> Grid:
     """Read data sets that are vectors, matrices or records (see `formats.read_grid`)."""
+    import h5py  # takes a while, as the other readers' libraries do
+
     columns: list[Column] = []
     size = 0.0
     try:

@@ -7,8 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.io import loadmat, whosmat
-from scipy.io.matlab import MatReadError, mat_struct
 
 from gyrowheel_analysis.tables.grid import Column, Grid, require_table, split
 from gyrowheel_core.errors import InputError, one_line
@@ -16,6 +14,9 @@ from gyrowheel_core.errors import InputError, one_line
 
 def read(path: Path, names: Sequence[str] | None) -> Grid:
     """Read variables that are vectors, matrices or structures of them (see `formats.read_grid`)."""
+    from scipy.io import loadmat, whosmat
+    from scipy.io.matlab import MatReadError
+
     try:
         with path.open("rb") as file:
             # shapes alone: a compressed file may unpack to far more than it has
@@ -37,14 +38,14 @@ def read(path: Path, names: Sequence[str] | None) -> Grid:
 
 
 def _columns(name: str, value: Any) -> Iterator[Column]:
-    if isinstance(value, mat_struct):
+    if hasattr(value, "_fieldnames"):  # a structure
         for field in value._fieldnames:
             yield from _columns(f"{name}.{field}", getattr(value, field))
         return
     array = np.asarray(value)
     if array.dtype == object:
         for k, own in enumerate(array.ravel()[:64]):
-            if isinstance(own, mat_struct):
+            if hasattr(own, "_fieldnames"):
                 yield from _columns(f"{name}.{k + 1}", own)
         return
     yield from split(name, array)

@@ -33,8 +33,8 @@ def read(path: Path, names: Sequence[str] | None) -> Grid:
                 if float(own.get("wf_increment", 0.0)) > 0.0:
                     first = float(own.get("wf_start_offset", 0.0))
                     if "wf_start_time" in own and begin is not None:
-                        late = np.datetime64(own["wf_start_time"]) - begin
-                        first += float(late / np.timedelta64(1, "ns")) * _NS
+                        late = np.timedelta64(np.datetime64(own["wf_start_time"]) - begin, "ns")
+                        first += float(late.astype(np.int64)) * _NS
                     key = (first, float(own["wf_increment"]), len(values))
                     if key not in clocks:
                         clock = f"{channel.group_name}/time"
