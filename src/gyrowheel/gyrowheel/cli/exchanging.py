@@ -114,7 +114,7 @@ def _suggest(
     output: Path | None,
     picture: Path | None,
     bench: str,
-    json: Path | None,
+    json: str | None,
 ) -> None:
     """Propose a map."""
     from gyrowheel import suggest_map
