@@ -33,6 +33,7 @@ Fraction = Callable[[float], None]
 
 COUNT = 100
 WRITERS = 50
+CASES = 2  # of the campaign
 DOMAIN = 83  # of the graphs, unless the environment names one
 PLAN = """\
 schema: 1
@@ -226,6 +227,38 @@ def verbs(folder: Path, zygote: Zygote) -> dict[str, Verb]:
             place.parent,
         )
 
+    def campaign() -> Verb:
+        place = folder / "campaign" / "run"
+        begin = ["campaign", "--plan", str(plan), "--validation-plan", str(plan), "--jobs", "1"]
+        arguments: list[str] = []
+        whole: dict[str, str] = {}
+
+        def cases() -> dict[str, str]:
+            found = {}
+            for file in place.glob("finished/[!.]*.json"):
+                case = json.loads(file.read_text(encoding="utf-8"))["content"]
+                case.pop("seconds")  # how long it took is another time each time
+                found[file.name] = json.dumps(case, sort_keys=True)
+            return found
+
+        def prepare() -> None:  # it goes on where it was, until it is done
+            if len(cases()) == CASES:
+                whole.update(whole or cases())
+                shutil.rmtree(place)
+            place.parent.mkdir(exist_ok=True)
+            begun = (place / "settings.json").exists()
+            new = [*begin, "--cases", str(CASES), "-o", str(place)]
+            arguments[:] = ["campaign", "--resume", str(place), "--jobs", "1"] if begun else new
+
+        def check() -> str:
+            try:
+                other = [name for name, case in cases().items() if whole.get(name, case) != case]
+            except (ValueError, KeyError) as error:
+                return f"half a case: {error}"
+            return f"other results than without a kill: {', '.join(other)}" if other else ""
+
+        return Verb("campaign", arguments, prepare, check, lambda: len(cases()) == CASES, place.parent)
+
     return {
         "model": Verb(
             "model add",
@@ -237,6 +270,7 @@ def verbs(folder: Path, zygote: Zygote) -> dict[str, Verb]:
         ),
         "simulate": recorded("simulate", "simulate", "--plan", str(plan), "--effect", "windage"),
         "salvage": recorded("salvage", "salvage", str(broken)),
+        "campaign": campaign(),
         "up": recorded("up", "up", "--plan", str(plan), fixes=True),
     }
 
@@ -309,7 +343,7 @@ def written_at_once(model: Path, zygote: Zygote, count: int) -> list[str]:
 
 
 def measure(progress: Fraction, count: int = COUNT, seed: int = 0) -> list[Report]:
-    """Kill each verb at a quarter of the instants."""
+    """Kill each verb at as many of the instants."""
     draw = random.Random(seed)
     figures, wrong, notes = [], [], []
     with tempfile.TemporaryDirectory(prefix="gyrowheel-killed-") as name, zygote(Path(name)) as origin:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -107,6 +108,29 @@ def test_a_coefficient_not_given_has_its_usual_value(tmp_path: Path) -> None:
     del raw["effects"]["stator_pull"]["k"]
     model = Model.load(written(tmp_path, raw))
     assert model.effects["stator_pull"]["k"] == pytest.approx(np.sqrt(0.01 * 0.05))
+
+
+def test_a_model_that_is_saved_elsewhere_has_the_same_bench(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not one of the same name that lies there, nor one that depends on where it is read from."""
+    from importlib import resources
+
+    text = resources.files("gyrowheel_sim").joinpath("config/bench.yaml").read_text()
+    for place in ("one", "two", "three"):
+        (tmp_path / place).mkdir()
+        (tmp_path / place / "my.yaml").write_text(text.replace("name: gyrowheel", f"name: {place}"))
+    model = Model.load(written(tmp_path / "one", content(bench="my.yaml")))
+    model.save(tmp_path / "two" / "m.yaml")
+    monkeypatch.chdir(tmp_path / "three")
+    assert Model.load(tmp_path / "two" / "m.yaml").stated_bench.name == "one"
+    (tmp_path / "deeper").mkdir()
+    Model.new("my.yaml").save(tmp_path / "deeper" / "m.yaml")
+    monkeypatch.chdir(tmp_path / "two")
+    assert Model.load(tmp_path / "deeper" / "m.yaml").stated_bench.name == "three"
+    # a file that happens to be called like a shipped bench is not taken for it
+    (tmp_path / "one" / "gyrowheel").write_text(text.replace("name: gyrowheel", "name: other"))
+    assert Model.load(written(tmp_path / "one", content())).stated_bench.name == "gyrowheel"
 
 
 def test_a_bench_file_is_found_beside_the_model(tmp_path: Path) -> None:
@@ -240,6 +264,78 @@ def test_removing_and_undoing(tmp_path: Path) -> None:
         removed.removed("stator_pull", "now")
     with pytest.raises(InputError, match="history: nothing to undo"):
         undone.undone()
+
+
+def test_every_change_can_be_undone_whatever_it_is(tmp_path: Path) -> None:
+    """Values, order, further and fewer effects; what the history keeps of a change is what it changed."""
+    first = Model.load(written(tmp_path, content()))
+    own = {name: {**values} for name, values in first.effects.items()}
+
+    def change(model: Model, effects: Any, **values: Override) -> Model:
+        errors = {name: dict.fromkeys(entry, 1e-3) for name, entry in effects.items()}
+        return model.changed({"what": "x"}, overrides=values, effects=effects, effect_errors=errors)
+
+    states = [first]
+    for effects, values in (
+        (own | {"windage": {"w": 0.002, "n": 1.5}}, {"shaft_inertia": Override(1.2e-4, 2e-6)}),
+        ({"stator_pull": own["stator_pull"], "windage": own["windage"]}, {}),
+        ({"windage": own["windage"]}, {"shaft_inertia": Override(1.3e-4), "supply_voltage": Override(28.0)}),
+        ({"windage": {"w": 0.001, "n": 1.6}}, {"supply_voltage": Override(28.0)}),
+        ({}, {}),
+    ):
+        states.append(change(states[-1], effects, **values))
+    assert list(states[1].history[-1]["undo"]["back"]["effects"]) == ["windage"]
+    states[-1].save(tmp_path / "m.yaml")
+    model = Model.load(tmp_path / "m.yaml")
+    for before in reversed(states[:-1]):
+        model = model.undone()
+        assert yaml.safe_dump(model.to_mapping(), sort_keys=False) == yaml.safe_dump(
+            before.to_mapping(), sort_keys=False
+        )
+
+
+def test_a_hundred_changes_are_read_again(tmp_path: Path) -> None:
+    """The history does not keep the model as a whole at every change, until nothing would read it again."""
+    model = Model.load(written(tmp_path, content(effects={})))
+    sizes = []
+    for k in range(100):
+        effects = {**model.effects, f"own_{k}": {"k": 0.02}}
+        declared = {
+            f"own_{k}": effect_from_mapping(f"own_{k}", content()["effects"]["stator_pull"]["declaration"])
+        }
+        model = model.changed(
+            {"what": f"add own_{k}"}, overrides={}, effects=effects, effect_errors={}, declared=declared
+        )
+        if k in (24, 49, 99):
+            model.save(tmp_path / f"{k}.yaml")
+            sizes.append((tmp_path / f"{k}.yaml").stat().st_size)
+    assert sizes[2] < 2.2 * sizes[1] < 4.8 * sizes[0]
+    assert Model.load(tmp_path / "99.yaml").undone().to_mapping()["effects"].keys() == {
+        f"own_{k}" for k in range(99)
+    }
+
+
+def test_a_model_that_nothing_would_read_again_is_not_written(tmp_path: Path) -> None:
+    model = Model.load(written(tmp_path, content()))
+    before = (tmp_path / "model.yaml").read_text()
+    with pytest.raises(InputError, match=r"the model would have 1\d{6} characters; allowed: up to 1000000"):
+        replace(model, history=({"what": "x" * 1_000_000},)).save(tmp_path / "model.yaml")
+    assert (tmp_path / "model.yaml").read_text() == before
+
+
+@pytest.mark.parametrize(
+    "undo",
+    [
+        {"back": 1},
+        {"back": {"effects": [1]}},
+        {"back": {"effects": {"windage": 3}}},
+        {"back": {}, "order": 7},
+    ],
+)
+def test_what_a_change_cannot_have_kept_is_refused(undo: Any, tmp_path: Path) -> None:
+    model = Model.load(written(tmp_path, content(history=[{"what": "add", "undo": undo}])))
+    with pytest.raises(InputError):
+        model.undone()
 
 
 def test_a_change_without_what_it_was_before_cannot_be_undone(tmp_path: Path) -> None:

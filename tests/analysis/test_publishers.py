@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gyrowheel_analysis.recording import info
+from gyrowheel_analysis.recording import Recording, info
 from gyrowheel_analysis.recording.live import LiveRecording, SampleCount
 from gyrowheel_analysis.recording.publishers import Division, Publisher, from_text, surplus, to_text
 from gyrowheel_core import topics, wire
@@ -91,6 +93,58 @@ def test_samples_and_commands_that_come_more_than_once_are_counted(tmp_path) -> 
     assert surplus((*found, more)) == {"/gyrowheel/command": [found[1], more]}
     several = [Publisher("/diagnostics", *OWN), Publisher("/diagnostics", *OTHER)]
     assert surplus(several) == {}  # every node publishes there
+
+
+class Taking:
+    """A recording of the samples of one publisher, beside which another one may come."""
+
+    def __init__(self, folder: Path) -> None:
+        self.had, self.there = [OWN], ["aa"]
+        self.session = LiveRecording(
+            str(folder), look=lambda topic: self.had, present=lambda topic: self.there
+        )
+
+    def take(self, number: int, sequence: int, value: float = 1.0) -> bool:
+        data = wire.MEASUREMENT.pack(sequence * 500_000, sequence, *[value] * 11)
+        return self.session.take(topics.MEASUREMENT, data, number)
+
+
+@pytest.mark.parametrize("sent", [0, 3, 10**9])
+def test_a_sample_of_somebody_else_is_told_and_left_out(sent: int, tmp_path: Path) -> None:
+    """Not even the number of a first sample ends the recording; nor do numbers far ahead cost what follows."""
+    run = Taking(tmp_path / "run")
+    assert all(run.take(k + 1, k) for k in range(10))
+    run.had, run.there = [OWN, OTHER], ["aa", "bb"]
+    assert all(run.take(k + 1, sent + k, 2.0) for k in range(2))
+    assert all(run.take(k + 1, k) for k in (10, 11, 13, 14))  # of which one is lost
+    count = run.session.count
+    assert (count.samples, count.missing, count.surplus) == (14, 1, 2)
+    run.session.close()
+    found = Recording.open(tmp_path / "run")
+    assert found.measurement["sequence"].tolist() == [*range(12), 13, 14]
+    assert set(found.measurement["tilt_x"]) == {1.0}
+    told = {publisher.node: publisher.messages for publisher in info(tmp_path / "run").publishers}
+    assert told == {"/controller": 14, "/other": 0}
+
+
+@pytest.mark.parametrize(
+    ("number", "had", "there"),
+    [
+        (3, [OWN], ["aa"]),  # the same publisher begins again
+        (3, [OWN, OTHER], ["aa", "bb"]),
+        (1, [OWN, OTHER], ["bb"]),  # another one begins, and the first one has gone
+        (1, [OWN], ["aa"]),  # nobody knows of another one
+    ],
+)
+def test_another_run_ends_the_recording(
+    number: int, had: list[tuple[str, str]], there: list[str], tmp_path: Path
+) -> None:
+    run = Taking(tmp_path / "run")
+    assert all(run.take(k + 1, k) for k in range(2))
+    run.had, run.there = had, there
+    assert not run.take(number, 0)
+    run.session.close()
+    assert len(Recording.open(tmp_path / "run").measurement) == 2
 
 
 @pytest.mark.parametrize(

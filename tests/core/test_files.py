@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -40,6 +40,44 @@ def test_a_private_file_is_for_its_owner_alone(tmp_path: Path, umask: int) -> No
     file.chmod(0o644)
     write_text(file, "new", private=True)
     assert (mode(file), file.read_text()) == (0o600, "new")
+
+
+def test_a_file_that_is_there_keeps_its_permissions_and_its_links(tmp_path: Path, umask: int) -> None:
+    own, link, far = tmp_path / "own.yaml", tmp_path / "link.yaml", tmp_path / "far" / "new.yaml"
+    own.write_text("old")
+    own.chmod(0o640)
+    link.symlink_to("own.yaml")
+    require_writable(link)
+    write_text(link, "new")
+    assert (link.is_symlink(), own.read_text(), mode(own)) == (True, "new", 0o640)
+    (tmp_path / "to_come.yaml").symlink_to(far)
+    write_text(tmp_path / "to_come.yaml", "new")
+    assert (far.read_text(), (tmp_path / "to_come.yaml").is_symlink()) == ("new", True)
+    # one that somebody else may have put into a folder for everybody is none
+    if os.geteuid() == 0:
+        shared = tmp_path / "shared"
+        shared.mkdir()
+        shared.chmod(0o1777)
+        (shared / "trap").symlink_to(own)
+        os.chown(shared / "trap", 65534, 65534, follow_symlinks=False)
+        write_text(shared / "trap", "mine")
+        assert (own.read_text(), (shared / "trap").is_symlink()) == ("new", False)
+
+
+@pytest.mark.parametrize("check", [require_writable, lambda file: write_text(file, "new")])
+def test_what_is_no_file_or_may_not_be_written_is_not_replaced(
+    check: Callable[[Path], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(InputError, match=r"pipe: cannot be written: it is not a file"):
+        check(tmp_path / "pipe")
+    if os.geteuid() == 0:
+        monkeypatch.setattr(os, "access", lambda file, way: bool(os.stat(file).st_mode & 0o200))
+    write_text(tmp_path / "own", "old")
+    (tmp_path / "own").chmod(0o444)
+    with pytest.raises(InputError, match="own: cannot be written: Permission denied"):
+        check(tmp_path / "own")
+    assert (tmp_path / "own").read_text() == "old"
 
 
 def test_a_file_stays_as_it_was_where_writing_fails(tmp_path: Path) -> None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import math
 import os
+import stat
 import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -70,9 +72,9 @@ def require_writable(file: Path) -> None:
         If it is not a file, or its folder cannot be written to.
     """
     with disk_errors(file):
-        if file.exists() and not file.is_file():
-            raise InputError(f"{file}: cannot be written: it is not a file")
-        folder = file.absolute().parent
+        target = _led_to(file)
+        _mode(target, file)
+        folder = target.absolute().parent
         while not folder.exists():  # missing folders are made with the file
             folder = folder.parent
         with tempfile.NamedTemporaryFile(dir=folder, prefix=f".{file.name[:40]}."):
@@ -141,12 +143,14 @@ def read_json(file: Path) -> Any:
 def new_file(file: Path, *, private: bool = False) -> Iterator[Path]:
     """Yield a temporary file; it replaces `file` when the block ends without an error, and is removed otherwise.
 
+    A file that is there keeps its permissions; where a link stands, the file that it leads to is replaced.
+
     Parameters
     ----------
     file : Path
         Path of the file; missing folders are made.
     private : bool
-        Whether only its owner may read it. Others get the permissions of any new file.
+        Whether only its owner may read it. Other new files get the usual permissions.
 
     Yields
     ------
@@ -159,11 +163,46 @@ def new_file(file: Path, *, private: bool = False) -> Iterator[Path]:
         If the file cannot be written.
     """
     with disk_errors(file):
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with on_its_way(file, mode=0o600 if private else 0o666) as (place, opened):
+        target = _led_to(file)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        mode = _mode(target, file)
+        with on_its_way(target, mode=0o600 if private or mode is not None else 0o666) as (place, opened):
             yield place
+            if mode is not None and not private:
+                os.fchmod(opened, mode)
             os.fsync(opened)  # else a power failure may leave an empty file under the name of the old one
-            os.replace(place, file)
+            os.replace(place, target)
+
+
+def _mode(target: Path, file: Path) -> int | None:
+    """Return the permissions of a file that is to be replaced, None if it is not there; refuse what may not be.
+
+    Replacing needs no permission for the file, but whoever has made it read-only means it.
+    """
+    try:
+        found = target.lstat().st_mode
+    except FileNotFoundError:
+        return None
+    if not stat.S_ISREG(found) and not stat.S_ISLNK(found):
+        raise InputError(f"{file}: cannot be written: it is not a file")
+    if stat.S_ISREG(found) and not os.access(target, os.W_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+    return stat.S_IMODE(found) & 0o777 if stat.S_ISREG(found) else None
+
+
+def _led_to(file: Path) -> Path:
+    """Return the file that a link leads to; a link that another user may have put there is none (it is replaced)."""
+    try:
+        link = file.lstat()
+    except FileNotFoundError:
+        return file
+    if not stat.S_ISLNK(link.st_mode):
+        return file
+    folder = file.parent.stat()
+    shared = folder.st_mode & stat.S_ISVTX and folder.st_mode & stat.S_IWOTH  # as /tmp
+    if shared and link.st_uid not in (os.geteuid(), folder.st_uid):
+        return file
+    return Path(os.path.realpath(file))
 
 
 def write_bytes(file: Path, content: bytes, *, private: bool = False) -> None:

@@ -12,7 +12,8 @@ from gyrowheel_core.errors import InputError, one_line
 #: Largest number of values in a file with its anchors written out; more would exhaust the memory.
 _MOST: Final = 1_000_000
 _LONGEST: Final = 200  # characters of the parser's message
-_LARGEST: Final = 1_000_000  # characters; the parser takes six seconds for as many
+#: Characters that a text may have; the parser takes six seconds for as many.
+LARGEST: Final = 1_000_000
 
 
 # The loader in C is faster, but deep nesting crashes it.
@@ -50,8 +51,8 @@ def read_yaml(text: str, origin: str) -> Any:
         If it is no YAML, has a key twice in one mapping, or refers to itself without end; or if it is far longer than
         any file of this project.
     """
-    if len(text) > _LARGEST:
-        raise InputError(f"{origin}: has {len(text)} characters; allowed: up to {_LARGEST}")
+    if len(text) > LARGEST:
+        raise InputError(f"{origin}: has {len(text)} characters; allowed: up to {LARGEST}")
     try:
         content = yaml.load(text, _Loader)
         _expanded(content, {})

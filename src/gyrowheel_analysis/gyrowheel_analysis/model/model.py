@@ -12,11 +12,12 @@ import yaml
 
 from gyrowheel_analysis.model.differences import differences
 from gyrowheel_analysis.model.file import SCHEMA, HistoryEntry, ModelFile
+from gyrowheel_analysis.model.undoing import kept, restored
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import is_file, read_text, write_text
 from gyrowheel_core.locks import changing
 from gyrowheel_core.schema import check
-from gyrowheel_core.yaml_text import read_yaml
+from gyrowheel_core.yaml_text import LARGEST, read_yaml
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import (
     Effect,
@@ -145,7 +146,8 @@ class Model:
         """Build a model from the content of a model file (see `load`)."""
         content = check(ModelFile, raw, origin, kind="model file")
         path = Path(origin).parent / content.bench
-        bench = Bench.load(path if is_file(path) else content.bench)
+        own = content.bench not in Bench.shipped() and is_file(path)
+        bench = Bench.load(path if own else content.bench)
         stated = {name: estimate.value for name, estimate in content.overrides.items()}
         values = bench.with_values(stated, where=f"{origin}: overrides").values()
         overrides = {
@@ -199,12 +201,18 @@ class Model:
         ------
         InputError
             If the file cannot be written, or it is the one that the model was read from and somebody else has changed
-            it since: their change would be lost.
+            it since: their change would be lost. If it would be longer than a file that is read.
         """
-        text = yaml.safe_dump(
-            self.to_mapping(), sort_keys=False, width=110, default_flow_style=None, allow_unicode=True
-        )
         file = Path(path).absolute()
+        content = self.to_mapping() | {"bench": self._bench_beside(file)}
+        text = yaml.safe_dump(
+            content, sort_keys=False, width=110, default_flow_style=None, allow_unicode=True
+        )
+        if len(text) > LARGEST:
+            raise InputError(
+                f"{path}: the model would have {len(text)} characters; allowed: up to {LARGEST}; nothing was written: "
+                "begin a new file, or take the oldest entries out of its history"
+            )
         with changing(file):
             if self.read is not None and file == Path(self.origin).absolute() and file.exists():
                 found = _checksum(read_text(file))
@@ -215,6 +223,17 @@ class Model:
                     )
             write_text(file, text)
             _WRITTEN[file] = _checksum(text)
+
+    def _bench_beside(self, file: Path) -> str:
+        """Return how a model file names the bench: so that from there it is the same one, whoever reads it."""
+        place = Path(self.stated_bench.origin)
+        if self.bench_source in Bench.shipped() or not place.is_file():
+            return self.bench_source
+        beside = file.parent / self.bench_source
+        if beside.is_file() and beside.samefile(place):
+            return self.bench_source
+        place = place.absolute()
+        return str(place.relative_to(file.parent) if place.is_relative_to(file.parent) else place)
 
     def changed(
         self,
@@ -229,15 +248,15 @@ class Model:
 
         `declared` has declarations of effects that are new to it.
         """
-        before = {key: value for key, value in self.to_mapping().items() if key in ("overrides", "effects")}
-        return replace(
+        after = replace(
             self,
             overrides=dict(overrides),
             effects=effects,
             effect_errors=effect_errors,
             declared={k: v for k, v in {**self.declared, **(declared or {})}.items() if k in effects},
-            history=(*self.history, {**entry, "undo": before}),
         )
+        undo = kept(self.to_mapping(), after.to_mapping())
+        return replace(after, history=(*self.history, {**entry, "undo": undo}))
 
     def removed(self, name: str, time: str) -> Model:
         """Return the model without one effect; `time` goes into the history.
@@ -267,11 +286,8 @@ class Model:
         """
         if not self.history:
             raise InputError(f"{self.origin}: history: nothing to undo")
-        before = self.history[-1].get("undo")
-        if not isinstance(before, dict):
-            raise InputError(
-                f"{self.origin}: history.{len(self.history) - 1}.undo: missing; cannot be undone"
-            )
+        where = f"{self.origin}: history.{len(self.history) - 1}.undo"
+        before = restored(self.to_mapping(), self.history[-1].get("undo"), where)
         content = {"schema": SCHEMA, "bench": self.bench_source, **before, "history": list(self.history[:-1])}
         return replace(Model.from_mapping(content, self.origin), read=self.read)
 

@@ -14,6 +14,7 @@ from gyrowheel_analysis.recording.live import LiveRecording
 from gyrowheel_core import topics
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import BenchNode, Diagnosis, Inbox, Param, run_node
+from gyrowheel_core.topics import Topic
 
 SERVICES: Final = "/gyrowheel/recorder"
 #: Period at which everything collected goes to the disk [s, wall-clock time]; a killed recorder loses no more.
@@ -113,10 +114,15 @@ class RecorderNode(BenchNode):
             max_size=self.parameter("max_bag_size"),
             max_duration=self.parameter("max_bag_duration"),
             look=self.watch.publishers,
+            present=self._present,
         )
         # only now: a plant that counts its subscribers must not start before the recording exists
         self._open = [self.inbox(topic) for topic in self._recorded]
         self.get_logger().info(f"recording into {directory}")
+
+    def _present(self, topic: Topic) -> set[str]:
+        """Return the GIDs of the publishers that a topic has now."""
+        return {bytes(own.endpoint_gid).hex() for own in self.get_publishers_info_by_topic(topic.name)}
 
     def _end(self) -> None:
         """Complete the recording, if there is one; InputError if the disk refuses it."""

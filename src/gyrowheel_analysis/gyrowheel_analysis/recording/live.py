@@ -5,10 +5,12 @@ A measurement, command or setpoint is written at its own stamp, anything else at
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import functools
+from collections.abc import Callable, Collection, Sequence
+from typing import Literal
 
 from gyrowheel_analysis.recording.columns import STALL
-from gyrowheel_analysis.recording.publishers import ENTRY, Division, Publisher, to_text
+from gyrowheel_analysis.recording.publishers import ENTRY, Division, Publisher, Source, to_text
 from gyrowheel_analysis.recording.writer import RecordingWriter
 from gyrowheel_core import topics, wire
 from gyrowheel_core.topics import Topic
@@ -22,8 +24,8 @@ class SampleCount:
     Attributes
     ----------
     samples, missing, surplus : int
-        Different samples that arrived, samples between them that did not, and further messages with the number of one
-        that had arrived.
+        Different samples that arrived, samples between them that did not, and further messages: with the number of one
+        that had arrived, or of another publisher.
     """
 
     def __init__(self) -> None:
@@ -97,6 +99,8 @@ class LiveRecording:
         Bench time after which the next file begins [s]; 0: no limit.
     look : callable, optional
         Returns the publishers that a topic has had: pairs of GID and node. By default they are not known.
+    present : callable, optional
+        Returns the GIDs of those publishers of a topic that are there now; by default all that it has had.
 
     Attributes
     ----------
@@ -117,12 +121,20 @@ class LiveRecording:
         max_size: int = 0,
         max_duration: float = 0.0,
         look: Callable[[Topic], Sequence[tuple[str, str]]] | None = None,
+        present: Callable[[Topic], Collection[str]] | None = None,
     ) -> None:
         self.writer = RecordingWriter(directory, max_size=max_size, max_duration=max_duration, reserve=True)
         self.count = SampleCount()
         self.surplus_commands = 0
         self._answered = -1  # sample that the last command answered
         self._look = look
+        self._source: Source | None = None
+        if look is not None:
+            had = functools.partial(look, topics.MEASUREMENT)
+            self._source = Source(
+                had,
+                functools.partial(present, topics.MEASUREMENT) if present else lambda: [g for g, _ in had()],
+            )
         self._divisions: dict[Topic, Division] = {}
         self.stalls = StallCount()
         self._now: int | None = None  # stamp of the latest measurement [ns]
@@ -130,6 +142,8 @@ class LiveRecording:
 
     def take(self, topic: Topic, data: bytes, number: int | None = None) -> bool:
         """Write one message; return False if it is the first sample of another run.
+
+        A sample that is not of the run is counted as surplus and left out: a recording is of one run.
 
         Parameters
         ----------
@@ -149,9 +163,13 @@ class LiveRecording:
             stamp = None if topic.layout is None else wire.stamp(data)
         except ValueError:  # from a node that is not of this bench
             stamp = None
-        if topic is topics.MEASUREMENT and stamp is not None and not self._count(data):
-            return False
-        self._divide(topic, number)
+        if topic is topics.MEASUREMENT and stamp is not None:
+            whose = self._whose(data, number)
+            if whose != "own":
+                self.count.surplus += whose == "other"
+                return whose == "other"
+        if topic is not topics.MEASUREMENT:
+            self._divide(topic, number)
         if stamp is None:
             self._take_unstamped(topic, data)
             return True
@@ -199,6 +217,8 @@ class LiveRecording:
     def publishers(self) -> list[Publisher]:
         """Return who published what, as far as it is known."""
         found: list[Publisher] = []
+        if self._source is not None and self.count.samples:
+            found += self._source.result(topics.MEASUREMENT.name)
         for division in self._divisions.values():
             found += division.result()
         return found
@@ -236,13 +256,18 @@ class LiveRecording:
         self.surplus_commands += answered <= self._answered
         self._answered = max(answered, self._answered)
 
-    def _count(self, data: bytes) -> bool:
+    def _whose(self, data: bytes, number: int | None) -> Literal["own", "other", "again"]:
+        """Count a sample if it is the run's own; return whose it is."""
         try:
             stamp, sequence, *_ = wire.MEASUREMENT.unpack(data)
-            self.stalls.add(stamp, sequence)
-            return self.count.add(sequence)
         except ValueError:  # of another frame: recorded, but not counted
-            return True
+            return "own"
+        if self._source is not None:
+            whose = self._source.of(number, sequence)
+            if whose != "own":
+                return whose
+        self.stalls.add(stamp, sequence)
+        return "own" if self.count.add(sequence) else "again"
 
     def _take_unstamped(self, topic: Topic, data: bytes) -> None:
         if self._now is None:

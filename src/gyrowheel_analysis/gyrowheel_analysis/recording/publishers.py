@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Final
+from typing import Final, Literal
 
 from gyrowheel_core import topics
 from gyrowheel_core.errors import InputError
@@ -108,6 +108,73 @@ class Division:
     def _free(self, known: Sequence[str] | Mapping[str, str]) -> list[str]:
         taken = {series.gid for series in self._series}
         return [gid for gid in known if gid not in taken]
+
+
+class Source:
+    """Tells the samples of the run that is recorded from those of anybody else who publishes samples.
+
+    A run is told by its first sample. Its publisher counts its messages and the samples alike, so that the two numbers
+    go on together; what another one sends does not fit. As long as nobody else was seen, every sample is its own.
+
+    Parameters
+    ----------
+    look : callable
+        Returns the publishers that the topic has had: pairs of GID and node.
+    present : callable
+        Returns the GIDs of those that are there now.
+    """
+
+    def __init__(
+        self, look: Callable[[], Sequence[tuple[str, str]]], present: Callable[[], Collection[str]]
+    ) -> None:
+        self._look, self._present = look, present
+        self._last: tuple[int, int] | None = None  # number and sequence of its last sample
+        self._gid = ""  # of its publisher; empty where there were several from the beginning
+        self._count = 0
+        self._unknown = False  # whose some of the messages are
+
+    def of(self, number: int | None, sequence: int) -> Literal["own", "other", "again"]:
+        """Return whose a sample is: the run's own, of somebody else, or the first one of another run.
+
+        Parameters
+        ----------
+        number : int or None
+            Which message of its publisher it is; None where that is not known: then every sample is its own.
+        sequence : int
+            The sequence number of the sample.
+        """
+        if number is None:
+            self._unknown = True
+            return "own"
+        if self._last is None:
+            known = self._look()
+            self._gid = known[0][0] if len(known) == 1 else ""
+        elif not self._goes_on(number, sequence):
+            if len(self._look()) > 1:
+                there = self._present()
+                gone = self._gid not in there if self._gid else len(there) < 2
+                return "again" if sequence == 0 and gone else "other"
+            if sequence == 0:
+                return "again"
+        elif sequence == 0:
+            return "again"
+        self._last = number, sequence
+        self._count += 1
+        return "own"
+
+    def result(self, topic: str) -> list[Publisher]:
+        """Return the publishers; all messages in the recording are those of the run's own."""
+        known = dict(self._look())
+        told = not self._unknown and (self._gid in known or len(known) == 1)
+        own = self._gid if self._gid in known else next(iter(known), "")
+        counts = {gid: self._count if gid == own else 0 for gid in known}
+        return [Publisher(topic, gid, node, counts[gid] if told else None) for gid, node in known.items()]
+
+    def _goes_on(self, number: int, sequence: int) -> bool:
+        """Whether a sample follows the last one by its numbers, be it that some between them were lost."""
+        assert self._last is not None
+        later = number - self._last[0]
+        return later == 1 or (later > 1 and sequence - self._last[1] == later)
 
 
 def to_text(publishers: Sequence[Publisher]) -> str:
