@@ -13,16 +13,24 @@ from gyrowheel.campaigns.cases import Case
 from gyrowheel.campaigns.job import run_case
 from gyrowheel.campaigns.judge import Judged
 from gyrowheel_core.errors import InputError, one_line
-from gyrowheel_core.processes import die_with_parent
+from gyrowheel_core.processes import die_with_parent, hindrance
 
 _CONNECT = 20.0  # s
 
 
 def cores() -> int:
     """Return the number of cases that this machine can run at a time."""
+    if hindrance():
+        return 1
     import joblib
 
     return int(joblib.cpu_count())
+
+
+def one_at_a_time() -> str:
+    """Return in a line that this machine can run one case at a time only, and why; empty where it is not so."""
+    why = hindrance()
+    return f"one case at a time: {why}" if why else ""
 
 
 def check_jobs(jobs: int) -> None:
@@ -31,10 +39,12 @@ def check_jobs(jobs: int) -> None:
     Raises
     ------
     InputError
-        If it is less than one.
+        If it is less than one, or more where several processes cannot work together.
     """
     if jobs < 1:
         raise InputError(f"jobs: {jobs} is out of range; allowed: >= 1")
+    if jobs > 1 and (why := hindrance()):
+        raise InputError(f"jobs: {jobs} is out of range; allowed: 1, since {why}")
 
 
 @contextlib.contextmanager

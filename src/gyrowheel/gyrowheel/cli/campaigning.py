@@ -125,6 +125,7 @@ def campaign(
     """
     from gyrowheel.campaigns.run import campaign as run
     from gyrowheel.campaigns.run import settings_of
+    from gyrowheel.campaigns.workers import one_at_a_time
     from gyrowheel.text.campaign import campaign_page, case_line
 
     folder = place_of(output, resume, "campaign")
@@ -145,6 +146,8 @@ def campaign(
     if resume is not None:
         settings = merged(context, settings, settings_of(resume))
     others = {"jobs": jobs, "dask": dask, "keep": keep, "list": list_file, "json": json}
+    if jobs is None and dask is None and (why := one_at_a_time()):
+        notes().print(why, soft_wrap=True)
     again = going_on_command("campaign", folder, others)
     with going_on(again) as begun, _counting() as (count, say):
 

@@ -5,13 +5,15 @@ from __future__ import annotations
 import contextlib
 import math
 import os
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from gyrowheel_core.errors import InputError, one_line
 from gyrowheel_core.locks import alone_in
-from gyrowheel_core.processes import die_with_parent
+from gyrowheel_core.processes import die_with_parent, hindrance
 from gyrowheel_sim.air.cfd import openfoam
 from gyrowheel_sim.air.cfd.case import Case, Result, finished, run_case
 from gyrowheel_sim.air.cfd.mesh import MESHES
@@ -211,7 +213,12 @@ RunAll = Callable[[Sequence[Step], Path], Iterator[tuple[Case, "Result | str"]]]
 
 @contextlib.contextmanager
 def _workers(jobs: int, dask: str | None) -> Iterator[RunAll]:
-    import joblib
+    # threads do where processes cannot: the work is OpenFOAM's
+    threads = dask is None and bool(hindrance())
+    with warnings.catch_warnings():
+        if threads:  # told by joblib
+            warnings.simplefilter("ignore")
+        import joblib
 
     with contextlib.ExitStack() as stack:
         if dask is not None:
@@ -221,7 +228,9 @@ def _workers(jobs: int, dask: str | None) -> Iterator[RunAll]:
             if not steps:
                 return iter(())
             kind = "generator_unordered"
-            pool = joblib.Parallel(return_as=kind, batch_size=1, **({} if dask else {"n_jobs": jobs}))
+            how: dict[str, Any] = {} if dask else {"n_jobs": jobs}
+            how |= {"backend": "threading"} if threads else {}
+            pool = joblib.Parallel(return_as=kind, batch_size=1, **how)
             sweeper = None if dask else os.getpid()
             return iter(pool(joblib.delayed(_one)(step, root, sweeper) for step in steps))
 
