@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from pathlib import Path
 
 import pytest
@@ -62,6 +63,26 @@ def test_damaged_settings_are_named(tmp_path: Path, text: str):
     (tmp_path / SETTINGS).write_text(text)
     with pytest.raises(InputError, match=SETTINGS), journal(tmp_path, WORK, resume=True):
         pass
+
+
+def test_settings_that_somebody_edited_are_not_gone_on_with(tmp_path: Path):
+    with journal(tmp_path, WORK) as kept:
+        kept.finish("one", 1)
+    settings = tmp_path / SETTINGS
+    settings.write_text(settings.read_text().replace('"seed": 3', '"seed": "3"'))
+    with pytest.raises(
+        InputError, match=r"settings\.json: was edited or damaged since the campaign was begun"
+    ):
+        begun(tmp_path, "campaign")
+
+
+def test_a_pipe_or_a_text_without_end_is_no_finished_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("gyrowheel_core.files.LONGEST_TEXT", 1000)
+    with journal(tmp_path, WORK) as kept:
+        kept.finish("one", 1)
+        os.mkfifo(tmp_path / FINISHED / "two.json")
+        (tmp_path / FINISHED / "three.json").symlink_to("/dev/zero")
+        assert kept.finished() == {"one": 1}
 
 
 @pytest.mark.parametrize("text", ["", "[]", "null", "[" * 100_000, '{"of": 1, "content": 2}', "\udcff"])

@@ -1,16 +1,20 @@
 """Files that several processes change: one after another, and a killed one hinders nobody."""
 
+import errno
+import fcntl
 import os
 import signal
 import subprocess
 import sys
 import textwrap
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import pytest
 
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.locks import changing
+from gyrowheel_core.locks import alone_in, changing
 
 _ADDS = """
     import sys
@@ -75,3 +79,32 @@ def test_missing_folder_stays_missing(tmp_path: Path) -> None:
     with changing(tmp_path / "no" / "such" / "file"):
         assert not (tmp_path / "no").exists()
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("lock", [changing, lambda path: alone_in(path.parent, "campaign")])
+def test_a_file_system_without_locks_and_a_lock_of_another_user(
+    lock: Callable[[Path], AbstractContextManager[None]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither keeps anybody from changing the file; what a killed process of another user left is locked as it is."""
+    file = tmp_path / "wheel.yaml"
+    opened = os.open
+
+    def refused(path: Path, flags: int, *mode: int) -> int:
+        if flags & os.O_RDWR:
+            raise PermissionError(errno.EACCES, "Permission denied")
+        return opened(path, flags, *mode)
+
+    for left in (".lock", ".wheel.yaml.lock"):
+        (tmp_path / left).touch()
+    with monkeypatch.context() as other:
+        other.setattr(os, "open", refused)
+        with lock(file):
+            pass
+
+    def without_locks(descriptor: int, how: int) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(fcntl, "flock", without_locks)
+    with lock(file):
+        pass
+    assert len(list(tmp_path.iterdir())) <= 1  # that of the other kind

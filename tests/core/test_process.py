@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import BenchNode, ExitCode, StopSignals, prepare_environment, run_node
 from gyrowheel_core.node.priority import raise_priority
 
@@ -93,3 +94,11 @@ def test_a_priority_that_the_system_refuses_is_said(monkeypatch: pytest.MonkeyPa
 
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
     assert not raise_priority(10)
+
+
+@pytest.mark.parametrize("domain", ["abc", "-1", "233", "9" * 400, "٣", "1.0"])
+def test_a_domain_that_is_none(domain: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The middleware would end the process, with the exit code of a finding."""
+    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
+    with pytest.raises(InputError, match=r"^ROS_DOMAIN_ID: .* is not allowed; allowed: 0 \.\. 232$"):
+        prepare_environment()

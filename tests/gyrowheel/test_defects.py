@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 import typer
 
-from gyrowheel.cli.shell import BAD_INPUT, DEFECT, run
+from gyrowheel.cli.shell import BAD_INPUT, DEFECT, _console, run
 
 _SECRET = "prototype-of-a-customer"
 
@@ -102,3 +102,42 @@ def test_signals_leave_nothing_behind(number: signal.Signals, tmp_path: Path) ->
     process.send_signal(number)
     assert process.wait(240) == 128 + number
     assert not list(tmp_path.iterdir())
+
+
+_STREAMS = """
+    import os, sys
+    import typer
+    from gyrowheel.cli.shell import out, put_json, run
+
+    app = typer.Typer()
+
+    @app.command()
+    def verb(how: str) -> None:
+        with open(sys.argv[2], "wb") as file:
+            assert file.fileno() > 2
+        for _ in range(100_000 if how != "once" else 1):
+            put_json("-", {"line": 1}) if how == "json" else out().print("line")
+
+    sys.exit(run(app, sys.argv[1:2]))
+"""
+
+
+def test_streams_that_are_closed_and_readers_that_leave(tmp_path: Path) -> None:
+    """No file takes the place of a closed stream; a reader that has had enough is no finding, and no success."""
+    script = tmp_path / "verb.py"
+    script.write_text(textwrap.dedent(_STREAMS))
+    command = f"{sys.executable} {script}"
+    for way, code in (
+        (f"{command} once {tmp_path}/a >&-", 0),
+        (f"{command} once {tmp_path}/a <&- >&- 2>&-", 0),
+        (f"{command} text {tmp_path}/a | head -1; exit ${{PIPESTATUS[0]}}", 141),
+        (f"{command} json {tmp_path}/a | head -1; exit ${{PIPESTATUS[0]}}", 141),
+    ):
+        done = subprocess.run(["bash", "-c", way], capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stderr) == (code, ""), way
+
+
+@pytest.mark.parametrize("columns", ["0", "1"])
+def test_a_terminal_without_columns_loses_nothing(columns: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", columns)
+    assert _console(stderr=False).width >= 40

@@ -40,6 +40,8 @@ class Work(Section):
         Digests of the files that `settings` names.
     versions : dict of str to str
         Versions of the code and of all that it uses.
+    sum : str
+        Digest of all of this; what somebody has edited since was not begun.
     """
 
     schema_: Literal[1] = Field(default=1, alias="schema")
@@ -47,10 +49,12 @@ class Work(Section):
     settings: dict[str, Any]
     contents: dict[str, str] = Field(default_factory=dict)
     versions: dict[str, str] = Field(default_factory=dict)
+    sum: str = ""
 
     def text(self) -> str:
         """Return the text of the file."""
-        return json_text(self.model_dump(by_alias=True))
+        content = self.model_dump(by_alias=True, exclude={"sum"})
+        return json_text(content | {"sum": digest(json_text(content))})
 
 
 @dataclass(frozen=True)
@@ -86,8 +90,8 @@ class Journal:
         """
         found = {}
         for path in sorted((self.folder / FINISHED).glob("[!.]*.json")):
-            with contextlib.suppress(OSError, ValueError, RecursionError):
-                part = json.loads(path.read_text(encoding="utf-8"))
+            with contextlib.suppress(InputError):
+                part = read_json(path)
                 if isinstance(part, dict) and part.get("of") == self.identity and "content" in part:
                     found[path.stem] = part["content"]
         return found
@@ -99,7 +103,7 @@ def begun(folder: Path, kind: str) -> Work:
     Raises
     ------
     InputError
-        If there is nothing, or it is of another kind.
+        If there is nothing, it is of another kind, or it is not what was written.
     """
     file = folder / SETTINGS
     if not file.is_file():
@@ -107,7 +111,11 @@ def begun(folder: Path, kind: str) -> Work:
     found = check(Work, read_json(file), str(file), kind=f"settings of {with_article(kind)}")
     if found.kind != kind:
         raise InputError(f"{folder}: holds {with_article(found.kind[:_LONGEST])}, not {with_article(kind)}")
-    return found
+    if json.loads(found.text())["sum"] != found.sum:
+        raise InputError(
+            f"{file}: was edited or damaged since the {kind} was begun; begin another one in a new folder"
+        )
+    return found.model_copy(update={"sum": ""})
 
 
 def begin(folder: Path, work: Work) -> None:

@@ -28,7 +28,7 @@ def changing(
 
     The lock is a file beside it, ``.NAME.lock``, which goes when the block ends. It is held by the process and not by
     the file: one that a killed process left behind hinders nobody. A block within a block on the same file takes no
-    lock.
+    lock. Where the file system has no locks, nobody is kept: what is written has to be compared with what was read.
 
     Parameters
     ----------
@@ -84,12 +84,10 @@ def alone_in(folder: Path, what: str) -> Iterator[None]:
     place = folder / ".lock"
     while True:
         with disk_errors(folder):
-            opened = os.open(place, os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
-        try:
-            fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+            opened = _opened(place)
+        if not _locked(opened):
             os.close(opened)
-            raise InputError(f"{folder}: another {what} works in this folder") from None
+            raise InputError(f"{folder}: another {what} works in this folder")
         if _is_at(opened, place):
             break
         os.close(opened)  # of one that has just ended
@@ -107,25 +105,46 @@ def _held(place: Path, file: Path, wait: float, waiting: Callable[[str], None] |
     told = False
     while True:
         with disk_errors(file):
-            opened = os.open(place, os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
+            opened = _opened(place)
         try:
-            fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            if _is_at(opened, place):
-                return opened
-        except BlockingIOError:
+            if _locked(opened):
+                if _is_at(opened, place):
+                    held, opened = opened, -1
+                    return held
+                continue
             if time.monotonic() > end:
-                os.close(opened)
                 raise InputError(
                     f"{file}: another process has been changing it for {wait:.0f} s; nothing was changed"
-                ) from None
+                )
             if waiting is not None and not told:
                 waiting(f"waiting: another process changes {file}")
                 told = True
             time.sleep(_PAUSE)
-        except BaseException:
-            os.close(opened)
+        finally:
+            if opened >= 0:
+                os.close(opened)
+
+
+def _opened(place: Path) -> int:
+    """Return a descriptor of a lock file; one that another user has left behind can be locked without writing to it."""
+    flags = os.O_NOFOLLOW | os.O_CLOEXEC | os.O_NONBLOCK
+    try:
+        return os.open(place, flags | os.O_CREAT | os.O_RDWR, 0o666)
+    except PermissionError:
+        if not place.exists():
             raise
-        os.close(opened)
+        return os.open(place, flags | os.O_RDONLY)
+
+
+def _locked(opened: int) -> bool:
+    """Lock a descriptor; False if another process holds the lock. Where the file system has no locks, nobody does."""
+    try:
+        fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        return True
+    return True
 
 
 def _is_at(opened: int, place: Path) -> bool:

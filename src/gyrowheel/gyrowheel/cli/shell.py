@@ -21,10 +21,13 @@ if TYPE_CHECKING:
 
 
 OK, FINDING, BAD_INPUT, NODE_FAILED, DEFECT, INTERRUPTED = 0, 1, 2, 3, 70, 130
+#: Nobody reads the output any more: as of a process that SIGPIPE ended, so that no script takes it for a result.
+CUT_OFF = 141
 
 #: How limits of values, and kinds of numbers, are told.
 _LIMITS = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
 _NUMBERS = {"int": "whole numbers", "float": "numbers"}
+_NARROWEST, _WIDEST = 40, 110  # lines [characters]
 _TRAILING = re.compile(r" +$", re.MULTILINE)
 
 #: A line about what is being done.
@@ -36,6 +39,7 @@ Fraction = Callable[[float], None]
 def run(app: typer.Typer, arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code; errors of the user become one line on stderr."""
     given = list(sys.argv[1:] if arguments is None else arguments)
+    _open_standard_streams()
     try:
         _refuse_empty(given)
         result = app(args=given or ["--help"], prog_name="gyrowheel", standalone_mode=False)
@@ -51,11 +55,33 @@ def run(app: typer.Typer, arguments: Sequence[str] | None = None) -> int:
         sys.stderr.write("interrupted\n")
         return INTERRUPTED
     except BrokenPipeError:
-        # whoever read the output has had enough; what is left in the buffer has nowhere to go
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return OK
+        return _cut_off()
+    except SystemExit as end:
+        if isinstance(end.__context__, BrokenPipeError):  # rich and typer end with 1, which is a finding
+            return _cut_off()
+        raise
     except Exception as error:
         return _failed(error)
+
+
+def _cut_off() -> int:
+    """Whoever read the output has had enough: what is left in the buffer has nowhere to go."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    return CUT_OFF
+
+
+def _open_standard_streams() -> None:
+    """Open those that are closed: else the next file takes the place of one, and what is printed goes into it."""
+    for number, name, way in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
+        with contextlib.suppress(OSError):
+            os.fstat(number)
+            continue
+        opened = os.open(os.devnull, os.O_RDWR)
+        if opened != number:
+            os.dup2(opened, number)
+            os.close(opened)
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(number, way, closefd=False))  # noqa: SIM115
 
 
 def _failed(error: Exception) -> int:
@@ -267,6 +293,6 @@ def _console(*, stderr: bool) -> Console:
     trimmed = _Trimmed(stderr=stderr)
     file = None if trimmed.isatty() else cast(IO[str], trimmed)
     console = Console(file=file, stderr=stderr, highlight=False, markup=False, emoji=False)
-    if console.width > 110:  # long lines are hard to read
-        console.width = 110
+    # long lines are hard to read, and tables without room lose what they hold
+    console.width = min(max(console.width, _NARROWEST), _WIDEST)
     return console

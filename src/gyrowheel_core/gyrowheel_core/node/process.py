@@ -23,6 +23,8 @@ from gyrowheel_core.errors import InputError, one_line
 from gyrowheel_core.node.base import BenchNode, Fault
 from gyrowheel_core.node.parameters import AUTOSTART
 
+_LAST_DOMAIN = 232  # beyond it there are no ports
+
 
 class ExitCode(enum.IntEnum):
     """Exit codes of a node's process."""
@@ -37,7 +39,15 @@ def prepare_environment() -> None:
     """Set what the middleware reads from the environment, unless the user has set it; before `rclpy.init`.
 
     Discovery stays on this computer, with the settings of ``config/fastdds.xml``.
+
+    Raises
+    ------
+    InputError
+        If ``ROS_DOMAIN_ID`` is no domain: the middleware would end the process.
     """
+    domain = os.environ.get("ROS_DOMAIN_ID", "")
+    if domain and not (domain.isascii() and domain.isdigit() and int(domain[:9]) <= _LAST_DOMAIN):
+        raise InputError(f"ROS_DOMAIN_ID: {domain[:40]!r} is not allowed; allowed: 0 .. {_LAST_DOMAIN}")
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     if os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST":
         profiles = resources.files("gyrowheel_core").joinpath("config/fastdds.xml")
