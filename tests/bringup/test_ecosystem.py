@@ -348,7 +348,10 @@ def test_colcon_builds_the_packages_finds_their_tests_and_their_nodes_run(tmp_pa
     assert built.returncode == 0, built.stdout[-2000:] + built.stderr[-4000:]
     assert f"{len(ours)} packages finished" in built.stdout
     ran = workspace.run_tests(
-        tmp_path, packages=["gyrowheel_core"], skip=["gyrowheel_msgs"], options=["-k", "units"]
+        tmp_path,
+        packages=["gyrowheel_core"],
+        skip=["gyrowheel_msgs"],
+        options=["-o", "python_files=test_units.py"],
     )
     assert ran["gyrowheel_core"][0] > 5
     assert ran["gyrowheel_core"][1] == 0

@@ -101,7 +101,7 @@ def diagnoses(directory: Path, name: str) -> list[dict[str, str]]:
     return found
 
 
-@pytest.mark.parametrize("node", ["controller", "plant"])
+@pytest.mark.parametrize("node", ["controller", pytest.param("plant", marks=pytest.mark.study)])
 def test_a_killed_node_is_named(node: str, tmp_path: Path, watched: Watched):
     directory = tmp_path / "recording"
     with (
@@ -225,6 +225,7 @@ def fails(
     return caught.value
 
 
+@pytest.mark.study  # test_nodes.py shows it of the plant alone
 def test_a_command_that_is_not_finite_ends_lock_step(tmp_path: Path, watched: Watched):
     error = fails(
         lambda count, raw: [with_voltages(raw, math.nan, 0.0, 5.0) if count == 1500 else raw],
@@ -302,6 +303,7 @@ def test_an_estimator_that_starts_late_joins(
     assert set(Recording.open(directory).drag_estimate["segment"]) >= {1}
 
 
+@pytest.mark.study  # graphs of tests that run at the same time show it, too
 def test_two_graphs_on_two_domains_do_not_meet(tmp_path: Path, watched: Watched):
     errors: list[BaseException] = []
 

@@ -162,7 +162,7 @@ def test_sequences_stay_within_the_bench() -> None:
 # three cases of the many that `python -m benchmarks.independent` tries; each draws machine, noise, controller and sizes
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_nothing_hidden_and_nothing_found() -> None:
     case = solve(70, 2, "short", "none")
     assert case.verdict == "nothing_missing"
@@ -177,7 +177,7 @@ def test_one_effect_is_found() -> None:
     assert case.good, case
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_two_effects_are_found() -> None:
     case = solve(70, 4, "short", "pair")
     assert case.detectable
