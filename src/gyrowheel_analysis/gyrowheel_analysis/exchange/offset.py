@@ -15,13 +15,11 @@ from gyrowheel_sim.bench import Bench
 
 Array = NDArray[np.float64]
 
-#: Pairs of readings that follow each other closely, the clearest first.
-_ALIKE: Final = (
-    ("spin_rate", "motor_voltage"),
+#: A motion and what drives it: the rate of the one follows the other, as the laws of the wheel say.
+_DRIVEN: Final = (
+    ("spin_rate", "motor_current"),
     ("tilt_x", "coil_voltage_y"),
     ("tilt_y", "coil_voltage_x"),
-    ("tilt_x", "coil_voltage_x"),
-    ("tilt_y", "coil_voltage_y"),
 )
 _STEP: Final = 2e-3  # s
 _FARTHEST: Final = 60.0  # s
@@ -50,7 +48,7 @@ def clock_offset(
         None where no pair of readings on the two clocks is alike.
     """
     best: tuple[float, float, float] | None = None
-    for pair in _ALIKE:
+    for pair in _DRIVEN:
         if not all(name in found for name in pair):
             continue
         sides = {bool(found[name].clock == clock): name for name in pair}
@@ -59,7 +57,7 @@ def clock_offset(
         there, here = (_series(found, grid, sides[side]) for side in (True, False))
         if there is None or here is None:
             continue
-        match = _match(here, there)
+        match = _match(here, there, moves=sides[False] == pair[0])
         if match is not None and (best is None or match[2] > best[2]):
             best = match
     return None if best is None or best[2] < _LEAST else (best[0], best[1])
@@ -77,13 +75,18 @@ def _series(found: Mapping[str, Any], grid: Grid, name: str) -> tuple[Array, Arr
     return (times[known], values[known]) if known.sum() > 100 else None
 
 
-def _match(here: tuple[Array, Array], there: tuple[Array, Array]) -> tuple[float, float, float] | None:
-    """Return the offset at which two series resemble each other most, its error, and their correlation there."""
+def _match(
+    here: tuple[Array, Array], there: tuple[Array, Array], *, moves: bool
+) -> tuple[float, float, float] | None:
+    """Return the offset at which two series resemble each other most, its error, and their correlation there.
+
+    `moves` is whether the first one is the motion, whose rate counts.
+    """
     begin, end = min(here[0][0], there[0][0]), max(here[0][-1], there[0][-1])
     grid = np.arange(begin, end, _STEP)
     if not 500 <= len(grid) <= 4_000_000:
         return None
-    one, other = (_changes(grid, *series) for series in (here, there))
+    one, other = _smoothed(grid, *here, rate=moves), _smoothed(grid, *there, rate=not moves)
     size = 1 << (2 * len(grid) - 1).bit_length()
     product = np.fft.irfft(np.fft.rfft(one, size) * np.conj(np.fft.rfft(other, size)), size)
     most = min(round(_FARTHEST / _STEP), len(grid) - 1)
@@ -103,11 +106,11 @@ def _match(here: tuple[Array, Array], there: tuple[Array, Array]) -> tuple[float
     return float(lags[k] + shift) * _STEP, min(max(error, 0.1 * _STEP), 0.1), correlation
 
 
-def _changes(grid: Array, times: Array, values: Array) -> Array:
-    """Return how values change over a tenth of a second, on a grid; zero where there are none."""
+def _smoothed(grid: Array, times: Array, values: Array, *, rate: bool) -> Array:
+    """Return values, or their rate, averaged over a tenth of a second, on a grid; zero where there are none."""
     width = round(0.1 / _STEP)
-    even = np.interp(grid, times, values)
-    smooth = np.convolve(even, np.ones(width) / width, mode="same")
-    changes = np.gradient(smooth)
-    changes[(grid < times[0] + 0.1) | (grid > times[-1] - 0.1)] = 0.0
-    return np.asarray(changes - changes.mean())
+    smooth = np.convolve(np.interp(grid, times, values), np.ones(width) / width, mode="same")
+    result = np.gradient(smooth) if rate else smooth
+    inside = (grid > times[0] + 0.1) & (grid < times[-1] - 0.1)
+    result = result - np.mean(result[inside]) if inside.any() else result
+    return np.where(inside, result, 0.0)

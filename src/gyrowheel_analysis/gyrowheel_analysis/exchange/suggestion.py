@@ -257,7 +257,11 @@ def suggest(file: str | Path, bench: Bench, *, bench_name: str = "", grid: Grid 
                 recording, remarks = _tried(path, content, bench, content_grid)
             except InputError as error:
                 said = str(error).replace(f"{path}: ", "")
-                problems.append(Problem(f"{said}.", "Correct the map there, or the table."))
+                known = [own.column for own in found.values() if f"'{own.column}'" in said]
+                if not any(
+                    problem.asks and f"'{name}'" in problem.what for name in known for problem in problems
+                ):
+                    problems.append(Problem(f"{said}.", "Correct the map there, or the table."))
                 break
             setups = tuple(wrong_setups([_complete(recording, bench)], bench))
             changed = _mended(found, setups)
@@ -315,9 +319,7 @@ def _assigned(grid: Grid, bench: Bench, problems: list[Problem]) -> dict[str, Pr
     if TIME in found:  # those with a clock of their own
         own = found[TIME].column
         for key, item in found.items():
-            clock = grid.columns[item.column].clock
-            if not clock and len(grid.columns[item.column].values) != len(grid.columns[own].values):
-                clock = _clock_for(grid, item.column, own)
+            clock = grid.columns[item.column].clock or _clock_for(grid, item.column, own)
             found[key] = replace(item, clock=clock if clock != own else "")
     return {name: found[name] for name in (*UNITS, SEQUENCE) if name in found}
 
@@ -372,18 +374,24 @@ def _time_by_values(
 
 
 def _clock_for(grid: Grid, column: str, usual: str) -> str:
-    """Return the column with the times of a column that has other rows than the usual clock."""
-    rows = len(grid.columns[column].values)
-    folder = column.rpartition("/")[0] or column.rpartition(".")[0]
+    """Return the column with the times of a column: the one beside it in its folder, or one of as many rows."""
+    rows, here = len(grid.columns[column].values), _folder(column)
+    if column == usual or (rows == len(grid.columns[usual].values) and here == _folder(usual)):
+        return ""
     like = [
         name
         for name, own in grid.columns.items()
-        if name not in (usual, column)
+        if name != column
         and len(own.values) == rows
-        and TIME in named(name.rpartition("/")[2], own.unit).fields
+        and TIME in named(name[len(_folder(name)) :], own.unit).fields
     ]
-    like.sort(key=lambda name: (not name.startswith(folder), len(name)))
-    return like[0] if like else ""
+    like = [name for name in like if _folder(name) == here] or [name for name in like if name != usual]
+    return "" if usual in like or not like else min(like, key=len)
+
+
+def _folder(column: str) -> str:
+    """Return the path before the name of a column."""
+    return column[: max(column.rfind("/"), column.rfind(".")) + 1]
 
 
 def _proposed(
@@ -628,10 +636,12 @@ def _questions(found: Mapping[str, Proposal], problems: list[Problem], bench: Be
         if not low <= size <= high:
             other = _guessed(own.field, values, bench)
             cure = f"Is it in {other}? Set `unit: {other}`." if other else "Check unit, scale and column."
+            is_si = own.unit == UNITS[own.field]
             problems.append(
                 Problem(
-                    f"{own.field}: '{own.column}' reaches {np.max(np.abs(values)):.4g} {own.unit}, which is "
-                    f"{size:.4g} {UNITS[own.field]}; usual on the bench {bench.name}: {low:.3g} .. {high:.3g}.",
+                    f"{own.field}: '{own.column}' reaches {np.percentile(np.abs(values), 99.9):.4g} {own.unit}"
+                    f"{'' if is_si else f', which is {size:.4g} {UNITS[own.field]}'}; usual on the "
+                    f"bench {bench.name}: {low:.3g} .. {high:.3g} {UNITS[own.field]}.",
                     cure,
                 )
             )

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.derived import completed, in_words
+from gyrowheel_analysis.reduction.instants import even_times
 from gyrowheel_analysis.reduction.samples import Array, Samples
 from gyrowheel_analysis.reduction.taper import taper
 from gyrowheel_core.readings import READINGS, Readings
@@ -71,6 +72,9 @@ def readable(data: Samples, bench: Bench) -> tuple[Samples, Array, tuple[str, ..
     finite = np.isfinite(data.readings.array)
     if finite.all():
         return data, np.zeros(0), ()
+    if "spin_angle" in data.absent:
+        # what is summed up from the speed says nothing of the instants: jitter counts as that of the stamps
+        data = replace(data, time=even_times(data.time, data.period(bench.sample_period)))
     readings, assumed = completed(data.time, data.readings, data.absent, bench).copy(), []
     for name in NEEDED:
         if name in data.absent and not np.isfinite(readings[name]).any():

@@ -102,9 +102,10 @@ def look(data: Samples, windows: Windows, bench: Bench) -> Shown:
     bench : Bench
         The bench as stated.
     """
-    stamps = (
-        None if data.sequence is None else read_stamps(data, data.sequence, data.period(bench.sample_period))
-    )
+    period = data.period(bench.sample_period)
+    stamps = None if data.sequence is None else read_stamps(data, data.sequence, period)
+    if stamps is not None and period != bench.sample_period:
+        stamps = replace(stamps, stated=stamps.period)  # nothing states the rate of another logger
     if not len(windows):
         return Shown(stamps=stamps)
     if data.absent:
