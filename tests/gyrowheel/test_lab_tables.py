@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 import gyrowheel as gw
+import gyrowheel_sim
 from gyrowheel_analysis.recording import Recording
 
 from . import lab_tables as lab
@@ -94,6 +96,21 @@ def test_what_averages_show_is_found_without_an_angle(measurement: Any, tmp_path
     # drag without its phase may be that of the bearing, too; it is said, not hidden
     assert said["verdict"] in ("effect", "ambiguous")
     assert [own["name"] for own in said["effects"]] == [HIDDEN]
+
+
+def test_a_rig_of_5_khz(tmp_path: Path) -> None:
+    """The loop of another rig runs at 5 kHz, and the one who reads its table has the usual bench."""
+    text = (Path(gyrowheel_sim.__file__).parent / "config" / "bench.yaml").read_text(encoding="utf-8")
+    found_there = re.findall(r"sample_period: \{value: [0-9.e-]+", text)
+    assert len(found_there) == 1
+    (tmp_path / "fast.yaml").write_text(
+        text.replace(found_there[0], "sample_period: {value: 2.0e-4"), encoding="utf-8"
+    )
+    fast = gw.simulate("check", effects={HIDDEN: {}}, machine=6, bench=tmp_path / "fast.yaml")
+    columns, units = lab.lab_columns(fast.data.measurement)
+    recording = gw.read_table(lab.write_text(tmp_path / "fast.csv", columns, units))
+    assert np.median(np.diff(recording.data.measurement["stamp_ns"])) == pytest.approx(200_000, abs=100)
+    found(recording)
 
 
 @pytest.mark.parametrize("ros1", [False, True], ids=["ROS 2", "ROS 1"])

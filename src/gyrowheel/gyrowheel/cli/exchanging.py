@@ -136,7 +136,9 @@ def _suggest(
         put_text(suggestion_page(found))
         if output is not None:
             out().print(f"map: {output}", soft_wrap=True)
-            put_text([command(f"gyrowheel import {file} --map {output} -o runs/{file.name.partition('.')[0]}")])
+            put_text(
+                [command(f"gyrowheel import {file} --map {output} -o runs/{file.name.partition('.')[0]}")]
+            )
     put_picture(picture, found.plot, quiet=json == "-")
 
 
