@@ -20,9 +20,12 @@ from gyrowheel.workbench import gate, pictures
 from gyrowheel.workbench.bench import SimulatedBench
 from gyrowheel.workbench.decimation import Envelope
 from gyrowheel.workbench.desk import Desk
+from gyrowheel.workbench.live import LiveBench
 from gyrowheel.workbench.server import Server
 from gyrowheel.workbench.shelf import Shelf
+from gyrowheel_core import topics, wire
 
+from ..domains import next_domain
 from .conftest import Wheel
 from .helpers import Shell, write
 
@@ -304,6 +307,57 @@ def test_a_test_runs_on_the_machine_of_the_recordings_and_is_joined(
     desk.wait(240.0)
     assert not (tmp_path / "check-hold-s-0-5-2").exists()
     assert len(desk.opened) == 2
+
+
+def test_a_running_bench_appears_and_its_holds_arrive(wheel: Wheel, monkeypatch: pytest.MonkeyPatch) -> None:
+    rclpy = pytest.importorskip("rclpy", reason="ROS is not installed")
+    from rclpy.context import Context
+
+    (holds,) = gw.drag(wheel.recording, gw.Model.load(wheel.model)).holds
+    domain = next_domain()
+    desk = Desk(Shelf([wheel.recording.parent]), gw.Model.load(wheel.model), wheel.model)
+    desk.live = LiveBench(desk.heard, domain)
+    context = Context()
+    rclpy.init(context=context, domain_id=domain)
+    bench = rclpy.create_node("bench", context=context)
+    try:
+        with Server(desk, port=0) as server, desk.live as live:
+            assert json.loads(ask(server, "/state")[1])["live"] is None
+            estimates, setpoints = (
+                bench.create_publisher(topic.message_class, topic.name, topic.qos)
+                for topic in (topics.DRAG_ESTIMATE, topics.SETPOINT)
+            )
+            heard = threading.Event()
+            desk.watch(heard.set)
+            # it may join late, so it is said until it is heard
+            said = wire.SETPOINT.pack(holds[0].stamp_ns, 3, 1, 0.05, 0.0, 0.0, 0.0, 366.5, 0.0)
+            for _ in range(1200):
+                setpoints.publish(said)
+                if heard.wait(0.2):
+                    break
+            for _ in range(1200):
+                estimates.publish(holds[0].serialized())
+                heard.clear()
+                if heard.wait(0.2) and live.running is not None and live.running.holds:
+                    break
+            for estimate in holds[1:]:
+                estimates.publish(estimate.serialized())
+            for _ in range(1200):
+                if live.running is not None and len(live.running.holds) == len(holds):
+                    break
+                heard.clear()
+                heard.wait(0.2)
+            state, found = (json.loads(ask(server, path)[1]) for path in ("/state", "/found"))
+            assert f"{len(holds)} holds; segment 3, hold: tilt 2.9, 0.0 °, 3500 rpm" in state["live"]
+            assert "running bench" in state["parts"]["recordings"]
+            own = found["holds"]["live"]
+            assert own["hold"] == [e.segment for e in holds]
+            assert own["actuators"][2]["torque"]["predicted"] == pytest.approx(
+                [1e3 * e.simulated_torque[2] for e in holds]
+            )
+    finally:
+        bench.destroy_node()
+        context.try_shutdown()
 
 
 def test_help_explains_and_every_effect_has_a_page(server: Server) -> None:

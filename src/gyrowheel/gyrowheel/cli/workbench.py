@@ -38,12 +38,16 @@ def workbench(
             "--address", metavar="A", help="Address to listen on; any but loopback asks for a token."
         ),
     ] = "127.0.0.1",
+    live: Annotated[
+        bool, typer.Option("--live/--no-live", help="Show a bench that runs on this computer, where ROS is.")
+    ] = True,
 ) -> None:
     """Compare, diagnose, add and undo in a browser, until Ctrl-C.
 
     Opens a page on this computer alone: recordings of the folders, their
     signals, where the model fails, what is missing, and how the error falls.
     """
+    import contextlib
     import threading
 
     import gyrowheel as gw
@@ -53,7 +57,8 @@ def workbench(
 
     loaded = gw.Model() if model is None else gw.Model.load(model)
     shelf = Shelf(directories or [Path()])
-    with Server(Desk(shelf, loaded, model), address, port) as server:
+    desk = Desk(shelf, loaded, model)
+    with Server(desk, address, port) as server, desk.live if live else contextlib.nullcontext():
         out().print(f"page: {server.url}", soft_wrap=True)
         if server.gate.token:
             notes().print(f"token: {server.gate.token}", soft_wrap=True)

@@ -23,6 +23,7 @@ from gyrowheel.model import Model
 from gyrowheel.recording import Recording
 from gyrowheel.workbench.bench import SimulatedBench
 from gyrowheel.workbench.decimation import Envelope
+from gyrowheel.workbench.live import LiveBench
 from gyrowheel.workbench.shelf import Shelf
 from gyrowheel_core.errors import InputError, nearest, one_line
 
@@ -175,6 +176,7 @@ class Desk:
         self.trouble: Trouble | None = None
         self.saved = ""
         self.closed = False
+        self.live = LiveBench(self.heard)
         self.lock = threading.RLock()
         self._work: Work | None = None
         self._threads: list[threading.Thread] = []
@@ -429,6 +431,12 @@ class Desk:
     def _keep(self, steps: Sequence[Step]) -> None:
         self.steps = list(steps)
         self.facts += 1
+
+    def heard(self) -> None:
+        """Take notice that the running bench was heard."""
+        with self.lock:
+            self.facts += 1
+        self.changed()
 
     def _require_idle(self) -> None:
         if self.job is not None:

@@ -17,6 +17,7 @@ from gyrowheel.text.sentences.events import event_sentence
 from gyrowheel.text.sentences.residuals import region_description, region_name
 from gyrowheel.workbench.decimation import Envelope
 from gyrowheel.workbench.desk import ROLES, Desk, Opened
+from gyrowheel.workbench.live import KEY as LIVE
 from gyrowheel_analysis.channels import CHANNELS
 from gyrowheel_analysis.reduction.groups import UPRIGHT, octants
 from gyrowheel_analysis.residuals.maps import VARIABLES, Cell, residual_map
@@ -24,6 +25,7 @@ from gyrowheel_analysis.residuals.regions import regions
 from gyrowheel_analysis.residuals.windows import WindowResiduals
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.units import DEG, RPM, unit_for
+from gyrowheel_core.wire import SECOND
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.drag import Estimate
@@ -271,21 +273,27 @@ def holds(desk: Desk) -> dict[str, Any]:
 
     The torques in mN·m, the change of voltages from the reference hold in mV; the level of a voltage of the coils [V]
     and of the current of the motor [A] as measured and as predicted, for the panels of the signals. ``before`` is the
-    prediction of the model before its last change here, null without one.
+    prediction of the model before its last change here, null without one. Those of the running bench are predicted by
+    the drag estimator of its graph.
     """
-    step = desk.step
+    step, running = desk.step, desk.live.running
     before = desk.steps[-2].holds if len(desk.steps) > 1 else {}
-    return {
-        key: _holds(desk.opened[key], own, before.get(key, ()), step.model.bench.value)
+    found = {
+        key: _holds(
+            own, desk.opened[key].recording.data.start_ns, before.get(key, ()), step.model.bench.value
+        )
         for key, own in step.holds.items()
-        if key in desk.opened
+        if key in desk.opened and own
     }
+    if running is not None and running.holds:
+        found[LIVE] = _holds(running.holds, running.start_ns, (), step.model.bench.value)
+    return found
 
 
 def _holds(
-    opened: Opened, own: Sequence[Estimate], before: Sequence[Estimate], value: Callable[[str], float]
+    own: Sequence[Estimate], start_ns: int, before: Sequence[Estimate], value: Callable[[str], float]
 ) -> dict[str, Any]:
-    end = opened.recording.data.seconds(np.array([e.stamp_ns for e in own], dtype=np.int64))
+    end = np.array([(e.stamp_ns - start_ns) / SECOND for e in own])
     tilt, title = tilts(own)
 
     def row(of: Sequence[Estimate], name: str, place: int) -> list[float]:

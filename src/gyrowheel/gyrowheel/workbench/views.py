@@ -24,7 +24,7 @@ from gyrowheel_sim.effects.quantities import QUANTITIES
 
 def state(desk: Desk) -> dict[str, Any]:
     """Return all that the page shows, but what its pictures are drawn of."""
-    job, trouble = desk.job, desk.trouble
+    job, trouble, running = desk.job, desk.trouble, desk.live.running
     return {
         "version": desk.version,
         "job": None
@@ -47,6 +47,7 @@ def state(desk: Desk) -> dict[str, Any]:
             for own in list(desk.opened.values())
         ],
         "facts": desk.facts,
+        "live": None if running is None else running.words(),
     }
 
 
@@ -155,7 +156,7 @@ def _recordings(desk: Desk) -> dict[str, Any]:
                 "facts": facts,
             }
         )
-    return {"rows": rows, "roles": ROLES, "busy": desk.job is not None}
+    return {"rows": rows, "roles": ROLES, "busy": desk.job is not None, "running": desk.live.running}
 
 
 def _tour(desk: Desk) -> dict[str, Any]:

@@ -5,7 +5,21 @@ import { choose, shown } from "./signals.js";
 
 const UNITS = { torque: ["torque, mN·m", "torque"], voltage: ["change of voltage, mV", "voltage"] };
 let quantity = "torque";
+let of = "recording"; // or the running bench
 let drawn = "";
+
+for (const button of at("of").querySelectorAll("button")) {
+  button.addEventListener("click", () => {
+    of = button.dataset.of;
+    showPredicted();
+  });
+}
+document.addEventListener("click", (event) => {
+  if (!event.target.closest("[data-live]")) return;
+  of = "live";
+  showPredicted();
+  at("predicted-section").scrollIntoView();
+});
 
 for (const button of at("quantity").querySelectorAll("button")) {
   button.addEventListener("click", () => {
@@ -18,12 +32,17 @@ export function showPredicted(anew = false) {
   for (const button of at("quantity").querySelectorAll("button")) {
     button.setAttribute("aria-pressed", String(button.dataset.quantity === quantity));
   }
-  const key = shown()?.key;
+  const live = now.found?.holds.live;
+  at("of").hidden = !live;
+  if (!live) of = "recording";
+  for (const button of at("of").querySelectorAll("button")) button.setAttribute("aria-pressed", String(button.dataset.of === of));
+  const key = of === "live" ? "live" : shown()?.key;
   const holds = now.found?.holds[key];
+  at("predicted-by").textContent = of === "live" ? "Predicted by the drag estimator of the running graph." : "";
   const mark = JSON.stringify([key, quantity, holds]);
   if (mark === drawn && !anew) return;
   drawn = mark;
-  at("predicted-section").hidden = !holds;
+  at("predicted-section").hidden = !holds && !live;
   if (!holds) return put("predicted", null);
   const [one, other] = colours();
   const soft = css("--soft");
@@ -75,7 +94,7 @@ export function showPredicted(anew = false) {
     });
     source.selected.properties.indices.change.connect(() => {
       const [k] = source.selected.indices;
-      if (k === undefined) return;
+      if (k === undefined || key === "live") return;
       for (const each of sources) if (each !== source) each.selected.indices = [...source.selected.indices];
       const margin = 0.25 * (holds.end[k] - holds.start[k]) + 0.1;
       choose(key, holds.start[k] - margin, holds.end[k] + margin);
