@@ -11,6 +11,8 @@ import pytest
 import yaml
 
 import gyrowheel as gw
+from gyrowheel.files import is_report
+from gyrowheel.report import printing
 
 from .conftest import Wheel
 from .helpers import Shell, write
@@ -117,10 +119,22 @@ def test_the_verb_writes_a_page_or_markdown(
     text = (tmp_path / "drag.md").read_text(encoding="utf-8")
     assert f"# {made.diagnosis.sentence}" in text
     assert all(own["sha256"] in text for r in made.to_dict()["recordings"] for own in r["files"])
+    if printing.browser() is None:
+        with pytest.raises(gw.InputError, match="needs Chromium"):
+            made.save(tmp_path / "drag.pdf")
+    else:
+        made.save(tmp_path / "drag.pdf")
+        assert (tmp_path / "drag.pdf").read_bytes().startswith(b"%PDF")
+        assert (tmp_path / "drag.pdf").stat().st_size < 5e6
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(printing, "browser", lambda: "/bin/false")
+            with pytest.raises(gw.InputError, match="printed nothing"):
+                made.save(tmp_path / "drag.pdf")
+        assert is_report((tmp_path / "drag.pdf").read_bytes()[:1024].decode("utf-8", "replace"))  # as it was
     other = write(tmp_path / "mine.html", "<p>mine</p>")
     for name, words in (
         (other, "exists and is not an earlier report"),
-        (tmp_path / "a.txt", "allowed: .html, .md"),
+        (tmp_path / "a.txt", "allowed: .html, .md, .pdf"),
     ):
         refused = gyrowheel(*asked, "-o", name)
         assert refused.code == 2

@@ -10,8 +10,12 @@ from gyrowheel_core.locks import changing
 #: What stands at the beginning of a report: of a page of HTML, and of one in Markdown.
 REPORT_MARKS = ('<meta name="generator" content="gyrowheel">', "<!-- report of gyrowheel -->")
 
+#: Title of a report as PDF.
+REPORT_TITLE = "gyrowheel report"
+
 __all__ = [
     "REPORT_MARKS",
+    "REPORT_TITLE",
     "changing",
     "disk_errors",
     "is_exported_map",
@@ -48,7 +52,9 @@ def is_suggested_map(file: Path) -> bool:
 
 def is_report(head: str) -> bool:
     """Return whether a file that begins like this is plainly a report of `gyrowheel.Report`."""
-    return any(mark in head for mark in REPORT_MARKS)
+    return any(mark in head for mark in REPORT_MARKS) or (
+        head.startswith("%PDF") and f"({REPORT_TITLE})" in head
+    )
 
 
 def new_folder(parent: Path, name: str, first: int) -> Path:

@@ -23,7 +23,10 @@ def report(
     output: Annotated[
         Path,
         typer.Option(
-            "-o", "--output", metavar="FILE", help="The report: .html, one page with pictures, or .md, words."
+            "-o",
+            "--output",
+            metavar="FILE",
+            help="The report: .html, one page with pictures; .md, words; .pdf, where Chromium is installed.",
         ),
         REPORT,
     ] = Path("report.html"),

@@ -20,7 +20,7 @@ from gyrowheel.model import Model
 from gyrowheel.origins import noted_machine
 from gyrowheel.recording import Recording
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.files import json_text, write_text
+from gyrowheel_core.files import json_text, write_bytes, write_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from gyrowheel_sim.parameter import Parameter
 
 #: Kinds of reports by the ending of their file.
-FORMATS = {"html": ".html", "md": ".md"}
+FORMATS = {"html": ".html", "md": ".md", "pdf": ".pdf"}
 _BLOCK = 1 << 20
 
 
@@ -249,25 +249,34 @@ class Report:
 
         return markdown_page(self)
 
+    def pdf(self) -> bytes:
+        """Return `html` as PDF, printed by Chromium; InputError if none is installed."""
+        from gyrowheel.report.printing import pdf
+
+        return pdf(self.html())
+
     def save(self, path: str | Path) -> None:
         """Write the report, atomically: a failure leaves the old file.
 
         Parameters
         ----------
         path : str or Path
-            The file; its ending says the kind: ``.html`` or ``.md``.
+            The file; its ending says the kind: ``.html``, ``.md``, or ``.pdf`` where Chromium is installed.
 
         Raises
         ------
         InputError
-            If the ending is another one, or the file cannot be written.
+            If the ending is another one, Chromium is missing, or the file cannot be written.
         """
         file = Path(path)
         if file.suffix not in FORMATS.values():
             raise InputError(
                 f"{path}: the ending '{file.suffix}' is not known; allowed: {', '.join(FORMATS.values())}"
             )
-        write_text(file, self.html() if file.suffix == FORMATS["html"] else self.markdown())
+        if file.suffix == FORMATS["pdf"]:
+            write_bytes(file, self.pdf())
+        else:
+            write_text(file, self.html() if file.suffix == FORMATS["html"] else self.markdown())
 
     def embedded(self) -> str:
         """Return `to_dict` as JSON that can stand in a page: nothing in it ends the element that holds it."""
