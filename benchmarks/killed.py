@@ -154,7 +154,7 @@ class Zygote:
         """End it."""
         assert self._process.stdin is not None
         self._process.stdin.close()
-        self._process.wait(_PATIENCE)
+        self._process.wait(10.0 * _PATIENCE)  # it may have had no processor for long
 
 
 @contextlib.contextmanager

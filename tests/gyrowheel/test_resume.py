@@ -25,10 +25,11 @@ import gyrowheel as gw
 from gyrowheel.campaigns import workers
 from gyrowheel.campaigns.cases import Case
 from gyrowheel.campaigns.judge import EventJudged, Interval, Judged
+from gyrowheel.investigator import _once
 from gyrowheel_analysis.diagnosis.result import Diagnosis, NextTest
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.journal import FINISHED
+from gyrowheel_core.journal import FINISHED, Work, journal
 
 from .findings import AMBIGUOUS, diagnosis, finding
 from .helpers import DRAG_PLAN, OTHER_PLAN, Shell, write
@@ -270,6 +271,34 @@ def test_there_must_be_something_to_go_on_with(
         campaign(tmp_path / "out")
     with pytest.raises(InputError, match="needs the folder"):
         campaign(None, resume=True)
+
+
+def test_cases_that_another_campaign_kept_are_not_overwritten(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(workers, "run_case", made_up)
+    (tmp_path / "kept" / "case-0003").mkdir(parents=True)
+    with pytest.raises(InputError, match=r"keep: .*case-0003 exists, of another campaign; name a new folder"):
+        campaign(None, keep=tmp_path / "kept")
+    campaign(None, keep=tmp_path / "kept", only=[1])
+
+
+def test_a_recording_that_was_changed_since_is_not_gone_on_with(tmp_path: Path):
+    made: list[str] = []
+
+    def run(plan: Plan, directory: Path, number: int) -> None:
+        made.append(directory.name)
+        directory.mkdir()
+        (directory / "run_0.mcap").write_text("as it was")
+
+    work = Work(kind="investigation", settings={})
+    with journal(tmp_path / "out", work) as kept:
+        for _ in range(2):
+            _once(run, kept, None)(Plan.load("quick"), tmp_path / "out" / "quick", 1)
+        assert made == ["quick"]
+        (tmp_path / "out" / "quick" / "run_0.mcap").write_text("of another machine")
+        with pytest.raises(InputError, match=r"quick: has changed since the investigation in .* recorded it"):
+            _once(run, kept, None)(Plan.load("quick"), tmp_path / "out" / "quick", 1)
 
 
 def test_two_in_one_folder_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

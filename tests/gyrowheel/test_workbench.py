@@ -154,6 +154,9 @@ def test_another_address_asks_for_a_token(wheel: Wheel, monkeypatch: pytest.Monk
         ("test", {"plan": "quick"}, "none is open to fit"),
         ("save", {"name": "../model.yaml"}, "name: '../model.yaml' is not allowed"),
         ("save", {"name": ".model.yaml"}, "is not allowed"),
+        ("save", {"name": "a" * 300 + ".yaml"}, "is not allowed"),
+        ("formula", {"text": "k*z\ud800"}, "are no text"),
+        ("open", {"key": "\ud800", "role": "fitted"}, "are no text"),
     ],
     ids=lambda value: str(value)[:30],
 )

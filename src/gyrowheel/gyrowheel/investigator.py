@@ -224,14 +224,19 @@ def _once(run: Run, kept: Journal, key: Path | None) -> Run:
         )
 
     def go(plan: Plan, directory: Path, number: int) -> None:
-        if directory.name in finished and directory.is_dir():
+        before = finished.get(directory.name)
+        if before is not None and directory.is_dir():
+            if before.get("recording") != _digest_of(directory):
+                raise InputError(
+                    f"{directory}: has changed since the investigation in {kept.folder} recorded it"
+                )
             return
         if directory.exists():
             directory.rename(new_folder(directory.parent, f"{directory.name}-interrupted", 1))
         run(plan, directory, number)
         if key is not None:
             kept.finish(_KEY, _key_digest(key))
-        kept.finish(directory.name, {"plan": plan.called})
+        kept.finish(directory.name, {"plan": plan.called, "recording": _digest_of(directory)})
 
     return go
 

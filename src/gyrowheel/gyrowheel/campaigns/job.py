@@ -48,10 +48,15 @@ def run_case(case: Case, keep: str | None = None, scratch: str | None = None) ->
         judged = _answered(case, secret, recording, unused, folder)
         if keep is not None:
             write_text(folder / "key.json", json_text(secret.to_json()), private=True)
-            _move(folder, Path(keep) / f"case-{case.index:04d}")
+            _move(folder, kept_case(keep, case.index))
         return judged
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def kept_case(keep: str | Path, index: int) -> Path:
+    """Return the folder in which a case is kept."""
+    return Path(keep) / f"case-{index:04d}"
 
 
 def _answered(case: Case, secret: Secret, recording: Path, unused: Path, folder: Path) -> Judged:

@@ -97,6 +97,7 @@ def campaign(
     from gyrowheel.campaigns.cases import Campaign
     from gyrowheel.campaigns.cases import cases as all_cases
     from gyrowheel.campaigns.finished import earlier, note
+    from gyrowheel.campaigns.job import kept_case
     from gyrowheel.campaigns.summary import Summary
     from gyrowheel.campaigns.workers import check_jobs, cores, judged_cases
     from gyrowheel_control.plans.plan import Plan
@@ -126,6 +127,11 @@ def campaign(
     if keep is not None:
         with disk_errors(Path(keep)):
             Path(keep).mkdir(parents=True, exist_ok=True)
+            there = (
+                [] if resume else [own for case in wanted if (own := kept_case(keep, case.index)).exists()]
+            )
+        if there:
+            raise InputError(f"keep: {there[0]} exists, of another campaign; name a new folder")
         kept = str(Path(keep).absolute())
     done: list[Judged] = []
     interrupted = False

@@ -42,6 +42,7 @@ NO_BENCH = (
 )
 #: The machine of the demonstration.
 _DEMONSTRATION = SimulatedBench(effect=("aero_cross",), machine=6)
+_LONGEST_NAME = 100  # characters of the name of a model file
 _PATIENCE = 30.0  # s in which ended work must come to its next line
 
 
@@ -325,8 +326,12 @@ class Desk:
             If the name is none of a model file, or the file is there and is not the one that was opened.
         """
         folder = self.shelf.first if self.file is None else self.file.parent
-        if not name.endswith(".yaml") or not all(c.isalnum() or c in "._-" for c in name) or name[0] == ".":
-            raise InputError(f"name: {name!r} is not allowed; allowed: letters, digits, _ and -, then .yaml")
+        letters = all(c.isalnum() or c in "._-" for c in name) and len(name) <= _LONGEST_NAME
+        if not name.endswith(".yaml") or not letters or name[0] == ".":
+            raise InputError(
+                f"name: {name[:_LONGEST_NAME]!r} is not allowed; allowed: letters, digits, _ and -, then .yaml, "
+                f"{_LONGEST_NAME} at most"
+            )
         path = folder / name
         if path.exists() and (self.file is None or path.resolve() != self.file.resolve()):
             raise InputError(f"name: {path} exists; choose another one")

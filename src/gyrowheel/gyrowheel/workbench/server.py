@@ -234,6 +234,8 @@ class _Action(_Guarded):
             raise InputError("request: is no JSON") from None
         if not isinstance(given, dict) or not all(isinstance(value, str) for value in given.values()):
             raise InputError("request: must be an object of texts")
+        if any("\ud800" <= c <= "\udfff" for value in given.values() for c in value):
+            raise InputError("request: halves of characters are no text")
         self.put_json(self._do(name, given) or {})
 
     def _do(self, name: str, given: dict[str, str]) -> dict[str, Any] | None:
