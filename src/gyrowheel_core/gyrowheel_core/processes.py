@@ -6,8 +6,6 @@ import contextlib
 import ctypes
 import signal
 
-from gyrowheel_core.errors import one_line
-
 _PR_SET_PDEATHSIG = 1
 
 
@@ -27,5 +25,5 @@ def hindrance() -> str:
     try:
         get_context("spawn").Lock()
     except (OSError, ImportError) as error:
-        return f"no semaphore can be made in /dev/shm: {getattr(error, 'strerror', None) or one_line(error)}"
+        return f"no semaphore can be made in /dev/shm: {getattr(error, 'strerror', None) or error}"
     return ""
