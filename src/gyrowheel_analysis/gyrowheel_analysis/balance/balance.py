@@ -7,9 +7,10 @@ and of rectified harmonics follow from that for every effect alike.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence, Set
 from copy import copy
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -75,8 +76,6 @@ class Balance:
         Their motion, instant by instant.
     rows : tuple of str
         Names of the rows, in their order.
-    measured : ndarray (N,)
-        The measured rows [N m, V].
     """
 
     def __init__(
@@ -99,9 +98,12 @@ class Balance:
         self.motion = Motion(self.windows, bench)
         self._response: RippleResponse | None = None
         self._derivatives: dict[str, Array] = {}
-        self.measured = measured_rows(self.windows, bench, self._channels, self._kept)
-        if clean:
-            self.measured = self._without_noise(bench.values(), [])
+
+    @cached_property
+    def measured(self) -> Array:
+        """The measured rows (N,) [N m, V]; those of a planned test are never asked for, and not computed."""
+        rows = measured_rows(self.windows, self.bench, self._channels, self._kept)
+        return self._without_noise(rows, self.bench.values(), [])
 
     def cleared(self, values: Mapping[str, float], effects: Sequence[ActiveEffect]) -> Balance:
         """Return the balance with what noise in the motion needs taken from the measured rows, on a given machine.
@@ -117,7 +119,7 @@ class Balance:
             Effects with their coefficients.
         """
         result = copy(self)
-        result.measured = self._without_noise(values, effects)
+        result.measured = self._without_noise(self.measured, values, effects)
         return result
 
     def by_parameter(self, name: str) -> Array:
@@ -137,15 +139,18 @@ class Balance:
         result.measured = rows
         return result
 
-    def _without_noise(self, values: Mapping[str, float], effects: Sequence[ActiveEffect]) -> Array:
+    def _without_noise(
+        self, rows: Array, values: Mapping[str, float], effects: Sequence[ActiveEffect]
+    ) -> Array:
+        """Return measured rows less what noise in the motion needs, if the prediction leaves that out."""
         if self._uncleaned is None or not len(self.windows):
-            return self.measured
+            return rows
         raw = Balance(self._uncleaned, self.bench, clean=False, harmonics=self.harmonics, absent=self.absent)
         return raw.measured - raw.predicted(values, effects) + self.predicted(values, effects)
 
     def __len__(self) -> int:
         """Return the number of rows, over all windows."""
-        return len(self.measured)
+        return len(self.rows) * len(self.windows)
 
     def row(self, name: str) -> slice:
         """Return where one row is, for all windows."""
@@ -207,15 +212,23 @@ class Balance:
         near : Instants, optional
             A state from which this one is but the step of a derivative away.
         """
+        if self._response is None:
+            clean = self._uncleaned is not None
+            first = self._needs(self.bench.values(), []) if clean else self._needs(values, effects)
+            self._response = RippleResponse.about(first[0], self.bench.axial_inertia, *first[1:])
+        _, wanted, torques = self._needs(values, effects)
+        return self._response.solved(wanted, torques, near)
+
+    def _needs(
+        self, values: Mapping[str, float], effects: Sequence[ActiveEffect]
+    ) -> tuple[Motion, Any, Callable[[Any], Instants]]:
+        """Return the true motion, the amplitudes that the motor's torque must have, and what gives the torques."""
         motion = self.motion_at(values, effects)
 
         def torques(ripple: Any) -> Instants:
             return required_torques(motion, values, effects, ripple)
 
-        wanted = values["motor_constant"] * motion.current
-        if self._response is None:
-            self._response = RippleResponse.about(motion, self.bench.axial_inertia, wanted, torques)
-        return self._response.solved(wanted, torques, near)
+        return motion, values["motor_constant"] * motion.current, torques
 
     def changed(
         self,

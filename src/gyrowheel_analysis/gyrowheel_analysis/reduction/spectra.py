@@ -65,11 +65,10 @@ class Spectra:
 
     def at(self, frequency: float, windows: NDArray[np.bool_]) -> Complex:
         """Return the amplitudes of exp(i w t) times two, (windows, columns)."""
-        rows = []
-        for k in np.flatnonzero(windows):
-            phase = np.exp(-2j * math.pi * frequency * self.period * np.arange(len(self.values[k])))
-            rows.append(phase @ self.values[k])
-        return np.array(rows)
+        own = [self.values[k] for k in np.flatnonzero(windows)]
+        longest = max((len(values) for values in own), default=0)
+        phase = np.exp(-2j * math.pi * frequency * self.period * np.arange(longest))
+        return np.array([phase[: len(values)] @ values for values in own])
 
 
 def tapered(data: Samples, windows: Windows, period: float, highest: float) -> Spectra | None:

@@ -13,8 +13,9 @@ import struct
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from io import FileIO
 from pathlib import Path
-from typing import Any, BinaryIO, Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import lz4.frame
 import numpy as np
@@ -43,6 +44,10 @@ _HEAD: Final = MESSAGE_HEAD_DTYPE.itemsize
 _OBJECT: Final = 40  # bytes that a message takes beside its content
 _LIMIT: Final = 1 << 29  # bytes in a chunk; a larger number counts as damage and is never allocated
 _BATCH: Final = 1 << 20  # bytes of messages outside of chunks that are parsed together
+_AHEAD: Final = 1 << 20  # bytes that are read at a time: records are often short
+_INDEX_HEAD: Final = struct.Struct("<HI")  # channel, and length of what follows
+_CHUNK_HEAD: Final = struct.Struct("<QQQI")  # first and last time, length of the records, their checksum
+_ENTRY: Final = np.dtype([("time", "<i8"), ("place", "<i8")])  # of an index
 
 
 class Damaged(Exception):
@@ -134,7 +139,9 @@ class Rows:
         """Append rows; return those that did not fit."""
         room = len(self._data) - self._count
         part = rows[:room]
-        self._data[self._count : self._count + len(part)] = part
+        # as plain bytes: numpy would copy rows of equal type field by field
+        to = self._data[self._count : self._count + len(part)]
+        to.view(f"V{to.itemsize}")[:] = part.view(f"V{to.itemsize}")
         self._count += len(part)
         return rows[room:]
 
@@ -154,6 +161,9 @@ class Want:
     dtype: np.dtype[Any]
     take: Callable[[TopicData, npt.NDArray[Any]], npt.NDArray[Any] | None]
 
+
+#: A part of a file, copied or not.
+Bytes: TypeAlias = bytes | memoryview
 
 #: Topics to read, by name; None: as serialized messages.
 Wanted: TypeAlias = Mapping[str, Want | None]
@@ -184,7 +194,7 @@ def read_mcap(path: Path, wanted: Wanted, unpack: Callable[[bytes], bytes] | Non
     try:
         if path.exists() and not path.is_file():  # a pipe would be waited for
             raise InputError(f"{path}: is no file")
-        with path.open("rb", buffering=1 << 20) as file:
+        with path.open("rb", buffering=0) as file:
             size = os.fstat(file.fileno()).st_size
             if size == 0:
                 raise Damaged("the file is empty")
@@ -199,58 +209,74 @@ class _File:
     """One pass through a file."""
 
     def __init__(
-        self, file: BinaryIO, size: int, wanted: Wanted, unpack: Callable[[bytes], bytes] | None
+        self, file: FileIO, size: int, wanted: Wanted, unpack: Callable[[bytes], bytes] | None
     ) -> None:
         self._unpack = unpack
         self._file = file
         self._size = size
         self._wanted = wanted
         self._position = 0
-        self._crc = 0  # of all that was read
+        self._ahead = memoryview(b"")  # the bytes of the file from `_begin` on
+        self._begin = 0
+        self._counted = 0  # up to where the checksum counts
+        self._crc = 0  # of the data up to there
         self._schemas: dict[int, tuple[str, str, str]] = {}  # type, encoding and text by number
         self._topics: dict[int, TopicData] = {}  # by channel
         self._outside = bytearray()  # records of messages that are in no chunk
         self._places: list[int] = []  # of them
-        self._chunks: list[tuple[str, Chunk, list[bytes]]] = []  # that wait to be parsed, with name and index
+        self._chunks: list[tuple[str, Chunk, list[memoryview]]] = []  # that wait, with name and index
         self._waiting = 0  # bytes in them
         self._kept = 0  # bytes of the messages that were asked for
 
     def read(self) -> dict[int, TopicData]:
         """Return the topics by channel."""
-        if self._read(min(len(MAGIC), self._size)) != MAGIC:
+        if bytes(self._read(min(len(MAGIC), self._size))) != MAGIC:
             raise Damaged("not an MCAP file")
         end = self._size - FOOTER_FORM.size
         tail = b""
         if end >= len(MAGIC):
             self._file.seek(end)
-            tail = self._file.read(FOOTER_FORM.size)
-            self._file.seek(self._position)
+            tail = _filled(self._file, FOOTER_FORM.size)
+            self._file.seek(self._begin + len(self._ahead))
         if len(tail) < FOOTER_FORM.size or not tail.endswith(MAGIC):
             raise Damaged("the file breaks off before its end: the recording was not completed")
         self._read_data(end)
         self._check_summary(tail)
         return self._topics
 
-    def _read(self, length: int) -> bytes:
-        data = self._file.read(length)
-        if len(data) < length:
-            raise Damaged("the file has become shorter while it was read")
-        self._crc = zlib.crc32(data, self._crc)
+    def _read(self, length: int) -> memoryview:
+        """Return the next bytes; they stay as they are while more is read."""
+        start = self._position - self._begin
+        if length > len(self._ahead) - start:
+            self._checksum(self._position)
+            left = self._ahead[start:]
+            wanted = min(max(length - len(left), _AHEAD), self._size - self._position - len(left))
+            self._ahead = memoryview(b"".join((left, _filled(self._file, wanted))))
+            self._begin, start = self._position, 0
+            if length > len(self._ahead):
+                raise Damaged("the file has become shorter while it was read")
         self._position += length
-        return data
+        return self._ahead[start : start + length]
+
+    def _checksum(self, end: int) -> int:
+        """Return the checksum of all up to a byte of what was read last."""
+        data = self._ahead[self._counted - self._begin : end - self._begin]
+        self._crc, self._counted = zlib.crc32(data, self._crc), end
+        return self._crc
 
     def _read_data(self, end: int) -> None:
         """Read all up to the end of the data section; `end` is where the footer begins."""
-        chunk: tuple[int, bytes] | None = None
-        index: list[bytes] = []  # of that chunk
+        chunk: tuple[int, memoryview] | None = None
+        index: list[memoryview] = []  # of that chunk
         while self._position < end:
-            position, before = self._position, self._crc
+            position = self._position
             if end - position < RECORD_HEAD.size:
                 raise Damaged(f"damaged: the record at byte {position} is cut off")
             head = self._read(RECORD_HEAD.size)
             opcode, length = RECORD_HEAD.unpack(head)
             if length > end - self._position:
                 raise Damaged(f"damaged: the record at byte {position} is cut off")
+            before = self._checksum(position) if opcode == DATA_END else 0
             body = self._read(length)
             if opcode == MESSAGE_INDEX:
                 index.append(body)
@@ -265,17 +291,18 @@ class _File:
             self._take_chunks()
             if opcode == MESSAGE:
                 self._places.append(len(self._outside))
-                self._outside += head + body
+                self._outside += head
+                self._outside += body
                 if len(self._outside) > _BATCH:
                     self._take_outside()
             elif opcode == DATA_END:
-                checksum = Fields(memoryview(body)).number("<I")
+                checksum = Fields(body).number("<I")
                 if checksum and before != checksum:
                     raise Damaged("damaged: the checksum of the data is wrong")
                 self._take_outside(checked=bool(checksum))
                 return
             else:
-                self._read_declaration(opcode, memoryview(body))
+                self._read_declaration(opcode, body)
         raise Damaged("damaged: the data have no end where they must have")
 
     def _take_outside(self, *, checked: bool = False) -> None:
@@ -299,9 +326,9 @@ class _File:
             if (known.name, known.type_name) != (topic.name, topic.type_name):
                 raise Damaged(f"damaged: channel {number} is both {known.name} and {topic.name}")
 
-    def _read_chunk(self, chunk: tuple[int, bytes], index: list[bytes]) -> None:
+    def _read_chunk(self, chunk: tuple[int, memoryview], index: list[memoryview]) -> None:
         where = f"the chunk at byte {chunk[0]}"
-        opened = open_chunk(memoryview(chunk[1]), where)
+        opened = open_chunk(chunk[1], where)
         if self._chunks and self._chunks[0][1].checked != opened.checked:
             self._take_chunks()
         self._chunks.append((where, opened, index))
@@ -371,7 +398,7 @@ class _File:
             return
         if start != self._position:
             raise Damaged(f"damaged: the summary is said to begin at byte {start}")
-        summary = memoryview(self._read(self._size - self._position))
+        summary = self._read(self._size - self._position)
         end = len(summary) - FOOTER_FORM.size
         if checksum and zlib.crc32(summary[: -len(MAGIC) - 4]) != checksum:
             raise Damaged("damaged: the checksum of the summary is wrong")
@@ -417,7 +444,7 @@ def open_chunk(contents: memoryview, where: str) -> Chunk:
         If they contradict what the record states; the message names `where`.
     """
     fields = Fields(contents)
-    start, end, size, checksum = (fields.number(form) for form in ("<Q", "<Q", "<Q", "<I"))
+    start, end, size, checksum = fields.numbers(_CHUNK_HEAD)
     compression = fields.text()
     if size > _LIMIT:
         raise Damaged(f"damaged: {where} claims {size} bytes")
@@ -451,12 +478,12 @@ class Found:
     others: list[tuple[int, memoryview]]
 
 
-def find_messages(chunks: Sequence[tuple[memoryview, Sequence[bytes]]], where: str) -> Found:
+def find_messages(chunks: Sequence[tuple[memoryview, Sequence[Bytes]]], where: str) -> Found:
     """Find the messages in chunks by their index, and all records between them.
 
     Parameters
     ----------
-    chunks : sequence of (memoryview, sequence of bytes)
+    chunks : sequence of (memoryview, sequence of Bytes)
         The records of each chunk and the contents of its index records; messages missing from the index are found too.
     where : str
         What to name in an error.
@@ -522,6 +549,10 @@ class Fields:
         result: int = struct.unpack(form, self.data(struct.calcsize(form)))[0]
         return result
 
+    def numbers(self, form: struct.Struct) -> tuple[int, ...]:
+        """Return the next numbers, of a form."""
+        return form.unpack(self.data(form.size))
+
     def text(self) -> str:
         """Return the next text."""
         return self.data(self.number("<I")).tobytes().decode(errors="replace")
@@ -538,26 +569,33 @@ def _record(data: memoryview, position: int, end: int) -> tuple[int, int, int]:
 
 
 def _index(
-    parts: Sequence[tuple[bytes, int, int]], where: str
+    parts: Sequence[tuple[Bytes, int, int]], where: str
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Return channels, times and places from index records, in the order of places.
 
     Each part is an index record with the begin and end of its chunk.
     """
-    channels, pairs = [np.empty(0, dtype=np.int64)], [np.empty((0, 2), dtype=np.int64)]
+    heads, starts, rooms, lists = [], [], [], []
     for part, start, end in parts:
-        fields = Fields(memoryview(part))
-        channel, length = fields.number("<H"), fields.number("<I")
-        if length % 16:
+        if len(part) < _INDEX_HEAD.size:
+            raise Damaged("damaged: a record ends within a field")
+        channel, length = _INDEX_HEAD.unpack_from(part)
+        if length > len(part) - _INDEX_HEAD.size:
+            raise Damaged("damaged: a record ends within a field")
+        if length % _ENTRY.itemsize:
             raise Damaged(f"damaged: the index of {where}")
-        mine = np.frombuffer(fields.data(length), "<i8").reshape(-1, 2)
-        if len(mine) and not 0 <= mine[:, 1].min() <= mine[:, 1].max() < end - start:
-            raise Damaged(f"damaged: the index of {where} points outside it")
-        pairs.append(mine if start == 0 else np.stack([mine[:, 0], mine[:, 1] + start], axis=1))
-        channels.append(np.full(len(mine), channel))
-    times, places = np.concatenate(pairs).T
+        heads.append((channel, length // _ENTRY.itemsize))
+        starts.append(start)
+        rooms.append(end - start)
+        lists.append(part[_INDEX_HEAD.size : _INDEX_HEAD.size + length])
+    entries = np.frombuffer(b"".join(lists), _ENTRY)
+    channels, counts = np.array(heads, dtype=np.int64).reshape(-1, 2).T
+    places = entries["place"]
+    if np.any(places < 0) or np.any(places >= np.repeat(np.array(rooms, dtype=np.int64), counts)):
+        raise Damaged(f"damaged: the index of {where} points outside it")
+    places = places + np.repeat(np.array(starts, dtype=np.int64), counts)
     order = np.argsort(places, kind="stable")
-    return np.concatenate(channels)[order], times[order], places[order]
+    return np.repeat(channels, counts)[order], entries["time"][order], places[order]
 
 
 def _heads(records: memoryview, places: npt.NDArray[np.int64], where: str) -> npt.NDArray[Any]:
@@ -580,6 +618,15 @@ def _gather(records: memoryview, places: npt.NDArray[np.int64], dtype: np.dtype[
     # One element at every byte, so that numpy's indexing copies the wanted ones.
     everywhere = np.ndarray((len(records) - size + 1,), dtype=f"V{size}", buffer=records, strides=(1,))
     return everywhere[places].view(dtype)
+
+
+def _filled(file: FileIO, length: int) -> bytes:
+    """Return the next bytes of a file, fewer only where it ends."""
+    parts: list[bytes] = []
+    while length > 0 and (part := file.read(length)):
+        parts.append(part)
+        length -= len(part)
+    return parts[0] if len(parts) == 1 else b"".join(parts)
 
 
 def _decompress(data: memoryview, compression: str, size: int, where: str) -> memoryview:
