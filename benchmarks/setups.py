@@ -146,7 +146,7 @@ def spoilt(recording: Recording, spoil: Spoil) -> Recording:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What was said of one recording: what it is, what was found, and how long it took [s]."""
+    """What was said of one recording: what it is, what was found, and how much of the processor it took [s]."""
 
     name: str
     right: bool
@@ -176,9 +176,9 @@ def machine(seed: int, bench_name: str, plan: str, folder: Path) -> tuple[Record
 
 
 def _asked(name: str, recording: Recording, bench: Bench) -> tuple[str, tuple[str, ...], Outcome]:
-    began = time.perf_counter()
+    began = time.process_time()
     found = of_one(recording, bench)
-    seconds = time.perf_counter() - began
+    seconds = time.process_time() - began
     said = "; ".join(f"{f.kind} {' '.join(f.columns)}" for f in found)
     first = found[0] if len(found) == 1 else None
     kind, columns = (first.kind, first.columns) if first else ("", ())
@@ -215,7 +215,7 @@ def wrong_recordings(seed: int, count: int) -> list[Outcome]:
 
 def shown(right: Sequence[Outcome], wrong: Sequence[Outcome]) -> str:
     """Return the table of what was said."""
-    table = words_table("", "recordings", "right", "seconds, median", "slowest")
+    table = words_table("", "recordings", "right", "s of the processor, median", "slowest")
     for name, own in (("right setups left alone", right), ("wrong setups named", wrong)):
         if own:
             seconds = [o.seconds for o in own]

@@ -291,7 +291,7 @@ def _validate(
         # the same fit again, from the model before it, so that the history includes the validation
         proven = add_effect(model.undone(), names, [Recording.open(place.recording)], [unused], progress=say)
     proven.model.save(place.model)
-    stage.show([error_table(proven.error), proof_line(proven.proof)])
+    stage.show([error_table(proven.error), proof_line(proven.proof, proven.error)])
     return proven
 
 

@@ -106,7 +106,7 @@ def add(
         put_json(json, added.to_dict())
     if json != "-":
         errors = [heading("Error"), error_table(added.error), *sentences(added.notes)]
-        put_text([*changes(better.details), *errors, proof_line(added.details.proof)])
+        put_text([*changes(better.details), *errors, proof_line(added.details.proof, added.error)])
         out().print(f"\nmodel: {model}", soft_wrap=True)
     put_picture(picture, added.plot, quiet=json == "-")
 

@@ -50,17 +50,18 @@ class Addition(Result):
 
     def __str__(self) -> str:
         """Return the coefficients and how the error fell, in a few lines."""
-        from gyrowheel.text.errors import fall
+        from gyrowheel.text.errors import fall, units_of
         from gyrowheel.text.sentences.proof import proof_sentence
 
         e = self.error
         if e.validation_before is not None and e.validation_after is not None:
             floor = e.validation_noise_floor or e.noise_floor
-            sentence = fall(e.validation_before, e.validation_after, floor, "the validation recordings")
+            rows = e.validation_before, e.validation_after, floor
+            sentence = fall(*rows, "the validation recordings", units_of(e))
         else:
-            sentence = fall(e.before, e.after, e.noise_floor, "the fitted recordings")
+            sentence = fall(e.before, e.after, e.noise_floor, "the fitted recordings", units_of(e))
         lines = [f"Added {', '.join(self.details.coefficients)}. {sentence}", *self.notes]
-        return "\n".join([*lines, proof_sentence(self.details.proof)])
+        return "\n".join([*lines, proof_sentence(self.details.proof, e)])
 
     def _page(self) -> Iterable[RenderableType]:
 
@@ -73,7 +74,7 @@ class Addition(Result):
         yield heading("Error")
         yield error_table(self.error)
         yield from sentences(self.notes)
-        yield proof_line(self.details.proof)
+        yield proof_line(self.details.proof, self.error)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of ``gyrowheel model add --json``; SI units."""
@@ -87,7 +88,7 @@ class Addition(Result):
             "overrides": content["overrides"],
             "error": self.error.to_json(),
             "events": [event_json(event, several=True) for event in self.details.events],
-            "proof": proof_json(self.details.proof),
+            "proof": proof_json(self.details.proof, self.error),
         }
 
     def to_columns(self) -> Mapping[str, Sequence[Any]]:

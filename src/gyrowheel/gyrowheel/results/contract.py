@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from gyrowheel_analysis.diagnosis.result import Diagnosis, EffectFinding, Estimate, TieReport
     from gyrowheel_analysis.model import Override
     from gyrowheel_analysis.reduction.not_as_stated import ReadingFindings
+    from gyrowheel_analysis.residuals.error_table import ErrorTable
     from gyrowheel_analysis.residuals.regions import Region
     from gyrowheel_analysis.setups.cures import WrongSetup
 
@@ -107,7 +108,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
             "expected_separation": test.expected_separation,
             "minutes": test.minutes,
         },
-        "proof": proof_json(found.proof),
+        "proof": proof_json(found.proof, found.error),
         "beyond": [
             {key: value if value != math.inf else None for key, value in asdict(item).items()}
             for item in found.beyond
@@ -143,7 +144,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
     }
 
 
-def proof_json(proof: Proof | None) -> dict[str, Any] | None:
+def proof_json(proof: Proof | None, table: ErrorTable | None) -> dict[str, Any] | None:
     """Return a proof as a JSON object; its reason is a sentence, its cause a word."""
     if proof is None:
         return None
@@ -152,7 +153,7 @@ def proof_json(proof: Proof | None) -> dict[str, Any] | None:
     return {
         "recording": own.pop("recording"),
         "proven": own.pop("proven"),
-        "reason": proof_sentence(proof),
+        "reason": proof_sentence(proof, table),
         "kind": own.pop("reason"),
         **own,
     }

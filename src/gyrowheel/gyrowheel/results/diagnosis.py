@@ -158,7 +158,7 @@ class Diagnosis(Result):
         lines += [f"  {form.formula}" for form in self.free_form]
         if self.next_test is not None:
             lines.append(f"  next test: plan {self.next_test.plan}, {self.next_test.minutes:.1f} min")
-        return "\n".join([*lines, proof_sentence(self.details.proof)])
+        return "\n".join([*lines, proof_sentence(self.details.proof, self.error)])
 
     def _page(self) -> Iterable[RenderableType]:
         from gyrowheel.text.diagnosis import error_section, findings

@@ -114,7 +114,7 @@ def findings(result: Diagnosis) -> Iterator[RenderableType]:
     """Yield the verdict and what it rests on."""
     colour = _COLOURS.get(result.verdict, "")
     verdict = Text(verdict_sentence(result), style="bold")
-    yield Panel(Group(verdict, proof_line(result.proof)), border_style=colour, expand=False)
+    yield Panel(Group(verdict, proof_line(result.proof, result.error)), border_style=colour, expand=False)
     if told := [text for text in map(tie_of_event, result.events) if text]:
         yield heading("What happened")
         yield from sentences(told)

@@ -36,6 +36,12 @@ def unit_of(noise: Mapping[str, float]) -> dict[str, Unit]:
     }
 
 
+def units_of(table: ErrorTable) -> dict[str, Unit]:
+    """Return the unit of each channel on a page with this table: in the table and in every line beside it."""
+    floor = table.noise_floor
+    return unit_of({name: _rms(floor, name) for name in LISTED if _has(floor, name)})
+
+
 def _unit(name: str) -> str:
     return LISTED[name].unit if name in LISTED else "N·m"
 
@@ -57,7 +63,7 @@ def error_table(table: ErrorTable) -> RenderableType:
     result = figures_table("RMS of the\nresidual", "\nunit", *titles)
     result.columns[1].justify = "left"
     channels = [name for name in LISTED if all(_has(row, name) for part in parts for row in part[1:])]
-    shown = unit_of({name: _rms(table.noise_floor, name) for name in channels})
+    shown = units_of(table)
     for name in channels:
         cells: list[str | Text] = []
         for _, before, after, floor in parts:
@@ -81,7 +87,7 @@ def error_table(table: ErrorTable) -> RenderableType:
     ]
     result.add_row("χ²/N", "", *chi2)
     where = "the validation recordings" if len(parts) == 2 else "the fitted recordings"
-    return Group(result, Text(fall(*parts[-1][1:], where)))
+    return Group(result, Text(fall(*parts[-1][1:], where, shown)))
 
 
 _COLUMNS = ("before", "after", "noise")
@@ -95,8 +101,17 @@ def _rms(row: ErrorRow, name: str) -> float:
     return row.rms[name] if name in row.rms else row.channels[name].rms
 
 
-def fall(before: ErrorRow, after: ErrorRow, floor: ErrorRow | None, where: str) -> str:
-    """Return in a sentence how the error falls, and where it falls most; or rises, where it falls nowhere."""
+def fall(
+    before: ErrorRow,
+    after: ErrorRow,
+    floor: ErrorRow | None,
+    where: str,
+    units: Mapping[str, Unit] | None = None,
+) -> str:
+    """Return in a sentence how the error falls, and where it falls most; or rises, where it falls nowhere.
+
+    The units are those of the page (`units_of`); without them each channel has that of its noise.
+    """
     text = f"On {where}, χ²/N goes from {fixed(before.chi2_per_n)} to {fixed(after.chi2_per_n)}"
     if before == after:
         return f"On {where}, χ²/N is {fixed(after.chi2_per_n)} (1: nothing but noise)."
@@ -110,7 +125,7 @@ def fall(before: ErrorRow, after: ErrorRow, floor: ErrorRow | None, where: str) 
     most = (max if falls else min)(gain, key=lambda name: gain[name])
     if (gain[most] > 0.0) != falls:
         return f"{text}."  # no channel shows by itself what all of them show together
-    shown = unit_of({name: _rms(floor or after, name) for name in names})[most]
+    shown = (units or unit_of({name: _rms(floor or after, name) for name in names}))[most]
     was, now = (fixed(_rms(row, most) / shown.size) for row in (before, after))
     verb = "falls" if falls else "rises"
     text += f"; {LISTED[most].title}, where the error {verb} most, from {was} to {now} {shown.label}"

@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING
 
 from rich.text import Text
 
+from gyrowheel.text.errors import unit_of, units_of
 from gyrowheel.text.quantities import fixed, quantity
 from gyrowheel_analysis.channels import LISTED
 from gyrowheel_core.quantities import listed
-from gyrowheel_core.units import unit_for
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.diagnosis.proof import Proof
+    from gyrowheel_analysis.residuals.error_table import ErrorTable
 
 _PARTS = {
     "recording": "recordings",
@@ -20,18 +21,19 @@ _PARTS = {
     "azimuth": "tilt directions",
     "time": "stretches of time",
 }
-_ROOM = 30.0
 #: What a reader can do where nothing was tried or proven.
 HOW = "A recording that was not fitted proves it: --validate."
 
 
-def proof_sentence(proof: Proof | None) -> str:
+def proof_sentence(proof: Proof | None, table: ErrorTable | None = None) -> str:
     """Return whether what was found is proven, and why not where it is not.
 
     Parameters
     ----------
     proof : Proof or None
         The proof; None where nothing could be diagnosed.
+    table : ErrorTable, optional
+        The table of errors on the same page, whose units are taken.
     """
     if proof is None:
         return "NOT proven: nothing could be diagnosed."
@@ -39,14 +41,14 @@ def proof_sentence(proof: Proof | None) -> str:
         return f"Not tried on anything that was not fitted: too few windows to leave some out. {HOW}"
     on = f" on {proof.recording}" if not proof.left_out else ""
     if proof.proven:
-        return f"Proven{on}: {_parts(proof)}{_error(proof)}."
-    return f"NOT proven{on}: {_parts(proof)}{_why(proof)}."
+        return f"Proven{on}: {_parts(proof)}{_error(proof, table)}."
+    return f"NOT proven{on}: {_parts(proof)}{_why(proof, table)}."
 
 
-def proof_line(proof: Proof | None) -> Text:
+def proof_line(proof: Proof | None, table: ErrorTable | None = None) -> Text:
     """Return the same as the line that ends what was said: bold, and green or red where there is an answer."""
     colour = "" if proof is None or proof.proven is None else "green" if proof.proven else "red"
-    return Text(proof_sentence(proof), style=f"bold {colour}".strip())
+    return Text(proof_sentence(proof, table), style=f"bold {colour}".strip())
 
 
 def _parts(proof: Proof) -> str:
@@ -55,13 +57,13 @@ def _parts(proof: Proof) -> str:
     return f"each of {proof.parts} {_PARTS[proof.left_out]} predicted from the others, "
 
 
-def _error(proof: Proof) -> str:
+def _error(proof: Proof, table: ErrorTable | None) -> str:
     """Return how the error falls on what was predicted."""
     if not proof.channel:
         return _chi2(proof)
     channel = LISTED[proof.channel]
-    # a tenth of a large unit reads better here than hundreds of a small one
-    unit = unit_for(_ROOM * max(proof.before, proof.after, proof.noise), channel.unit)
+    units = {} if table is None else units_of(table)
+    unit = units.get(proof.channel) or unit_of({proof.channel: proof.noise})[proof.channel]
     before, after, noise = (fixed(v / unit.size) for v in (proof.before, proof.after, proof.noise))
     fall = after if before == after else f"{before} → {after}"
     floor = "noise" if not proof.left_out else "noise and uncertainty of the prediction"
@@ -72,10 +74,10 @@ def _chi2(proof: Proof) -> str:
     return f"χ²/N {fixed(proof.chi2_per_n)}"
 
 
-def _why(proof: Proof) -> str:
+def _why(proof: Proof, table: ErrorTable | None) -> str:
     misfit = f"{_chi2(proof)}, where chance allows {fixed(proof.allowed)}"
     if proof.reason == "no_gain":
-        return f"the error does not fall there, {_error(proof)}"
+        return f"the error does not fall there, {_error(proof, table)}"
     if proof.reason == "unfixed":
         causes = listed(list(proof.causes), "and") or "what was fitted"
         verb = "are" if len(proof.causes) > 1 else "is"
