@@ -36,6 +36,7 @@ HOUSE = (
         (
             ("errors", "wire", "cache", "leftovers", "processes"),
             ("units", "files", "schema", "yaml_text", "readings", "topics"),
+            ("namespaces",),
             ("quantities", "node", "locks", "limits"),
             ("journal",),
         ),

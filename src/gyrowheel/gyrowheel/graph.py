@@ -11,6 +11,7 @@ from gyrowheel.model import Model
 from gyrowheel.simulation import checked_plan
 from gyrowheel_analysis.nodes.replay import ReplayNode as Playing
 from gyrowheel_analysis.recording.bags import read_bag
+from gyrowheel_analysis.recording.namespace import bench_in
 from gyrowheel_analysis.recording.playback import Tape
 from gyrowheel_bringup.foxglove_process import foxglove
 from gyrowheel_bringup.graph import (
@@ -22,7 +23,7 @@ from gyrowheel_bringup.graph import (
     run_executable,
 )
 from gyrowheel_bringup.replay_session import Outcome, play
-from gyrowheel_bringup.viewers import share_file
+from gyrowheel_bringup.viewers import foxglove_layout, share_file
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import topics
 from gyrowheel_core.errors import InputError
@@ -38,6 +39,7 @@ __all__ = [
     "executables",
     "find_executable",
     "foxglove",
+    "foxglove_layout",
     "play",
     "run_executable",
     "share_file",
@@ -60,6 +62,7 @@ def up(
     realtime: bool = False,
     without_nodes: Sequence[str] = (),
     domain: int | None = None,
+    namespace: str = "",
     logs: bool = False,
     on_trouble: Callable[[str, str], None] | None = None,
 ) -> Graph:
@@ -83,6 +86,8 @@ def up(
         Nodes that are not started, because your own takes their place.
     domain : int, optional
         ROS domain, 0 .. 101; by default that of the environment.
+    namespace : str
+        Namespace of the nodes, such as ``/bench2``; empty: the root. Benches in different namespaces share a domain.
     logs : bool
         Show what the nodes log.
     on_trouble : callable, optional
@@ -118,6 +123,7 @@ def up(
         realtime=realtime,
         without=without_nodes,
         domain_id=domain,
+        namespace=namespace,
         show_logs=logs,
         on_trouble=on_trouble,
         initial_spin_rate=loaded.value("spin_rate_reference") if chosen is None else None,
@@ -153,10 +159,10 @@ def tape(
     """
     place, left_out = Path(recording), list(without)
     if estimate:
-        name = topics.DRAG_ESTIMATE.name
-        found = read_bag(place, {}).get(name)
-        wanted = not only or name in only
-        if wanted and name not in left_out and found is not None and found.count:
+        recorded = {name: data.count for name, data in read_bag(place, {}).items() if data.count}
+        name = topics.DRAG_ESTIMATE.within(bench_in(recorded, str(place)))
+        wanted = not only or name in only or topics.DRAG_ESTIMATE.name in only
+        if wanted and name in recorded and not {name, topics.DRAG_ESTIMATE.name} & set(left_out):
             left_out.append(name)
     opened = Tape(place, only=only, without=left_out, start=start, end=end)
     if estimate and topics.MEASUREMENT not in opened.topics:

@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from gyrowheel_analysis.recording.definitions import definition
 from gyrowheel_bringup.gate import Gate, web_origins
-from gyrowheel_bringup.viewers import robot_description
+from gyrowheel_bringup.viewers import ROBOT_DESCRIPTION, robot_description
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError, one_line
 from gyrowheel_core.node import WARN, BenchNode, Diagnosis, Param, run_node
@@ -21,7 +21,6 @@ from gyrowheel_core.topics import Topic
 
 HOST: Final = "127.0.0.1"
 PORT: Final = 8765
-_DESCRIPTION: Final = Topic("/robot_description", "std_msgs/msg/String", 1, latched=True)
 _BACKLOG: Final = 20_000  # messages kept for a slow viewer: a few seconds
 
 
@@ -64,7 +63,11 @@ class FoxgloveNode(BenchNode):
         self._sink = foxglove.Context()
         hidden = _hidden_host()
         self._server = foxglove.start_server(
-            name="gyrowheel", host=hidden, port=0, context=self._sink, message_backlog_size=_BACKLOG
+            name=f"gyrowheel {self.namespace}".strip(),
+            host=hidden,
+            port=0,
+            context=self._sink,
+            message_backlog_size=_BACKLOG,
         )
         port = self.parameter("port")
         try:
@@ -77,7 +80,7 @@ class FoxgloveNode(BenchNode):
         self._now = 0  # time of the bench [ns]
         self._passed = self._told = 0
         shown = [topic for topic in topics.TOPICS if topic not in (topics.TRUTH, topics.CLOCK)]
-        self._channels = {topic: self._channel(foxglove, topic) for topic in (*shown, _DESCRIPTION)}
+        self._channels = {topic: self._channel(foxglove, topic) for topic in (*shown, ROBOT_DESCRIPTION)}
         self._inputs = [self.subscription(topic, self._passer(topic), raw=True) for topic in shown]
         self._urdf = wire.pack_text(robot_description())
         # repeated for viewers that connect later
@@ -106,7 +109,7 @@ class FoxgloveNode(BenchNode):
     def _channel(self, foxglove: Any, topic: Topic) -> Any:
         known = definition(topic.type_name)
         return foxglove.Channel(
-            topic.name,
+            topic.within(self.namespace),
             schema=foxglove.Schema(name=topic.type_name, encoding="ros2msg", data=known.text.encode()),
             message_encoding="cdr",
             context=self._sink,
@@ -128,7 +131,7 @@ class FoxgloveNode(BenchNode):
         return take
 
     def _describe(self) -> None:
-        self._channels[_DESCRIPTION].log(self._urdf, log_time=self._now)
+        self._channels[ROBOT_DESCRIPTION].log(self._urdf, log_time=self._now)
 
 
 def main() -> int:

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 
 from gyrowheel_bringup.gate import web_origins
 from gyrowheel_bringup.graph import GraphError, find_executable
+from gyrowheel_core import namespaces
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import PARENT_VARIABLE, ExitCode, prepare_environment
 
@@ -18,7 +19,7 @@ _START = 60.0  # [s]
 
 
 @contextlib.contextmanager
-def foxglove(port: int, origins: Sequence[str] = ()) -> Iterator[str]:
+def foxglove(port: int, origins: Sequence[str] = (), *, namespace: str = "") -> Iterator[str]:
     """Run the node `foxglove` beside the graph; give the address to open in the viewer.
 
     Parameters
@@ -27,6 +28,8 @@ def foxglove(port: int, origins: Sequence[str] = ()) -> Iterator[str]:
         Port on this computer.
     origins : sequence of str
         Web pages that may read besides those of this computer, such as ``https://app.foxglove.dev``.
+    namespace : str
+        Namespace of the bench to show, such as ``/bench2``; empty: the root.
 
     Raises
     ------
@@ -44,6 +47,8 @@ def foxglove(port: int, origins: Sequence[str] = ()) -> Iterator[str]:
     ]
     if allowed := web_origins(" ".join(origins)):
         command += ["-p", f"origins:='{' '.join(allowed)}'"]
+    if moved := namespaces.checked(namespace):
+        command += ["-r", f"__ns:={moved}"]
     process = subprocess.Popen(
         command,
         stdin=subprocess.DEVNULL,

@@ -13,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -24,7 +24,7 @@ from gyrowheel_analysis.drag import Estimate
 from gyrowheel_analysis.nodes.replay import ReplayNode
 from gyrowheel_analysis.recording.playback import Tape
 from gyrowheel_bringup.graph import EXECUTABLES, find_executable
-from gyrowheel_core import topics
+from gyrowheel_core import namespaces, topics
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import PARENT_VARIABLE, ExitCode, prepare_environment, run_node
 
@@ -72,6 +72,7 @@ def play(
     *,
     show: Callable[[ReplayNode], None],
     estimator: Mapping[str, object] | None = None,
+    namespace: str = "",
     logs: bool = False,
 ) -> Outcome:
     """Replay a recording until its end, a key or a signal.
@@ -86,6 +87,8 @@ def play(
         Called ten times a second with the node.
     estimator : mapping, optional
         Parameters of a drag estimator that runs beside it; by default none runs.
+    namespace : str
+        Namespace of the nodes and of what they publish, such as ``/bench2``; empty: the root.
     logs : bool
         Whether the logs of the nodes go to stderr.
 
@@ -95,12 +98,14 @@ def play(
         If the estimator refuses its input, or its executable is not installed.
     """
     outcome = Outcome()
+    moved = namespaces.checked(namespace)
+    rules = ["-r", f"__ns:={moved}"] if moved else []
     prepare_environment()
     with contextlib.ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="gyrowheel-")))
         companion = None
         if estimator is not None:
-            companion = stack.enter_context(_companion(folder, estimator, logs=logs))
+            companion = stack.enter_context(_companion(folder, estimator, rules, logs=logs))
         keys = stack.enter_context(_keys())
         stack.enter_context(_signals_kept())
 
@@ -163,24 +168,34 @@ def play(
                 outcome.left_out = {topic.name: why for topic, why in self.left_out.items()}
 
         file = folder / "replay.yaml"
-        content = {"/replay": {"ros__parameters": {"directory": str(tape.path), **parameters}}}
+        content = {"/**": {"ros__parameters": {"directory": str(tape.path), **parameters}}}
         file.write_text(yaml.safe_dump(content), encoding="utf-8")
         level = "info" if logs else "warn"
-        outcome.code = run_node(Shown, ["--ros-args", "--params-file", str(file), "--log-level", level])
+        outcome.code = run_node(
+            Shown, ["--ros-args", "--params-file", str(file), *rules, "--log-level", level]
+        )
         if companion is not None:
             _check(companion, folder)
     return outcome
 
 
 @contextlib.contextmanager
-def _companion(folder: Path, parameters: Mapping[str, object], *, logs: bool) -> Iterator[Any]:
+def _companion(
+    folder: Path, parameters: Mapping[str, object], rules: Sequence[str], *, logs: bool
+) -> Iterator[Any]:
     """Run the drag estimator as a process that ends with the block."""
     file = folder / f"{_ESTIMATOR}.yaml"
-    content = {f"/{_ESTIMATOR}": {"ros__parameters": dict(parameters)}}
+    content = {"/**": {"ros__parameters": dict(parameters)}}
     file.write_text(yaml.safe_dump(content), encoding="utf-8")
     with (folder / f"{_ESTIMATOR}.log").open("wb") as log:
         process = subprocess.Popen(
-            [str(find_executable(*EXECUTABLES[_ESTIMATOR])), "--ros-args", "--params-file", str(file)],
+            [
+                str(find_executable(*EXECUTABLES[_ESTIMATOR])),
+                "--ros-args",
+                "--params-file",
+                str(file),
+                *rules,
+            ],
             stdin=subprocess.DEVNULL,
             stdout=None if logs else log,
             stderr=None if logs else log,

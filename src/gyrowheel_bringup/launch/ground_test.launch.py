@@ -17,8 +17,9 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from gyrowheel_bringup.graph import EXECUTABLES, find_executable, node_parameters, require_free
-from gyrowheel_bringup.viewers import robot_description, rviz_config
+from gyrowheel_bringup.viewers import robot_description, rviz_config, viewer_names
 from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core import namespaces
 from gyrowheel_core.node import PARENT_VARIABLE
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.plant.scenario import Scenario
@@ -32,6 +33,7 @@ ARGUMENTS = (
     ("scenario", "", "File of the true machine; empty: that of the bench file"),
     ("model", "", "Model file that the drag estimator believes; empty: the bench without effects"),
     ("realtime", "false", "Run the bench in wall-clock time"),
+    ("namespace", "", "Namespace of the bench, such as /bench2; empty: the root"),
     ("viewable", "true", "Publish the model of the wheel and its frames for viewers"),
     ("rviz", "false", "Start RViz"),
 )
@@ -57,7 +59,8 @@ def _actions(context: LaunchContext) -> list[Node]:
     viewers += [RVIZ] if asked["rviz"] else []
     for package, executable in (*EXECUTABLES.values(), *([PLAN_CLIENT] if plan else []), *viewers):
         find_executable(package, executable)
-    require_free()
+    namespace = namespaces.checked(given["namespace"])
+    require_free(namespace=namespace)
     parameters = node_parameters(
         plan,
         bench=given["bench"],
@@ -67,7 +70,11 @@ def _actions(context: LaunchContext) -> list[Node]:
         realtime=asked["realtime"],
         machine=machine.identity(bench),
     )
-    ours = {"output": "screen", "additional_env": {PARENT_VARIABLE: str(os.getpid())}}
+    ours = {
+        "output": "screen",
+        "additional_env": {PARENT_VARIABLE: str(os.getpid())},
+        "namespace": namespace,
+    }
     actions = [
         Node(
             package=package,
@@ -91,6 +98,8 @@ def _actions(context: LaunchContext) -> list[Node]:
                 arguments=["-d", str(rviz_config())] if executable == RVIZ[1] else [],
                 parameters=[description | clock],
                 prefix=ends_too,
+                namespace=namespace,
+                remappings=viewer_names(namespace),
             )
         )
     if plan is not None:

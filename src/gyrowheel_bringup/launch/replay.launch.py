@@ -10,7 +10,8 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
-from gyrowheel_bringup.viewers import robot_description, rviz_config
+from gyrowheel_bringup.viewers import robot_description, rviz_config, viewer_names
+from gyrowheel_core import namespaces
 from launch import LaunchContext, LaunchDescription
 
 #: Name, default and description of the arguments.
@@ -23,6 +24,7 @@ ARGUMENTS = (
     ("paused", "false", "Start paused"),
     ("estimate", "false", "Run the drag estimator on it"),
     ("model", "", "Model file that the estimator believes; empty: the default bench without effects"),
+    ("namespace", "", "Namespace to publish in, such as /bench2; empty: the root"),
     ("viewable", "true", "Publish the model of the wheel and its frames for viewers"),
     ("rviz", "false", "Start RViz"),
 )
@@ -34,11 +36,14 @@ def _actions(context: LaunchContext) -> list[Node]:
         name: given[name].lower() in ("true", "1", "yes")
         for name in ("loop", "paused", "estimate", "viewable", "rviz")
     }
+    namespace = namespaces.checked(given["namespace"])
+    viewer = {"namespace": namespace, "remappings": viewer_names(namespace)}
     actions = [
         Node(
             package="gyrowheel_analysis",
             executable="replay_node",
             name="replay",
+            namespace=namespace,
             parameters=[
                 {
                     "directory": ParameterValue(given["recording"], value_type=str),
@@ -57,6 +62,7 @@ def _actions(context: LaunchContext) -> list[Node]:
                 package="gyrowheel_analysis",
                 executable="drag_estimator_node",
                 name="drag_estimator",
+                namespace=namespace,
                 parameters=[{"model": ParameterValue(given["model"], value_type=str)}],
                 output="screen",
             )
@@ -72,6 +78,7 @@ def _actions(context: LaunchContext) -> list[Node]:
                         "use_sim_time": True,
                     }
                 ],
+                **viewer,
             )
         )
     if asked["rviz"]:
@@ -81,6 +88,7 @@ def _actions(context: LaunchContext) -> list[Node]:
                 executable="rviz2",
                 arguments=["-d", str(rviz_config())],
                 parameters=[{"use_sim_time": True}],
+                **viewer,
             )
         )
     return actions

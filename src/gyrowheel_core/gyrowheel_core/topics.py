@@ -24,7 +24,7 @@ class Topic:
     Attributes
     ----------
     name : str
-        Full name.
+        Full name where no namespace is given.
     type_name : str
         Message type, such as ``"std_msgs/msg/String"``.
     depth : int
@@ -35,6 +35,8 @@ class Topic:
         Layout of the serialized message where it is a fixed one.
     shared : bool
         Whether several nodes publish it; every other topic has one publisher.
+    fixed : bool
+        Whether it has this name in every namespace.
     """
 
     name: str
@@ -43,6 +45,16 @@ class Topic:
     latched: bool = False
     layout: wire.Layout | None = None
     shared: bool = False
+    fixed: bool = False
+
+    @property
+    def relative(self) -> str:
+        """Name by which a node asks for it, so that it moves with the node's namespace."""
+        return self.name if self.fixed else self.name.removeprefix("/")
+
+    def within(self, namespace: str) -> str:
+        """Return its full name in a namespace: empty for the root, else such as ``/bench2``."""
+        return self.name if self.fixed else f"{namespace}{self.name}"
 
     @property
     def qos(self) -> QoSProfile:
@@ -78,7 +90,9 @@ ENVIRONMENT: Final = Topic("/gyrowheel/environment", "std_msgs/msg/String", 10, 
 TRUTH: Final = Topic("/gyrowheel/truth", "std_msgs/msg/String", 1_000)
 CLOCK: Final = _fixed("/clock", wire.CLOCK, 100)
 JOINT_STATES: Final = Topic("/joint_states", "sensor_msgs/msg/JointState")
-DIAGNOSTICS: Final = Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", 100, shared=True)
+DIAGNOSTICS: Final = Topic(
+    "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", 100, shared=True, fixed=True
+)
 
 TOPICS: Final = (
     MEASUREMENT,

@@ -72,6 +72,15 @@ Machine: TypeAlias = Annotated[
         show_default="as stated in the bench file",
     ),
 ]
+Namespace: TypeAlias = Annotated[
+    str,
+    typer.Option(
+        "--namespace",
+        metavar="NS",
+        help="ROS namespace of the nodes and their topics, such as /bench2: several benches share a domain.",
+        show_default="none",
+    ),
+]
 Truth: TypeAlias = Annotated[
     Path | None,
     typer.Option(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gyrowheel.cli.options import Json, example
+from gyrowheel.cli.options import Json, Namespace, example
 from gyrowheel.cli.shell import notes, put_json, put_text
 from gyrowheel.errors import InputError
 
@@ -75,6 +75,7 @@ def replay(
             show_default="a new one of the bench gyrowheel",
         ),
     ] = None,
+    namespace: Namespace = "",
     logs: Annotated[bool, typer.Option("--logs", help="Show what the nodes log.")] = False,
     json: Json = None,
 ) -> None:
@@ -139,6 +140,7 @@ def replay(
                 },
                 show=show,
                 estimator=estimator,
+                namespace=namespace,
                 logs=logs,
             )
     if outcome.code:

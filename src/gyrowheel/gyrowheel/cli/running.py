@@ -16,6 +16,7 @@ from gyrowheel.cli.options import (
     Effects,
     Json,
     Machine,
+    Namespace,
     PlanName,
     Seed,
     Truth,
@@ -78,6 +79,7 @@ def up(
             "--domain", metavar="N", help="ROS domain, 0 .. 101.", show_default="ROS_DOMAIN_ID, or 0"
         ),
     ] = None,
+    namespace: Namespace = "",
     logs: Annotated[bool, typer.Option("--logs", help="Show what the nodes log.")] = False,
     json: Json = None,
 ) -> None:
@@ -106,6 +108,7 @@ def up(
         realtime=realtime,
         without_nodes=without or (),
         domain=domain,
+        namespace=namespace,
         logs=logs,
         on_trouble=lambda node, text: notes().print(f"{node}: {text}", soft_wrap=True, highlight=False),
     )

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from gyrowheel.cli.options import example
+from gyrowheel.cli.options import Namespace, example
 from gyrowheel.cli.shell import notes, out, working
 
 
@@ -30,6 +30,7 @@ def live(
             show_default=False,
         ),
     ] = None,
+    namespace: Namespace = "",
 ) -> None:
     """Show the running bench, or a replay, in the viewer Foxglove until Ctrl-C.
 
@@ -37,15 +38,21 @@ def live(
     it prints in Foxglove (Open connection), and import the layout that it
     names.
     """
+    import tempfile
     import time
+    from pathlib import Path
 
-    from gyrowheel.graph import foxglove, share_file
+    from gyrowheel.graph import foxglove, foxglove_layout, share_file
 
     with contextlib.ExitStack() as stack:
         with working("starting the server"):
-            address = stack.enter_context(foxglove(port, origin or ()))
+            address = stack.enter_context(foxglove(port, origin or (), namespace=namespace))
+        layout = share_file("config/foxglove_layout.json")
+        if namespace.strip("/"):  # its topics have other names
+            layout = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="gyrowheel-"))) / layout.name
+            layout.write_text(foxglove_layout(namespace), encoding="utf-8")
         out().print(f"address: {address}", soft_wrap=True)
-        out().print(f"layout: {share_file('config/foxglove_layout.json')}", soft_wrap=True)
+        out().print(f"layout: {layout}", soft_wrap=True)
         notes().print("Ctrl-C ends it")
         while True:
             time.sleep(3600.0)

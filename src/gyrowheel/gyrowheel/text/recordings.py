@@ -30,6 +30,8 @@ def info_page(found: RecordingInfo) -> Iterator[RenderableType]:
     facts = words_table("", "")
     facts.add_row("bench", found.bench or "not stated")
     facts.add_row("machine", found.machine or "not stated")
+    if found.namespace:
+        facts.add_row("namespace", found.namespace)
     facts.add_row(
         "duration", f"{found.duration:.2f} s, {found.integrity.samples} samples at {found.rate:.1f} Hz"
     )

@@ -7,16 +7,17 @@ from __future__ import annotations
 
 from typing import Final
 
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from gyrowheel_msgs.srv import SplitRecording, StartRecording, StopRecording
+from rclpy.serialization import deserialize_message
 
 from gyrowheel_analysis.recording.live import LiveRecording
-from gyrowheel_core import topics
+from gyrowheel_core import namespaces, topics
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import BenchNode, Diagnosis, Inbox, Param, run_node
 from gyrowheel_core.topics import Topic
 
-SERVICES: Final = "/gyrowheel/recorder"
+SERVICES: Final = "gyrowheel/recorder"
 #: Period at which everything collected goes to the disk [s, wall-clock time]; a killed recorder loses no more.
 FLUSH_PERIOD: Final = 0.1
 #: Period at which arrived messages are written [s, wall-clock time].
@@ -31,7 +32,7 @@ class RecorderNode(BenchNode):
         Param(
             "directory", "", "Directory to create and record into at once; empty: wait for the service start"
         ),
-        Param("record_clock", False, "Record /clock too"),
+        Param("record_clock", False, "Record the clock too"),
         Param(
             "max_bag_size",
             0,
@@ -115,6 +116,7 @@ class RecorderNode(BenchNode):
             max_duration=self.parameter("max_bag_duration"),
             look=self.watch.publishers,
             present=self._present,
+            namespace=self.namespace,
         )
         # only now: a plant that counts its subscribers must not start before the recording exists
         self._open = [self.inbox(topic) for topic in self._recorded]
@@ -158,11 +160,19 @@ class RecorderNode(BenchNode):
 
     def _take(self, recording: LiveRecording, inbox: Inbox, data: bytes) -> bool:
         """Write one message; if it is the first of another run, end the recording and return False."""
+        if inbox.topic is topics.DIAGNOSTICS and self._is_of_another(data):
+            return True
         if recording.take(inbox.topic, data, inbox.number):
             return True
         self.get_logger().warning("the plant was started again: the recording of its last run ends")
         self._end()
         return False
+
+    def _is_of_another(self, data: bytes) -> bool:
+        """Return whether a message on /diagnostics is of a bench in another namespace alone."""
+        statuses = deserialize_message(data, DiagnosticArray).status
+        mine = self.namespace
+        return bool(statuses) and all(namespaces.is_of_another(s.hardware_id, mine) for s in statuses)
 
     def _flush(self) -> None:
         """Send collected messages to the disk, however slowly they arrive."""

@@ -28,7 +28,7 @@ from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import BenchNode, Diagnosis, Param, run_node
 from gyrowheel_core.topics import Topic
 
-SERVICES: Final = "/gyrowheel/replay"
+SERVICES: Final = "gyrowheel/replay"
 #: Messages of a topic after which the node waits for the subscribers: a tenth of the depth of the high-rate topics.
 #: On other topics it is half of the depth; where the depth is below `_KEPT`, the node does not wait.
 WINDOW: Final = 5_000
@@ -329,7 +329,8 @@ class ReplayNode(BenchNode):
             if topic in _OF_A_BENCH:
                 self.fault(
                     "bench_is_running",
-                    f"{topic.name} is published by {', '.join(names)}: end that bench, or use another ROS domain",
+                    f"{topic.within(self.namespace)} is published by {', '.join(names)}: end that bench, or use "
+                    "another ROS domain or namespace",
                 )
                 return False
             self.left_out[topic] = f"published by {', '.join(names)}"
@@ -358,7 +359,7 @@ class ReplayNode(BenchNode):
 
     def _others(self, topic: Topic) -> list[str]:
         """Return the other nodes that publish a topic."""
-        found = self.get_publishers_info_by_topic(topic.name)
+        found = self.get_publishers_info_by_topic(topic.relative)
         return sorted({name for info in found if (name := _full_name(info)) != _own_name(self)})
 
     def _ask_readers(self) -> None:
@@ -404,7 +405,7 @@ class ReplayNode(BenchNode):
         names = {
             _full_name(info)
             for topic in self._outlets
-            for info in self.get_subscriptions_info_by_topic(topic.name)
+            for info in self.get_subscriptions_info_by_topic(topic.relative)
         }
         for name in names - self._state_clients.keys() - {_own_name(self)}:
             self._state_clients[name] = self.create_client(GetState, f"{name}/get_state")

@@ -73,6 +73,8 @@ class RecordingInfo:
         Messages that no checksum covers.
     machine : str
         Name of the machine; empty where unknown.
+    namespace : str
+        Namespace in which the bench ran, such as ``/bench2``; empty for the root.
     publishers : tuple of Publisher
         Who published what, where the recorder has stated it.
     """
@@ -91,6 +93,7 @@ class RecordingInfo:
     rigs: tuple[str, ...]
     unchecked: int = 0
     machine: str = ""
+    namespace: str = ""
     publishers: tuple[Publisher, ...] = ()
 
 
@@ -124,6 +127,7 @@ def info(source: str | Path | Recording) -> RecordingInfo:
         rigs=tuple(dict.fromkeys(event.rig for event in recording.environment)),
         unchecked=recording.unchecked,
         machine=recording.machine,
+        namespace=recording.namespace,
         publishers=_publishers(path),
     )
 

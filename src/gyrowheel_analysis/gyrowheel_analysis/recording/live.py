@@ -101,6 +101,8 @@ class LiveRecording:
         Returns the publishers that a topic has had: pairs of GID and node. By default they are not known.
     present : callable, optional
         Returns the GIDs of those publishers of a topic that are there now; by default all that it has had.
+    namespace : str
+        Namespace in which the bench runs: empty for the root, else such as ``/bench2``.
 
     Attributes
     ----------
@@ -122,8 +124,12 @@ class LiveRecording:
         max_duration: float = 0.0,
         look: Callable[[Topic], Sequence[tuple[str, str]]] | None = None,
         present: Callable[[Topic], Collection[str]] | None = None,
+        namespace: str = "",
     ) -> None:
-        self.writer = RecordingWriter(directory, max_size=max_size, max_duration=max_duration, reserve=True)
+        self.writer = RecordingWriter(
+            directory, max_size=max_size, max_duration=max_duration, reserve=True, namespace=namespace
+        )
+        self._namespace = namespace
         self.count = SampleCount()
         self.surplus_commands = 0
         self._answered = -1  # sample that the last command answered
@@ -242,7 +248,7 @@ class LiveRecording:
             if self._look is None:
                 return
             look = self._look
-            division = self._divisions[topic] = Division(topic.name, lambda: look(topic))
+            division = self._divisions[topic] = Division(topic.within(self._namespace), lambda: look(topic))
         if number is None or topic.shared:
             division.unknown = True
         else:

@@ -19,6 +19,7 @@ from rosbags.interfaces import ConnectionExtRosbag2, Qos, QosDurability
 from rosbags.rosbag2 import Reader
 
 from gyrowheel_analysis.recording.bags import read_bag
+from gyrowheel_analysis.recording.namespace import bench_in
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError, one_line
 from gyrowheel_core.topics import Topic
@@ -26,7 +27,6 @@ from gyrowheel_core.topics import Topic
 #: One message: when it is due on the clock of the recording [ns], its topic, its bytes.
 Message = tuple[int, Topic, bytes]
 
-_KNOWN: Final = {topic.name: topic for topic in topics.TOPICS}
 _DEPTH: Final = 100  # of topics that are not of the bench
 _LOOK_BACK_NS: Final = wire.SECOND  # setpoints are 5 ms apart; those of other benches may be farther apart
 
@@ -39,7 +39,7 @@ class Tape:
     directory : str or Path
         A rosbag2 directory of any storage, or one of its files.
     only : collection of str
-        Names of the topics to play; empty: all topics of the recording.
+        Names of the topics to play, with the namespace of the bench or without; empty: all topics of the recording.
     without : collection of str
         Names of topics to leave out.
     start, end : float
@@ -86,6 +86,11 @@ class Tape:
             raise InputError(f"{self.path}: from {start:g} s to {end:g} s: the end must lie behind the start")
         # counts messages, and checks every length and checksum of the files, which rosbags does not
         counts = {name: data.count for name, data in read_bag(self.path, {}).items() if data.count}
+        bench = bench_in(counts, str(self.path))
+        known = {topic.within(bench): topic for topic in topics.TOPICS}
+        only, without = (
+            [name if name in counts else f"{bench}{name}" for name in given] for given in (only, without)
+        )
         for name in (*only, *without):
             if name not in counts:
                 there = ", ".join(sorted(counts)) or "none at all"
@@ -96,10 +101,11 @@ class Tape:
         self._reader = _opened(self.path)
         try:
             connections = [c for c in self._reader.connections if c.topic in names]
-            found = {c.topic: _KNOWN.get(c.topic) or _foreign(c) for c in connections}
+            found = {c.topic: known.get(c.topic) or _foreign(c) for c in connections}
             for connection in connections:
                 _check_type(self.path, connection, found[connection.topic])
             self.topics = {found[name]: counts[name] for name in names}
+            self._bench = bench
             self._lead_ns = round(setpoint_lead * wire.SECOND)
             self._set_range(start, end)
         except BaseException:
@@ -162,7 +168,9 @@ class Tape:
 
     def _set_range(self, start: float, end: float) -> None:
         first, last = int(self._reader.start_time), int(self._reader.end_time) - 1
-        measurements = [c for c in self._reader.connections if c.topic == topics.MEASUREMENT.name]
+        measurements = [
+            c for c in self._reader.connections if c.topic == topics.MEASUREMENT.within(self._bench)
+        ]
         sample = next(iter(self._read([topics.MEASUREMENT], first, last)), None) if measurements else None
         self.zero_ns = first if sample is None else sample[0]
         if self.zero_ns + start * wire.SECOND > last:
@@ -191,7 +199,7 @@ class Tape:
 
     def _read(self, chosen: Iterable[Topic], start_ns: int, end_ns: int) -> Iterator[Message]:
         """Yield the messages of topics by time, both ends included."""
-        by_name = {topic.name: topic for topic in chosen}
+        by_name = {topic.within(self._bench): topic for topic in chosen}
         connections = [c for c in self._reader.connections if c.topic in by_name]
         if not connections:  # rosbags would take an empty list for all topics
             return
@@ -284,7 +292,7 @@ def _foreign(connection: Any) -> Topic:
     assert isinstance(extension, ConnectionExtRosbag2)
     profiles: list[Qos] = extension.offered_qos_profiles
     latched = any(profile.durability is QosDurability.TRANSIENT_LOCAL for profile in profiles)
-    return Topic(connection.topic, connection.msgtype, _DEPTH, latched=latched)
+    return Topic(connection.topic, connection.msgtype, _DEPTH, latched=latched, fixed=True)
 
 
 def _check_type(path: Path, connection: Any, topic: Topic) -> None:

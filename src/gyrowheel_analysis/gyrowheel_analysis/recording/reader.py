@@ -14,6 +14,7 @@ import numpy.typing as npt
 from gyrowheel_analysis.recording.bags import read_bag
 from gyrowheel_analysis.recording.columns import STALL, columns, is_earlier, texts, wanted
 from gyrowheel_analysis.recording.mcap.reader import Want
+from gyrowheel_analysis.recording.namespace import AnyNamespace, bench_in
 from gyrowheel_analysis.recording.part import WHOLE, parted
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
@@ -82,6 +83,8 @@ class Recording:
         The description of the bench; empty where the recording has none.
     unchecked : int
         Messages that no checksum covers.
+    namespace : str
+        Namespace in which the bench ran, such as ``/bench2``; empty for the root.
     part : (float, float)
         Between which times steady motion is looked for [s from the start]. All samples are kept, since what came before
         has warmed the machine.
@@ -97,6 +100,7 @@ class Recording:
     bench_text: str
     _integrity: Integrity = field(repr=False)
     unchecked: int = 0
+    namespace: str = ""
     part: tuple[float, float] = WHOLE
 
     @classmethod
@@ -118,30 +122,31 @@ class Recording:
         where = str(path)
         asked: dict[str, Want | None] = {topic.name: None for topic in _TEXTS}
         asked |= {topic.name: wanted(topic.layout) for topic in _COLUMNS if topic.layout}
-        found = read_bag(path, asked)
-        used = dict(found)
-        if is_earlier(found.get(topics.DRAG_ESTIMATE.name), wire.DRAG_ESTIMATE, where):
-            del used[topics.DRAG_ESTIMATE.name]  # the analysis needs no estimates, and makes its own
-        read = {
-            topic: columns(used.get(topic.name), topic.layout, where) for topic in _COLUMNS if topic.layout
-        }
+        found = read_bag(path, AnyNamespace(asked))
+        counts = {name: topic.count for name, topic in sorted(found.items())}
+        namespace = bench_in(counts, where)
+        used = {topic: found.get(topic.within(namespace)) for topic in (*_COLUMNS, *_TEXTS)}
+        if is_earlier(used[topics.DRAG_ESTIMATE], wire.DRAG_ESTIMATE, where):
+            used[topics.DRAG_ESTIMATE] = None  # the analysis needs no estimates, and makes its own
+        read = {topic: columns(used[topic], topic.layout, where) for topic in _COLUMNS if topic.layout}
         if len(read[topics.MEASUREMENT]) == 0:
-            others = ", ".join(sorted(name for name, topic in found.items() if topic.count)) or "none at all"
+            others = ", ".join(name for name, count in counts.items() if count) or "none at all"
             raise InputError(f"{path}: no messages on {topics.MEASUREMENT.name}; there are: {others}")
         measurement, integrity = _in_order(read[topics.MEASUREMENT], where)
         start = int(measurement["stamp_ns"][0])
-        descriptions = texts(found.get(topics.BENCH.name), where)
+        descriptions = texts(used[topics.BENCH], where)
         length = (int(measurement["stamp_ns"][-1]) - start) * 1e-9
         if not (part[0] < length and part[1] > 0.0):
             raise InputError(f"{directory}: lies outside the recording; allowed: 0 .. {length:.1f} s")
         return cls(
             path=Path(directory),
-            topics={name: topic.count for name, topic in sorted(found.items())},
+            topics=counts,
+            namespace=namespace,
             measurement=measurement,
             command=_by_stamp(read[topics.COMMAND]),
             setpoint=_by_stamp(read[topics.SETPOINT]),
             drag_estimate=_by_stamp(read[topics.DRAG_ESTIMATE]),
-            environment=_environment(texts(found.get(topics.ENVIRONMENT.name), where), start, where),
+            environment=_environment(texts(used[topics.ENVIRONMENT], where), start, where),
             bench_text=descriptions[-1] if descriptions else "",
             _integrity=integrity,
             unchecked=sum(topic.unchecked for topic in found.values()),

@@ -52,6 +52,8 @@ class RecordingWriter:
     reserve : bool
         Whether to reserve disk space so that the recording can be completed on a full disk. The reserve is a hidden
         file of about 256 kB in the directory; it is removed when the recording is complete.
+    namespace : str
+        Namespace of the topics: empty for the root, else such as ``/bench2``.
 
     Attributes
     ----------
@@ -83,10 +85,12 @@ class RecordingWriter:
         max_size: int = 0,
         max_duration: float = 0.0,
         reserve: bool = False,
+        namespace: str = "",
     ) -> None:
         self.path = Path(directory)
         self.counts: dict[str, int] = {}
         self.custom_data: dict[str, str] = {}
+        self._namespace = namespace
         self._chunk_size = chunk_size
         self._chunk_span = round(chunk_span * wire.SECOND)
         self._max_size = max_size
@@ -264,7 +268,7 @@ class RecordingWriter:
             "offered_qos_profiles": metadata_text(qos_profiles(topic)),
             "topic_type_hash": known.type_hash,
         }
-        channel = self._mcap.add_channel(topic.name, topic.type_name, known.text, metadata)
+        channel = self._mcap.add_channel(topic.within(self._namespace), topic.type_name, known.text, metadata)
         self._channels[topic.name] = channel
         self._topics[topic.name] = topic
         self.counts.setdefault(topic.name, 0)
@@ -287,7 +291,7 @@ class RecordingWriter:
             [
                 (
                     {
-                        "name": topic.name,
+                        "name": topic.within(self._namespace),
                         "type": topic.type_name,
                         "serialization_format": "cdr",
                         "offered_qos_profiles": qos_profiles(topic),

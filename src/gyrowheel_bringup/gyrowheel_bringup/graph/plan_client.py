@@ -25,7 +25,7 @@ class PlanClientNode(BenchNode):
     def configure(self) -> None:
         """Read the plan."""
         self._plan = Plan.load(self.parameter("plan"))
-        self._client = ActionClient(self, RunPlan, "/gyrowheel/run_plan")
+        self._client = ActionClient(self, RunPlan, "gyrowheel/run_plan")
         self._label = ""
         self._asked = False
 

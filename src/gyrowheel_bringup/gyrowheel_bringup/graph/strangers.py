@@ -40,10 +40,12 @@ class Strangers:
         A node of this process.
     names : collection of str
         The nodes of the graph; a topic whose own node is not among them may come from any node.
+    namespace : str
+        Namespace of the nodes of the graph.
     """
 
-    def __init__(self, node: Node, names: Collection[str]) -> None:
-        self._node = node
+    def __init__(self, node: Node, names: Collection[str], namespace: str = "") -> None:
+        self._node, self._namespace = node, namespace
         self._own = {topic: name for topic, name in PUBLISHERS.items() if name in names}
         self._found: dict[str, str] = {}  # publishers by topic
         self._due = 0.0
@@ -60,15 +62,15 @@ class Strangers:
             return
         self._due = time.monotonic() + _PERIOD
         for topic, own in self._own.items():
-            others = sorted({name for name in self._names(topic) if name != f"/{own}"})
+            others = sorted({name for name in self._names(topic) if name != f"{self._namespace}/{own}"})
             if others:
-                self._found.setdefault(topic.name, ", ".join(others))
+                self._found.setdefault(topic.within(self._namespace), ", ".join(others))
 
     def text(self) -> str:
         """Return who published what, in one line; empty if nobody did."""
         return "; ".join(f"{topic} was also published by others: {who}" for topic, who in self._found.items())
 
     def _names(self, topic: Topic) -> Iterator[str]:
-        for info in self._node.get_publishers_info_by_topic(topic.name):
+        for info in self._node.get_publishers_info_by_topic(topic.within(self._namespace)):
             if "UNKNOWN" not in info.node_name:  # its name is yet to come
                 yield f"{info.node_namespace.rstrip('/')}/{info.node_name}"

@@ -31,13 +31,14 @@ from std_msgs.msg import String
 
 from gyrowheel_control.loops.limits import plan_tilt_limit, tilt_limit
 from gyrowheel_control.plans.plan import HOLD, SETPOINT_PERIOD, Plan
-from gyrowheel_core import topics, wire
+from gyrowheel_core import namespaces, topics, wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import PRIORITY, BenchNode, Diagnosis, Param, run_node
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import to_json
 
-ACTION = "/gyrowheel/run_plan"
+#: Relative, as all names are: they move with the namespace of the node.
+ACTION = "gyrowheel/run_plan"
 SETPOINT_PERIOD_NS = round(SETPOINT_PERIOD * 1e9)
 #: Plans start and end at whole multiples of this, at which the plant publishes the clock [ns].
 CLOCK_PERIOD_NS = 10_000_000
@@ -140,8 +141,9 @@ class ConductorNode(BenchNode):
             self.subscription(topics.DIAGNOSTICS, self._on_diagnostics),
         ]
         controller = self.parameter("controller")
+        self._controller = namespaces.local_name(controller.strip("/"), self.namespace)
         self._limits = (
-            self.create_client(SetParameters, f"/{controller.strip('/')}/set_parameters")
+            self.create_client(SetParameters, f"{controller.rstrip('/')}/set_parameters")
             if controller not in ("", "none")
             else None
         )
@@ -300,7 +302,7 @@ class ConductorNode(BenchNode):
 
     def _time_is_known(self, walk: Walk) -> bool:
         """Return whether there is a time to start from: that of the clock, or else of the samples."""
-        if self._told_time or self.count_publishers(topics.CLOCK.name):
+        if self._told_time or self.count_publishers(topics.CLOCK.relative):
             return True
         if self._samples is None and time.monotonic() > walk.deadline - MATCHING_TIMEOUT + CLOCK_TIMEOUT:
             self._samples = self.subscription(self._slowest_stamps(), self._on_sample, raw=True)
@@ -310,7 +312,7 @@ class ConductorNode(BenchNode):
         """Return the topic that tells the time of the samples: one of few messages, if the same node publishes it."""
 
         def sources(topic: topics.Topic) -> set[tuple[str, str]]:
-            found = self.get_publishers_info_by_topic(topic.name)
+            found = self.get_publishers_info_by_topic(topic.relative)
             return {(info.node_namespace, info.node_name) for info in found}
 
         slow = sources(topics.JOINT_STATES)
@@ -385,15 +387,18 @@ class ConductorNode(BenchNode):
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         """End a plan when a node of the bench says that it has failed."""
         for status in message.status:
-            if status.name == "plant":
+            if namespaces.is_of_another(status.hardware_id, self.namespace):
+                continue
+            name = namespaces.local_name(status.name, self.namespace)
+            if name == "plant":
                 self._plant_stopped = status.level == DiagnosticStatus.WARN and status.message == "inactive"
             # such as a guard that has tripped: the wheel no longer is where the plan has it
             names = {pair.key for pair in status.values}
-            ended = "fault" in names and status.name in ("plant", self.parameter("controller"))
+            ended = "fault" in names and name in ("plant", self._controller)
             if status.level == DiagnosticStatus.ERROR and ("guard" in names or ended):
                 if self._walk is not None:
                     self._hold_here(self._walk)
-                self._finish(f"aborted: {status.name}: {status.message}")
+                self._finish(f"aborted: {name}: {status.message}")
 
     def _advance(self, now: int) -> None:
         """Go on to the time `now` [ns]."""

@@ -20,7 +20,7 @@ from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
-from gyrowheel_core import topics
+from gyrowheel_core import namespaces, topics
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.node.inbox import Inbox
 from gyrowheel_core.node.parameters import AUTOSTART, Param
@@ -168,13 +168,13 @@ class BenchNode(LifecycleNode):
 
     def publisher(self, topic: topics.Topic) -> Publisher:
         """Create a publisher; its `publish` takes a message or the bytes of one."""
-        return self.create_publisher(topic.message_class, topic.name, topic.qos)
+        return self.create_publisher(topic.message_class, topic.relative, topic.qos)
 
     def subscription(
         self, topic: topics.Topic, callback: Callable[[Any], None], *, raw: bool = False
     ) -> Subscription:
         """Create a subscription; with `raw` the callback is given the bytes of the message."""
-        result = self.create_subscription(topic.message_class, topic.name, callback, topic.qos, raw=raw)
+        result = self.create_subscription(topic.message_class, topic.relative, callback, topic.qos, raw=raw)
         self.watch.add(topic, result)
         return result
 
@@ -263,6 +263,11 @@ class BenchNode(LifecycleNode):
         if self.failure is None:
             self.failure = Fault(name, message)
             self.stopping = True
+
+    @property
+    def namespace(self) -> str:
+        """Namespace of the node: empty for the root, else such as ``/bench2``."""
+        return namespaces.of_node(self.get_namespace())
 
     @property
     def state(self) -> str:
@@ -454,9 +459,9 @@ class BenchNode(LifecycleNode):
             level, text = max(level, WARN), f"{text}; several publishers of {values[SURPLUS]}"
         status = DiagnosticStatus(
             level=level,
-            name=self.get_name(),
+            name=namespaces.status_name(self.namespace, self.get_name()),
             message=text,
-            hardware_id="gyrowheel",
+            hardware_id=namespaces.hardware_id(self.namespace),
             values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
         )
         message = DiagnosticArray(status=[status])

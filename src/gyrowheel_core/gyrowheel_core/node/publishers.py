@@ -26,6 +26,7 @@ class _Seen:
 
     topic: Topic
     subscription: Subscription
+    name: str  # of the topic, full
     matches: Any  # tells how many publishers this reader was connected to; None where nothing does
     nodes: dict[str, str] = field(default_factory=dict)  # name of the node by the GID of its publisher
     present: set[str] = field(default_factory=set)  # at the last look
@@ -73,7 +74,7 @@ class PublisherWatch:
             matches = rclpy_implementation.EventHandle(
                 subscription.handle, QoSSubscriptionEventType.RCL_SUBSCRIPTION_MATCHED
             )
-        self._seen[topic.name] = _Seen(topic, subscription, matches)
+        self._seen[topic.name] = _Seen(topic, subscription, subscription.topic_name, matches)
 
     def remove(self, subscription: Subscription) -> None:
         """Watch a subscription no longer that is about to be destroyed; what was seen is kept."""
@@ -86,7 +87,7 @@ class PublisherWatch:
     def look(self) -> None:
         """Look again where something has changed or is not known yet; cheap where nothing has."""
         for seen in self._seen.values():
-            changed = self._node.count_publishers(seen.topic.name) != len(seen.present)
+            changed = self._node.count_publishers(seen.name) != len(seen.present)
             if seen.count_matches() or changed or seen.missed or NAMELESS in seen.nodes.values():
                 self._look(seen)
 
@@ -101,17 +102,17 @@ class PublisherWatch:
     def surplus(self) -> dict[str, str]:
         """Return, by topic, who published it where that was more than one at the same time."""
         found = {}
-        for name, seen in self._seen.items():
+        for seen in self._seen.values():
             if seen.topic.shared or not (seen.crowd or (seen.missed and seen.nodes)):
                 continue
             who = [seen.nodes[gid] for gid in seen.crowd or seen.nodes]
             who += [f"{seen.missed} more that came and went"] if seen.missed else []
-            found[name] = ", ".join(who)
+            found[seen.name] = ", ".join(who)
         return found
 
     def _look(self, seen: _Seen) -> None:
         present = set()
-        for info in self._node.get_publishers_info_by_topic(seen.topic.name):
+        for info in self._node.get_publishers_info_by_topic(seen.name):
             gid = bytes(info.endpoint_gid).hex()
             present.add(gid)
             if seen.nodes.get(gid, NAMELESS) == NAMELESS:

@@ -130,7 +130,7 @@ class PlantNode(BenchNode):
         ),
         Param("wait_for_subscribers", 1, "Subscribers needed for sample 0", low=0, high=100),
         PRIORITY,
-        Param("publish_truth", False, "Publish the true state on /gyrowheel/truth"),
+        Param("publish_truth", False, "Publish the true state on gyrowheel/truth"),
     )
 
     def configure(self) -> None:

@@ -1,0 +1,304 @@
+"""The node of this process in a graph: what it hears of the nodes, and what it asks them."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import time
+from collections.abc import Callable, Collection
+from typing import Any, NoReturn
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from gyrowheel_msgs.action import RunPlan
+from gyrowheel_msgs.msg import DragEstimate
+from gyrowheel_msgs.srv import StopRecording
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from rclpy.action import ActionClient
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from gyrowheel_analysis.drag import Estimate
+from gyrowheel_bringup.graph.nodes import EXECUTABLES
+from gyrowheel_bringup.graph.processes import Processes
+from gyrowheel_bringup.graph.results import GraphError, Progress
+from gyrowheel_bringup.graph.strangers import Strangers
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core import namespaces, topics
+from gyrowheel_core.node import make_executor
+
+_SETTLE_TIMEOUT = 30.0  # time for a node to take what was sent to it [s]
+_FINISH_TIMEOUT = 120.0  # time for the recorder to complete its files [s]
+_EXPLAIN = 3.0  # time for a node to end, or to report why a plan was aborted [s]
+_WIND_DOWN = 60.0  # time for the guard to stop the motor [s]
+_LAST = 0.1  # time to take what has arrived [s]
+
+
+class Link:
+    """A node in this process that talks to the nodes of a graph.
+
+    Parameters
+    ----------
+    names : collection of str
+        The nodes of the graph.
+    processes : Processes
+        Their processes.
+    domain_id : int or None
+        ROS domain; None: that of the environment.
+    namespace : str
+        Namespace of the nodes.
+    renamed : bool
+        Whether some nodes have other names of topics.
+    on_trouble : callable or None
+        Called with the name of a node and one line when it reports a warning or an error; once for each kind.
+
+    Attributes
+    ----------
+    starting : bool
+        Whether nodes of the same names that are not of this graph are looked for.
+    active : set of str
+        Nodes that have said that they are active.
+    strangers : dict of str to str
+        Nodes of the same names that are not of this graph, and their process ids.
+    values : dict of str to dict
+        Values of the last diagnosis of each active node.
+    estimates : list of Estimate
+        Drag estimates so far.
+    """
+
+    def __init__(
+        self,
+        names: Collection[str],
+        processes: Processes,
+        *,
+        domain_id: int | None,
+        namespace: str,
+        renamed: bool,
+        on_trouble: Callable[[str, str], None] | None,
+    ) -> None:
+        self._names, self._processes, self._namespace = names, processes, namespace
+        self._on_trouble = on_trouble
+        self.starting = True
+        self.active: set[str] = set()
+        self.strangers: dict[str, str] = {}
+        self.values: dict[str, dict[str, str]] = {}
+        self.estimates: list[Estimate] = []
+        self._said: dict[str, str] = {}  # message of the last diagnosis
+        self._troubles: set[tuple[str, str]] = set()
+        self._alarm: GraphError | None = None  # guards that have tripped
+        self._closing = contextlib.ExitStack()
+        context = Context()
+        rclpy.init(
+            args=["--ros-args", "--disable-external-lib-logs"],
+            context=context,
+            domain_id=domain_id,
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
+        self._closing.callback(context.try_shutdown)
+        self._node = node = Node(
+            f"graph_{os.getpid()}",
+            context=context,
+            namespace=namespace,
+            use_global_arguments=False,
+            enable_rosout=False,
+        )
+        self._closing.callback(node.destroy_node)
+        self._executor = make_executor(context)
+        self._closing.callback(self._executor.shutdown)
+        self._executor.add_node(node)
+        # of nodes with other names of topics it is not known which they publish
+        self._others = Strangers(node, () if renamed else names, namespace)
+        topic = topics.DIAGNOSTICS
+        node.create_subscription(DiagnosticArray, topic.relative, self._on_diagnostics, topic.qos)
+        if "drag_estimator" in names:
+            topic = topics.DRAG_ESTIMATE
+            node.create_subscription(DragEstimate, topic.relative, self._on_estimate, topic.qos, raw=True)
+        self._changes = {
+            name: node.create_client(ChangeState, f"{name}/change_state")
+            for name in ("plant", "drag_estimator")
+        }
+        self._stop_recording = node.create_client(StopRecording, "gyrowheel/recorder/stop")
+        self._plans = ActionClient(node, RunPlan, "gyrowheel/run_plan")
+        self._closing.callback(self._plans.destroy)
+
+    def close(self) -> None:
+        """Give up the node; a second call does nothing."""
+        self._closing.close()
+
+    @property
+    def domain(self) -> int:
+        """The ROS domain."""
+        return int(self._node.context.get_domain_id())
+
+    def states(self, names: Collection[str] = ()) -> str:
+        """Return what nodes have said last, in one line: those given, else all that have said something."""
+        shown = names or sorted(self._said)
+        return "; ".join(f"{name}: {self._said.get(name, 'silent')}" for name in shown)
+
+    def spin(self, seconds: float = 0.05) -> None:
+        """Serve the node for a moment; raise if a node of the graph has ended, or a guard has tripped."""
+        end = time.monotonic() + seconds
+        while (rest := end - time.monotonic()) > 0.0:
+            self._executor.spin_once(timeout_sec=rest)
+        self._processes.show()
+        self._others.look()
+        self._processes.require_running()
+        if self._alarm is not None:
+            raise self._alarm
+
+    def look_for_strangers(self) -> None:
+        """Note nodes of the bench in this namespace that are not of this graph."""
+        seen = self._node.get_node_names_and_namespaces()
+        for name in self._names:  # one that was left out is somebody's own
+            if seen.count((name, self._namespace or "/")) > 1:
+                self.strangers.setdefault(name, "unknown")
+
+    def others(self) -> str:
+        """Return who else published what the bench lives by, in one line; empty if nobody did."""
+        return self._others.text()
+
+    # ---- a plan
+
+    def walk(
+        self, plan: Plan, progress: Callable[[Progress], None] | None, *, stall_timeout: float
+    ) -> RunPlan.Result:
+        """Send a plan to the conductor and wait for its end.
+
+        Raises
+        ------
+        GraphError
+            If it is refused or aborted, makes no progress, or a node fails.
+        """
+        last = time.monotonic()
+        raised: list[BaseException] = []
+        walking = True
+
+        def report(message: Any) -> None:
+            nonlocal last
+            last = time.monotonic()
+            f = message.feedback
+            if progress is None or not walking:
+                return
+            try:
+                progress(Progress(f.segment, f.segments, f.label, f.elapsed, f.duration))
+            except BaseException as error:  # the executor would end the process for it
+                raised.append(error)
+
+        def wait(future: Any) -> Any:
+            while not future.done():
+                self.spin()
+                if raised:
+                    raise raised[0]
+                if time.monotonic() - last > stall_timeout:
+                    raise GraphError("stalled", f"no progress for {stall_timeout:g} s ({self.states()})")
+            return future.result()
+
+        try:
+            while not self._plans.server_is_ready():
+                self.spin()
+            goal = wait(
+                self._plans.send_goal_async(RunPlan.Goal(plan=plan.to_yaml()), feedback_callback=report)
+            )
+            if not goal.accepted:
+                raise GraphError(
+                    "plan_refused", "the conductor refused the plan: it is executing another one"
+                )
+            answer = wait(goal.get_result_async())
+            if not answer.result.success:
+                self._explain(plan, answer.result.message)
+            return answer.result
+        finally:
+            walking = False
+
+    def _explain(self, plan: Plan, message: str) -> NoReturn:
+        """Raise the error why a plan was aborted: that of a node, if there is one."""
+        end = time.monotonic() + _EXPLAIN
+        while "aborted" in message and "clock_jump" not in message and time.monotonic() < end:
+            self.spin()
+        named = re.match(r"aborted: (\w+): ", message)
+        fault = named[1] if named and named[1] not in EXECUTABLES else "plan_aborted"
+        raise GraphError(fault, f"plan {plan.name}: {message}", node="conductor")
+
+    # ---- ending
+
+    def wind_down(self) -> None:
+        """In real time with a broken loop, let the guard of the plant stop the motor, and record it."""
+        broken = self._alarm or self._processes.ended()
+        if not broken or "plant" not in self.active:
+            return
+        end = time.monotonic() + _WIND_DOWN
+        self.values.pop("plant", None)  # up to a second old
+        while self._processes.runs("plant") and time.monotonic() < end:
+            # before the first command nothing is lost, and the motor keeps turning
+            values = self.values.get("plant", {})
+            if values.get("outputs") == "off" or values.get("guard") in ("waiting", "stopped"):
+                return
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def settle(self, *, recorded: bool) -> None:
+        """End the flow of messages, so that every node has received what was sent to it.
+
+        A node answers a service after it has taken all earlier messages: the plant stops, the estimator publishes its
+        last estimate, then the recorder completes its files.
+        """
+        deactivate = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_DEACTIVATE))
+        for name in ("plant", "drag_estimator"):
+            self._call(name, self._changes[name], deactivate, timeout=_SETTLE_TIMEOUT)
+        # the last estimates were delivered before the answer, but wait to be taken
+        end = time.monotonic() + _LAST
+        while time.monotonic() < end:
+            self._executor.spin_once(timeout_sec=0.01)
+        if recorded:
+            self._call("recorder", self._stop_recording, StopRecording.Request(), timeout=_FINISH_TIMEOUT)
+
+    def _call(self, name: str, client: Any, request: Any, *, timeout: float) -> Any:
+        """Call a service of a node; return None if the node has ended or does not answer in time."""
+        if name not in self._processes.children or not client.service_is_ready():
+            return None
+        future = client.call_async(request)
+        end = time.monotonic() + timeout
+        while not future.done():
+            self._executor.spin_once(timeout_sec=0.05)
+            if not self._processes.runs(name) or time.monotonic() > end:
+                return None
+        return future.result()
+
+    # ---- hearing
+
+    def _on_estimate(self, data: bytes) -> None:
+        # what is no estimate comes from a stranger, who is told as such
+        with contextlib.suppress(ValueError):
+            self.estimates.append(Estimate.from_bytes(data))
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            name = namespaces.local_name(status.name, self._namespace)
+            if name not in self._names or namespaces.is_of_another(status.hardware_id, self._namespace):
+                continue
+            values = {pair.key: pair.value for pair in status.values}
+            child = self._processes.children.get(name)
+            if child is None or values.get("pid") != str(child.process.pid):
+                if self.starting:  # later ones are refused by their own graph
+                    self.strangers[name] = values.get("pid", "unknown")
+                continue
+            self._said[name] = status.message
+            child.note_memory()
+            if values["state"] == "active":
+                self.active.add(name)
+                self.values[name] = values
+                self._others.note(values)
+                self._note_trouble(name, status)
+                if status.level == DiagnosticStatus.ERROR and "guard" in values and self._alarm is None:
+                    self._alarm = GraphError(values["guard"], f"{name}: {status.message}", node=name)
+
+    def _note_trouble(self, name: str, status: DiagnosticStatus) -> None:
+        """Pass on the warnings and errors of a node, each kind once."""
+        if status.level == DiagnosticStatus.OK or self._on_trouble is None:
+            return
+        trouble = (name, status.message.partition(":")[0])
+        if trouble not in self._troubles:
+            self._troubles.add(trouble)
+            self._on_trouble(name, status.message)
