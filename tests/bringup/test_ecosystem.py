@@ -33,10 +33,10 @@ from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import topics
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import PARENT_VARIABLE
+from gyrowheel_core.topics import JOINTS
 from gyrowheel_core.units import DEG
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.mechanics.kinematics import axis_of_tilt
-from gyrowheel_sim.plant.node import JOINTS
 from gyrowheel_sim.plant.scenario import Scenario
 from tools import workspace
 
@@ -48,7 +48,7 @@ SRC = ROOT / "src"
 PACKAGES = sorted(path.parent.name for path in SRC.glob("*/package.xml"))
 NODES = {
     "gyrowheel_sim": {"plant_node"},
-    "gyrowheel_control": {"controller_node", "conductor_node"},
+    "gyrowheel_control": {"controller_node", "conductor_node", "joint_commands_node"},
     "gyrowheel_analysis": {"drag_estimator_node", "recorder_node", "replay_node"},
     "gyrowheel_bringup": {"foxglove_node", "plan_client_node"},
 }
@@ -163,9 +163,7 @@ def test_launch_refuses_before_anything_starts(
     with pytest.raises(InputError, match="package 'robot_state_publisher' is not installed"):
         launched("ground_test.launch.py")
     other = rclpy.create_node("plant", context=bystander.context, use_global_arguments=False)
-    refused = (
-        rf"ROS domain {domain} has a bench already \(nodes plant\): end it, or choose another ROS_DOMAIN_ID"
-    )
+    refused = rf"ROS domain {domain} has a bench already \(nodes plant\): end it, or choose another namespace"
     with pytest.raises(InputError, match=refused):
         launched("ground_test.launch.py", viewable="false")
     other.destroy_node()

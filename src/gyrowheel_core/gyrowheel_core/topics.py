@@ -17,6 +17,10 @@ if TYPE_CHECKING:
 _HIGH_RATE: Final = 50_000
 
 
+#: The joints of the wheel in standard messages.
+JOINTS: Final = ("tilt_x", "tilt_y", "spin")
+
+
 @dataclass(frozen=True)
 class Topic:
     """One topic; delivery is reliable on all of them.
@@ -90,6 +94,7 @@ ENVIRONMENT: Final = Topic("/gyrowheel/environment", "std_msgs/msg/String", 10, 
 TRUTH: Final = Topic("/gyrowheel/truth", "std_msgs/msg/String", 1_000)
 CLOCK: Final = _fixed("/clock", wire.CLOCK, 100)
 JOINT_STATES: Final = Topic("/joint_states", "sensor_msgs/msg/JointState")
+JOINT_COMMANDS: Final = Topic("/joint_commands", "sensor_msgs/msg/JointState")
 DIAGNOSTICS: Final = Topic(
     "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", 100, shared=True, fixed=True
 )
@@ -104,5 +109,6 @@ TOPICS: Final = (
     TRUTH,
     CLOCK,
     JOINT_STATES,
+    JOINT_COMMANDS,
     DIAGNOSTICS,
 )

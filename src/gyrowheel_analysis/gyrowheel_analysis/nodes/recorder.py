@@ -51,7 +51,9 @@ class RecorderNode(BenchNode):
 
     def configure(self) -> None:
         """Offer the services."""
-        left_out = {topics.TRUTH.name} | (set() if self.parameter("record_clock") else {topics.CLOCK.name})
+        # efforts of the joints become commands, of which each is recorded; those who send efforts keep one alone
+        left_out = {topics.TRUTH.name, topics.JOINT_COMMANDS.name}
+        left_out |= set() if self.parameter("record_clock") else {topics.CLOCK.name}
         self._recorded = [topic for topic in topics.TOPICS if topic.name not in left_out]
         self._recording: LiveRecording | None = None
         self._open: list[Inbox] = []

@@ -38,7 +38,6 @@ _TICK: Final = 0.001  # [s]
 _TURN: Final = 0.005  # of publishing before other callbacks have their turn [s]
 _CLOCK_PERIOD_NS: Final = 10_000_000
 _JOINT_STATE_PERIOD_NS: Final = wire.SECOND // 60
-_JOINTS: Final = ("tilt_x", "tilt_y", "spin")
 #: If one of these has another publisher, a bench is running, and recorded messages would mix with its own.
 _OF_A_BENCH: Final = (topics.MEASUREMENT, topics.COMMAND, topics.SETPOINT)
 
@@ -277,7 +276,7 @@ class ReplayNode(BenchNode):
             stamp, _, *values = wire.MEASUREMENT.unpack(data)
         except ValueError:  # of another frame: published, but not parsed
             return
-        message = JointState(name=_JOINTS, position=values[:3])
+        message = JointState(name=topics.JOINTS, position=values[:3])
         message.header.stamp = Time(nanoseconds=stamp).to_msg()
         publisher.publish(message)
 

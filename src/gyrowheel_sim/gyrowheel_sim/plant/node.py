@@ -40,8 +40,8 @@ from gyrowheel_sim.plant.pacing import Pacer, Statistics
 from gyrowheel_sim.plant.scenario import Scenario
 
 CLOCK_PERIOD_NS = 10_000_000
-JOINT_STATE_PERIOD_NS = 1_000_000_000 // 60
-JOINTS = ("tilt_x", "tilt_y", "spin")
+#: Low-pass of the tilt rates of the joint states: they are derived from the readings [Hz].
+TILT_RATE_LOWPASS = 400.0
 #: Share of samples without a new command that is a warning: a computer with other work has a few.
 HELD_SHARE = 0.01
 #: A stall of this length is told at once, a shorter one with the next diagnosis [ns].
@@ -129,6 +129,13 @@ class PlantNode(BenchNode):
             live=True,
         ),
         Param("wait_for_subscribers", 1, "Subscribers needed for sample 0", low=0, high=100),
+        Param(
+            "joint_state_rate",
+            60.0,
+            "Joint states per second of bench time [Hz]; at most every sample has one",
+            low=0.1,
+            high=100_000.0,
+        ),
         PRIORITY,
         Param("publish_truth", False, "Publish the true state on gyrowheel/truth"),
     )
@@ -165,6 +172,14 @@ class PlantNode(BenchNode):
         self._active = False
         self._waiting: bytes | None = None  # command that came while the node was inactive
         self._due = self._clock_due = self._joints_due = 0  # times at which the slow topics are due [ns]
+        self._joint_period = round(1e9 / self.parameter("joint_state_rate"))
+        v = bench.value
+        self._constants = v("coil_constant"), v("coil_constant"), v("motor_constant")
+        # tilt rates by the high-pass that belongs to a first-order low-pass
+        share = 1.0 - math.exp(-2.0 * math.pi * TILT_RATE_LOWPASS * bench.sample_period)
+        self._derivative = share, 1.0 / bench.sample_period
+        self._smooth: list[float] | None = None  # tilts, low-passed
+        self._tilt_rates = 0.0, 0.0
         self._reading: list[float] = [0.0] * len(wire.MEASUREMENT.fields)
 
         self._measurements = self.publisher(topics.MEASUREMENT)
@@ -468,11 +483,24 @@ class PlantNode(BenchNode):
         now = sequence * self._period_ns
         self._reading = values = reading.tolist()
         self._guard.observe(values[0], values[1])
+        self._derive(values[0], values[1])
         self._measurements.publish(
             wire.MEASUREMENT.pack(self._epoch + self._plant.stamp_ns, sequence, *values)
         )
         if now >= self._due:
             self._publish_slow(now, values)
+
+    def _derive(self, tilt_x: float, tilt_y: float) -> None:
+        """Go on with the tilt rates, from readings: the joint states tell nothing that sensors do not."""
+        smooth = self._smooth
+        if smooth is None:
+            self._smooth = [tilt_x, tilt_y]
+            return
+        share, rate = self._derivative
+        step_x, step_y = share * (tilt_x - smooth[0]), share * (tilt_y - smooth[1])
+        smooth[0] += step_x
+        smooth[1] += step_y
+        self._tilt_rates = step_x * rate, step_y * rate
 
     def _publish_slow(self, now: int, values: list[float]) -> None:
         if now >= self._clock_due:
@@ -483,11 +511,24 @@ class PlantNode(BenchNode):
                 truth = {"time": (self._epoch + now) * 1e-9, **self._plant.truth()}
                 self._truth.publish(String(data=json.dumps(truth)))
         if now >= self._joints_due:
-            self._joints_due += JOINT_STATE_PERIOD_NS
-            message = JointState(name=JOINTS, position=values[:3])
+            self._joints_due += self._joint_period
+            message = JointState(
+                name=topics.JOINTS,
+                position=values[:3],
+                velocity=(*self._tilt_rates, values[3]),
+                effort=[
+                    k * reading for k, reading in zip(self._constants, self._driven(values), strict=True)
+                ],
+            )
             message.header.stamp = Time(nanoseconds=self._epoch + now).to_msg()
             self._joints.publish(message)
         self._due = min(self._clock_due, self._joints_due)
+
+    @staticmethod
+    def _driven(values: list[float]) -> tuple[float, float, float]:
+        """Return what drives the joints: the voltages of the coils [V] and the current of the motor [A]."""
+        _, _, _, _, coil_x, coil_y, _, current, *_ = values
+        return coil_x, coil_y, current
 
     def _on_environment(self, message: String) -> None:
         try:

@@ -1,0 +1,90 @@
+"""The acquisition node of the page, as it stands there, before a machine that hides an effect."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gyrowheel as gw
+
+from ..domains import next_domain
+from .test_namespaces import GYROWHEEL, PAIR
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "your_hardware.md"
+#: The driver of a card that waits for each command: a simulated machine with something that nobody knows.
+CARD = """\
+from gyrowheel.machine import scenario
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.environment import from_json
+from gyrowheel_sim.plant.machine import Plant
+
+bench, plan = Bench.load(), Plan.load("pair.yaml")
+plant = Plant(bench, scenario(bench, plan.name, effects=["aero_cross"]), initial_spin_rate=plan.initial_spin_rate)
+readings = plant.measure()
+
+
+def read():
+    return plant.stamp_ns, readings.tolist()
+
+
+def write(*voltages):
+    global readings
+    readings = plant.step(*voltages)
+
+
+def is_due():
+    return False
+
+
+def arrange(text):
+    plant.schedule(from_json(text))
+"""
+
+
+@pytest.mark.graph
+@pytest.mark.slow
+@pytest.mark.timeout(400)
+def test_a_machine_behind_the_node_of_the_page_is_recorded_and_diagnosed(tmp_path: Path) -> None:
+    (code,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    assert len(code.splitlines()) <= 42
+    (tmp_path / "acquisition.py").write_text(code, encoding="utf-8")
+    (tmp_path / "card.py").write_text(CARD, encoding="utf-8")
+    (tmp_path / "pair.yaml").write_text(PAIR, encoding="utf-8")
+    domain = str(next_domain())
+    node = subprocess.Popen(
+        [sys.executable, "acquisition.py"], env=os.environ | {"ROS_DOMAIN_ID": domain}, cwd=tmp_path
+    )
+    options = [
+        "--plan",
+        "pair.yaml",
+        "--record",
+        "run",
+        "--without",
+        "plant",
+        "--realtime",
+        "--domain",
+        domain,
+    ]
+    try:
+        done = subprocess.run(
+            [*GYROWHEEL, "up", *options], capture_output=True, text=True, check=False, cwd=tmp_path
+        )
+        assert node.poll() is None
+    finally:
+        node.kill()
+        node.wait()
+    assert done.returncode == 0, done.stderr
+    assert "none missing" in done.stdout
+    run = gw.Recording.open(tmp_path / "run")
+    found = gw.diagnose(run, gw.Model("gyrowheel"))
+    assert (found.verdict, [effect.name for effect in found.effects]) == ("effect", ["aero_cross"])
+    # each command was applied to the sample that it answers: the samples are those of the simulation
+    simulated = gw.simulate(tmp_path / "pair.yaml", effects={"aero_cross": {}}).measurement
+    assert np.array_equal(run.measurement[: len(simulated)], simulated)
