@@ -283,3 +283,23 @@ def test_statistics_are_those_of_the_time_since_the_last_report():
         "period_worst_ms": "0.6000",
     }
     assert statistics.report("period")["period_worst_ms"] == "0.0000"
+
+
+def test_a_controller_that_leaves_in_order_is_waited_for():
+    limits = GuardLimits(coil_voltage=10.0, motor_voltage=24.0, tilt_stop=0.1, watchdog=8, exchange=30)
+    guard = started(limits)
+    assert not guard.release()  # there was none yet
+    guard.take(0, 0, 3.0, 4.0, 10.0)
+    guard.output()
+    assert guard.release()
+    assert not guard.release()  # told once
+    assert [guard.output() for _ in range(20)] == [(0.0, 0.0, 10.0)] * 20  # beyond the watchdog
+    assert guard.report() is GuardState.RELEASED
+    guard.take(21, 21, 1.0, 2.0, 11.0)
+    assert guard.output() == (1.0, 2.0, 11.0)
+    assert guard.trip is None
+    assert guard.release()
+    for _ in range(limits.exchange):
+        guard.output()
+    assert (guard.trip, guard.reason) == (GuardState.CONTROLLER_LOST, "no controller for 30 samples")
+    assert not guard.release()

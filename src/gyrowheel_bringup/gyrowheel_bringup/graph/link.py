@@ -224,6 +224,12 @@ class Link:
 
     # ---- ending
 
+    def await_samples(self, count: int) -> None:
+        """Wait until the recorder has so many samples, where nobody can be asked to deliver those on their way."""
+        end = time.monotonic() + _SETTLE_TIMEOUT
+        while int(self.values.get("recorder", {}).get("samples", 0)) < count and time.monotonic() < end:
+            self.spin()
+
     def wind_down(self) -> None:
         """In real time with a broken loop, let the guard of the plant stop the motor, and record it."""
         broken = self._alarm or self._processes.ended()

@@ -220,6 +220,8 @@ class Graph:
         counts: dict[str, int] = {}
         samples = 0
         if not self._hold:
+            if self._record is not None and "plant" not in self._names:
+                link.await_samples(round(chosen.duration / self._bench.sample_period))
             self.close()
             if self._record is not None:
                 exactly = not self._realtime and "plant" in self._names

@@ -30,7 +30,7 @@ from rclpy.subscription import Subscription
 from std_msgs.msg import String
 
 from gyrowheel_control.loops.limits import plan_tilt_limit, tilt_limit
-from gyrowheel_control.plans.plan import HOLD, SETPOINT_PERIOD, Plan
+from gyrowheel_control.plans.plan import HOLD, RAMP, SETPOINT_PERIOD, Plan
 from gyrowheel_core import namespaces, topics, wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import PRIORITY, BenchNode, Diagnosis, Param, run_node
@@ -127,6 +127,9 @@ class ConductorNode(BenchNode):
         self._told_time = False  # whether it is known
         self._standing = 0.0  # for how long it has not gone on [s, wall clock]
         self._polled = time.monotonic()
+        self._released = (
+            False  # whether the plant said that the controller has left, and another one may come
+        )
         self._plant_stopped = False  # whether the plant said that it is not active
         self._samples: Subscription | None = None  # tell the time where there is no clock
         self._samples_due = 0  # time from which on the next sample does [ns]
@@ -392,6 +395,7 @@ class ConductorNode(BenchNode):
             name = namespaces.local_name(status.name, self.namespace)
             if name == "plant":
                 self._plant_stopped = status.level == DiagnosticStatus.WARN and status.message == "inactive"
+                self._released = any(p.key == "guard" and p.value == "released" for p in status.values)
             # such as a guard that has tripped: the wheel no longer is where the plan has it
             names = {pair.key for pair in status.values}
             ended = "fault" in names and name in ("plant", self._controller)
@@ -439,6 +443,9 @@ class ConductorNode(BenchNode):
     def _go_on(self, walk: Walk) -> None:
         """Publish the setpoints up to `lead` ahead of the clock, and tell the client about progress."""
         assert walk.start_ns is not None
+        if self._released and self._samples is not None:  # in lock-step the time itself waits
+            self._wait(walk)
+            return
         first = (self._next - walk.start_ns) // SETPOINT_PERIOD_NS
         last = (self._now + self._lead_ns - walk.start_ns) // SETPOINT_PERIOD_NS
         self._publish_rows(walk.setpoints[first : max(last, first + 1)])
@@ -457,6 +464,16 @@ class ConductorNode(BenchNode):
                     duration=walk.plan.duration,
                 )
             )
+
+    def _wait(self, walk: Walk) -> None:
+        """Publish the last setpoint again, as one that is not to be measured at, and move what follows."""
+        assert walk.start_ns is not None
+        row = max((self._next - walk.start_ns) // SETPOINT_PERIOD_NS - 1, 0)
+        still = self._still(walk.setpoints[row : row + 1])
+        still["phase"] = RAMP
+        count = max((self._now + self._lead_ns - self._next) // SETPOINT_PERIOD_NS, 0)
+        self._publish_rows(np.repeat(still, count))
+        walk.start_ns += count * SETPOINT_PERIOD_NS
 
     def _publish_rows(self, rows: NDArray[Any]) -> None:
         """Publish setpoints, the first of them at the next stamp."""

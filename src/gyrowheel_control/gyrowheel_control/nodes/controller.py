@@ -21,6 +21,7 @@ from dataclasses import fields
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.publisher import Publisher
 from rclpy.timer import Timer
 
 from gyrowheel_control.loops.controller import Controller, Gains
@@ -28,7 +29,7 @@ from gyrowheel_control.loops.following import Rest, Tracking
 from gyrowheel_control.loops.limits import SetpointGuard, tilt_limit
 from gyrowheel_control.plans.plan import SETPOINT_PERIOD
 from gyrowheel_core import topics, wire
-from gyrowheel_core.node import PRIORITY, BenchNode, Diagnosis, Param, run_node
+from gyrowheel_core.node import PRIORITY, WAITS_FOR, BenchNode, Diagnosis, Param, run_node
 from gyrowheel_sim.bench import Bench
 
 SETPOINT_PERIOD_NS = round(SETPOINT_PERIOD * 1e9)
@@ -103,7 +104,11 @@ class ControllerNode(BenchNode):
         self._ready = False
         self._matching: Timer | None = None
 
-        self._commands = self.publisher(topics.COMMAND)
+        self._commands: Publisher | None = None  # while it is active, so that another one can take its place
+        self._trial: bytes | None = (
+            None  # first command since the start, until another sample shows that it arrived
+        )
+        self._proven = False  # whether that has happened
         self._inputs = (
             self.subscription(topics.MEASUREMENT, self._on_measurement, raw=True),
             self.subscription(topics.SETPOINT, self._on_setpoint, raw=True),
@@ -114,7 +119,11 @@ class ControllerNode(BenchNode):
         self.prioritise()
         self._releasing = False
         self._rest, self._tracking = None, self._new_tracking()
+        if self._commands is None:
+            self._commands = self.publisher(topics.COMMAND)
+        self._trial, self._proven = None, False
         self._matching = self.wall_timer(0.02, self._check_subscribers)
+        self._repeating = self.wall_timer(1.0, self._repeat)
 
     def deactivate(self) -> None:
         """Switch the coils off with one more command, and leave further samples unanswered.
@@ -123,16 +132,18 @@ class ControllerNode(BenchNode):
         """
         self._ready = False
         self._stop_matching()
+        self.destroy_timer(self._repeating)
         self._releasing = self._answered > 0
         if self._sample is not None:
             self._release(*self._sample[:2])
-        self.deliver(self._commands)
+        elif self._commands is not None:
+            self.deliver(self._commands)
 
     def cleanup(self) -> None:
         """Give up the topics."""
         for subscription in self._inputs:
             self.destroy_subscription(subscription)
-        self.destroy_publisher(self._commands)
+        self._leave()
 
     def check_tuning(self, values: Mapping[str, Any]) -> None:
         """Refuse a tilt limit beyond that of the bench."""
@@ -180,7 +191,7 @@ class ControllerNode(BenchNode):
                 DiagnosticStatus.WARN,
             )
         if self._sample is not None:
-            return Diagnosis("waiting for a setpoint", values)
+            return Diagnosis("waiting for a setpoint", values | {WAITS_FOR: topics.SETPOINT.name})
         return Diagnosis("running" if self._answered else "waiting for a sample", values)
 
     def _limit(self, wanted: float) -> float:
@@ -193,7 +204,9 @@ class ControllerNode(BenchNode):
         return Gains(**{item.name: self.parameter(item.name) for item in fields(Gains)})
 
     def _check_subscribers(self) -> None:
-        if self._commands.get_subscription_count() >= self.parameter("wait_for_subscribers"):
+        if self._commands is not None and self._commands.get_subscription_count() >= self.parameter(
+            "wait_for_subscribers"
+        ):
             self._stop_matching()
             self._ready = True
             self._answer_waiting()
@@ -211,6 +224,8 @@ class ControllerNode(BenchNode):
             return
         if sequence <= self._last:
             self._restart()
+        if self._trial is not None:
+            self._trial, self._proven = None, True
         if self._releasing:
             self._release(stamp, sequence)
             return
@@ -280,16 +295,37 @@ class ControllerNode(BenchNode):
         self._motor = voltages[2]
         self._last = sequence
         self._answered += 1
-        self._commands.publish(wire.COMMAND.pack(stamp, sequence, *voltages))
+        command = wire.COMMAND.pack(stamp, sequence, *voltages)
+        if self._commands is not None:
+            self._commands.publish(command)
+        if not self._proven:
+            self._trial = command if sequence else None
         if self._rest is None and self._tracking.observe(stamp, tilt_x, tilt_y, spin_rate, self._setpoint):
             self.get_logger().error(f"tracking_lost: {self._tracking.lost}")
             self.announce()
 
     def _release(self, stamp: int, sequence: int) -> None:
         """Answer a sample with no voltage on the coils; the last answer of a node that is deactivated."""
-        self._commands.publish(wire.COMMAND.pack(stamp, sequence, 0.0, 0.0, self._motor))
+        if self._commands is not None:
+            self._commands.publish(wire.COMMAND.pack(stamp, sequence, 0.0, 0.0, self._motor))
         self._last, self._sample = sequence, None
         self._releasing = False
+        self._leave()
+
+    def _leave(self) -> None:
+        """Give up the topic of the commands, which has one publisher at a time."""
+        if self._commands is not None:
+            self.deliver(self._commands)
+            self.destroy_publisher(self._commands)
+            self._commands = None
+
+    def _repeat(self) -> None:
+        """Repeat a first command that no sample has followed: a plant that runs may not know this node yet.
+
+        Before its sample 0 it waits until it does.
+        """
+        if self._trial is not None and self._commands is not None:
+            self._commands.publish(self._trial)
 
     def _restart(self) -> None:
         """Begin anew with a plant that was started again."""

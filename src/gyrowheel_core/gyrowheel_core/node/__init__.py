@@ -45,7 +45,7 @@ What this gives each node:
 * ``--help`` with the table of the parameters.
 """
 
-from gyrowheel_core.node.base import PARENT_VARIABLE, SURPLUS, WARN, BenchNode, Diagnosis, Fault
+from gyrowheel_core.node.base import PARENT_VARIABLE, SURPLUS, WAITS_FOR, WARN, BenchNode, Diagnosis, Fault
 from gyrowheel_core.node.inbox import Inbox
 from gyrowheel_core.node.parameters import AUTOSTART, Param
 from gyrowheel_core.node.priority import PRIORITY
@@ -63,6 +63,7 @@ __all__ = [
     "PARENT_VARIABLE",
     "PRIORITY",
     "SURPLUS",
+    "WAITS_FOR",
     "WARN",
     "BenchNode",
     "Diagnosis",

@@ -32,6 +32,8 @@ PARENT_VARIABLE = "GYROWHEEL_PARENT"
 
 #: Value of a diagnosis that names topics with more than one publisher, and their publishers.
 SURPLUS = "surplus_publishers"
+#: Value of a diagnosis that names the topic without which the node cannot go on.
+WAITS_FOR = "waits_for"
 #: Level of a `Diagnosis` that says that something is not as it should be.
 WARN: bytes = DiagnosticStatus.WARN
 

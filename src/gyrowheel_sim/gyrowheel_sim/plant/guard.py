@@ -36,6 +36,7 @@ class GuardState(enum.StrEnum):
     VOLTAGE_LIMITED = "voltage_limited"
     COMMAND_REFUSED = "command_refused"
     HOLDING = "holding"
+    RELEASED = "released"
     CONTROLLER_LOST = "controller_lost"
     TILT_STOP = "tilt_stop"
 
@@ -66,6 +67,8 @@ class GuardLimits:
         Age, in samples, up to which a sample may still be answered.
     spin_down : float
         How fast the motor voltage goes to zero at a spin-down [V per sample].
+    exchange : int
+        Consecutive samples without a controller, after the last one has left in order, after which it counts as lost.
     """
 
     coil_voltage: float
@@ -74,6 +77,7 @@ class GuardLimits:
     watchdog: int = 500
     oldest: int = 20
     spin_down: float = 1.5e-3
+    exchange: int = 20_000
 
     def __post_init__(self) -> None:
         """Check every limit."""
@@ -81,7 +85,7 @@ class GuardLimits:
             value = getattr(self, name)
             if not math.isfinite(value) or value <= 0.0:
                 raise InputError(f"guard.{name}: {value!r} is out of range; allowed: > 0")
-        for name, low in (("watchdog", 1), ("oldest", 0)):
+        for name, low in (("watchdog", 1), ("oldest", 0), ("exchange", 1)):
             if getattr(self, name) < low:
                 raise InputError(f"guard.{name}: {getattr(self, name)!r} is out of range; allowed: >= {low}")
 
@@ -121,6 +125,7 @@ class Guard:
         self._voltages = (0.0, 0.0, 0.0)
         self._last: int | None = None  # sequence that the last command answered
         self._running = self._commanded = self._fresh = False
+        self._released = False  # the controller has left in order
         self._idle = 0  # samples in a row without a new command
         self._refused_before = dict(self.refused)  # at the last new command
         self._beyond = 0  # samples in a row beyond the hard stop
@@ -132,9 +137,22 @@ class Guard:
         self.trip, self.reason = None, ""
         self._voltages, self._first = self._first, (0.0, 0.0, 0.0)
         self._running, self._commanded, self._fresh = True, False, False
+        self._released = False
         self._last = None
         self._idle = self._beyond = 0
         self._refused_before = dict(self.refused)
+
+    def release(self) -> bool:
+        """Wait for another controller: the last one has left in order; return whether there was one to wait for.
+
+        The coils are switched off and the motor keeps its voltage, until a command comes or `GuardLimits.exchange` is
+        over.
+        """
+        if not self._commanded or self._released or not self.running:
+            return False
+        self._released, self._idle = True, 0
+        self._voltages = (0.0, 0.0, self._voltages[2])
+        return True
 
     def stop(self) -> None:
         """Switch off: no voltage on coils and motor."""
@@ -190,6 +208,7 @@ class Guard:
         if self._running and self.trip is None:
             self._voltages = (x, y, motor)
             self._commanded = self._fresh = True
+            self._released = False
         return None
 
     def refuse(self, why: Refusal) -> Refusal:
@@ -207,6 +226,10 @@ class Guard:
             motor, step = self._voltages[2], self.limits.spin_down
             motor = 0.0 if abs(motor) <= step else motor - math.copysign(step, motor)
             self._voltages = (0.0, 0.0, motor)
+        elif self._released and self._running:
+            self._idle += 1
+            if self._idle >= self.limits.exchange:
+                self._trip(GuardState.CONTROLLER_LOST, f"no controller for {self._idle} samples")
         elif self._commanded and self._running:
             self.held += 1
             self._idle += 1
@@ -243,6 +266,8 @@ class Guard:
             return GuardState.STOPPED
         if not self._commanded:
             return GuardState.WAITING
+        if self._released:
+            return GuardState.RELEASED
         limited, refused, held, _ = self._told
         if self.held > held:
             return GuardState.HOLDING

@@ -21,16 +21,16 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from numpy.typing import NDArray
 from rclpy.time import Time
 from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from gyrowheel_core import topics, wire
+from gyrowheel_core import namespaces, topics, wire
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.node import PRIORITY, BenchNode, Diagnosis, Param, run_node
+from gyrowheel_core.node import PRIORITY, WAITS_FOR, BenchNode, Diagnosis, Param, run_node
 from gyrowheel_core.units import RPM
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import from_json
@@ -53,6 +53,7 @@ _MESSAGES = {
     GuardState.STOPPED: "stopped",
     GuardState.WAITING: "waiting for the first command",
     GuardState.NORMAL: "running",
+    GuardState.RELEASED: "released: the controller has left; coils off, the motor goes on until another one comes",
     GuardState.VOLTAGE_LIMITED: "voltage_limited: commands beyond the limits are held at them",
     GuardState.COMMAND_REFUSED: "command_refused: invalid commands, or answers to old samples",
 }
@@ -86,6 +87,14 @@ class PlantNode(BenchNode):
             "Real time: time without a valid command that means the loss of the controller [s]",
             low=0.002,
             high=60.0,
+            live=True,
+        ),
+        Param(
+            "exchange_time",
+            10.0,
+            "Time without a controller, after the last one has left in order, that means its loss [s]",
+            low=0.1,
+            high=3600.0,
             live=True,
         ),
         Param(
@@ -190,6 +199,13 @@ class PlantNode(BenchNode):
         self._description = self.publisher(topics.BENCH)
         self._description.publish(String(data=bench.describe()))
         self._environment = self.subscription(topics.ENVIRONMENT, self._on_environment)
+        self._waiter, self._without_setpoint = (
+            "",
+            False,
+        )  # who said that it waits for a setpoint, and whether it does
+        self._diagnoses = (
+            None if self._realtime else self.subscription(topics.DIAGNOSTICS, self._on_diagnostics)
+        )
         self._commands = self.subscription(
             topics.COMMAND, self._on_command_realtime if self._realtime else self._on_command, raw=True
         )
@@ -203,6 +219,7 @@ class PlantNode(BenchNode):
         if self._untouched:
             self._first = self.wall_timer(0.02, self._publish_first)
         if self._realtime:
+            self._watch = self.wall_timer(0.05, self._look_for_controller)
             if not self._untouched:
                 self._start_pacing()
             return
@@ -218,15 +235,15 @@ class PlantNode(BenchNode):
         if self._ticks is not None:
             self.destroy_timer(self._ticks)
             self._ticks = None
-        if not self._realtime:
-            self.destroy_timer(self._watch)
+        self.destroy_timer(self._watch)
         self._stop_waiting()
         self.deliver(self._measurements)
 
     def cleanup(self) -> None:
         """Give up the plant and its topics."""
-        for subscription in (self._environment, self._commands):
-            self.destroy_subscription(subscription)
+        for subscription in (self._environment, self._commands, self._diagnoses):
+            if subscription is not None:
+                self.destroy_subscription(subscription)
         for publisher in (
             self._measurements,
             self._clock_publisher,
@@ -329,6 +346,7 @@ class PlantNode(BenchNode):
             tilt_stop=limit("tilt_stop", "tilt_limit"),
             watchdog=max(round(values["watchdog"] / period), 1),
             oldest=round(values["oldest_command"] / period),
+            exchange=max(round(values["exchange_time"] / period), 1),
             spin_down=v("motor_constant") * values["spin_down_rate"] * period,
         )
 
@@ -391,13 +409,36 @@ class PlantNode(BenchNode):
         now = time.monotonic()
         if sequence != self._plant.sequence or sequence == 0:
             self._watched = (self._plant.sequence, now)
-        elif now - since > self.parameter("command_timeout"):
+            return
+        what, limit = "command", self.parameter("command_timeout")
+        if not self._commands.get_publisher_count():
+            what, limit = "controller", max(limit, self.parameter("exchange_time"))
+        if now - since <= limit:
+            return
+        text = f"no {what} for {limit:g} s after sample {self._plant.sequence}"
+        if what == "command" and self._without_setpoint:
             self.fault(
-                "controller_silent",
-                f"no command for {self.parameter('command_timeout'):g} s after sample {self._plant.sequence}",
+                "setpoint_lost", f"{text}: the controller has no setpoint; the conductor is gone or inactive"
             )
+        else:
+            self.fault("controller_silent", text)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        """Note whether who answers the samples waits for a setpoint itself."""
+        for status in message.status:
+            if not namespaces.is_of_another(status.hardware_id, self.namespace):
+                waits = {pair.value for pair in status.values if pair.key == WAITS_FOR}
+                if waits or namespaces.local_name(status.name, self.namespace) == self._waiter:
+                    self._waiter = namespaces.local_name(status.name, self.namespace)
+                    self._without_setpoint = topics.SETPOINT.name in waits
 
     # ---- real time
+
+    def _look_for_controller(self) -> None:
+        """Wait for another controller where the last one has left in order; one that was killed is still known."""
+        if self._commands.get_publisher_count() == 0 and self._guard.release():
+            self.get_logger().info(_MESSAGES[GuardState.RELEASED])
+            self.announce()
 
     def _start_pacing(self) -> None:
         """Go on at the pace of the clock from the present sample on."""
@@ -442,7 +483,11 @@ class PlantNode(BenchNode):
             if guard.refuse(Refusal.MALFORMED) and guard.refused[Refusal.MALFORMED] == 1:
                 self.get_logger().error(f"{error}; such commands are refused")
             return
-        guard.take(answered, self._plant.sequence, voltage_x, voltage_y, motor_voltage)
+        released = guard.state is GuardState.RELEASED
+        refused = guard.take(answered, self._plant.sequence, voltage_x, voltage_y, motor_voltage)
+        if released and refused is None:
+            self.get_logger().info("a controller is there again")
+            self.announce()
 
     def _pace(self) -> dict[str, object]:
         """Return what the diagnosis says about timing."""
