@@ -28,8 +28,9 @@ def start_node(domain: int, tmp_path: Path) -> Iterator[Callable[..., NodeProces
     """Return a function that starts a node by its name, with parameters."""
     started: list[NodeProcess] = []
 
-    def start(name: str, **parameters: object) -> NodeProcess:
-        started.append(NodeProcess(name, domain, tmp_path / f"{name}{len(started)}.log", **parameters))
+    def start(name: str, *, renamed: str = "", **parameters: object) -> NodeProcess:
+        log = tmp_path / f"{name}{len(started)}.log"
+        started.append(NodeProcess(name, domain, log, renamed=renamed, **parameters))
         return started[-1]
 
     yield start

@@ -112,14 +112,16 @@ class Bystander:
 class NodeProcess:
     """One node in a process of its own."""
 
-    def __init__(self, name: str, domain: int, log: Path, **parameters: object) -> None:
+    def __init__(self, name: str, domain: int, log: Path, *, renamed: str = "", **parameters: object) -> None:
         arguments = [f"{key}:={value}" for key, value in parameters.items()]
+        rules = ["-r", f"__node:={renamed}"] if renamed else []
         self._log = log
         with log.open("wb") as output:
             self.process = subprocess.Popen(
                 [
                     str(find_executable(*EXECUTABLES[name])),
                     "--ros-args",
+                    *rules,
                     *itertools.chain.from_iterable(("-p", text) for text in arguments),
                 ],
                 stdout=output,

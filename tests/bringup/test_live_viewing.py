@@ -137,12 +137,15 @@ async def knock(port: int) -> None:
         assert refused.value.code == 403
 
 
-async def watch(port: int) -> tuple[dict[int, str], dict[str, list[tuple[int, bytes]]]]:
+async def watch(
+    port: int, *, samples: int = 500
+) -> tuple[dict[int, str], dict[str, list[tuple[int, bytes]]]]:
     """Return the channels that a viewer is offered, and what it hears on them until there is enough."""
     connection = await connect(port, {})
     channels: dict[int, str] = {}
     heard: dict[str, list[tuple[int, bytes]]] = {}
-    while len(heard.get(topics.MEASUREMENT.name, ())) <= 500 or "/robot_description" not in heard:
+    latched = {topics.BENCH.name, topics.ENVIRONMENT.name, "/robot_description"}
+    while len(heard.get(topics.MEASUREMENT.name, ())) <= samples or not latched <= set(heard):
         message = await connection.read_message()
         assert message is not None, "the server has closed the connection"
         if isinstance(message, str):
@@ -186,10 +189,14 @@ def test_foxglove_is_shown_a_replay_and_other_sites_nothing(tmp_path: Path) -> N
             )  # fmt: skip
             try:
                 channels, heard = asyncio.run(asyncio.wait_for(watch(port), 300.0))
+                # who comes later is shown what is latched, also when nothing more comes
+                _, late = asyncio.run(asyncio.wait_for(watch(port, samples=-1), 300.0))
             finally:
                 replay.send_signal(signal.SIGINT)
                 replay.wait(120.0)
     assert topics.TRUTH.name not in channels.values()
+    for latched in (topics.BENCH, topics.ENVIRONMENT):
+        assert late[latched.name][0][1] == heard[latched.name][0][1]
     samples = heard[topics.MEASUREMENT.name]
     numbers = [wire.MEASUREMENT.unpack(data)[1] for _, data in samples]
     assert numbers == list(range(numbers[0], numbers[0] + len(samples)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -35,9 +36,27 @@ def test_discovery_stays_on_this_computer(monkeypatch: pytest.MonkeyPatch) -> No
     for name in (RANGE, PROFILES):
         monkeypatch.setenv(name, "")  # so that both are put back afterwards
         monkeypatch.delenv(name)
+    monkeypatch.delenv("RMW_IMPLEMENTATION", raising=False)
+    for _ in range(2):  # also in a process that inherits it
+        prepare_environment()
+        assert os.environ[RANGE] == "SYSTEM_DEFAULT"  # that of the file, which names the loopback alone
+        text = Path(os.environ[PROFILES]).read_text(encoding="utf-8")
+        assert set(re.findall(r"<address>(.*?)</address>", text)) == {"127.0.0.1"}
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp"), (PROFILES, "mine.xml")]
+)
+def test_another_middleware_or_a_file_of_the_user_has_the_range_of_ros(
+    name: str, value: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for variable in (RANGE, PROFILES):
+        monkeypatch.setenv(variable, "")
+        monkeypatch.delenv(variable)
+    monkeypatch.setenv(name, value)
     prepare_environment()
     assert os.environ[RANGE] == "LOCALHOST"
-    assert "<profiles" in Path(os.environ[PROFILES]).read_text(encoding="utf-8")
+    assert os.environ[name] == value
 
 
 def test_what_the_user_has_set_stays(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,6 +8,7 @@ Needs the package foxglove-sdk, which the extra ``foxglove`` installs.
 from __future__ import annotations
 
 import secrets
+from collections import deque
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -21,6 +22,7 @@ from gyrowheel_core.topics import Topic
 
 HOST: Final = "127.0.0.1"
 PORT: Final = 8765
+_ANSWER: Final = 0.1  # time between two looks at what viewers ask for [s]
 _BACKLOG: Final = 20_000  # messages kept for a slow viewer: a few seconds
 
 
@@ -55,12 +57,24 @@ class FoxgloveNode(BenchNode):
         """Open the server and its channels."""
         try:
             import foxglove
+            from foxglove.websocket import ChannelView, Client, ServerListener
         except ImportError:
             raise InputError(
                 "foxglove-sdk is not installed; it comes with: pip install 'gyrowheel-bringup[foxglove]'"
             ) from None
         origins = web_origins(self.parameter("origins"))
         self._sink = foxglove.Context()
+        # the last messages of latched topics, and those that a viewer has just asked for, by the names of its channels
+        self._kept: dict[str, deque[bytes]] = {}
+        self._asked_for: deque[str] = deque()
+        asked_for = self._asked_for
+
+        class Listener(ServerListener):
+            """Notes what viewers ask for; called by a thread of the server."""
+
+            def on_subscribe(self, client: Client, channel: ChannelView) -> None:
+                asked_for.append(channel.topic)
+
         hidden = _hidden_host()
         self._server = foxglove.start_server(
             name=f"gyrowheel {self.namespace}".strip(),
@@ -68,6 +82,7 @@ class FoxgloveNode(BenchNode):
             port=0,
             context=self._sink,
             message_backlog_size=_BACKLOG,
+            server_listener=Listener(),
         )
         port = self.parameter("port")
         try:
@@ -82,14 +97,13 @@ class FoxgloveNode(BenchNode):
         shown = [topic for topic in topics.TOPICS if topic not in (topics.TRUTH, topics.CLOCK)]
         self._channels = {topic: self._channel(foxglove, topic) for topic in (*shown, ROBOT_DESCRIPTION)}
         self._inputs = [self.subscription(topic, self._passer(topic), raw=True) for topic in shown]
-        self._urdf = wire.pack_text(robot_description())
-        # repeated for viewers that connect later
-        self._describing = self.wall_timer(2.0, self._describe)
+        self._kept[ROBOT_DESCRIPTION.within(self.namespace)] = deque([wire.pack_text(robot_description())])
+        self._answering = self.wall_timer(_ANSWER, self._show_latched)
         self.get_logger().info(f"open {self.address} in Foxglove")
 
     def cleanup(self) -> None:
         """Close the server and give up the topics."""
-        self.destroy_timer(self._describing)
+        self.destroy_timer(self._answering)
         for subscription in self._inputs:
             self.destroy_subscription(subscription)
         self._gate.close()
@@ -118,8 +132,13 @@ class FoxgloveNode(BenchNode):
     def _passer(self, topic: Topic) -> Callable[[bytes], None]:
         channel = self._channels[topic]
         timed = topic is topics.MEASUREMENT
+        kept: deque[bytes] = deque(maxlen=topic.depth)
+        if topic.latched:
+            self._kept[topic.within(self.namespace)] = kept
 
         def take(data: bytes) -> None:
+            if topic.latched:
+                kept.append(data)
             if timed:
                 try:
                     self._now = wire.stamp(data)
@@ -130,8 +149,15 @@ class FoxgloveNode(BenchNode):
 
         return take
 
-    def _describe(self) -> None:
-        self._channels[ROBOT_DESCRIPTION].log(self._urdf, log_time=self._now)
+    def _show_latched(self) -> None:
+        """Show what is latched to viewers that have come since: all viewers see it again."""
+        asked = set()
+        while self._asked_for:
+            asked.add(self._asked_for.popleft())
+        for topic, channel in self._channels.items():
+            name = topic.within(self.namespace)
+            for data in self._kept.get(name, ()) if name in asked else ():
+                channel.log(data, log_time=self._now)
 
 
 def main() -> int:

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 
 from gyrowheel_bringup.gate import web_origins
 from gyrowheel_bringup.graph import GraphError, find_executable
+from gyrowheel_bringup.graph.shared_memory import remove_dead
 from gyrowheel_core import namespaces
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import PARENT_VARIABLE, ExitCode, prepare_environment
@@ -39,6 +40,7 @@ def foxglove(port: int, origins: Sequence[str] = (), *, namespace: str = "") -> 
         If the node fails otherwise.
     """
     prepare_environment()
+    remove_dead()
     command = [
         str(find_executable("gyrowheel_bringup", "foxglove_node")),
         "--ros-args",

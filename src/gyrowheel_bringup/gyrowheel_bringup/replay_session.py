@@ -24,6 +24,7 @@ from gyrowheel_analysis.drag import Estimate
 from gyrowheel_analysis.nodes.replay import ReplayNode
 from gyrowheel_analysis.recording.playback import Tape
 from gyrowheel_bringup.graph import EXECUTABLES, find_executable
+from gyrowheel_bringup.graph.shared_memory import remove_dead
 from gyrowheel_core import namespaces, topics
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import PARENT_VARIABLE, ExitCode, prepare_environment, run_node
@@ -101,6 +102,7 @@ def play(
     moved = namespaces.checked(namespace)
     rules = ["-r", f"__ns:={moved}"] if moved else []
     prepare_environment()
+    remove_dead()
     with contextlib.ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="gyrowheel-")))
         companion = None

@@ -126,7 +126,7 @@ class RecorderNode(BenchNode):
 
     def _present(self, topic: Topic) -> set[str]:
         """Return the GIDs of the publishers that a topic has now."""
-        return {bytes(own.endpoint_gid).hex() for own in self.get_publishers_info_by_topic(topic.name)}
+        return {bytes(own.endpoint_gid).hex() for own in self.get_publishers_info_by_topic(topic.relative)}
 
     def _end(self) -> None:
         """Complete the recording, if there is one; InputError if the disk refuses it."""

@@ -224,7 +224,7 @@ class LiveRecording:
         """Return who published what, as far as it is known."""
         found: list[Publisher] = []
         if self._source is not None and self.count.samples:
-            found += self._source.result(topics.MEASUREMENT.name)
+            found += self._source.result(topics.MEASUREMENT.within(self._namespace))
         for division in self._divisions.values():
             found += division.result()
         return found

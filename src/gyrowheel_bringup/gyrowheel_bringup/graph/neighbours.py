@@ -12,6 +12,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from gyrowheel_bringup.graph.nodes import EXECUTABLES
+from gyrowheel_bringup.graph.shared_memory import remove_dead
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import prepare_environment
 
@@ -39,6 +40,7 @@ def require_free(
         With the names of the nodes that are there.
     """
     prepare_environment()
+    remove_dead()
     context = Context()
     rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
     node = Node(f"look_{os.getpid()}", context=context, use_global_arguments=False, enable_rosout=False)

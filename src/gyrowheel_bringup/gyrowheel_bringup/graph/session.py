@@ -14,13 +14,14 @@ from types import TracebackType
 from typing import Self
 
 from gyrowheel_analysis.model import Model
-from gyrowheel_bringup.graph.children import remove_left, uninterrupted
+from gyrowheel_bringup.graph.children import uninterrupted
 from gyrowheel_bringup.graph.completeness import counted
 from gyrowheel_bringup.graph.cores import share_core
 from gyrowheel_bringup.graph.link import Link
 from gyrowheel_bringup.graph.nodes import EXECUTABLES, node_parameters
 from gyrowheel_bringup.graph.processes import Processes
 from gyrowheel_bringup.graph.results import GraphError, GraphResult, Progress
+from gyrowheel_bringup.graph.shared_memory import remove_dead, remove_left
 from gyrowheel_control.loops.limits import plan_tilt_limit, tilt_limit
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import namespaces
@@ -256,6 +257,7 @@ class Graph:
 
     def _start(self) -> None:
         prepare_environment()
+        remove_dead()
         work = Path(tempfile.mkdtemp(prefix="gyrowheel-"))
         self._cleanup.callback(shutil.rmtree, work, ignore_errors=True)
         domain, namespace = self._domain_id, self._namespace

@@ -24,6 +24,8 @@ from gyrowheel_core.node.base import BenchNode, Fault
 from gyrowheel_core.node.parameters import AUTOSTART
 
 _LAST_DOMAIN = 232  # beyond it there are no ports
+_RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+_PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
 
 
 class ExitCode(enum.IntEnum):
@@ -38,7 +40,8 @@ class ExitCode(enum.IntEnum):
 def prepare_environment() -> None:
     """Set what the middleware reads from the environment, unless the user has set it; before `rclpy.init`.
 
-    Discovery stays on this computer, with the settings of ``config/fastdds.xml``.
+    Discovery stays on this computer. Fast DDS does so with the settings of ``config/fastdds.xml``; by the range
+    ``LOCALHOST`` its ROS layer would add sockets on the other interfaces.
 
     Raises
     ------
@@ -48,10 +51,14 @@ def prepare_environment() -> None:
     domain = os.environ.get("ROS_DOMAIN_ID", "")
     if domain and not (domain.isascii() and domain.isdigit() and int(domain[:9]) <= _LAST_DOMAIN):
         raise InputError(f"ROS_DOMAIN_ID: {domain[:40]!r} is not allowed; allowed: 0 .. {_LAST_DOMAIN}")
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    if os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST":
-        profiles = resources.files("gyrowheel_core").joinpath("config/fastdds.xml")
-        os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(profiles))
+    ours = os.environ.setdefault(_RANGE, "LOCALHOST") == "LOCALHOST"
+    if (
+        ours
+        and _PROFILES not in os.environ
+        and "fastrtps" in os.environ.get("RMW_IMPLEMENTATION", "fastrtps")
+    ):
+        os.environ[_PROFILES] = str(resources.files("gyrowheel_core").joinpath("config/fastdds.xml"))
+        os.environ[_RANGE] = "SYSTEM_DEFAULT"  # as the file says
 
 
 def make_executor(context: Context | None = None) -> Executor:

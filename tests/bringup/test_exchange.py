@@ -1,0 +1,131 @@
+"""One controller in the place of another while the bench runs, and every node through its lifecycle during a plan."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+
+from gyrowheel_analysis.recording import Recording, info
+from gyrowheel_bringup.graph import Graph, GraphError, Progress
+from gyrowheel_core import topics
+
+from .helpers import SHORT_PLAN, Bystander, NodeProcess
+
+pytestmark = [pytest.mark.graph, pytest.mark.timeout(300)]
+
+
+class Lifecycles:
+    """Changes the states of nodes by their services, as `ros2 lifecycle set` does."""
+
+    def __init__(self, bystander: Bystander, *names: str) -> None:
+        self._bystander = bystander
+        self._clients = {
+            name: bystander.node.create_client(ChangeState, f"/{name}/change_state") for name in names
+        }
+
+    def change(self, name: str, label: str) -> bool:
+        client = self._clients[name]
+        self._bystander.spin_until(client.service_is_ready, 60.0)
+        answer = client.call_async(ChangeState.Request(transition=Transition(label=label)))
+        self._bystander.spin_until(answer.done, 60.0)
+        return bool(answer.result().success)
+
+
+@pytest.mark.parametrize("realtime", [False, True])
+def test_a_controller_takes_the_place_of_another_during_a_plan(
+    realtime: bool,
+    domain: int,
+    bystander: Bystander,
+    start_node: Callable[..., NodeProcess],
+    tmp_path: Path,
+) -> None:
+    lifecycles = Lifecycles(bystander, "controller", "stiff")
+    start_node("controller")
+    start_node("controller", renamed="stiff", autostart=False, tilt_bandwidth=14.0)
+    exchanged = False
+
+    def progress(now: Progress) -> None:
+        nonlocal exchanged
+        if now.segment == 1 and not exchanged:
+            exchanged = True
+            assert lifecycles.change("controller", "deactivate")
+            if realtime:  # longer than the watchdog
+                bystander.spin_until(lambda: bystander.values("plant").get("guard") == "released", 60.0)
+                assert bystander.said("plant").startswith("released: the controller has left")
+            assert lifecycles.change("stiff", "activate")
+            bystander.spin_until(lambda: int(bystander.values("stiff").get("commands", 0)) > 0, 60.0)
+
+    # a guard that is slow to act: the computer of a test may be
+    patient = {"plant": {"watchdog": 20.0, "oldest_command": 5.0, "exchange_time": 120.0}}
+    with Graph(
+        SHORT_PLAN,
+        record=tmp_path / "run",
+        domain_id=domain,
+        without=["controller"],
+        realtime=realtime,
+        parameters=patient,
+    ) as graph:
+        lifecycles.change("stiff", "configure")
+        result = graph.run(progress=progress)
+    assert exchanged
+    assert result.segments == 4
+    found = info(tmp_path / "run")
+    assert found.integrity.missing == 0
+    by_node = {p.node for p in found.publishers if p.topic == topics.COMMAND.name}
+    assert by_node == {"/controller", "/stiff"}
+    # the wheel is where the plan has it
+    recording = Recording.open(tmp_path / "run")
+    assert abs(recording.measurement[-1]["spin_rate"] - recording.setpoint[-1]["spin_rate"]) < 5.0
+
+
+def test_every_transition_of_a_node_during_a_plan_ends_as_told(
+    domain: int, bystander: Bystander, tmp_path: Path
+) -> None:
+    """Nodes that nobody waits for come and go during a plan; the plant and the conductor end it by their own names."""
+    names = ("plant", "controller", "conductor", "recorder", "drag_estimator")
+    lifecycles = Lifecycles(bystander, *names)
+    seen: list[tuple[str, str]] = []
+
+    def to_inactive_and_back(*nodes: str) -> Callable[[Progress], None]:
+        done: set[str] = set()
+
+        def progress(now: Progress) -> None:
+            if now.segment != 1:
+                return
+            for node in nodes:
+                if node not in done:
+                    done.add(node)
+                    assert lifecycles.change(node, "deactivate")
+                    assert lifecycles.change(node, "activate")
+
+        return progress
+
+    def ends(*nodes: str) -> str:
+        """Return how a plan ends in which nodes are deactivated and activated again."""
+        try:
+            return f"{graph.run(progress=to_inactive_and_back(*nodes)).segments} segments"
+        except GraphError as error:
+            return error.fault
+
+    with Graph(
+        SHORT_PLAN,
+        record=tmp_path / "run",
+        domain_id=domain,
+        hold_after_plan=True,
+        on_trouble=lambda *said: seen.append(said),
+    ) as graph:
+        # the time stands while plant or controller do, and the plan goes on with it
+        assert ends("controller") == "4 segments"
+        assert ends("plant") == "4 segments"
+        assert ends("drag_estimator") == "4 segments"
+        assert ends("conductor") == "plan_aborted"
+        # and the next plan runs at once
+        assert ends() == "4 segments"
+        # the recording ends with the recorder, and is complete
+        assert ends("recorder") == "4 segments"
+    assert not [text for _, text in seen if "controller_lost" in text or "tilt_stop" in text]
+    assert info(tmp_path / "run").integrity.missing == 0
