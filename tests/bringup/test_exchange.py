@@ -125,7 +125,8 @@ def test_every_transition_of_a_node_during_a_plan_ends_as_told(
         assert ends("conductor") == "plan_aborted"
         # and the next plan runs at once
         assert ends() == "4 segments"
-        # the recording ends with the recorder, and is complete
+        # the recording ends with the recorder, and is complete; it then waits for its service
         assert ends("recorder") == "4 segments"
+        bystander.spin_until(lambda: bystander.said("recorder").startswith(str(tmp_path / "run")), 60.0)
     assert not [text for _, text in seen if "controller_lost" in text or "tilt_stop" in text]
     assert info(tmp_path / "run").integrity.missing == 0

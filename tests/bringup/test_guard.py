@@ -301,5 +301,6 @@ def test_a_controller_that_leaves_in_order_is_waited_for():
     assert guard.release()
     for _ in range(limits.exchange):
         guard.output()
-    assert (guard.trip, guard.reason) == (GuardState.CONTROLLER_LOST, "no controller for 30 samples")
+    assert guard.state is GuardState.CONTROLLER_LOST
+    assert guard.reason == "no controller for 30 samples"
     assert not guard.release()

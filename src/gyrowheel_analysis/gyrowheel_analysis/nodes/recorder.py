@@ -56,6 +56,7 @@ class RecorderNode(BenchNode):
         left_out |= set() if self.parameter("record_clock") else {topics.CLOCK.name}
         self._recorded = [topic for topic in topics.TOPICS if topic.name not in left_out]
         self._recording: LiveRecording | None = None
+        self._begun = False  # whether the directory of the parameter was recorded into
         self._open: list[Inbox] = []
         self._report = "waiting for the service start"
         self._offers = [
@@ -68,11 +69,12 @@ class RecorderNode(BenchNode):
         ]
 
     def activate(self) -> None:
-        """Start recording if a directory was given."""
+        """Start recording if a directory was given; activated again, wait for the service start."""
         self._flushing = self.wall_timer(FLUSH_PERIOD, self._flush)
         self._taking = self.wall_timer(TAKE_PERIOD, self.drain)
-        if self.parameter("directory"):
+        if self.parameter("directory") and not self._begun:
             self._begin(self.parameter("directory"))
+            self._begun = True
 
     def deactivate(self) -> None:
         """Complete the recording."""

@@ -97,7 +97,6 @@ class ControllerNode(BenchNode):
         self._last = -1  # sequence of the last sample answered
         self._answered = self._skipped = self._malformed = self._refused = 0
         self._motor = 0.0  # voltage of the last answer [V]
-        self._releasing = False  # the next sample is answered with no voltage on the coils, for the last time
         self._rest: Rest | None = None  # where no setpoint holds although the samples go on
         self._tracking = self._new_tracking()
         self._told = (0, 0)  # setpoints limited, and messages refused, at the last diagnosis
@@ -117,7 +116,6 @@ class ControllerNode(BenchNode):
     def activate(self) -> None:
         """Answer samples as soon as enough subscribers listen."""
         self.prioritise()
-        self._releasing = False
         self._rest, self._tracking = None, self._new_tracking()
         if self._commands is None:
             self._commands = self.publisher(topics.COMMAND)
@@ -126,18 +124,19 @@ class ControllerNode(BenchNode):
         self._repeating = self.wall_timer(1.0, self._repeat)
 
     def deactivate(self) -> None:
-        """Switch the coils off with one more command, and leave further samples unanswered.
+        """Give up the topic of the commands, after one without voltage on the coils if a sample waits.
 
-        The motor goes on for the moment: the plant's guard brings it down when nothing more comes.
+        The plant waits for another controller then, with the coils off; its guard brings the motor down if none comes.
         """
         self._ready = False
         self._stop_matching()
         self.destroy_timer(self._repeating)
-        self._releasing = self._answered > 0
-        if self._sample is not None:
-            self._release(*self._sample[:2])
-        elif self._commands is not None:
-            self.deliver(self._commands)
+        if self._sample is not None and self._answered and self._commands is not None:
+            stamp, sequence, _ = self._sample
+            self._commands.publish(wire.COMMAND.pack(stamp, sequence, 0.0, 0.0, self._motor))
+            self._last = sequence
+        self._sample = None
+        self._leave()
 
     def cleanup(self) -> None:
         """Give up the topics."""
@@ -226,9 +225,6 @@ class ControllerNode(BenchNode):
             self._restart()
         if self._trial is not None:
             self._trial, self._proven = None, True
-        if self._releasing:
-            self._release(stamp, sequence)
-            return
         goes_on = self._sample is not None  # without an answer to the last one
         if goes_on:
             self._skipped += 1
@@ -303,14 +299,6 @@ class ControllerNode(BenchNode):
         if self._rest is None and self._tracking.observe(stamp, tilt_x, tilt_y, spin_rate, self._setpoint):
             self.get_logger().error(f"tracking_lost: {self._tracking.lost}")
             self.announce()
-
-    def _release(self, stamp: int, sequence: int) -> None:
-        """Answer a sample with no voltage on the coils; the last answer of a node that is deactivated."""
-        if self._commands is not None:
-            self._commands.publish(wire.COMMAND.pack(stamp, sequence, 0.0, 0.0, self._motor))
-        self._last, self._sample = sequence, None
-        self._releasing = False
-        self._leave()
 
     def _leave(self) -> None:
         """Give up the topic of the commands, which has one publisher at a time."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from rclpy.subscription import Subscription
 
 _UNKNOWN: Final = "_NODE_NAME_UNKNOWN_"  # of rclpy, until the name of a node has arrived
+_MOMENT: Final = 0.05  # [s]
 #: How a publisher is called whose node is not known.
 NAMELESS: Final = "an unknown node"
 
@@ -30,6 +32,7 @@ class _Seen:
     matches: Any  # tells how many publishers this reader was connected to; None where nothing does
     nodes: dict[str, str] = field(default_factory=dict)  # name of the node by the GID of its publisher
     present: set[str] = field(default_factory=set)  # at the last look
+    several: float | None = None  # since when there is more than one [s, monotonic]
     crowd: dict[str, None] = field(default_factory=dict)  # those that were there at the same time as another
     matched: int = 0  # publishers that this reader was connected to in all
     arrived: int = 0  # those of them that a look has found
@@ -88,7 +91,8 @@ class PublisherWatch:
         """Look again where something has changed or is not known yet; cheap where nothing has."""
         for seen in self._seen.values():
             changed = self._node.count_publishers(seen.name) != len(seen.present)
-            if seen.count_matches() or changed or seen.missed or NAMELESS in seen.nodes.values():
+            unsure = seen.missed or seen.several is not None or NAMELESS in seen.nodes.values()
+            if seen.count_matches() or changed or unsure:
                 self._look(seen)
 
     def publishers(self, topic: Topic) -> list[tuple[str, str]]:
@@ -119,7 +123,13 @@ class PublisherWatch:
                 seen.nodes[gid] = _full_name(info.node_namespace, info.node_name)
         seen.arrived += len(present - seen.present)
         seen.present = present
-        if len(present) > 1:
+        if len(present) < 2:
+            seen.several = None
+            return
+        # one that takes the place of another may be known a moment before the other is known to have left
+        now = time.monotonic()
+        seen.several = seen.several or now
+        if now - seen.several >= _MOMENT:
             seen.crowd |= dict.fromkeys(gid for gid in seen.nodes if gid in present)
 
 
