@@ -102,7 +102,6 @@ def _joined(recordings: list[Path], target: Path) -> Path:
 
 @pytest.mark.graph
 @pytest.mark.slow
-@pytest.mark.timeout(400)
 def test_two_benches_share_a_domain(domain: int, bystander: Bystander, tmp_path: Path) -> None:
     plan = tmp_path / "pair.yaml"
     plan.write_text(PAIR, encoding="utf-8")
@@ -142,14 +141,14 @@ def test_two_benches_share_a_domain(domain: int, bystander: Bystander, tmp_path:
     thread.start()
     try:
         # both are there: each is refused a second time, by name, and a third one would not be
-        bystander.spin_until(lambda: failed or {"plant", "bench2/plant"} <= set(bystander.diagnoses), 120.0)
+        bystander.spin_until(lambda: failed or {"plant", "bench2/plant"} <= set(bystander.diagnoses))
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv("ROS_DOMAIN_ID", str(domain))
             with pytest.raises(InputError, match=r"has a bench already in the namespace /bench2 \(nodes \w"):
                 require_free(namespace="/bench2", seconds=60.0)
             require_free(namespace="/bench3", seconds=1.0)
         met.set()
-        bystander.spin_until(lambda: not thread.is_alive() and up.poll() is not None, 240.0)
+        bystander.spin_until(lambda: not thread.is_alive() and up.poll() is not None)
     finally:
         met.set()
         thread.join()
@@ -223,6 +222,6 @@ def test_two_benches_share_a_domain(domain: int, bystander: Bystander, tmp_path:
         stderr=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
     )  # fmt: skip
-    bystander.spin_until(lambda: replay.poll() is not None, 120.0)
-    bystander.spin_until(lambda: len(heard) >= 1001, 30.0)
+    bystander.spin_until(lambda: replay.poll() is not None)
+    bystander.spin_until(lambda: len(heard) >= 1001)
     assert (replay.returncode, heard) == (0, list(range(1001)))

@@ -46,7 +46,6 @@ def _address(digits: str) -> str:
 
 
 @pytest.mark.graph
-@pytest.mark.timeout(180)
 def test_nodes_open_the_loopback_alone_and_leave_no_shared_memory(
     domain: int, bystander: Bystander, start_node: Callable[..., NodeProcess], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -57,7 +56,7 @@ def test_nodes_open_the_loopback_alone_and_leave_no_shared_memory(
     names = ("plant", "controller", "conductor", "recorder", "drag_estimator")
     nodes = [start_node(name) for name in names]
     with foxglove(0):
-        bystander.spin_until(lambda: {*names, "foxglove"} <= set(bystander.diagnoses), 120.0)
+        bystander.spin_until(lambda: {*names, "foxglove"} <= set(bystander.diagnoses))
         pids = [int(bystander.values(name)["pid"]) for name in (*names, "foxglove")]
         found = _sockets(pids)
     assert {kind for kind, _ in found} >= {"udp", "tcp"}
@@ -79,7 +78,7 @@ def test_nodes_open_the_loopback_alone_and_leave_no_shared_memory(
     assert any((shared / name).exists() for name in used - removed)
     again = start_node("controller")
     bystander.diagnoses.clear()
-    bystander.spin_until(lambda: bystander.values("controller").get("pid") == str(again.process.pid), 120.0)
+    bystander.spin_until(lambda: bystander.values("controller").get("pid") == str(again.process.pid))
 
 
 @pytest.fixture

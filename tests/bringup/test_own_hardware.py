@@ -56,7 +56,6 @@ def arrange(text):
 
 @pytest.mark.graph
 @pytest.mark.slow
-@pytest.mark.timeout(400)
 def test_a_machine_behind_the_node_of_the_page_is_recorded_and_diagnosed(tmp_path: Path) -> None:
     (code,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     assert len(code.splitlines()) <= 42
