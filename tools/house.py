@@ -34,8 +34,8 @@ HOUSE = (
         "gyrowheel_core",
         "no physics: what every package uses",
         (
-            ("errors", "wire", "cache", "leftovers", "processes"),
-            ("units", "files", "schema", "yaml_text", "readings", "topics"),
+            ("errors", "wire", "cache", "leftovers"),
+            ("units", "files", "schema", "yaml_text", "readings", "topics", "processes"),
             ("namespaces",),
             ("quantities", "node", "locks", "limits"),
             ("journal",),
