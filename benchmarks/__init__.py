@@ -13,6 +13,7 @@ SUBJECTS = {
     "integrator": "false torque that the integrator makes",
     "start_up": "time from the command to the first step",
     "graph": "the nodes in lock-step beside a bare ping-pong, and their pace in real time",
+    "stalls": "the plant stopped twenty times in a real-time run: what recording and diagnostics tell of it",
     "diagnosis": "time and memory of a diagnosis, minutes and an hour of samples, stage by stage",
     "recording": "columns read per second, beside rosbags and mcap_ros2; the recorder at 10 000 messages/s, killed",
     "studies": "every effect, instrument and verdict one by one: how many cases hold, of how many",

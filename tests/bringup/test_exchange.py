@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from lifecycle_msgs.msg import Transition
@@ -130,3 +131,23 @@ def test_every_transition_of_a_node_during_a_plan_ends_as_told(
         bystander.spin_until(lambda: bystander.said("recorder").startswith(str(tmp_path / "run")))
     assert not [text for _, text in seen if "controller_lost" in text or "tilt_stop" in text]
     assert info(tmp_path / "run").integrity.missing == 0
+
+
+def test_a_bench_without_a_conductor_ends_by_the_name_of_what_is_missing(
+    domain: int, bystander: Bystander
+) -> None:
+    lifecycles = Lifecycles(bystander, "conductor")
+    # the controller tells once a second what it waits for
+    patient = {"plant": {"command_timeout": 8.0}}
+    options: dict[str, Any] = {"without": ["recorder", "drag_estimator"], "hold_after_plan": True}
+
+    def run() -> None:
+        with Graph(SHORT_PLAN, domain_id=domain, parameters=patient, **options) as graph:
+            graph.run()
+            assert lifecycles.change("conductor", "deactivate")
+            graph.wait()
+
+    with pytest.raises(GraphError) as ended:
+        run()
+    assert (ended.value.fault, ended.value.node) == ("setpoint_lost", "plant")
+    assert "the controller has no setpoint; the conductor is gone or inactive" in str(ended.value)

@@ -1,0 +1,132 @@
+"""The plant stopped by SIGSTOP in a real-time run: how exactly diagnostics and recording tell of each stall."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from benchmarks.results import Bar, Figure, MeasurementError, Report
+from gyrowheel_analysis.recording import Recording, info
+from gyrowheel_bringup.graph import Graph
+from gyrowheel_core import topics
+from gyrowheel_core.node import prepare_environment
+
+COUNT, LENGTH, BETWEEN = 20, 0.3, 1.5  # stalls; their length and what lies between two [s]
+DOMAIN = 84  # unless the environment names one
+#: Stamps that differ by more than this many periods tell of a stall.
+_GAP = 100
+PLAN = """\
+schema: 1
+name: held
+segments:
+  - {label: level, spin_rpm: 2000, tilt_deg: [1, 0], hold_s: 45}
+"""
+
+
+class _Ear:
+    """Hears what the plant tells of stalls."""
+
+    def __init__(self, domain: int) -> None:
+        self._context = Context()
+        rclpy.init(
+            args=[], context=self._context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO
+        )
+        self._node = Node("ear", context=self._context, use_global_arguments=False, enable_rosout=False)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self.told: list[float] = []
+        self.offset = float("nan")
+        topic = topics.DIAGNOSTICS
+        self._node.create_subscription(topic.message_class, topic.relative, self._hear, topic.qos)
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        while not self._end.is_set():
+            self._executor.spin_once(timeout_sec=0.1)
+
+    def _hear(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == "plant":
+                found = re.fullmatch(r"stood_still: ([\d.]+) s at ([\d.]+) s", status.message)
+                if found:
+                    self.told.append(float(found[1]))
+                values = {pair.key: pair.value for pair in status.values}
+                self.offset = float(values.get("clock_offset_s", "nan"))
+
+    def close(self) -> None:
+        self._end.set()
+        self._thread.join()
+        self._executor.shutdown()
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+
+def measure(progress: Callable[[float], None]) -> list[Report]:
+    """Stop the plant again and again during a plan, and compare what is told with the stamps that were recorded."""
+    prepare_environment()
+    domain = int(os.environ.get("ROS_DOMAIN_ID") or DOMAIN)
+    with tempfile.TemporaryDirectory(prefix="gyrowheel-bench-") as name:
+        record = Path(name) / "run"
+        ear = _Ear(domain)
+        try:
+            with Graph(PLAN, record=record, realtime=True, domain_id=domain) as graph:
+                stopper = threading.Thread(
+                    target=_stop_and_go, args=(graph.pids["plant"], progress), daemon=True
+                )
+                stopper.start()
+                graph.run()
+                stopper.join()
+        finally:
+            ear.close()
+        return [_report(record, ear.told, ear.offset)]
+
+
+def _stop_and_go(pid: int, progress: Callable[[float], None]) -> None:
+    time.sleep(2.0 * BETWEEN)
+    for number in range(COUNT):
+        os.kill(pid, signal.SIGSTOP)
+        time.sleep(LENGTH)
+        os.kill(pid, signal.SIGCONT)
+        time.sleep(BETWEEN)
+        progress((number + 1) / COUNT)
+
+
+def _report(record: Path, told: list[float], offset: float) -> Report:
+    stamps = Recording.open(record).measurement["stamp_ns"]
+    steps = (stamps[1:] - stamps[:-1]) * 1e-9
+    period = 5e-4
+    gaps = [float(step) - period for step in steps if step > _GAP * period]
+    found = [length for _, length in info(record).integrity.stalls if length > _GAP * period]
+    loud = [length for length in told if length > _GAP * period]
+    if len(gaps) < COUNT:
+        raise MeasurementError(f"the recording shows {len(gaps)} stalls of {COUNT}")
+    reports = []
+    for who, lengths in (("diagnostics", loud), ("info", found)):
+        worst = max((abs(a - b) for a, b in zip(gaps, lengths, strict=False)), default=float("nan"))
+        reports += [
+            Figure(f"told by {who}", float(len(lengths)), f"of {len(gaps)}", bar=Bar(">=", float(len(gaps)))),
+            Figure(f"error of the length, {who}, worst", 1e3 * worst, "ms", bar=Bar("<=", 5.0)),
+        ]
+    reports.append(Figure("stamps beside the clock after all", 1e3 * abs(offset), "ms", bar=Bar("<=", 2.0)))
+    return Report(
+        "Stalls",
+        reports,
+        notes=[
+            f"SIGSTOP of the plant for {LENGTH:g} s, {COUNT} times, in a real-time run; all that the stamps show count."
+        ],
+    )
