@@ -144,6 +144,7 @@ class PlantNode(BenchNode):
             "Joint states per second of bench time [Hz]; at most every sample has one",
             low=0.1,
             high=100_000.0,
+            live=True,
         ),
         PRIORITY,
         Param("publish_truth", False, "Publish the true state on gyrowheel/truth"),
@@ -259,7 +260,8 @@ class PlantNode(BenchNode):
         self._limits(values)
 
     def tune(self) -> None:
-        """Take over the limits."""
+        """Take over the limits, and the rate of the joint states."""
+        self._joint_period = round(1e9 / self.parameter("joint_state_rate"))
         values = {param.name: self.parameter(param.name) for param in self.PARAMETERS if param.live}
         self._guard.limits = self._limits(values)
 
