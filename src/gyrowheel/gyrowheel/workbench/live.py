@@ -90,32 +90,12 @@ class LiveBench:
 
     def _listen(self) -> None:
         try:
-            import rclpy
-            from rclpy.context import Context
-            from rclpy.signals import SignalHandlerOptions
-
-            from gyrowheel_core.node import prepare_environment
-            from gyrowheel_core.node.inbox import Inbox
+            from gyrowheel_bringup.graph.listening import listening
         except ImportError as error:
             self.missing = f"ROS is not installed here ({error})"
             return
-        prepare_environment()
-        context = Context()
-        rclpy.init(context=context, domain_id=self._domain, signal_handler_options=SignalHandlerOptions.NO)
-        node = rclpy.create_node(
-            "workbench", context=context, enable_rosout=False, start_parameter_services=False
-        )
-        try:
-            inboxes = [
-                Inbox(
-                    topic,
-                    node.create_subscription(
-                        topic.message_class, topic.name, lambda message: None, topic.qos, raw=True
-                    ),
-                )
-                for topic in (topics.SETPOINT, topics.DRAG_ESTIMATE)
-            ]
-            takers = (self._take_setpoint, self._take_estimate)
+        takers = (self._take_setpoint, self._take_estimate)
+        with listening("workbench", (topics.SETPOINT, topics.DRAG_ESTIMATE), self._domain) as inboxes:
             heard = -math.inf
             while not self._end.wait(_PACE):
                 before = self.running
@@ -127,9 +107,6 @@ class LiveBench:
                     self.running = replace(self.running, silent=time.monotonic() - heard > _SILENT)
                 if self.running != before:
                     self._changed()
-        finally:
-            node.destroy_node()
-            context.try_shutdown()
 
     def _take_setpoint(self, data: bytes) -> None:
         try:
