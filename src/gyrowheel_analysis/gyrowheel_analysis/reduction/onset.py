@@ -27,6 +27,8 @@ _FEWEST = 100  # points
 _LATE = 1.0e-3  # s; by how much a reading may be late without being stated so
 #: Gain in chi-squared from which an instant counts as seen.
 _SEEN = 16.0
+#: Part of the square of a change that must not look like anything else, for it to be told at all.
+_SHARED = 1.0e-9
 
 
 @dataclass(frozen=True)
@@ -100,9 +102,9 @@ def onset(
     size = np.linalg.norm(beside, axis=0)
     basis, _ = np.linalg.qr(beside / np.where(size > 0.0, size, 1.0))
 
-    def left_of(rows: Any) -> Any:
-        """Return rows (n, ...) less what moves them beside the change, with what is known of that."""
-        padded = np.concatenate([rows, np.zeros((len(basis) - points, *rows.shape[1:]))])
+    def left_of(rows: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """Return rows (n,) less what moves them beside the change, with what is known of that."""
+        padded = np.concatenate([rows, np.zeros(len(basis) - points)])
         return padded - basis @ (basis.conj().T @ padded)
 
     values = left_of(series.values)
@@ -111,20 +113,28 @@ def onset(
     if other is not None:
         on = on - np.clip((series.time[:, None] - other) / np.maximum(step, 1.0e-9), 0.0, 1.0)
     columns = series.change[:, None] * on
-    columns = left_of(np.cumsum(columns * step, axis=0) if series.of_rate else columns)
-    along = columns.conj().T @ values
+    if series.of_rate:
+        columns = np.cumsum(columns * step, axis=0)
+    # what is left of a column is needed for its size alone: the values have nothing along the rest of it
+    along = np.conj(values[:points].conj() @ columns)
     if len(quantities) == 1:
         along = np.real(along)
-    square = np.sum(np.abs(columns) ** 2, axis=0)
-    gains = np.abs(along) ** 2 / np.maximum(square, 1e-300)
+    whole, shared = _squares(columns), _squares(basis[:points].conj().T @ columns)
+    square = np.where(whole - shared > _SHARED * whole, whole - shared, np.inf)
+    gains = np.abs(along) ** 2 / square
     best = int(np.argmax(gains))
-    left = (values - columns[:, best] * along[best] / square[best])[:points]
+    left = (values - left_of(columns[:, best]) * along[best] / square[best])[:points]
     noise = _noise(left)
     # at an end of the range it is something else that grows there
     if gains[best] < _SEEN * noise or not 0 < best < len(at) - 1:
         return None
     likely = gains > gains[best] - noise
     return float(at[best]), max(0.5 * float(np.count_nonzero(likely)) * _STEP, 2.0 * _STEP)
+
+
+def _squares(columns: NDArray[np.complex128]) -> Array:
+    """Return the squares of the lengths of columns."""
+    return np.asarray(sum(np.einsum("nk,nk->k", part, part) for part in (columns.real, columns.imag)))
 
 
 def _noise(left: NDArray[np.complex128]) -> float:
