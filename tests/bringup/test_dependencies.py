@@ -18,7 +18,7 @@ PACKAGES = sorted(path.parent.name for path in SRC.glob("*/package.xml"))
 #: Key of rosdep (rosdep/python.yaml of rosdistro), by the module, where it is not ``python3-MODULE``.
 KEYS = {"mpl_toolkits": "python3-matplotlib", "pydantic_core": "python3-pydantic"}
 WITH_KEY = {
-    "jinja2", "joblib", "markupsafe", "matplotlib",
+    "h5py", "jinja2", "joblib", "markupsafe", "matplotlib",
     "numba", "numpy", "psutil", "pydantic", "rich", "scipy", "sympy", "tornado", "typer", "yaml",
 }  # fmt: skip
 #: Without a key, or with one that calls pip, which Ubuntu 24.04 refuses outside of a virtual environment.
@@ -28,8 +28,8 @@ BY_PIP = {"dask": "distributed", "foxglove": "foxglove-sdk"} | {
 }
 #: Packages of ROS that are no modules: started by name, or tools of a launch file.
 STARTED = {"gyrowheel_bringup": {"robot_state_publisher", "ros2launch", "rviz2"}}
-#: What a package asks for where it is wanted, for a package below it: ``pip install gyrowheel[foxglove]``.
-EXTRA_NAMES = {"gyrowheel": {"foxglove-sdk"}}
+#: What a package asks for where it is wanted, by name or for a package below it: ``pip install gyrowheel[foxglove]``.
+EXTRA_NAMES = {"gyrowheel": {"foxglove-sdk"}, "gyrowheel_analysis": {"asammdf", "npTDMS"}}
 #: What PyPI calls a module, where that is another name.
 PYPI = {
     "yaml": "PyYAML",
@@ -68,7 +68,7 @@ def depends(package: str) -> dict[str, str | None]:
 
 def by_pip(package: str) -> set[str]:
     """Return what a package.xml names as coming by pip."""
-    found = re.search(r"<!-- By pip, .*?: (.*)\. -->", (SRC / package / "package.xml").read_text())
+    found = re.search(r"<!-- By pip, .*?: (.*)\. -->", (SRC / package / "package.xml").read_text(), re.DOTALL)
     return (
         set()
         if found is None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import os
 import signal
 
 _PR_SET_PDEATHSIG = 1
@@ -13,6 +14,21 @@ def die_with_parent() -> None:
     """Have the kernel end this process when its parent ends: one that is killed can end nothing any more (Linux)."""
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+
+
+def end_with(parent: int) -> None:
+    """Let this process not outlive the one that started it, also where that one has ended already.
+
+    Parameters
+    ----------
+    parent : int
+        Number of the process that started it. Its own number changes nothing: then it works for itself.
+    """
+    if os.getpid() == parent:
+        return
+    die_with_parent()
+    if os.getppid() != parent:
+        os._exit(1)
 
 
 def hindrance() -> str:

@@ -13,7 +13,7 @@ from gyrowheel.campaigns.cases import Case
 from gyrowheel.campaigns.job import run_case
 from gyrowheel.campaigns.judge import Judged
 from gyrowheel_core.errors import InputError, one_line
-from gyrowheel_core.processes import die_with_parent, hindrance
+from gyrowheel_core.processes import end_with, hindrance
 
 _CONNECT = 20.0  # s
 
@@ -117,8 +117,7 @@ def _in_processes(
 
 def _one(case: Case, keep: str | None, scratch: str, campaign: int) -> Judged:
     """Run a case in a worker of the process of this number."""
-    if os.getppid() == campaign:
-        die_with_parent()  # a worker of a campaign that is killed must not go on alone
+    end_with(campaign)  # a worker of a campaign that is killed must not go on alone
     return run_case(case, keep, scratch)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import itertools
 import re
+import zlib
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -107,7 +108,7 @@ def text_of(path: Path, *, most: int | None = None) -> bytes:
                 size += len(part)
                 if size > limit:
                     require_room(size, f"{path}: unpacked, it")
-        except (EOFError, OSError, zstandard.ZstdError) as error:
+        except (EOFError, OSError, zlib.error, zstandard.ZstdError) as error:
             raise InputError(f"{path}: its compression is damaged: {error}") from None
         return b"".join(parts)
 

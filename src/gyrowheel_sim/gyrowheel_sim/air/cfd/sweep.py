@@ -13,7 +13,7 @@ from typing import Any
 
 from gyrowheel_core.errors import InputError, one_line
 from gyrowheel_core.locks import alone_in
-from gyrowheel_core.processes import die_with_parent, hindrance
+from gyrowheel_core.processes import end_with, hindrance
 from gyrowheel_sim.air.cfd import openfoam
 from gyrowheel_sim.air.cfd.case import Case, Result, finished, run_case
 from gyrowheel_sim.air.cfd.mesh import MESHES
@@ -199,8 +199,8 @@ def sweep(
 
 def _one(step: Step, root: Path, sweeper: int | None) -> tuple[Case, Result | str]:
     """Run one case; what fails is told, not raised, so that the others go on."""
-    if os.getppid() == sweeper:
-        die_with_parent()  # a worker of a sweep that is killed must not go on alone
+    if sweeper is not None:
+        end_with(sweeper)  # a worker of a sweep that is killed must not go on alone
     first = None if step.first is None else root / step.first.name
     try:
         return step.case, run_case(step.case, root, first=first)
