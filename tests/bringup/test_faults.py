@@ -295,7 +295,10 @@ def test_an_estimator_that_starts_late_joins(
         estimator = start_node("drag_estimator")
         bystander.spin_until(lambda: int(bystander.values("drag_estimator").get("samples", 0)) > 0)
         watched.note({*graph.pids.values(), estimator.process.pid})
+        heard: set[int] = set()
+        bystander.listen(topics.DRAG_ESTIMATE, lambda message: heard.add(message.segment))
         graph.run(BRIEF)
+        bystander.spin_until(lambda: 1 in heard)
         assert estimator.interrupt() == 0
     assert "joined late, at sample" in bystander.diagnoses["drag_estimator"].message or any(
         "joined late, at sample" in entry["message"] for entry in diagnoses(directory, "drag_estimator")

@@ -24,7 +24,7 @@ _FALLEN = 1.3  # noise floors that count as having come down to it
 def unit_of(noise: Mapping[str, float]) -> dict[str, Unit]:
     """Return the unit in which each channel is shown, given its noise [SI]; the averaged torques share one."""
     averages = column_unit(
-        (value for name, value in noise.items() if _unit(name) == "N·m" and _average(name)), "N·m"
+        [value for name, value in noise.items() if _unit(name) == "N·m" and _average(name)], "N·m"
     )
     return {
         name: _MILLIVOLT

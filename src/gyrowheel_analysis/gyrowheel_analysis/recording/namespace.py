@@ -51,7 +51,7 @@ def bench_in(counts: Mapping[str, int], where: str) -> str:
     InputError
         If it holds the samples of several benches.
     """
-    benches = namespaces.found(name for name, count in counts.items() if count)
+    benches = namespaces.found([name for name, count in counts.items() if count])
     if len(benches) > 1:
         names = ", ".join(bench or "/" for bench in benches)
         raise InputError(
