@@ -36,7 +36,7 @@ class Lifecycles:
         return bool(answer.result().success)
 
 
-@pytest.mark.parametrize("realtime", [False, True])
+@pytest.mark.parametrize("realtime", [False, pytest.param(True, marks=pytest.mark.study)])
 def test_a_controller_takes_the_place_of_another_during_a_plan(
     realtime: bool,
     domain: int,
