@@ -34,7 +34,7 @@ ifdef _ROS_WHEELS_BOOTSTRAP_COMPLETE
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH
 endif
 
-.PHONY: all demo test quick workspace fuzz bench lint docs lock clean help
+.PHONY: all demo test quick workspace fuzz bench lint docs notebooks site lock clean help
 
 all: $(DONE)/packages ## create .venv and install the seven packages into it (also: just `make`)
 	$(call say,ready: .venv/bin/gyrowheel ("make demo" shows what it does))
@@ -93,6 +93,13 @@ lint: $(DONE)/packages ## check style and types
 
 docs: $(DONE)/packages ## write the pages of docs that come from the code
 	@$(BIN)/python -m tools.docs
+
+notebooks: $(DONE)/packages ## run the notebooks of examples/ and write their pages (ARGS=loop runs one)
+	@$(BIN)/python -m tools.notebooks $(ARGS)
+
+site: $(DONE)/packages ## build the pages as a site with search: build/site/index.html, which opens from disk
+	@$(BIN)/python -m sphinx --quiet --fail-on-warning --conf-dir tools/site --doctree-dir build/site-cache . build/site
+	$(call say,site: build/site/index.html)
 
 lock: $(DONE)/venv ## write requirements.lock anew, with the newest versions
 	@$(PIP) install uv

@@ -39,12 +39,12 @@ STAGES = (
 )
 _REST, _REPORT = "ties, limits, next test", "report"
 _HIDDEN = {"aero_cross": {"c": 0.0055, "n": 1.98}}
-_MINUTES = "4 minutes"
-_HOUR = "1 hour"
+MINUTES = "4 minutes"
+HOUR = "1 hour"
 #: Holds [s] and repetitions that make the survey as long as that.
-_LENGTHS = {_MINUTES: (3.25, 1), _HOUR: (2.2, 20)}
-_BARS = {_MINUTES: (10.0, 1.0), _HOUR: (90.0, 3.0)}
-_RUNS = {_MINUTES: 3, _HOUR: 1}
+_LENGTHS = {MINUTES: (3.25, 1), HOUR: (2.2, 20)}
+_BARS = {MINUTES: (10.0, 1.0), HOUR: (90.0, 3.0)}
+_RUNS = {MINUTES: 3, HOUR: 1}
 
 
 def plan(name: str) -> str:
@@ -137,7 +137,7 @@ def measure(progress: Callable[[float], None]) -> list[Report]:
                 f"Survey plan with longer holds, and twenty surveys in a row: {counts}. Hidden: a cross torque of"
                 f" the air; found: {'; '.join(', '.join(run['named']) or run['verdict'] for run in found.values())}.",
                 "Time of the processor from the opening of the recording to the printed report, best of"
-                f" {_RUNS[_MINUTES]} and of {_RUNS[_HOUR]}; the start of Python and its libraries takes {starts} more."
+                f" {_RUNS[MINUTES]} and of {_RUNS[HOUR]}; the start of Python and its libraries takes {starts} more."
                 " Memory: the most that the whole process had.",
             ],
             details=[table],

@@ -1,4 +1,4 @@
-"""How fast the graph of nodes is in lock-step, and how well it keeps pace with wall-clock time."""
+"""How fast the graph of nodes is in lock-step."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from benchmarks.results import Bar, Figure, MeasurementError, Report
-from gyrowheel_analysis.recording import info
-from gyrowheel_bringup.graph import EXECUTABLES, Graph, GraphError, Progress, find_executable
+from benchmarks.timing import processor_time
+from gyrowheel_bringup.graph import EXECUTABLES, Graph, GraphError, find_executable
 from gyrowheel_control.plans.plan import SETPOINT_PERIOD
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
@@ -31,8 +31,6 @@ from gyrowheel_core.node import PARENT_VARIABLE, make_executor, prepare_environm
 from gyrowheel_core.units import RPM
 
 TURNS, TURN_S = 2, 4.0  # of the bare ping-pong and of the two nodes, one after the other
-REALTIME_S = 60.0
-WATCHDOG_S = 2.0  # longer than usual, for a computer that does other things meanwhile
 SPIN = 3500.0 * RPM
 PLAN = """\
 schema: 1
@@ -41,12 +39,11 @@ hold_s: 2.0
 segments:
   - {spin_rpm: 3500, tilt_deg: [[0, 0], [1, 0], [0, 1], [-1, 0], [0, -1]], repeat: REPEAT}
 """
-_SEGMENTS_S = 10.8  # of one repetition of it
 _DOMAIN = 61
 
 
 def measure(progress: Callable[[float], None]) -> list[Report]:
-    """Measure the lock-step and the real-time mode."""
+    """Measure the lock-step."""
     prepare_environment()
     bare: list[tuple[float, float]] = []
     ours: list[tuple[float, float]] = []
@@ -54,11 +51,9 @@ def measure(progress: Callable[[float], None]) -> list[Report]:
         for turn in range(TURNS):
             bare.append(ping_pong(TURN_S))
             ours.append(lock_step(TURN_S))
-            progress(0.3 * (turn + 1) / TURNS)
+            progress(0.8 * (turn + 1) / TURNS)
         with tempfile.TemporaryDirectory(prefix="gyrowheel-bench-") as folder:
             ratio = whole_graph(Path(folder) / "lockstep")
-            progress(0.4)
-            pace = real_time(Path(folder) / "realtime", lambda part: progress(0.4 + 0.6 * part))
             progress(1.0)
     except (GraphError, InputError) as error:
         raise MeasurementError(str(error)) from None
@@ -87,7 +82,6 @@ def measure(progress: Callable[[float], None]) -> list[Report]:
                 "simulated over wall time of the whole graph, five processes, everything recorded.",
             ],
         ),
-        pace,
     ]
 
 
@@ -121,7 +115,7 @@ def lock_step(seconds: float) -> tuple[float, float]:
             samples = {v.key: v.value for v in status.values}.get("samples")
             if status.name == "plant" and samples is not None:
                 stamp = message.header.stamp
-                seen.append((stamp.sec + stamp.nanosec * 1e-9, int(samples), sum(map(_cpu, pids))))
+                seen.append((stamp.sec + stamp.nanosec * 1e-9, int(samples), sum(map(processor_time, pids))))
 
     pids: list[int] = []
     with _bystander() as (node, executor):
@@ -164,55 +158,6 @@ def whole_graph(directory: Path) -> float:
         return graph.run().ratio
 
 
-def real_time(directory: Path, progress: Callable[[float], None]) -> Report:
-    """Run the whole graph by wall-clock time and return what it lost and what it took."""
-    marks: list[tuple[float, dict[str, float]]] = []
-
-    def note(p: Progress) -> None:
-        marks.append((time.monotonic(), {name: _cpu(pid) for name, pid in graph.pids.items()}))
-        progress(min(p.elapsed / p.duration, 1.0))
-
-    title = f"Graph in real time, {REALTIME_S:.0f} s"
-    repeat = str(round(REALTIME_S / _SEGMENTS_S))
-    parameters = {"plant": {"watchdog": WATCHDOG_S}}
-    try:
-        with Graph(
-            PLAN.replace("REPEAT", repeat),
-            record=directory,
-            realtime=True,
-            parameters=parameters,
-            domain_id=_DOMAIN,
-        ) as graph:
-            result = graph.run(progress=note)
-    except GraphError as error:
-        # such as the guard that trips because the computer has no time for the loop: that is a result, too
-        figure = Figure("lost samples", float("nan"), "samples", bar=Bar("<=", 0.0))
-        return Report(title, [figure], notes=[f"The run ended early: {error}."])
-    found = info(directory).integrity
-    (begin, first), (end, last) = marks[0], marks[-1]
-    samples, pace = result.samples, result.pace
-    return Report(
-        title,
-        [
-            Figure("lost samples", float(found.missing), "samples", bar=Bar("<=", 0.0)),
-            Figure("late commands", 100.0 * pace["late_commands"] / samples, "%"),
-            Figure("missing commands", 100.0 * pace["missing_commands"] / samples, "%"),
-            Figure("samples with the last command held", 100.0 * pace["held_samples"] / samples, "%"),
-            Figure("samples more than a period late", 100.0 * pace["late_samples"] / samples, "%"),
-            Figure("longest delay of a sample", pace["worst_delay_ms"], "ms"),
-            *(
-                Figure(f"processor: {name}", 100.0 * (last[name] - first[name]) / (end - begin), "%")
-                for name in graph.pids
-            ),
-        ],
-        notes=[
-            f"Five processes and the one that started them, a sample every 0.5 ms, everything recorded: {samples} "
-            "samples. Late is a command that came after the next sample; the guard's watch-dog is set to "
-            f"{WATCHDOG_S:g} s. Processor: share of one core.",
-        ],
-    )
-
-
 @contextlib.contextmanager
 def _process(command: list[str]) -> Iterator[int]:
     process = subprocess.Popen(
@@ -250,12 +195,3 @@ def _bystander() -> Iterator[tuple[Node, Any]]:
 
 def _environment() -> Mapping[str, str]:
     return {**os.environ, "ROS_DOMAIN_ID": str(_DOMAIN), PARENT_VARIABLE: str(os.getpid())}
-
-
-def _cpu(pid: int) -> float:
-    """Return the time of the processor that a process has taken [s]; NaN where the system does not tell."""
-    try:
-        fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
-    except OSError:
-        return float("nan")
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

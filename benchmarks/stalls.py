@@ -1,7 +1,11 @@
-"""The plant stopped by SIGSTOP in a real-time run: how exactly diagnostics and recording tell of each stall."""
+"""The plant stopped by SIGSTOP in a real-time run: how exactly diagnostics and recording tell of each stall.
+
+The run hides an effect. The same one without stalls, beside it, shows whether the verdict is the same.
+"""
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import signal
@@ -18,22 +22,20 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+import gyrowheel as gw
 from benchmarks.results import Bar, Figure, MeasurementError, Report
+from gyrowheel.machine import scenario
 from gyrowheel_analysis.recording import Recording, info
 from gyrowheel_bringup.graph import Graph
 from gyrowheel_core import topics
 from gyrowheel_core.node import prepare_environment
+from gyrowheel_sim.bench import Bench
 
 COUNT, LENGTH, BETWEEN = 20, 0.3, 1.5  # stalls; their length and what lies between two [s]
 DOMAIN = 84  # unless the environment names one
 #: Stamps that differ by more than this many periods tell of a stall.
 _GAP = 100
-PLAN = """\
-schema: 1
-name: held
-segments:
-  - {label: level, spin_rpm: 2000, tilt_deg: [1, 0], hold_s: 45}
-"""
+PLAN, HIDDEN = "quick", "aero_cross"
 
 
 class _Ear:
@@ -81,10 +83,13 @@ def measure(progress: Callable[[float], None]) -> list[Report]:
     prepare_environment()
     domain = int(os.environ.get("ROS_DOMAIN_ID") or DOMAIN)
     with tempfile.TemporaryDirectory(prefix="gyrowheel-bench-") as name:
-        record = Path(name) / "run"
+        record, beside = Path(name) / "run", Path(name) / "beside"
+        machine = scenario(Bench.load(), PLAN, effects=[HIDDEN], seed=1)
+        with Graph(PLAN, scenario=machine, record=beside, realtime=True, domain_id=domain) as graph:
+            graph.run(progress=lambda now: progress(0.5 * now.elapsed / now.duration))
         ear = _Ear(domain)
         try:
-            with Graph(PLAN, record=record, realtime=True, domain_id=domain) as graph:
+            with Graph(PLAN, scenario=machine, record=record, realtime=True, domain_id=domain) as graph:
                 stopper = threading.Thread(
                     target=_stop_and_go, args=(graph.pids["plant"], progress), daemon=True
                 )
@@ -93,7 +98,7 @@ def measure(progress: Callable[[float], None]) -> list[Report]:
                 stopper.join()
         finally:
             ear.close()
-        return [_report(record, ear.told, ear.offset)]
+        return [_report(record, ear.told, ear.offset), _verdicts(record, beside)]
 
 
 def _stop_and_go(pid: int, progress: Callable[[float], None]) -> None:
@@ -103,7 +108,7 @@ def _stop_and_go(pid: int, progress: Callable[[float], None]) -> None:
         time.sleep(LENGTH)
         os.kill(pid, signal.SIGCONT)
         time.sleep(BETWEEN)
-        progress((number + 1) / COUNT)
+        progress(0.5 + 0.5 * (number + 1) / COUNT)
 
 
 def _report(record: Path, told: list[float], offset: float) -> Report:
@@ -129,4 +134,27 @@ def _report(record: Path, told: list[float], offset: float) -> Report:
         notes=[
             f"SIGSTOP of the plant for {LENGTH:g} s, {COUNT} times, in a real-time run; all that the stamps show count."
         ],
+    )
+
+
+def _verdicts(record: Path, beside: Path) -> Report:
+    """Compare what is found in the recording with stalls and in the one without."""
+    found = [gw.diagnose([path], gw.Model()) for path in (record, beside)]
+    verdicts = [one.verdict for one in found]
+    by_name = [{finding.name: finding.coefficients for finding in one.effects} for one in found]
+    same = verdicts[0] == verdicts[1] and by_name[0].keys() == by_name[1].keys()
+    apart = 0.0 if same else float("nan")
+    for name in by_name[0] if same else ():
+        for key, own in by_name[0][name].items():
+            other = by_name[1][name][key]
+            both = math.hypot(own.standard_error, other.standard_error)
+            apart = max(apart, abs(own.value - other.value) / both)
+    named = [f"{verdict} ({', '.join(names)})" for verdict, names in zip(verdicts, by_name, strict=True)]
+    return Report(
+        "Verdict of the run with stalls beside the one without",
+        [
+            Figure("same verdict and effects", float(same), "of 1", bar=Bar(">=", 1.0)),
+            Figure("coefficients apart, largest", apart, "standard errors", bar=Bar("<=", 3.0)),
+        ],
+        notes=[f"Verdicts: {named[0]}; {named[1]}. Hidden: {HIDDEN}. Both runs in real time."],
     )

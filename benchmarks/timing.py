@@ -1,12 +1,14 @@
-"""Timing of contestants by turns, so that what else the machine does falls on all of them."""
+"""Timing of contestants by turns, so that what else the machine does falls on all of them; time of other processes."""
 
 from __future__ import annotations
 
 import gc
+import os
 import statistics
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 
 @dataclass(frozen=True)
@@ -80,3 +82,12 @@ def by_turns(
     finally:
         gc.enable()
     return {name: Timing(*zip(*calls, strict=True)) for name, calls in times.items()}
+
+
+def processor_time(pid: int) -> float:
+    """Return the time of the processor that a process has taken [s]; NaN where the system does not tell."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+    except OSError:
+        return float("nan")
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

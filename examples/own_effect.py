@@ -1,16 +1,27 @@
-"""Write an effect of your own as a formula, put it into a simulated machine, and fit it to the recording."""
+# %% [markdown]
+# # An effect of your own
+#
+# Write it as a formula, put it into a simulated machine, and fit it. What a formula may contain:
+# [effects of your own](../formulas.md).
 
+# %%
 import gyrowheel as gw
 
-# A drag that grows with the square of the spin rate r, in units of the bench's reference rate (see docs/formulas.md).
+# a drag that grows with the square of the spin rate; r is the rate over the reference rate of the bench
 brake = gw.own_effect("axial_torque = -k*r^2; k = 0.001 [N*m]", name="brake")
-
 recording = gw.simulate("check", effects=[brake])
-before = gw.compare(recording, gw.Model())
-model = gw.Model().add(brake, fit=recording)
-after = gw.compare(recording, model)
 
-print(f"worst channel: chi2/N {before.worst:.1f} without the effect, {after.worst:.1f} with it")
+# %% [markdown]
+# Without the effect the model fails in the torque about the spin axis, with it nowhere:
+
+# %%
+model = gw.Model().add(brake, fit=recording)
+for title, own in (("without", gw.Model()), ("with", model)):
+    print(f"{title:8} worst channel: χ²/N {gw.compare(recording, own).worst:.1f}")
+
+# %% [markdown]
+# The coefficient, beside the 0.001 N·m that the machine has:
+
+# %%
 value, error = model.effects["brake"]["k"], model.effect_errors["brake"]["k"]
-print(f"k = {value:.5f} +- {error:.5f} N*m")
-model.save("brake.yaml")
+print(f"k = {value:.5f} ± {error:.5f} N·m")

@@ -107,11 +107,39 @@ def test_every_table_has_its_place(generator: ModuleType) -> None:
     assert pages.count("<!-- table:") == pages.count("<!-- end -->") == len(generator.tables())
 
 
+def anchors(page: Path) -> set[str]:
+    """Return the places within a page that a forge links: its headings, a number behind those that repeat."""
+    found: set[str] = set()
+    for heading in re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE):
+        text = re.sub(r"\]\([^)]*\)", "", heading).lower()
+        first = own = re.sub(r"[^\w\- ]", "", text).replace(" ", "-")
+        number = 0
+        while own in found:
+            number += 1
+            own = f"{first}-{number}"
+        found.add(own)
+    return found
+
+
 def test_links_lead_somewhere() -> None:
-    for page in [ROOT / "README.md", *DOCS.rglob("*.md")]:
-        for link in re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text(encoding="utf-8")):
-            if "://" not in link:
-                assert (page.parent / link).exists(), f"{page}: {link}"
+    known = {page: anchors(page) for page in [*ROOT.glob("*.md"), *DOCS.rglob("*.md")]}
+    wrong = []
+    for page in known:
+        text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+        for link in re.findall(r"\]\(([^)\s]+)\)", re.sub(r"`[^`\n]*`", "", text)):
+            if "://" in link:
+                continue
+            path, _, place = link.partition("#")
+            target = (page.parent / path).resolve() if path else page
+            if not target.is_file() or (place and place not in known.get(target, ())):
+                wrong.append(f"{page.relative_to(ROOT)}: {link}")
+    assert wrong == []
+
+
+def test_every_page_is_in_the_index(generator: ModuleType) -> None:
+    index = generator.with_tables((DOCS / "README.md").read_text(encoding="utf-8"))
+    for page in DOCS.glob("*.md"):
+        assert page.name == "README.md" or f"]({page.name})" in index, page
 
 
 def test_every_fault_names_a_test() -> None:

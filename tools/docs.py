@@ -1,4 +1,4 @@
-"""Write what in docs comes from the code: a page an effect, their index, tables, and the pictures of the momentum.
+"""Write what in docs comes from the code: a page an effect, their index, reference, tables, pictures of the momentum.
 
 ``make docs`` calls this. With ``--check`` nothing is written; what would change is named, and the exit code is 1.
 """
@@ -20,15 +20,23 @@ import sympy as sp
 from PIL import Image
 from sympy.printing.latex import LatexPrinter
 
+from gyrowheel.designing import reach
+from gyrowheel.planning import check_text
 from gyrowheel.plots.effect_signature import to_svg
 from gyrowheel.plots.figure import png_bytes
 from gyrowheel.plots.momentum_envelope import body_figure, caps_figure
+from gyrowheel.text.bench import reach_page
 from gyrowheel.text.effects import possible_sizes
 from gyrowheel.text.formulas import in_words, pretty
+from gyrowheel.text.layout import plain_text
+from gyrowheel.text.plans import check_page
 from gyrowheel.text.quantities import minus, quantity, span
 from gyrowheel_analysis.fitting.terms import ERRORS
 from gyrowheel_analysis.signature import Signature, signature
+from gyrowheel_control.plans.format import Block, PlanFile
+from gyrowheel_control.plans.skeleton import skeleton
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.schema import Section, keys
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import Coefficient, Effect, registry
@@ -38,7 +46,7 @@ from gyrowheel_sim.effects.quantities import QUANTITIES, REFERENCES, z
 from gyrowheel_sim.effects.targets import TARGETS
 from gyrowheel_sim.effects.typed import typed_effect
 from gyrowheel_sim.mechanics.momentum import envelope
-from tools import house, licences
+from tools import house, licences, reference
 
 #: Texts and pictures by path.
 Pages: TypeAlias = dict[Path, str | bytes]
@@ -300,7 +308,7 @@ def _cell(text: str) -> str:
 
 
 def tables() -> dict[str, str]:
-    """Return the tables of docs/formulas.md by the names of their places."""
+    """Return the tables of the pages by the names of their places."""
     quantities = ["| name | unit | is |", "|---|---|---|"]
     quantities += [
         f"| `{n}` | {_unit(q.unit)} | {_cell(q.description)}{_reference(n)} |" for n, q in QUANTITIES.items()
@@ -316,7 +324,8 @@ def tables() -> dict[str, str]:
     refused = ["| typed | answer |", "|---|---|"]
     refused += [f"| `{_cell(text)}` | {_cell(_refusal(text))} |" for text in _REFUSED]
     named = {"quantities": quantities, "targets": targets, "functions": functions, "refused": refused}
-    named |= {"benches": _bench_table()} | _momentum_tables()
+    named |= {"benches": _bench_table()} | _momentum_tables() | _plan_tables() | {"reach": _reach()}
+    named |= {"further pages": _further()}
     return {name: "\n".join(lines) for name, lines in named.items()}
 
 
@@ -349,6 +358,56 @@ def _bench_table() -> list[str]:
         values = [quantity(bench.value(name), bench.parameters[name].unit, pure=True) for bench in benches]
         lines.append(f"| {benches[0].parameters[name].description} | {' | '.join(values)} |")
     return lines
+
+
+_MISTAKES = """\
+schema: 1
+name: mine
+hold: 1.5
+segments:
+  - {spin_rpm: 3500, tilt_degs: [[0, 0], [3, 0]]}
+  - {spin_rpm: 9000, tilt_deg: [[0, 0]]}
+  - {cone_radius_deg: 3}
+  - {rig: sideways, hold_s: soon}
+"""
+
+
+def _reach() -> list[str]:
+    bench = Bench.load()
+    inertias = ("rotor_inertia_x", "rotor_inertia_y", "rotor_inertia_z")
+    heavy = bench.with_values({name: 2.0 * bench.value(name) for name in inertias})
+    return ["```", *plain_text(reach_page(reach(heavy))).strip().splitlines(), "```"]
+
+
+def _plan_tables() -> dict[str, list[str]]:
+    bench = Bench.load()
+    tables = {
+        "plan keys": _keys(PlanFile),
+        "segment keys": _keys(Block),
+    }
+    for name, text in (("plan check", skeleton(bench, "mine")), ("plan mistakes", _MISTAKES)):
+        shown = plain_text(check_page(check_text(text, "mine.yaml", bench)))
+        tables[name] = ["```", *shown.splitlines(), "```"]
+    tables["plan mistakes"] = ["```yaml", *_MISTAKES.splitlines(), "```", "", *tables["plan mistakes"]]
+    return tables
+
+
+def _keys(section: type[Section]) -> list[str]:
+    lines = ["| key | unit | allowed | default | is |", "|---|---|---|---|---|"]
+    for key in keys(section):
+        default = "must be given" if key.required else f"`{key.default}`" if key.default else ""
+        lines.append(f"| `{key.name}` | {key.unit} | {_cell(key.allowed)} | {default} | {_cell(key.about)} |")
+    return lines
+
+
+def _further() -> list[str]:
+    """Return the pages that the index does not list, so that each is found."""
+    index = (DOCS / "README.md").read_text(encoding="utf-8").partition("<!-- table: further pages -->")[0]
+    listed = set(re.findall(r"\]\(([^)#]+)\)", index))
+    pages = [path for path in sorted(DOCS.glob("*.md")) if path.name not in {*listed, "README.md"}]
+    heads = [path.read_text(encoding="utf-8").partition("\n")[0].removeprefix("# ") for path in pages]
+    rows = [f"- [{head}]({path.name})" for head, path in zip(heads, pages, strict=True)]
+    return ["## Further", "", *rows] if rows else []
 
 
 def _momentum_tables() -> dict[str, list[str]]:
@@ -409,11 +468,12 @@ def made() -> Pages:
         if found is not None:
             pages[DOCS / "effects" / f"{effect.name}.svg"] = to_svg(found, json.dumps(found.to_json()))
     pages[DOCS / "effects" / "README.md"] = index_page(effects)
-    for page in ("formulas.md", "momentum.md", "benches.md"):
+    for page in ("README.md", "formulas.md", "momentum.md", "benches.md", "plans.md", "your_bench.md"):
         pages[DOCS / page] = with_tables((DOCS / page).read_text(encoding="utf-8"))
     momentum = envelope(bench)
     pages[DOCS / "momentum.csv"] = momentum.to_csv()
     pages[DOCS / "licences.md"] = licences.page()
+    pages |= {DOCS / "reference" / name: text for name, text in reference.pages().items()}
     pages[DOCS / "images" / "house.svg"] = house.to_svg()
     shown = json.dumps(momentum.to_json())
     pages[DOCS / "images" / "momentum_caps.png"] = png_bytes(caps_figure(bench), shown)

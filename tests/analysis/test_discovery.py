@@ -40,9 +40,6 @@ AGAIN = (
     "aero_cross",
     "bearing_viscous",
     "coil_tilt",
-    "flexure_damping",
-    "fixed_torque",
-    "motor_heating",
     "runout",
 )
 #: What these plans cannot show; most have tests of their own.

@@ -223,8 +223,9 @@ def test_what_the_analysis_can_do_without_is_assumed_and_said(recording: Recordi
     assert not coverage.complete
     assert len(coverage.assumed) == 3
     said = compare([hurt], Model.new()).coverage.sentence()
-    assert "; not measured: air_temperature (that of the bench is taken)" in said
-    assert "coil_temperature (that of the air is taken)" in said
+    assert "; not measured: air_temperature (that of the bench is taken, ± 3 K)" in said
+    assert "air_pressure (that of the bench is taken, ± 3000 Pa)" in said
+    assert "coil_temperature (that of the air is taken, ± 3 K)" in said
     both = Coverage.of([coverage, coverage, reduce_and_account(samples_of(recording), BENCH)[1]])
     assert both.assumed == coverage.assumed
 

@@ -86,6 +86,18 @@ def test_the_noise_of_a_few_samples_is_the_stated_one(samples: Samples) -> None:
     assert reading_noise(few, BENCH) == pytest.approx(STATED)
 
 
+def test_noise_where_the_controller_comes_later(samples: Samples) -> None:
+    """Before its first command nothing but the sensor is in the voltages, and rounding in what counts as commanded."""
+    assert samples.commanded is not None
+    late, rng = 3000, np.random.default_rng(2)
+    readings, commanded = samples.readings.copy(), samples.commanded.copy()
+    commanded[:late] = 0.137, -0.2
+    for name in ("coil_voltage_x", "coil_voltage_y"):
+        readings[name][:late] = rng.normal(scale=BENCH.value("coil_voltage_noise"), size=late)
+    found = reading_noise(replace(samples, readings=readings, commanded=commanded), BENCH)
+    assert found == pytest.approx(reading_noise(samples, BENCH), rel=0.03)
+
+
 @pytest.mark.parametrize("what", ["stamps", "instants"])
 def test_jitter_of_stamps_and_of_instants_changes_no_window(
     what: str, samples: Samples, windows: Windows

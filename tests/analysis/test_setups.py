@@ -108,6 +108,39 @@ def test_two_mistakes_at_once(right: Recording, bench: Bench) -> None:
     assert [(f.kind, f.columns) for f in found] == [("unit", ("spin_rate",)), ("exchanged", TILT)]
 
 
+def without(names: tuple[str, ...], spoil: Spoil | None = None) -> Spoil:
+    """Return what spoils readings, and takes away others that were never measured."""
+
+    def both(samples: Samples) -> None:
+        if spoil is not None:
+            spoil(samples)
+        for name in names:
+            samples[name] = np.nan
+
+    return both
+
+
+#: What was never measured, what is wrong beside it, and what must be named.
+BESIDE = [
+    (("spin_angle",), scaled("spin_rate", by=30.0 / math.pi), "unit", ("spin_rate",)),
+    (("spin_rate",), scaled("spin_angle", by=180.0 / math.pi), "unit", ("spin_angle",)),
+    (("spin_angle", "motor_current"), scaled("motor_voltage", by=1e3), "unit", ("motor_voltage",)),
+    (("motor_voltage",), scaled("motor_current", by=-1.0), "sign", ("motor_current",)),
+    (("motor_voltage", "motor_current"), exchanged(TILT), "exchanged", TILT),
+    (("spin_angle",), exchanged(COIL), "exchanged", COIL),
+    (("coil_voltage_x",), scaled(*TILT, by=180.0 / math.pi), "unit", TILT),
+    (("coil_voltage_y",), scaled("coil_voltage_x", by=1e3), "unit", ("coil_voltage_x",)),
+    (("coil_temperature", *COIL), scaled("spin_rate", by=-1.0), "sign", ("spin_rate",)),
+]
+
+
+def test_what_is_wrong_is_named_where_other_readings_are_missing(right: Recording, bench: Bench) -> None:
+    for absent, spoil, kind, columns in BESIDE:
+        assert not of_one(spoilt(right, without(absent)), bench), absent
+        found = of_one(spoilt(right, without(absent, spoil)), bench)
+        assert [(own.kind, own.columns) for own in found] == [(kind, columns)], (absent, columns)
+
+
 @pytest.mark.parametrize(
     ("plan", "effects"),
     [

@@ -337,6 +337,7 @@ def test_every_node_has_its_executable(package: str, node: str) -> None:
 # --- colcon
 
 
+@pytest.mark.study  # `make workspace` is the same, for all packages
 @pytest.mark.slow
 @pytest.mark.graph
 def test_colcon_builds_the_packages_finds_their_tests_and_their_nodes_run(tmp_path: Path) -> None:

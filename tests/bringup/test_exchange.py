@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,10 @@ from gyrowheel_core import topics
 from .helpers import SHORT_PLAN, Bystander, NodeProcess
 
 pytestmark = pytest.mark.graph
+
+#: Transitions of a node during a plan.
+BACK = ("deactivate", "activate")
+ANEW = ("deactivate", "cleanup", "configure", "activate")
 
 
 class Lifecycles:
@@ -87,28 +91,27 @@ def test_every_transition_of_a_node_during_a_plan_ends_as_told(
     domain: int, bystander: Bystander, tmp_path: Path
 ) -> None:
     """Nodes that nobody waits for come and go during a plan; the plant and the conductor end it by their own names."""
+    # in lock-step the time stands while a node is away, and these are how long it may
+    patient = {"plant": {"command_timeout": 100.0, "exchange_time": 200.0}}
     names = ("plant", "controller", "conductor", "recorder", "drag_estimator")
     lifecycles = Lifecycles(bystander, *names)
     seen: list[tuple[str, str]] = []
 
-    def to_inactive_and_back(*nodes: str) -> Callable[[Progress], None]:
-        done: set[str] = set()
+    def go(node: str, labels: Sequence[str]) -> Callable[[Progress], None]:
+        done: list[str] = []
 
         def progress(now: Progress) -> None:
-            if now.segment != 1:
-                return
-            for node in nodes:
-                if node not in done:
-                    done.add(node)
-                    assert lifecycles.change(node, "deactivate")
-                    assert lifecycles.change(node, "activate")
+            if now.segment == 1 and not done:
+                for label in labels:
+                    done.append(label)
+                    assert lifecycles.change(node, label)
 
         return progress
 
-    def ends(*nodes: str) -> str:
-        """Return how a plan ends in which nodes are deactivated and activated again."""
+    def ends(node: str = "", labels: Sequence[str] = BACK) -> str:
+        """Return how a plan ends in which a node goes through transitions; without a node, how a plan ends."""
         try:
-            return f"{graph.run(progress=to_inactive_and_back(*nodes)).segments} segments"
+            return f"{graph.run(progress=go(node, labels) if node else None).segments} segments"
         except GraphError as error:
             return error.fault
 
@@ -117,6 +120,7 @@ def test_every_transition_of_a_node_during_a_plan_ends_as_told(
         record=tmp_path / "run",
         domain_id=domain,
         hold_after_plan=True,
+        parameters=patient,
         on_trouble=lambda *said: seen.append(said),
     ) as graph:
         # the time stands while plant or controller do, and the plan goes on with it
@@ -126,9 +130,16 @@ def test_every_transition_of_a_node_during_a_plan_ends_as_told(
         assert ends("conductor") == "plan_aborted"
         # and the next plan runs at once
         assert ends() == "4 segments"
+        # a node that is configured anew knows nothing: it is told the time, the sample and the setpoints
+        assert ends("controller", ANEW) == "4 segments"
+        assert ends("drag_estimator", ANEW) == "4 segments"
+        assert ends("conductor", ANEW) == "plan_aborted"
+        assert ends() == "4 segments"
         # the recording ends with the recorder, and is complete; it then waits for its service
         assert ends("recorder") == "4 segments"
         bystander.spin_until(lambda: bystander.said("recorder").startswith(str(tmp_path / "run")))
+        # without what was asked for no plan runs
+        assert ends() == "not_recorded"
     assert not [text for _, text in seen if "controller_lost" in text or "tilt_stop" in text]
     assert info(tmp_path / "run").integrity.missing == 0
 
@@ -138,7 +149,7 @@ def test_a_bench_without_a_conductor_ends_by_the_name_of_what_is_missing(
 ) -> None:
     lifecycles = Lifecycles(bystander, "conductor")
     # the controller tells once a second what it waits for
-    patient = {"plant": {"command_timeout": 8.0}}
+    patient = {"plant": {"command_timeout": 8.0, "exchange_time": 8.0}}
     options: dict[str, Any] = {"without": ["recorder", "drag_estimator"], "hold_after_plan": True}
 
     def run() -> None:
@@ -151,3 +162,38 @@ def test_a_bench_without_a_conductor_ends_by_the_name_of_what_is_missing(
         run()
     assert (ended.value.fault, ended.value.node) == ("setpoint_lost", "plant")
     assert "the controller has no setpoint; the conductor is gone or inactive" in str(ended.value)
+
+
+def test_a_plant_that_is_configured_anew_ends_plan_and_recording(
+    domain: int, bystander: Bystander, tmp_path: Path
+) -> None:
+    lifecycles = Lifecycles(bystander, "plant")
+    done: list[str] = []
+
+    def progress(now: Progress) -> None:
+        if now.segment == 1 and not done:
+            for label in ANEW:
+                done.append(label)
+                assert lifecycles.change("plant", label)
+
+    seen: list[tuple[str, str]] = []
+    with Graph(
+        SHORT_PLAN,
+        record=tmp_path / "run",
+        domain_id=domain,
+        hold_after_plan=True,
+        on_trouble=lambda *said: seen.append(said),
+    ) as graph:
+        with pytest.raises(GraphError) as ended:
+            graph.run(progress=progress)
+        assert ended.value.fault == "clock_jump"
+        # whoever asked for a recording is not left without one unawares
+        with pytest.raises(GraphError) as refused:
+            graph.run()
+        assert refused.value.fault == "not_recorded"
+        assert "the plant was started again" in str(refused.value)
+        # the last answer of a node that is shut down arrives
+        assert lifecycles.change("plant", "deactivate")
+        assert lifecycles.change("plant", "shutdown")
+    assert any(name == "recorder" and "the plant was started again" in text for name, text in seen)
+    assert info(tmp_path / "run").integrity.missing == 0

@@ -140,7 +140,7 @@ def replay(bystander: Bystander, domain: int, tmp_path: Path) -> Iterator[Replay
         result.process.wait()
 
 
-@pytest.mark.parametrize("rate", [0.0, 1.0])
+@pytest.mark.parametrize("rate", [0.0, pytest.param(1.0, marks=pytest.mark.study)])
 def test_everything_comes_back_bit_by_bit_at_every_pace(
     replay: Replay, recording: Path, recorded: dict[str, list[bytes]], rate: float
 ) -> None:
@@ -275,6 +275,7 @@ def test_bad_parameters_end_the_node_with_one_line(
     assert replay.output.count("\n") == 1
 
 
+@pytest.mark.study  # test_up.py replays what it has recorded
 def test_the_command_replays_and_estimates(
     recording: Path, recorded: dict[str, list[bytes]], tmp_path: Path
 ) -> None:

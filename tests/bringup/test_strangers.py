@@ -17,8 +17,9 @@ from gyrowheel.text.recordings import info_page
 from gyrowheel_analysis.recording import Recording, info
 from gyrowheel_bringup.graph import Graph, GraphError, Progress
 from gyrowheel_core import topics, wire
+from gyrowheel_core.node import SURPLUS
 
-from .helpers import SHORT_PLAN, Bystander
+from .helpers import SHORT_PLAN, Bystander, wait_for
 
 pytestmark = pytest.mark.graph
 
@@ -39,6 +40,10 @@ class Intruder(Bystander):
             self.spin_until(lambda: self._commands.get_subscription_count() == 2)
             self.listen(topics.MEASUREMENT, self._answer, raw=True)
             self._thread.start()
+
+    def is_told_of(self) -> bool:
+        """Whether plant and recorder have named it: one that is gone before anybody looks has no name."""
+        return all("/bystander" in self.values(name).get(SURPLUS, "") for name in ("plant", "recorder"))
 
     def leave(self) -> None:
         if self._thread.ident is not None and not self._end.is_set():
@@ -68,6 +73,7 @@ def test_a_stranger_that_comes_later_and_leaves_is_told_to_everyone(domain: int,
         if now.segment == 1:
             intruder.come()
         elif now.segment >= 2:
+            wait_for(intruder.is_told_of)
             intruder.leave()
 
     record = tmp_path / "run"

@@ -6,11 +6,13 @@ import errno
 import os
 from pathlib import Path
 
+import mcap.writer
 import pytest
 
 from gyrowheel.cli.defects import machine_error
 from gyrowheel_analysis.exchange import ColumnMap, import_table
 from gyrowheel_analysis.recording import Recording, RecordingWriter
+from gyrowheel_analysis.recording.definitions import definition
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import files, topics, wire
 from gyrowheel_core.errors import InputError
@@ -90,6 +92,20 @@ def test_a_pipe_and_a_text_without_end(tmp_path: Path, monkeypatch: pytest.Monke
 def test_an_environment_of_brackets_or_digits(text: str) -> None:
     with pytest.raises(InputError, match="environment"):
         from_json(text)
+
+
+def test_a_definition_that_changes_a_type_of_ros(tmp_path: Path) -> None:
+    text = definition("gyrowheel_msgs/msg/Measurement").text.replace("uint32 nanosec", "uint32 nanosek")
+    with (tmp_path / "run.mcap").open("wb") as file:
+        writer = mcap.writer.Writer(file)
+        writer.start(profile="ros2")
+        schema = writer.register_schema("gyrowheel_msgs/msg/Measurement", "ros2msg", text.encode())
+        channel = writer.register_channel(topics.MEASUREMENT.name, "cdr", schema)
+        # of another layout than ours, so that the definition is needed
+        writer.add_message(channel, 0, b"\0\1\0\0" + bytes(96), 0)
+        writer.finish()
+    with pytest.raises(InputError, match=r"the definition of gyrowheel_msgs/msg/Measurement cannot be read"):
+        Recording.open(tmp_path / "run.mcap")
 
 
 @pytest.mark.parametrize("text", [_DEEP, f'{{"name": "x", "parameters": {{"a": {{"value": {_LONG}}}}}}}'])

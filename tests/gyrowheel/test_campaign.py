@@ -22,6 +22,8 @@ from gyrowheel.campaigns.job import run_case
 from gyrowheel.campaigns.judge import Interval, Judged, judge
 from gyrowheel.campaigns.outside import declared, outside_forms
 from gyrowheel.campaigns.summary import Rate, Summary, covered
+from gyrowheel.report.campaign import campaign_page as report_page
+from gyrowheel.results.campaign import CampaignResult
 from gyrowheel.text.campaign import campaign_page, case_line
 from gyrowheel.text.layout import show
 from gyrowheel_analysis.fitting.terms import ERRORS
@@ -29,6 +31,7 @@ from gyrowheel_analysis.recording import Recording
 from gyrowheel_control.loops.controller import Gains
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.files import json_text
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.blind.draw import KINDS
 from gyrowheel_sim.effects import physical, registry
@@ -36,6 +39,7 @@ from gyrowheel_sim.plant.scenario import Scenario
 
 from .findings import diagnosis, finding, tie
 from .helpers import DRAG_PLAN, OTHER_PLAN, Shell, write
+from .pages import Page, check_numbers
 
 CAMPAIGN = Campaign(DRAG_PLAN, OTHER_PLAN, seed=5)
 
@@ -372,6 +376,22 @@ def test_the_page_fits_and_names_every_mistake(width: int):
     assert "0 of 9" in capture.get()
 
 
+def test_the_report_has_the_numbers_of_the_json():
+    done = [
+        judged_case(k, validation=1.0, intervals=[Interval("windage.w", 1.0, 0.1, 1.05)]) for k in range(5)
+    ]
+    done += [judged_case(5, outcome="misnamed", named=["flexure_hysteresis"], ties=[("<b>windage", None)])]
+    done += [judged_case(6, "none"), judged_case(7, "outside", "missed")]
+    result = CampaignResult(Summary.of(5, 9, done), "8 blind cases <i>")
+    page = Page(report_page(result, "gyrowheel campaign --plan <b>quick"))
+    assert check_numbers(page) > 15
+    assert page.content["campaign"] == json.loads(json_text(result.to_dict()))
+    assert [case["case"] for case in page.content["cases"]] == list(range(8))
+    assert not [e for e in page.elements if e.tag in ("i", "b")]  # what is written there is text
+    assert "flexure_hysteresis or <b>windage" in page.text.replace("&lt;", "<").replace("&gt;", ">")
+    assert "nothing done" in report_page(CampaignResult(Summary.of(5, 9, []), "nothing done"), "")
+
+
 # ---- the work
 
 
@@ -444,7 +464,18 @@ COUNTS = ("n", "detectable", "exact", "tied", "wrong")
 def test_the_verb_reports_and_keeps_the_json_contract(gyrowheel: Shell, tmp_path: Path):
     plan, other = write(tmp_path / "plan.yaml", DRAG_PLAN), write(tmp_path / "other.yaml", OTHER_PLAN)
     arguments = ["campaign", "--plan", plan, "--validation-plan", other, "--cases", 40, "--jobs", 1]
-    arguments += ["--only", 1, "--only", 2, "--seed", 5, "--list", tmp_path / "list.json"]
+    arguments += [
+        "--only",
+        1,
+        "--only",
+        2,
+        "--seed",
+        5,
+        "--list",
+        tmp_path / "list.json",
+        "-o",
+        tmp_path / "kept",
+    ]
     shown = gyrowheel.good(*arguments, "--json", tmp_path / "out.json")
     assert "2 blind cases of plan drag, seed 5" in shown.out
     assert "false alarms: 0 of 1" in shown.out
@@ -459,6 +490,9 @@ def test_the_verb_reports_and_keeps_the_json_contract(gyrowheel: Shell, tmp_path
     assert set(content) >= {"coverage95", "median_seconds", "confusion"}
     listed = json.loads((tmp_path / "list.json").read_text())
     assert [c["case"] for c in listed] == [1, 2]
+    assert f"report: {tmp_path / 'kept' / 'report.html'}" in shown.err
+    page = Page((tmp_path / "kept" / "report.html").read_text(encoding="utf-8"))
+    assert page.content["campaign"] == content
 
 
 @pytest.mark.parametrize(

@@ -517,6 +517,7 @@ def test_the_machine_of_a_model_is_explained_by_it(gyrowheel: Shell, wheel: Whee
         assert raw["error"]["raw"]["rms"][channel] < 0.1 * other["error"]["raw"]["rms"][channel]
 
 
+@pytest.mark.study  # test_model_file.py adds a proposal to a model
 @pytest.mark.slow
 def test_the_form_that_a_diagnosis_proposes_can_be_typed_as_it_stands(gyrowheel: Shell, tmp_path: Path):
     key = write(tmp_path / "key.json", '{"values": {}, "effects": {"contact": {"A": 0.02, "p": 0.45}}}')

@@ -1,69 +1,77 @@
-"""The scripts in examples/ run as they stand, and a notebook shows what the API returns."""
+"""The notebooks in examples/ run as they stand, and show what the API returns; their pages are of these scripts."""
 
 from __future__ import annotations
 
-import subprocess
-import sys
+import runpy
 from pathlib import Path
 
 import nbformat
 import pytest
-from nbclient import NotebookClient
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+from tools import notebooks
+
 #: Files that each script writes, and what it must say.
-OUTCOMES = {
-    "compare": (["compare.png"], "The model fails"),
-    "diagnose_and_add": (["error.png", "wheel.yaml"], "aero_cross"),
-    "own_effect": (["brake.yaml"], "k = 0.00"),
-    "read_and_plot": (["recording.png", "recording.parquet", "check"], "largest tilt"),
+OUTCOMES: dict[str, tuple[list[str], str]] = {
+    "loop": ([], "aero_cross"),
+    "own_effect": ([], "k = 0.00"),
+    "own_data": (["bench3.csv"], "windage"),
+    "raw_columns": (["check", "check.parquet"], "largest tilt"),
+    "paper_figures": (["paper_tilt"], ""),
+    "cluster": ([], "cases"),
 }
 
 
-def test_all_examples_are_run_here() -> None:
-    assert {path.stem for path in EXAMPLES.glob("*.py")} == set(OUTCOMES)
+def test_all_notebooks_are_in_the_gallery_and_run_here() -> None:
+    scripts = {path.stem for path in notebooks.SCRIPTS.glob("*.py")}
+    assert scripts == set(notebooks.GALLERY) == set(OUTCOMES)
+    assert (notebooks.PAGES / "README.md").read_text(encoding="utf-8") == notebooks.index()
 
 
 @pytest.mark.parametrize("name", OUTCOMES)
-def test_example_runs_and_is_short(name: str, tmp_path: Path) -> None:
-    script = EXAMPLES / f"{name}.py"
-    assert len(script.read_text(encoding="utf-8").splitlines()) < 30
-    done = subprocess.run([sys.executable, script], cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+def test_page_has_the_cells_of_its_script(name: str) -> None:
+    page = (notebooks.PAGES / f"{name}.md").read_text(encoding="utf-8")
+    cells = [cell.source for cell in notebooks.read(name).cells if cell.cell_type == "code"]
+    assert notebooks.code(page) == [f"{source}\n" for source in cells], "`make notebooks` writes it anew"
+    assert len(cells) >= 1
+    assert "Traceback" not in page
+    for picture in notebooks.PAGES.glob(f"{name}-*.png"):
+        assert f"({picture.name})" in page
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name",
+    [
+        # a notebook of its own below; what `test_campaign` shows of a cluster
+        pytest.param(name, marks=[pytest.mark.study] if name in ("loop", "cluster") else [])
+        for name in OUTCOMES
+    ],
+)
+def test_script_runs(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    runpy.run_path(str(notebooks.SCRIPTS / f"{name}.py"), run_name="__main__")
     files, words = OUTCOMES[name]
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(files)
-    assert words in done.stdout
-    assert done.stderr == ""
+    said = capsys.readouterr()
+    assert words in said.out
+    assert said.err == ""
 
 
-def test_notebook_shows_verdict_and_picture_in_eight_lines(tmp_path: Path) -> None:
-    verdict = """\
-import gyrowheel as gw
-quick = gw.Recording.open("quick")
-model = gw.Model("gyrowheel")
-found = gw.diagnose(quick, model)
-found"""
-    picture = """\
-check = gw.Recording.open("check")
-better = model.add(found, fit=quick, validate=check)
-better.plot()"""
-    recorded = """\
-import gyrowheel as gw
-for plan in ("quick", "check"):
-    gw.simulate(plan, effects={"windage": {}}, machine=6, folder=plan)"""
-    subprocess.run([sys.executable, "-c", recorded], cwd=tmp_path, check=True)
-    notebook = nbformat.v4.new_notebook(
-        cells=[nbformat.v4.new_code_cell(verdict), nbformat.v4.new_code_cell(picture)]
-    )
-    patient = {"timeout": 800, "startup_timeout": 800}
-    NotebookClient(notebook, **patient, resources={"metadata": {"path": str(tmp_path)}}).execute()
-    shown, drawn = (
-        [output for output in cell.outputs if output.output_type == "execute_result"]
-        for cell in notebook.cells
-    )
-    assert "An effect is missing" in shown[0].data["text/html"]
-    assert "<table" in shown[0].data["text/html"]
-    assert "An effect is missing" in shown[0].data["text/plain"]
-    assert len(drawn[0].data["image/png"]) > 10_000
-    # nothing is printed beside the results
-    assert [len(cell.outputs) for cell in notebook.cells] == [1, 1]
+@pytest.mark.slow
+def test_notebook_shows_verdict_and_picture(tmp_path: Path) -> None:
+    """As a notebook, in a kernel of its own: text, tables and pictures arrive, and nothing beside them."""
+    notebook = notebooks.read("loop")
+    notebook.cells += [nbformat.v4.new_code_cell(source) for source in ("print(quick)", "found")]
+    text, pictures = notebooks.page("loop", notebooks.run(notebook, tmp_path))
+    assert "An effect is missing" in text
+    assert [len(content) > 10_000 for content in pictures.values()] == [True]
+    (printed,), (shown,) = (cell.outputs for cell in notebook.cells[-2:])
+    assert "machine" in printed.text
+    assert "\x1b" not in printed.text  # no colours of a terminal
+    assert "An effect is missing" in shown.data["text/html"]
+    assert "<table" in shown.data["text/html"]
+    assert "An effect is missing" in shown.data["text/plain"]
+    assert all(len(cell.outputs) <= 1 for cell in notebook.cells if cell.cell_type == "code")
+    assert list(tmp_path.iterdir()) == []

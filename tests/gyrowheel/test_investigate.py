@@ -29,6 +29,7 @@ from gyrowheel_core.errors import InputError
 from .conftest import Wheel
 from .findings import AMBIGUOUS, UNKNOWN, diagnosis, finding, tie
 from .helpers import DRAG_PLAN, Shell, write
+from .pages import Page, check_numbers
 
 
 class Silent:
@@ -241,6 +242,12 @@ def settle(gyrowheel: Shell, tmp_path: Path, *arguments: object) -> Any:
     result = gyrowheel.good("investigate", *options).json
     assert model.read_bytes() == before
     assert result == json.loads((tmp_path / "run" / "investigation.json").read_text())
+    # it ends with a report, whose numbers are these
+    page = Page((tmp_path / "run" / "report.html").read_text(encoding="utf-8"))
+    assert check_numbers(page) > 50
+    assert page.content["diagnosis"] == result["diagnosis"]
+    assert page.content["investigation"] == {k: v for k, v in result.items() if k != "diagnosis"}
+    assert "Step by step" in [e.text for e in page.elements if e.tag == "h2"]
     return result
 
 
@@ -266,7 +273,8 @@ def test_the_papers_own_plans_and_averages_are_ambiguous_and_a_test_settles_it(
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "hidden", ["gimbal_inertia_error", pytest.param("aero_restoring", marks=pytest.mark.study)]
+    "hidden",
+    [pytest.param(name, marks=pytest.mark.study) for name in ("gimbal_inertia_error", "aero_restoring")],
 )
 def test_what_happens_within_a_revolution_settles_the_papers_own_plans_at_once(
     gyrowheel: Shell, tmp_path: Path, hidden: str

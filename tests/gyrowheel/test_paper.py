@@ -19,6 +19,7 @@ from gyrowheel_sim.air.flow import Flow, shipped, write
 from gyrowheel_sim.air.table import TorqueTable
 
 from .helpers import Shell
+from .pages import Page, check_numbers
 
 #: What needs no recording and no simulated hold.
 QUICK = ["eq-6-sign", "fig-7", "fig-8-growth", "fig-8-drag"]
@@ -52,6 +53,9 @@ def test_pages_and_pictures_are_whole_after_every_statement(gyrowheel: Shell, tm
     for row in found.rows:
         assert f'id="{row.name}"' in page
         assert (folder / f"{row.name}.png").is_file() == (row.finding.draw is not None)
+    told = Page(page)
+    assert check_numbers(told) >= 5 * len(QUICK)
+    assert told.content == json.loads((folder / "paper.json").read_text(encoding="utf-8"))
     # the page needs no other file
     assert not re.search(r'(src|href)="(?!data:|#)', page)
     assert page.count("data:image/png") == sum(row.finding.draw is not None for row in found.rows)

@@ -67,6 +67,7 @@ def test_investigate_ends_with_the_table_and_draws_the_last_diagnosis(
     assert again == words
 
 
+@pytest.mark.study  # test_same_machine.py goes on with the command of a diagnosis
 def test_the_command_that_goes_on_is_for_the_same_machine(
     gyrowheel: Shell, wheel: Wheel, tmp_path: Path
 ) -> None:

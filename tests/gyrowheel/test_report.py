@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import base64
 import hashlib
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
@@ -68,11 +71,29 @@ def test_it_needs_nothing_but_itself(made: gw.Report, page: Page) -> None:
         for name in ("src", "href"):
             assert element.attributes.get(name, "#").startswith(("#", "data:image/")), element
         assert not any(name.startswith("on") for name in element.attributes)
-    scripts = [e for e in page.elements if e.tag == "script"]
-    assert [e.attributes["type"] for e in scripts] == ["application/json"]
+    kinds = [e.attributes.get("type", "") for e in page.elements if e.tag == "script"]
+    assert kinds == ["application/json", "application/json", ""]
+    # it may run the one script that draws the signals, and nothing else
+    (script,) = (e for e in page.elements if e.tag == "script" and "type" not in e.attributes)
+    digest = base64.b64encode(hashlib.sha256(script.text.encode()).digest()).decode()
     policy = next(e for e in page.elements if e.attributes.get("http-equiv") == "Content-Security-Policy")
     assert policy.attributes["content"].startswith("default-src 'none'")
+    assert policy.attributes["content"].endswith(f"script-src 'sha256-{digest}'")
     assert all(e.attributes["alt"] for e in page.elements if e.tag == "img")
+
+
+def test_charts_have_the_samples_of_the_recording(wheel: Wheel, page: Page) -> None:
+    (own,) = (e for e in page.elements if e.attributes.get("id") == "charts")
+    chart = json.loads(own.text)["recordings.0"]
+    samples = gw.Recording.open(wheel.recording)
+    tilt = np.frombuffer(base64.b64decode(chart["panels"][0]["lines"][0]["values"]), "<f4")
+    time = np.frombuffer(base64.b64decode(chart["time"]), "<f4")
+    assert len(tilt) == len(time) <= 4000
+    assert chart["pairs"] is True
+    assert tilt.max() == pytest.approx(np.degrees(samples.measurement["tilt_x"]).max())  # nothing is lost
+    assert time[-1] == pytest.approx(samples.duration, rel=1e-2)
+    shown = {e.attributes["data-chart"] for e in page.elements if "data-chart" in e.attributes}
+    assert shown == set(json.loads(own.text))
 
 
 def test_recordings_are_told_with_hashes_and_the_commands_repeat_it(
@@ -97,7 +118,7 @@ def test_what_a_user_wrote_is_text_and_never_runs(wheel: Wheel, made: gw.Report,
         made, model=model, fitted=(), unused=(), comparison=None, commands=(evil,), next_command=evil
     )
     page = Page(report.html())
-    assert len([e for e in page.elements if e.tag == "script"]) == 1
+    assert len([e for e in page.elements if e.tag == "script"]) == 3
     assert page.content["commands"] == [evil]
     assert evil in "".join(text for text, _ in page.pieces)
     outside = re.sub(r"^(`{3,})\n.*?^\1$", "", report.markdown(), flags=re.MULTILINE | re.DOTALL)

@@ -468,6 +468,8 @@ def answered(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gyrowheel_analysis.recording.Recording.open", lambda path: path)
     monkeypatch.setattr("gyrowheel_analysis.diagnosis.diagnose.diagnose", diagnose)
     monkeypatch.setattr("gyrowheel_analysis.diagnosis.precision.precision_test", lambda *_, **__: None)
+    # a report reads the recordings, of which there are none here
+    monkeypatch.setattr("gyrowheel.cli.investigating._report", lambda *_: None)
 
 
 @pytest.mark.usefixtures("answered")

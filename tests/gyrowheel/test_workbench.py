@@ -5,10 +5,13 @@ from __future__ import annotations
 import http.client
 import json
 import shutil
+import sysconfig
 import threading
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 import pytest
@@ -20,7 +23,7 @@ from gyrowheel.workbench import gate, pictures
 from gyrowheel.workbench.bench import SimulatedBench
 from gyrowheel.workbench.decimation import Envelope
 from gyrowheel.workbench.desk import Desk
-from gyrowheel.workbench.live import LiveBench
+from gyrowheel.workbench.live import LiveBenches
 from gyrowheel.workbench.server import Server
 from gyrowheel.workbench.shelf import Shelf
 from gyrowheel_core import topics, wire
@@ -28,10 +31,11 @@ from gyrowheel_core import topics, wire
 from ..domains import next_domain
 from .conftest import Wheel
 from .helpers import Shell, write
+from .lab_tables import lab_columns
 
 CHROMIUM = shutil.which("chromium")
-#: Checks accessibility; `npm install --no-save axe-core` at the root of the project brings it, else it is left out.
-AXE = Path(__file__).parents[2] / "node_modules" / "axe-core" / "axe.min.js"
+#: axe-core, which checks accessibility: `.venv/bin/pip install axe-playwright-python` brings it; else it is left out.
+AXE = Path(sysconfig.get_path("purelib")) / "axe_playwright_python" / "axe.min.js"
 EVIL = "<img src=x onerror=alert(1)></script><script>alert(2)</script>"
 
 
@@ -68,15 +72,37 @@ def compared(wheel: Wheel) -> Iterator[Desk]:
 
 
 def serious_faults(page: Any) -> list[str]:
-    """Return the serious faults of accessibility of a page."""
-    page.evaluate(AXE.read_text(encoding="utf-8"))
-    found = page.evaluate("axe.run(document, {resultTypes: ['violations']})")
-    return [
-        f"{fault['id']}: {node['html']}"
-        for fault in found["violations"]
-        if fault["impact"] in ("serious", "critical")
-        for node in fault["nodes"]
-    ]
+    """Return the serious faults of accessibility of a page, in light and in dark; none where nothing can tell them."""
+    if not AXE.is_file():
+        return []
+    faults = []
+    for theme in ("light", "dark"):
+        page.emulate_media(color_scheme=theme)
+        page.wait_for_function("(theme) => matchMedia(`(prefers-color-scheme: ${theme})`).matches", arg=theme)
+        page.evaluate(AXE.read_text(encoding="utf-8"))
+        found = page.evaluate("axe.run(document, {resultTypes: ['violations']})")
+        faults += [
+            f"{page.url}, {theme}: {fault['id']}: {node['html']}"
+            for fault in found["violations"]
+            if fault["impact"] in ("serious", "critical")
+            for node in fault["nodes"]
+        ]
+    page.emulate_media(color_scheme="light")
+    return faults
+
+
+def press(target: Any, *keys: str) -> None:
+    """Go to an element of the page with the Tab key alone, and press keys there: Enter if none are given."""
+    keyboard = target.page.keyboard
+    target.wait_for()
+    for _ in range(600):
+        if target.evaluate("(own) => own === document.activeElement"):
+            break
+        keyboard.press("Tab")
+    else:
+        raise AssertionError(f"{target}: is not reached with Tab")
+    for key in keys or ("Enter",):
+        keyboard.press(key)
 
 
 def test_no_spike_is_lost_and_few_samples_are_all_shown() -> None:
@@ -127,9 +153,12 @@ def test_pages_of_other_sites_are_refused(server: Server, headers: dict[str, str
         assert set(json.loads(body)) == {"error"}
 
 
-def test_another_address_asks_for_a_token(wheel: Wheel, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(gate, "is_loopback", lambda address: False)
-    with Server(Desk(Shelf([wheel.recording]), gw.Model()), port=0) as server:
+@pytest.mark.parametrize("loopback", [False, True])
+def test_a_token_is_asked_for_where_it_is_wanted(
+    loopback: bool, wheel: Wheel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(gate, "is_loopback", lambda address: loopback)
+    with Server(Desk(Shelf([wheel.recording]), gw.Model()), port=0, token=loopback) as server:
         token = server.gate.token
         assert len(token) > 20
         for path, content in (("/", None), ("/state", None), ("/signal?key=0/.", None), ("/do/undo", {})):
@@ -194,15 +223,17 @@ def test_a_formula_that_cannot_be_is_refused_before_it_is_added(server: Server, 
 
 
 def test_what_is_too_large_or_of_another_kind_is_refused(server: Server) -> None:
-    connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=240.0)
-    connection.putrequest("POST", "/do/open")
-    connection.putheader("Content-Length", str(10**9))
-    connection.endheaders()
-    try:
-        connection.send(b"x" * 65536)
-        assert connection.getresponse().status == 400
-    except (ConnectionError, http.client.HTTPException):
-        pass  # hung up without reading it
+    for path, kind in (("/do/open", "application/json"), ("/table?name=a.csv", "application/octet-stream")):
+        connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=240.0)
+        connection.putrequest("POST", path)
+        connection.putheader("Content-Type", kind)
+        connection.putheader("Content-Length", str(10**9))
+        connection.endheaders()
+        try:
+            connection.send(b"x" * 65536)
+            assert connection.getresponse().status == 400
+        except (ConnectionError, http.client.HTTPException):
+            pass  # hung up without reading it
     assert ask(server, "/state")[0] == 200
     assert ask(server, "/do/undo", {}, Content_Type="text/plain")[0] == 415
     for path in ("/files/../server.py", "/files/%2e%2e/server.py", "/files/workbench.html", "/do/quit"):
@@ -312,55 +343,190 @@ def test_a_test_runs_on_the_machine_of_the_recordings_and_is_joined(
     assert len(desk.opened) == 2
 
 
-def test_a_running_bench_appears_and_its_holds_arrive(wheel: Wheel, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_running_benches_appear_and_their_holds_arrive(wheel: Wheel) -> None:
     rclpy = pytest.importorskip("rclpy", reason="ROS is not installed")
     from rclpy.context import Context
 
     (holds,) = gw.drag(wheel.recording, gw.Model.load(wheel.model)).holds
     domain = next_domain()
     desk = Desk(Shelf([wheel.recording.parent]), gw.Model.load(wheel.model), wheel.model)
-    desk.live = LiveBench(desk.heard, domain)
+    desk.live = LiveBenches(desk.hear, domain)
     context = Context()
     rclpy.init(context=context, domain_id=domain)
     bench = rclpy.create_node("bench", context=context)
     try:
         with Server(desk, port=0) as server, desk.live as live:
-            assert json.loads(ask(server, "/state")[1])["live"] is None
-            estimates, setpoints = (
-                bench.create_publisher(topic.message_class, topic.name, topic.qos)
-                for topic in (topics.DRAG_ESTIMATE, topics.SETPOINT)
-            )
+            assert json.loads(ask(server, "/state")[1])["live"] == {}
             heard = threading.Event()
             desk.watch(heard.set)
-            # it may join late, so it is said until it is heard
-            said = wire.SETPOINT.pack(holds[0].stamp_ns, 3, 1, 0.05, 0.0, 0.0, 0.0, 366.5, 0.0)
-            for _ in range(1200):
-                setpoints.publish(said)
-                if heard.wait(0.2):
-                    break
-            for _ in range(1200):
-                estimates.publish(holds[0].serialized())
-                heard.clear()
-                if heard.wait(0.2) and live.running is not None and live.running.holds:
-                    break
-            for estimate in holds[1:]:
-                estimates.publish(estimate.serialized())
-            for _ in range(1200):
-                if live.running is not None and len(live.running.holds) == len(holds):
-                    break
-                heard.clear()
-                heard.wait(0.2)
-            state, found = (json.loads(ask(server, path)[1]) for path in ("/state", "/found"))
-            assert f"{len(holds)} holds; segment 3, hold: tilt 2.9, 0.0 °, 3500 rpm" in state["live"]
-            assert "running bench" in state["parts"]["recordings"]
-            own = found["holds"]["live"]
-            assert own["hold"] == [e.segment for e in holds]
-            assert own["actuators"][2]["torque"]["predicted"] == pytest.approx(
-                [1e3 * e.simulated_torque[2] for e in holds]
-            )
+            for key, namespace in (("live", ""), ("live/bench2", "/bench2")):
+                estimates, setpoints = (
+                    bench.create_publisher(topic.message_class, topic.within(namespace), topic.qos)
+                    for topic in (topics.DRAG_ESTIMATE, topics.SETPOINT)
+                )
+
+                def until(said: Any, so: Any) -> None:
+                    """Say something until it is heard: who listens may have come late."""
+                    for _ in range(1200):
+                        said()
+                        heard.clear()
+                        if so() or (heard.wait(0.2) and so()):
+                            return
+
+                setpoint = wire.SETPOINT.pack(holds[0].stamp_ns, 3, 1, 0.05, 0.0, 0.0, 0.0, 366.5, 0.0)
+                until(
+                    partial(setpoints.publish, setpoint),
+                    lambda key=key: key in live.runs and bool(live.runs[key].asked),
+                )
+                first = partial(estimates.publish, holds[0].serialized())
+                until(first, lambda key=key: bool(live.runs[key].holds))
+                for estimate in holds[1:]:
+                    estimates.publish(estimate.serialized())
+                until(lambda: None, lambda key=key: len(live.runs[key].holds) == len(holds))
+                state, found = (json.loads(ask(server, path)[1]) for path in ("/state", "/heard"))
+                title = f"running bench {namespace}".strip()
+                assert state["live"][key]["title"] == title
+                words = f"{len(holds)} holds; segment 3, hold: tilt 2.9, 0.0 °, 3500 rpm"
+                assert words in state["live"][key]["words"]
+                assert f"<b>{title}</b>" in state["parts"]["recordings"]
+                own = found[key]
+                assert own["hold"] == [e.segment for e in holds]
+                assert own["actuators"][2]["torque"]["predicted"] == pytest.approx(
+                    [1e3 * e.simulated_torque[2] for e in holds]
+                )
+            assert list(live.runs) == ["live", "live/bench2"]
     finally:
         bench.destroy_node()
         context.try_shutdown()
+
+
+@pytest.mark.graph
+@pytest.mark.slow
+def test_a_running_bench_walks_the_next_test_and_goes_on(wheel: Wheel, tmp_path: Path) -> None:
+    pytest.importorskip("rclpy", reason="ROS is not installed")
+    from gyrowheel.graph import up
+
+    plan = write(
+        tmp_path / "short.yaml",
+        yaml.safe_dump(
+            {
+                "schema": 1,
+                "name": "short",
+                "hold_s": 0.5,
+                "segments": [{"spin_rpm": 3500, "tilt_deg": [[0, 0], [1, 0]]}],
+            }
+        ),
+    )
+    domain = next_domain()
+    shutil.copytree(wheel.recording, tmp_path / "runs" / "drag")
+    desk = Desk(Shelf([tmp_path / "runs"]), gw.Model.load(wheel.model))
+    desk.live = LiveBenches(desk.hear, domain)
+    desk.open("0/drag", "fitted")
+    desk.wait(240.0)
+    diagnosed: list[int] = []
+    desk.tests = lambda: [str(plan)]  # type: ignore[method-assign]
+    desk._diagnose = lambda at: diagnosed.append(len(desk.used("fitted")))  # type: ignore[method-assign]
+    with pytest.raises(gw.InputError, match="'live/bench9' does not run"):
+        desk.test(str(plan), "live/bench9")
+    changed = threading.Event()
+    desk.watch(changed.set)
+
+    def until(so: Any) -> None:
+        for _ in range(1200):
+            changed.clear()
+            if so() or (changed.wait(0.2) and so()):
+                return
+        raise AssertionError("it does not come")
+
+    with up(None, domain=domain, namespace="bench2") as graph, desk.live:
+        until(lambda: "live/bench2" in desk.live.runs)
+        parts: list[float] = []
+        ends = desk.watch(lambda: parts.append(desk.job.part or 0.0) if desk.job else None)
+        desk.test(str(plan), "live/bench2")
+        desk.wait(240.0)
+        ends()
+        assert desk.trouble is None
+        assert diagnosed == [2]  # after it was joined
+        assert max(parts) > 0.0  # seen to go on
+        made = next(own.recording for own in desk.opened.values() if own.recording.name != "drag")
+        assert made.data.namespace == "/bench2"
+        assert made.integrity.missing == 0
+        assert len(made.info.holds) >= 2
+        # ended in the middle: the bench stops the plan, and goes on
+        long = write(
+            tmp_path / "long.yaml", plan.read_text().replace("0.5", "600.0").replace("short", "long")
+        )
+        desk.tests = lambda: [str(long)]  # type: ignore[method-assign]
+        desk.test(str(long), "live/bench2")
+        until(lambda: desk.job is not None and desk.job.part is not None)
+        desk.end()
+        desk.wait(240.0)
+        assert len(desk.opened) == 2
+        assert diagnosed == [2]
+        assert set(graph.pids) == {"plant", "controller", "conductor", "recorder", "drag_estimator"}
+
+
+def lab_table(file: Path, samples: Any) -> Path:
+    """Write a lab's table of samples, in which one unit is not what it says."""
+    columns, units = lab_columns(samples, every=2)
+    units["Tilt Y"] = "rad"  # it is in degrees
+    head = ",".join(f"{name} [{units[name]}]" for name in columns)
+    np.savetxt(file, np.stack(list(columns.values()), axis=1), "%.9g", ",", header=head, comments="")
+    return file
+
+
+def test_a_table_is_mapped_corrected_and_becomes_a_recording(wheel: Wheel, tmp_path: Path) -> None:
+    shutil.copytree(wheel.recording, tmp_path / "drag")
+    samples = gw.Recording.open(wheel.recording).measurement[:20_000]
+    table = lab_table(tmp_path / "lab 3.csv", samples)
+    with Server(Desk(Shelf([tmp_path]), gw.Model.load(wheel.model)), port=0) as server:
+        desk = server.desk
+
+        def send(body: bytes, name: str, **headers: str) -> tuple[int, bytes]:
+            connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=240.0)
+            sent = {"Host": f"127.0.0.1:{server.port}", "Content-Type": "application/octet-stream", **headers}
+            connection.request("POST", f"/table?name={quote(name)}", body, sent)
+            answer = connection.getresponse()
+            return answer.status, answer.read()
+
+        assert send(b"x", "a.csv", Origin="http://bench.example")[0] == 403
+        assert send(b"x", "a.csv", **{"Content-Type": "text/plain"})[0] == 415
+        assert send(b"x", "..")[0] == 422
+        assert ask(server, "/do/map_table", {})[0] == 422  # there is none
+        assert send(b"no table", "../../a.csv")[0] == 200
+        desk.wait(240.0)
+        assert desk.trouble is not None
+        assert desk.trouble.place == "table"
+        assert "gyrowheel-" not in desk.trouble.sentence  # where it is kept is nobody's business
+        assert send(table.read_bytes(), table.name)[0] == 200
+        desk.wait(240.0)
+        assert desk.trouble is None
+        part = json.loads(ask(server, "/state")[1])["parts"]["table"]
+        assert "tilt_y" in part
+        assert "To be answered" in part
+        # what is no map is said; a corrected one is read, and the laws of the wheel agree
+        given = {"tilt_y.column": "Tilt Y [rad]", "tilt_y.unit": "deg", "tilt_y.scale": "one"}
+        status, body = ask(server, "/do/map_table", given)
+        assert status == 422
+        assert "scale: 'one' is no number" in json.loads(body)["error"]
+        column = (
+            next(row["column"] for row in desk.table.rows() if row["field"] == "tilt_y") if desk.table else ""
+        )
+        given = {"tilt_y.column": column, "tilt_y.unit": "deg", "tilt_y.scale": ""}
+        ask(server, "/do/map_table", given)
+        desk.wait(240.0)
+        assert desk.trouble is None
+        assert desk.table is not None
+        assert desk.table.questions == ()
+        assert ask(server, "/preview.png")[1].startswith(b"\x89PNG")
+        ask(server, "/do/map_table", given | {"take": "1"})
+        desk.wait(240.0)
+        assert desk.trouble is None
+        assert desk.table is None
+        (own,) = desk.opened.values()
+        assert own.recording.path == tmp_path / "lab-3-1"
+        assert own.role == "fitted"
+        assert np.allclose(own.recording.measurement["tilt_y"], samples["tilt_y"][::2], atol=1e-6)
 
 
 def test_help_explains_and_every_effect_has_a_page(server: Server) -> None:
@@ -418,7 +584,7 @@ def test_the_verb_refuses_what_cannot_be(gyrowheel: Shell, tmp_path: Path, serve
 
 @pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
-def test_see_add_watch_undo_in_a_browser(wheel: Wheel, tmp_path: Path) -> None:
+def test_see_add_watch_undo_in_a_browser_by_keyboard(wheel: Wheel, tmp_path: Path) -> None:
     playwright = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
     for own in (wheel.recording, wheel.other):
         shutil.copytree(own, tmp_path / "runs" / own.name)
@@ -449,9 +615,13 @@ def test_see_add_watch_undo_in_a_browser(wheel: Wheel, tmp_path: Path) -> None:
         def shelf(name: str) -> Any:
             return first.locator("#part-recordings li").filter(has=first.locator("b", has_text=name))
 
-        shelf("drag").get_by_role("button", name="fit").click()
+        def enabled(target: Any) -> Any:
+            expect(target).to_be_enabled()
+            return target
+
+        press(shelf("drag").get_by_role("button", name="fit"))
         expect(first.locator("#tabs button")).to_have_count(1)
-        shelf("other").get_by_role("button", name="only predict").click()
+        press(enabled(shelf("other").get_by_role("button", name="only predict")))
         expect(first.locator("#tabs button")).to_have_count(2)
         expect(second.locator("#tabs button")).to_have_count(2)  # two pages agree
         # signals: all of it, then every sample
@@ -463,21 +633,29 @@ def test_see_add_watch_undo_in_a_browser(wheel: Wheel, tmp_path: Path) -> None:
         first.keyboard.press(".")
         expect(first.locator("#readout")).to_contain_text("sample ")
         # where, and what is missing
-        first.locator("button[data-do=diagnose]").click()
+        press(enabled(first.locator("button[data-do=diagnose]")))
         expect(first.locator("[data-verdict=effect]")).to_contain_text("windage")
         expect(first.locator("#where canvas").first).to_be_visible()
         expect(second.locator("[data-verdict=effect]")).to_contain_text("windage")
         # a cell of the map shows its windows, and what is said of them
-        first.locator(".map tbody tr").nth(1).locator("button").last.click()
+        expect(first.locator("#job button")).to_have_count(0)
+        press(first.locator(".map button[tabindex='0']"), "ArrowDown", *["ArrowRight"] * 3, "Enter")
         expect(first.locator("#chosen")).to_contain_text("windows chosen")
         expect(first.locator("#chosen .said")).to_contain_text("residual")
         # the rotor at the cursor, and no fault of accessibility
         expect(first.locator("#rotor-said")).to_contain_text("mN·m")
-        if AXE.is_file():
-            for theme in ("light", "dark"):
-                first.emulate_media(color_scheme=theme)
-                expect(first.locator("#where canvas").first).to_be_visible()
-                assert serious_faults(first) == []
+        assert serious_faults(first) == []
+        third = window.new_page()
+        third.set_default_timeout(240_000)
+        for path in ("help", "help/effect/windage", "report"):
+            third.goto(f"{server.url}{path}")
+            assert serious_faults(third) == []
+        # the report draws its signals, with the values at the cursor, by keyboard
+        expect(third.locator("canvas")).to_have_count(2)
+        third.locator("canvas").first.focus()
+        third.keyboard.press("ArrowRight")
+        expect(third.locator(".readout").first).to_contain_text("tilt about x")
+        third.close()
         # holds, measured beside predicted
         expect(first.locator("#predicted canvas").first).to_be_visible()
         expect(first.locator("#predicted-said")).to_contain_text("holds")
@@ -489,7 +667,7 @@ def test_see_add_watch_undo_in_a_browser(wheel: Wheel, tmp_path: Path) -> None:
         expect(first.locator("#formula-said")).to_contain_text("mine")
         expect(first.locator("#formula-form button")).to_be_enabled()
         # add: the error on the unused recording falls to its noise
-        first.locator("button[data-do=add][data-what=windage]").click()
+        press(enabled(first.locator("button[data-do=add][data-what=windage]")))
         expect(first.locator("#part-model .card")).to_contain_text("windage")
         row = first.locator("#part-error tr.total td.figure")
         before, after = (float(row.nth(k).inner_text()) for k in (3, 4))
@@ -502,11 +680,27 @@ def test_see_add_watch_undo_in_a_browser(wheel: Wheel, tmp_path: Path) -> None:
         first.reload()
         expect(first.locator("#part-model .card")).to_contain_text("windage")
         expect(first.locator("#fall canvas").first).to_be_visible()
-        first.locator("button[data-do=undo]").click()
+        # the model is kept under a name
+        first.locator("#save-name").fill("better.yaml")
+        press(enabled(first.locator("form[data-do=save] button")))
+        expect(first.locator("form[data-do=save]")).to_contain_text("saved: ")
+        assert "windage" in gw.Model.load(tmp_path / "better.yaml").effects
+        press(enabled(first.locator("button[data-do=undo]")))
         expect(first.locator("#part-model .card")).to_have_count(0)
         expect(second.locator("#part-model .card")).to_have_count(0)
         expect(second.locator("#part-model")).to_contain_text(EVIL)  # as text
         assert desk.step.model.effects == {}
+        # a table: what it seems to hold is shown, and a wrong unit of it is corrected
+        samples = gw.Recording.open(wheel.recording).measurement[:8000]
+        first.locator("#table-file").set_input_files(lab_table(tmp_path / "lab.csv", samples))
+        expect(first.locator(".asked")).to_contain_text("tilt_y")
+        assert serious_faults(first) == []
+        press(first.locator("#map-tilt_y-unit"), "Control+a", *"deg", "Enter")
+        expect(first.locator("#part-table .told")).to_contain_text("No question is open")
+        expect(first.locator("#part-table img")).to_be_visible()
+        press(enabled(first.locator("button[name=take]")))
+        expect(first.locator("#table")).to_be_hidden()
+        expect(first.locator("#tabs button")).to_have_count(3)
         browser.close()
     assert said == []
     assert [url for url in asked if not url.startswith((server.url, "data:", "blob:"))] == []

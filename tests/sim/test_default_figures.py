@@ -209,6 +209,7 @@ def joint_step(constants, state, h, volts_x, volts_y, volts_motor):
     state += h / 6.0 * (slopes[0] + 2.0 * slopes[1] + 2.0 * slopes[2] + slopes[3])
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_joint_angles_would_need_finer_steps():
     """Why the case frame is integrated: in joint angles the same step makes a false torque of 0.117 mN m at 3 deg.

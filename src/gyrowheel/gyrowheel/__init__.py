@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from gyrowheel.holding import torques
     from gyrowheel.investigator import investigate
     from gyrowheel.model import Model
+    from gyrowheel.planning import check_plan
     from gyrowheel.publication.run import paper
     from gyrowheel.recording import Recording, salvage
     from gyrowheel.report.report import Report
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
     from gyrowheel.results.key import Key
     from gyrowheel.results.momentum import Momentum
     from gyrowheel.results.paper import Paper
+    from gyrowheel.results.plan_check import PlanCheck
     from gyrowheel.results.rates import Rates
     from gyrowheel.results.suggestion import TableMap
     from gyrowheel.results.torques import Torques
@@ -71,6 +73,7 @@ _HOMES = {
     "Model": "gyrowheel.model",
     "Momentum": "gyrowheel.results.momentum",
     "Paper": "gyrowheel.results.paper",
+    "PlanCheck": "gyrowheel.results.plan_check",
     "Rates": "gyrowheel.results.rates",
     "Recording": "gyrowheel.recording",
     "Report": "gyrowheel.report.report",
@@ -79,6 +82,7 @@ _HOMES = {
     "benches": "gyrowheel.catalogue",
     "calibrate": "gyrowheel.analysis",
     "campaign": "gyrowheel.campaigns.run",
+    "check_plan": "gyrowheel.planning",
     "compare": "gyrowheel.analysis",
     "correct": "gyrowheel.correcting",
     "diagnose": "gyrowheel.analysis",
@@ -113,6 +117,7 @@ __all__ = [
     "Model",
     "Momentum",
     "Paper",
+    "PlanCheck",
     "Rates",
     "Recording",
     "Report",
@@ -122,6 +127,7 @@ __all__ = [
     "benches",
     "calibrate",
     "campaign",
+    "check_plan",
     "compare",
     "correct",
     "diagnose",

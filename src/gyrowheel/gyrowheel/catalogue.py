@@ -104,6 +104,19 @@ def load_plan(source: str | Path) -> Plan:
     return Plan.load(source)
 
 
+def plan_on(bench: Bench, source: str | Path) -> Plan:
+    """Return a plan as a bench runs it, checked: a shipped one with the bench's own speeds, tilts and rates."""
+    from gyrowheel_control.plans.fitting import plan_for
+
+    return plan_for(source, bench)
+
+
+def plans_on(bench: Bench) -> list[Plan]:
+    """Return the shipped plans as a bench runs them."""
+    first = next(iter(benches))
+    return [plan_on(bench, name) for name, plan in plans.items() if plan.written_for == first]
+
+
 def _bench_names() -> list[str]:
     from gyrowheel_sim.bench import Bench
 

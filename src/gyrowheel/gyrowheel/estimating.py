@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from gyrowheel.inputs import Recordings, data, opened, require_one_machine
 from gyrowheel.model import Model
+from gyrowheel.recording import Recording
 from gyrowheel.results.drag import Drag
 from gyrowheel_analysis.drag_stream import recorded_holds
 from gyrowheel_analysis.fitting.preparation import one_thread, samples_of
@@ -13,7 +16,9 @@ from gyrowheel_core.errors import InputError
 
 
 @one_thread()
-def drag(recordings: Recordings, model: Model | None = None, *, mixed: bool = False) -> Drag:
+def drag(
+    recordings: Recordings, model: Model | None = None, *, mixed: bool = False, signals: bool = True
+) -> Drag:
     """Compare measured DC voltages with simulated torques, hold by hold, as the drag estimator of the graph does.
 
     The estimates are computed anew from the measurements; recorded ones are not used.
@@ -26,6 +31,8 @@ def drag(recordings: Recordings, model: Model | None = None, *, mixed: bool = Fa
         The believed model; one of the bench ``gyrowheel`` without effects if not given.
     mixed : bool
         Join recordings that state different machines.
+    signals : bool
+        Whether to keep the notch-filtered readings of every sample, which a picture and a table of them need.
 
     Raises
     ------
@@ -35,14 +42,19 @@ def drag(recordings: Recordings, model: Model | None = None, *, mixed: bool = Fa
     known = Model() if model is None else model
     given = opened(recordings)
     require_one_machine(data(given), mixed=mixed)
-    found, signals = [], []
+    found, filtered = [], []
     for own in given:
         holds = recorded_holds(own.data, known.details)
         if not holds:
             raise InputError(f"{own.path}: no steady hold")
         found.append(tuple(holds))
-        samples = samples_of(own.data)
-        filtered = notched(samples.readings, NEEDED, samples.period(known.bench.sample_period))
-        stamps = own.data.measurement["stamp_ns"] * 1e-9
-        signals.append({"stamp": stamps, **{f"notched_{name}": v for name, v in filtered.items()}})
-    return Drag(tuple(found), known, tuple(str(own.path) for own in given), tuple(signals))
+        if signals:
+            filtered.append(_filtered(own, known))
+    return Drag(tuple(found), known, tuple(str(own.path) for own in given), tuple(filtered))
+
+
+def _filtered(own: Recording, model: Model) -> dict[str, Any]:
+    samples = samples_of(own.data)
+    found = notched(samples.readings, NEEDED, samples.period(model.bench.sample_period))
+    stamps = own.data.measurement["stamp_ns"] * 1e-9
+    return {"stamp": stamps, **{f"notched_{name}": v for name, v in found.items()}}

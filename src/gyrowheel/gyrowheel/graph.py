@@ -8,7 +8,6 @@ from pathlib import Path
 
 from gyrowheel.machine import simulated_bench
 from gyrowheel.model import Model
-from gyrowheel.simulation import checked_plan
 from gyrowheel_analysis.nodes.replay import ReplayNode as Playing
 from gyrowheel_analysis.recording.bags import read_bag
 from gyrowheel_analysis.recording.namespace import bench_in
@@ -18,12 +17,15 @@ from gyrowheel_bringup.graph import (
     Graph,
     GraphError,
     GraphResult,
+    Progress,
     executables,
     find_executable,
     run_executable,
 )
+from gyrowheel_bringup.graph.asking import walk
 from gyrowheel_bringup.replay_session import Outcome, play
 from gyrowheel_bringup.viewers import foxglove_layout, share_file
+from gyrowheel_control.plans.fitting import plan_for
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import topics
 from gyrowheel_core.errors import InputError
@@ -35,6 +37,7 @@ __all__ = [
     "GraphResult",
     "Outcome",
     "Playing",
+    "Progress",
     "Tape",
     "executables",
     "find_executable",
@@ -45,6 +48,7 @@ __all__ = [
     "share_file",
     "tape",
     "up",
+    "walk",
 ]
 
 
@@ -101,7 +105,7 @@ def up(
     from gyrowheel.machine import scenario
 
     source, loaded = simulated_bench(bench, truth, model)
-    chosen = None if plan is None else checked_plan(plan, loaded)
+    chosen = None if plan is None else plan_for(plan, loaded)
     if record is not None:
         require_new(Path(record))
     hidden = scenario(

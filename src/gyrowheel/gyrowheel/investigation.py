@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+from gyrowheel_control.plans.fitting import plan_for
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import disk_errors, json_text, write_text
@@ -262,7 +263,7 @@ def pursue(
             )
         )
         if isinstance(wanted, Wanted):
-            plan = Plan.load(wanted.plan)
+            plan = plan_for(wanted.plan, model.stated_bench)
             left = done.budget - done.minutes
             if _minutes(plan) > left:
                 done.reason = (

@@ -17,6 +17,7 @@ from gyrowheel.investigation import Listener, Run, Step, pursue
 from gyrowheel.machine import scenario
 from gyrowheel.results.investigation import Investigation
 from gyrowheel_analysis.recording.part import parted
+from gyrowheel_control.plans.fitting import plan_for
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.cache import digest
 from gyrowheel_core.errors import InputError
@@ -101,9 +102,7 @@ def investigate(
     bench = model.stated_bench
     at_hand = [recording.path for recording in opened(recordings)]
     named = plans if plans is not None else [] if at_hand else ["quick"]
-    first = [plan if isinstance(plan, Plan) else Plan.load(plan) for plan in named]
-    for plan in first:
-        plan.check(bench)
+    first = [plan_for(plan, bench) for plan in named]
     key = None if blind is None else Path(blind)
 
     def hidden(plan: Plan, number: int) -> Scenario:

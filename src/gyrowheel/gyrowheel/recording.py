@@ -189,11 +189,10 @@ class Recording:
         return len(self._data.measurement)
 
     def __str__(self) -> str:
-        """Return a summary of the content in a few lines."""
-        from gyrowheel.text.layout import plain_text
-        from gyrowheel.text.recordings import info_page
+        """Return what it holds in three lines; `info` has all of it."""
+        from gyrowheel.text.recordings import info_lines
 
-        return plain_text(info_page(self.info))
+        return "\n".join(info_lines(self.info))
 
     def __repr__(self) -> str:
         """Return name, length and number of samples."""

@@ -19,6 +19,7 @@ from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.recording import write_run
 from gyrowheel_control.loops.closed_loop import Run
 from gyrowheel_control.loops.closed_loop import simulate as run_loop
+from gyrowheel_control.plans.fitting import plan_for
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import new_directory, require_new
@@ -82,7 +83,7 @@ def simulate(
         written.
     """
     _, loaded = simulated_bench(bench, truth, model)
-    chosen = checked_plan(plan, loaded)
+    chosen = plan_for(plan, loaded)
     if folder is not None:
         require_new(Path(folder))
     hidden = scenario(
@@ -102,25 +103,6 @@ def simulate(
     place = Path(scratch.name) / chosen.name
     record_simulation(place, loaded, hidden, chosen, model=belief, progress=progress)
     return Recording.made(place, scratch)
-
-
-def checked_plan(plan: str | Path | Plan, bench: Bench) -> Plan:
-    """Return a plan that a bench can run.
-
-    Raises
-    ------
-    InputError
-        If there is no such plan, or it is beyond the limits of the bench; the message names the bench's own plan.
-    """
-    loaded = plan if isinstance(plan, Plan) else Plan.load(plan)
-    try:
-        loaded.check(bench)
-    except InputError as error:
-        own = f"{bench.name}_{loaded.called}"
-        if own not in Plan.shipped():
-            raise
-        raise InputError(f"{error}; the bench has a plan of its own: {own}") from None
-    return loaded
 
 
 def record_simulation(

@@ -14,6 +14,7 @@ from gyrowheel_core.errors import InputError
 if TYPE_CHECKING:
     from gyrowheel.results.suggestion import TableMap
     from gyrowheel_analysis.tables import Grid
+    from gyrowheel_sim.bench import Bench
 
 _IN_MEMORY = "table"  # name of a table that is no file
 
@@ -37,7 +38,7 @@ def suggest_map(table: Any, *, bench: str | Path = "gyrowheel") -> TableMap:
         If it cannot be read at all.
     """
     from gyrowheel.results.suggestion import TableMap
-    from gyrowheel_analysis.exchange.suggestion import suggest
+    from gyrowheel_analysis.exchange.suggesting.suggest import suggest
     from gyrowheel_sim.bench import Bench
 
     grid = _in_memory(table)
@@ -144,6 +145,8 @@ class Imported:
         Samples in a second.
     remarks : tuple of str
         What was done to make a recording of it, and what it lacks.
+    questions : tuple of str
+        What the laws of the wheel say against the map, each with its cure; empty unless it was asked for.
     """
 
     bench: str
@@ -151,12 +154,20 @@ class Imported:
     seconds: float
     rate: float
     remarks: tuple[str, ...]
+    questions: tuple[str, ...] = ()
 
 
 def import_table(
-    table: Any, column_map: TableMap | Mapping[str, Any] | str | Path, folder: str | Path
+    table: Any,
+    column_map: TableMap | Mapping[str, Any] | str | Path,
+    folder: str | Path,
+    *,
+    question: bool = False,
 ) -> Imported:
-    """Make a recording of a table, as `read_table` does, without reading it back; the folder is whole or not there."""
+    """Make a recording of a table, as `read_table` does, without reading it back; the folder is whole or not there.
+
+    With `question`, the laws of the wheel are asked whether its columns can be what the map calls them.
+    """
     from gyrowheel.results.suggestion import TableMap
     from gyrowheel_analysis.exchange import ColumnMap
     from gyrowheel_analysis.exchange import import_table as write_recording
@@ -172,7 +183,16 @@ def import_table(
     grid = _in_memory(table)
     with new_directory(Path(folder)) as place:
         made = write_recording(_IN_MEMORY if grid else table, loaded, place, grid=grid)
-    return Imported(loaded.bench.name, made.samples, made.seconds, made.rate, made.remarks)
+    asked = _questions(Path(folder), loaded.bench) if question else ()
+    return Imported(loaded.bench.name, made.samples, made.seconds, made.rate, made.remarks, asked)
+
+
+def _questions(folder: Path, bench: Bench) -> tuple[str, ...]:
+    """Return what the laws of the wheel say against an imported recording, each with what to change in the map."""
+    from gyrowheel.text.sentences.setup import problem_and_map
+    from gyrowheel_analysis.setups.find import wrong_setups
+
+    return tuple(problem_and_map(own) for own in wrong_setups([Recording.open(folder).data], bench))
 
 
 def write_table(

@@ -175,7 +175,9 @@ def add_effect(
             effects[name] = {key: e.value for key, e in found.items()}
             effect_errors[name] = {key: e.standard_error for key, e in found.items()}
     overrides = {
-        name: Override(n.value, n.standard_error) for name, n in nuisance_estimates(problem, after).items()
+        name: Override(n.value, n.standard_error)
+        for name, n in nuisance_estimates(problem, after).items()
+        if name not in problem.unknowns.assumed  # of that day's air, not of the machine
     }
     entry: dict[str, Any] = {
         "time": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -292,7 +294,9 @@ def _before(model: Model, problem: Problem, air: Mapping[str, Mapping[str, tuple
     """Return the best that the model does without what is added, among the unknowns of a problem that has the air."""
     if not air:
         return problem.fit_within()
-    unknowns = Unknowns(problem.bench, model.effects, model.effect_errors, model.declared)
+    unknowns = Unknowns(
+        problem.bench, model.effects, model.effect_errors, model.declared, problem.unknowns.assumed
+    )
     own = Problem.of(problem.balances, unknowns).with_events(problem.events)
     fit = own.with_scales(problem.noise.scales).fit_within()
     # no air: every size as many uncertainties from the stated one as takes it to zero

@@ -28,11 +28,29 @@ _WORDS: Final = {
     "coil_voltage_y": "coil_voltage_y (nothing is said of the torque about y)",
 }
 _SPAN: Final = 0.01  # s over which the rate of an angle is taken
+#: Slow readings for which a value is assumed where they were never taken, by the parameter of the bench that is their
+#: error; and how far what is assumed may be off (1 sigma): weather and the height of a lab [Pa], a room and what heats
+#: in it [K].
+ASSUMED: Final = {
+    "air_pressure": ("pressure_bias", 3.0e3),
+    "air_temperature": ("temperature_bias", 3.0),
+    "coil_temperature": ("temperature_bias", 3.0),
+}
 
 
 def unmeasured(readings: Readings) -> frozenset[str]:
     """Return the readings of which none is a number."""
     return frozenset(name for name in _WORDS if not np.isfinite(readings[name]).any())
+
+
+def assumed(readings: Readings) -> frozenset[str]:
+    """Return the readings of `ASSUMED` of which none is a number."""
+    return frozenset(name for name in ASSUMED if not np.isfinite(readings[name]).any())
+
+
+def assumed_errors(names: Set[str]) -> dict[str, float]:
+    """Return how far off what is assumed for some readings may be [SI, 1 sigma], by parameter of the bench."""
+    return {parameter: size for name, (parameter, size) in ASSUMED.items() if name in names}
 
 
 def lacking(readings: Readings) -> list[str]:
@@ -66,7 +84,7 @@ def completed(time: Array, readings: Readings, absent: Set[str], bench: Bench) -
     if "spin_rate" in absent and "spin_angle" not in absent:
         result["spin_rate"][:] = _rate(time, readings.spin_angle)
     if "spin_angle" in absent and "spin_rate" not in absent:
-        result["spin_angle"][:] = _angle(time, readings.spin_rate)
+        result["spin_angle"][:] = angle_of(time, readings.spin_rate)
     resistance, constant = bench.value("motor_resistance"), bench.value("motor_constant")
     if "motor_current" in absent and "motor_voltage" not in absent:
         result["motor_current"][:] = (readings.motor_voltage - constant * result.spin_rate) / resistance
@@ -84,7 +102,7 @@ def in_words(absent: Set[str]) -> tuple[str, ...]:
     return tuple(text for name, text in _WORDS.items() if name in absent)
 
 
-def _angle(time: Array, rate: Array) -> Array:
+def angle_of(time: Array, rate: Array) -> Array:
     """Return an angle that turns at a rate [rad]; its beginning is arbitrary."""
     known = np.isfinite(rate)
     filled = np.interp(time, time[known], rate[known])

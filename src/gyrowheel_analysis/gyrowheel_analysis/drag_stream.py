@@ -15,7 +15,7 @@ from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.reduction import SETTLING, SPIN_SETTLING, Samples, steady_spans
 from gyrowheel_analysis.reduction.steady import SPEED_CHANGE
-from gyrowheel_control.plans.plan import HOLD, RAMP, SETPOINT_DTYPE
+from gyrowheel_control.plans.plan import HOLD, RAMP, SETPOINT_DTYPE, SETPOINT_PERIOD
 from gyrowheel_core import wire
 from gyrowheel_core.readings import READINGS, Readings
 from gyrowheel_core.units import DEG
@@ -26,6 +26,7 @@ from gyrowheel_sim.environment import Environment
 BLOCK: Final = 100
 #: Most samples that wait for the setpoint after them: where there are as many, none is coming.
 PATIENCE: Final = 2000
+_SETPOINT_PERIOD_NS: Final = round(SETPOINT_PERIOD * 1e9)
 _STILL: Final = 0.1 * DEG  # a tilt that changes less is held
 
 
@@ -154,6 +155,7 @@ class DragStream:
     """
 
     _sample_ns: int
+    _latest: bytes
     _setpoint_ns: int
 
     def __init__(self, model: Model) -> None:
@@ -174,8 +176,10 @@ class DragStream:
         if stamp < 0 or len(raw) != wire.MEASUREMENT.size:
             self.malformed += 1
             return []
+        if raw == self._latest:  # sent again, for a node that has come since
+            return []
         estimates = self.finish() if stamp <= self._sample_ns else []  # the plant was started again
-        self._sample_ns = stamp
+        self._sample_ns, self._latest = stamp, raw
         self._waiting.append(raw)
         return estimates
 
@@ -186,6 +190,8 @@ class DragStream:
         except ValueError:
             self.malformed += 1
             return []
+        if 0 <= self._sample_ns < stamp + _SETPOINT_PERIOD_NS and stamp <= self._setpoint_ns:
+            return []  # sent again, for a node that has come since
         estimates = self.finish() if stamp <= self._setpoint_ns else []
         self._setpoint_ns = stamp
         self._estimator.setpoint(stamp, segment, phase, values)
@@ -228,7 +234,7 @@ class DragStream:
         self._waiting: list[bytes] = []  # samples that were not handed over
         self.samples = self.missing = self.malformed = 0
         self.first = self._sequence = -1  # sequence numbers of the first and the last sample
-        self._sample_ns = -1  # stamp of the last sample
+        self._sample_ns, self._latest = -1, b""  # stamp of the last sample, and its message
         self._setpoint_ns = -1  # stamp of the last setpoint
 
     def _hand_over(self) -> list[Estimate]:

@@ -18,7 +18,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 
 from gyrowheel_bringup.graph import EXECUTABLES, find_executable, node_parameters, require_free
 from gyrowheel_bringup.viewers import robot_description, rviz_config, viewer_names
-from gyrowheel_control.plans.plan import Plan
+from gyrowheel_control.plans.fitting import plan_for
 from gyrowheel_core import namespaces
 from gyrowheel_core.node import PARENT_VARIABLE
 from gyrowheel_sim.bench import Bench
@@ -50,10 +50,8 @@ def _typed(value: object) -> object:
 def _actions(context: LaunchContext) -> list[Node]:
     given = {name: LaunchConfiguration(name).perform(context) for name, _, _ in ARGUMENTS}
     asked = {name: given[name].lower() in ("true", "1", "yes") for name in ("realtime", "viewable", "rviz")}
-    plan = Plan.load(given["plan"]) if given["plan"] else None
     bench = Bench.load(given["bench"])
-    if plan is not None:
-        plan.check(bench)
+    plan = plan_for(given["plan"], bench) if given["plan"] else None
     machine = Scenario.load(given["scenario"], bench) if given["scenario"] else Scenario()
     viewers = [PUBLISHER] if asked["viewable"] or asked["rviz"] else []
     viewers += [RVIZ] if asked["rviz"] else []

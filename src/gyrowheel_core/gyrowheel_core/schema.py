@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated, Any, Final, NoReturn, TypeVar
+from typing import Annotated, Any, Final, NamedTuple, NoReturn, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 from pydantic_core import PydanticCustomError
@@ -44,6 +45,7 @@ _SAID: Final = {
     "less_than": "{} is out of range",
     "less_than_equal": "{} is out of range",
 }
+_MOST_TOLD: Final = 12  # of what is wrong, in one line
 _OWN: Final = "refused"  # type of the errors of `refuse`
 
 
@@ -51,6 +53,27 @@ class Section(BaseModel):
     """A mapping in a file of a user: a key that it does not know is refused, and what was read does not change."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Problem(NamedTuple):
+    """What is wrong in one place of a file."""
+
+    place: tuple[str, ...]
+    """Keys and numbers of list items on the way to it."""
+    said: str
+    """What is wrong there, and what is allowed."""
+
+
+class Key(NamedTuple):
+    """A key that a section of a file may have, in words."""
+
+    name: str
+    unit: str
+    allowed: str
+    default: str
+    """Empty where it need not be given, and has no value then."""
+    required: bool
+    about: str
 
 
 S = TypeVar("S", bound=BaseModel)
@@ -96,7 +119,9 @@ def refuse(said: str, field: str = "") -> NoReturn:
     raise PydanticCustomError(_OWN, "{said}", {"said": said, "field": field})
 
 
-def check(schema: type[S], content: Any, where: str, *, kind: str = "", separator: str = ": ") -> S:
+def check(
+    schema: type[S], content: Any, where: str, *, kind: str = "", separator: str = ": ", every: bool = False
+) -> S:
     """Return the content of a file, checked against its schema.
 
     Parameters
@@ -111,6 +136,8 @@ def check(schema: type[S], content: Any, where: str, *, kind: str = "", separato
         What the file is, such as ``plan``: said when the content is not even a mapping.
     separator : str
         What stands between `where` and the name of the field: ``.`` if `where` is a place in a file.
+    every : bool
+        Whether to tell all that is wrong, not the first of it alone.
 
     Raises
     ------
@@ -123,8 +150,61 @@ def check(schema: type[S], content: Any, where: str, *, kind: str = "", separato
     try:
         return schema.model_validate(content)
     except ValidationError as error:
-        place, said = _first(schema, error)
-    raise InputError(f"{where}{separator}{place}: {said}" if place else f"{where}: {said}")
+        told = list(itertools.islice(_told(schema, error), None if every else 1))
+    found = [f"{'.'.join(place)}: {said}" if place else said for place, said in told]
+    raise InputError(f"{where}{separator if told[0].place else ': '}{joined(found)}")
+
+
+def joined(found: Sequence[str]) -> str:
+    """Return all that is wrong as one line; of very much, the beginning and how much more there is."""
+    more = len(found) - _MOST_TOLD
+    return "; ".join([*found[:_MOST_TOLD], *([f"and {more} more"] if more > 0 else [])])
+
+
+def problems(schema: type[BaseModel], content: Any) -> list[Problem]:
+    """Return everything that `check` would refuse in the content of a file, not the first of it alone."""
+    try:
+        schema.model_validate(content)
+    except ValidationError as error:
+        return list(_told(schema, error))
+    return []
+
+
+def keys(schema: type[BaseModel]) -> list[Key]:
+    """Return the keys of a section in words, for a page; units stand in the schema of a field as ``unit``."""
+    document = schema.model_json_schema(by_alias=True)
+    found = []
+    for name, field in schema.model_fields.items():
+        shown_as = field.alias or name
+        node = document["properties"][shown_as]
+        required = field.is_required()
+        default = (
+            "" if required or field.default is None else str(field.get_default(call_default_factory=True))
+        )
+        unit = str(node.get("unit", ""))
+        kinds = dict.fromkeys(
+            _kind(document, n) for n in _resolved(document, node) if n.get("type") != "null"
+        )
+        found.append(
+            Key(shown_as, unit, " or ".join(filter(None, kinds)), default, required, field.description or "")
+        )
+    return found
+
+
+def _kind(document: Node, node: Node) -> str:
+    """Return in words which values a node of the schema allows."""
+    if node.get("type") == "array":
+        if "prefixItems" in node:
+            each = [
+                " or ".join(_kind(document, n) for n in _resolved(document, item))
+                for item in node["prefixItems"]
+            ]
+            return f"[{', '.join(each)}]"
+        items = " or ".join(_kind(document, n) for n in _resolved(document, node.get("items", {})))
+        return f"list of {items}"
+    return _values(node) or {"object": "mapping", "string": "text", "integer": "whole number"}.get(
+        str(node.get("type")), "number"
+    )
 
 
 def finite(value: Any, where: str) -> float:
@@ -152,32 +232,38 @@ def shown(value: Any) -> str:
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
 
 
-def _first(schema: type[BaseModel], error: ValidationError) -> tuple[str, str]:
-    """Return the place and the words of the error that helps most."""
+def _told(schema: type[BaseModel], error: ValidationError) -> Iterator[Problem]:
+    """Yield what is wrong, each place once, that first which helps most."""
     document = schema.model_json_schema(by_alias=True)
     errors = error.errors(include_url=False)
     # another version of the schema explains all else, and an unknown key often the one that is missing
     errors.sort(key=lambda e: (e["loc"] != ("schema",), e["type"] != "extra_forbidden"))
-    first = errors[0]
-    path, _, branch = _walk(document, first["loc"])
-    if (
-        branch is not None
-    ):  # each kind of value that is allowed here complains; the one that got furthest was meant
-        rivals = [e for e in errors if e["loc"][:branch] == first["loc"][:branch]]
-        first = max(rivals, key=lambda e: len(_walk(document, e["loc"])[0]))
-        path, _, _ = _walk(document, first["loc"])
-    kind, context = first["type"], first.get("ctx", {})
+    seen = set()
+    for first in errors:
+        _, _, branch = _walk(document, first["loc"])
+        if branch is None:
+            yield _problem(document, first)
+        elif (place := first["loc"][:branch]) not in seen:
+            # each kind of value that is allowed here complains; the one that got furthest was meant
+            seen.add(place)
+            rivals = [e for e in errors if e["loc"][:branch] == place]
+            yield _problem(document, max(rivals, key=lambda e: len(_walk(document, e["loc"])[0])))
+
+
+def _problem(document: Node, error: Mapping[str, Any]) -> Problem:
+    """Return an error of pydantic in the words of this project."""
+    path, nodes, _ = _walk(document, error["loc"])
+    kind, context = error["type"], error.get("ctx", {})
     if kind == "extra_forbidden":
-        _, above, _ = _walk(document, first["loc"][:-1])
-        return ".".join(path), f"no such field; {nearest(path[-1], _names(above))}"
+        _, above, _ = _walk(document, error["loc"][:-1])
+        return Problem(tuple(path), f"no such field; {nearest(path[-1], _names(above))}")
     if kind == _OWN:
-        return ".".join([*path, *([context["field"]] if context["field"] else [])]), str(context["said"])
+        return Problem((*path, *([context["field"]] if context["field"] else [])), str(context["said"]))
     if kind == "value_error":
-        return ".".join(path), one_line(context["error"])
-    said = _SAID.get(kind, "{} is not allowed: " + _lower(first["msg"])).format(shown(first["input"]))
-    _, nodes, _ = _walk(document, first["loc"])
+        return Problem(tuple(path), one_line(context["error"]))
+    said = _SAID.get(kind, "{} is not allowed: " + _lower(error["msg"])).format(shown(error["input"]))
     allowed = _allowed(nodes, count=kind.startswith(("too_", "string_too_"))) if kind in _SAID else ""
-    return ".".join(path), said + (f"; allowed: {allowed}" if allowed else "")
+    return Problem(tuple(path), said + (f"; allowed: {allowed}" if allowed else ""))
 
 
 Node = Mapping[str, Any]
@@ -261,8 +347,7 @@ def _values(node: Node) -> str:
         return f"{bounds['>=']:g} .. {bounds['<=']:g}"
     if bounds:
         return " and ".join(f"{sign} {value:g}" for sign, value in bounds.items())
-    # a field may say in words what is allowed; the description of a mapping is that of its class
-    return "" if node.get("type") == "object" else str(node.get("description", ""))
+    return str(node.get("allowed", ""))  # a field may say it in words
 
 
 def _length(node: Node) -> str:

@@ -82,3 +82,29 @@ def _expanded(content: Any, known: dict[int, int]) -> int:
             raise ValueError("its anchors repeat too much")
     known[id(content)] = count
     return count
+
+
+def lines(text: str) -> dict[tuple[str, ...], int]:
+    """Return the lines, from 1, on which the keys and list items of a YAML text stand.
+
+    A place is the keys and the numbers of list items on the way to it; what an anchor brings in has no place of its
+    own. The text must be one that `read_yaml` takes.
+    """
+    found: dict[tuple[str, ...], int] = {}
+
+    def walk(node: yaml.Node, place: tuple[str, ...]) -> None:
+        if isinstance(node, yaml.MappingNode):
+            for key, value in node.value:
+                below = (*place, str(key.value))
+                found[below] = key.start_mark.line + 1
+                walk(value, below)
+        elif isinstance(node, yaml.SequenceNode):
+            for index, item in enumerate(node.value):
+                below = (*place, str(index))
+                found[below] = item.start_mark.line + 1
+                walk(item, below)
+
+    root = yaml.compose(text, _Loader)
+    if root is not None:
+        walk(root, ())
+    return found

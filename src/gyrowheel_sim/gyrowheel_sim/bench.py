@@ -10,9 +10,18 @@ from pathlib import Path
 
 from gyrowheel_core.errors import InputError, nearest
 from gyrowheel_core.files import is_file, read_text
-from gyrowheel_core.schema import check
+from gyrowheel_core.schema import check, joined
 from gyrowheel_core.yaml_text import read_yaml
-from gyrowheel_sim.parameter import SCHEMA, BenchFile, Parameter, SpinLoop, check_value, read_parameters
+from gyrowheel_sim.gains import Gains
+from gyrowheel_sim.parameter import (
+    SCHEMA,
+    BenchFile,
+    Parameter,
+    SpinLoop,
+    check_value,
+    read_parameters,
+    unknown,
+)
 
 #: Files of the benches that come with the project, by name.
 _SHIPPED = {"gyrowheel": "bench.yaml", "dtg": "dtg.yaml"}
@@ -33,6 +42,8 @@ class Bench:
     spin_loop : str
         How the motor's controller follows the wanted speed: ``pi``, proportional and integral in the speed, or ``pll``,
         phase-locked.
+    gains : Gains
+        Gains of the controller.
     origin : str
         The file it was read from, for error messages.
     """
@@ -43,6 +54,7 @@ class Bench:
     references: Mapping[str, str] = field(default_factory=dict)
     origin: str = ""
     spin_loop: SpinLoop = "pi"
+    gains: Gains = field(default_factory=Gains)
 
     @classmethod
     def load(cls, source: str | Path = "gyrowheel") -> Bench:
@@ -77,7 +89,14 @@ class Bench:
     @classmethod
     def from_text(cls, text: str, *, origin: str) -> Bench:
         """Read a bench from the text of a bench file (see `load`)."""
-        content = check(BenchFile, read_yaml(text, origin), origin, kind="bench file")
+        raw = read_yaml(text, origin)
+        try:
+            content = check(BenchFile, raw, origin, kind="bench file", every=True)
+        except InputError as error:
+            # names that are no parameters belong to what is told at once
+            given = raw.get("parameters") if isinstance(raw, Mapping) else None
+            names = unknown(given) if isinstance(given, Mapping) else []
+            raise InputError(joined([str(error), *(f"parameters.{said}" for said in names)])) from None
         bench = cls(
             name=content.name,
             title=content.title,
@@ -85,6 +104,7 @@ class Bench:
             references=content.references,
             origin=origin,
             spin_loop=content.controller.spin_loop,
+            gains=content.controller.gains,
         )
         if bench.value("spin_rate_minimum") >= bench.value("spin_rate_maximum"):
             raise InputError(f"{origin}: parameters.spin_rate_minimum: must be below spin_rate_maximum")

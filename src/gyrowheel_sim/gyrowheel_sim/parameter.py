@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, replace
 from importlib import resources
 from types import MappingProxyType
 from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
@@ -13,9 +13,10 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 from pydantic import Field, PlainValidator
 
 from gyrowheel_core.errors import InputError, nearest
-from gyrowheel_core.schema import Name, Names, Number, Section, finite, refuse
+from gyrowheel_core.schema import Name, Names, Number, Section, finite, joined, refuse
 from gyrowheel_core.units import conversion
 from gyrowheel_core.yaml_text import read_yaml
+from gyrowheel_sim.gains import Gains
 
 SCHEMA = 1
 #: Parameters of the instruments by the value that a perfect instrument has; a bench file may leave them out. They are
@@ -193,10 +194,32 @@ class ParameterEntry(Section):
     group: Name | None = None
 
 
+def _gains(raw: Any) -> Gains:
+    usual = Gains()
+    if raw is None:
+        return usual
+    if not isinstance(raw, Mapping):
+        refuse(f"{raw!r} is not a mapping")
+    wrong, given = [], {}
+    for key, value in raw.items():
+        name = str(key)
+        try:
+            if not hasattr(usual, name):
+                raise InputError(f"{name}: no such gain; {nearest(name, asdict(usual))}")
+            given[name] = finite(value, name)
+            replace(usual, **{name: given[name]})
+        except InputError as error:
+            wrong.append(str(error).removeprefix("gains."))
+    if wrong:
+        refuse(joined(wrong))
+    return replace(usual, **given)
+
+
 class ControllerEntry(Section):
-    """The section ``controller`` of a bench file."""
+    """The section ``controller`` of a bench file; gains that it does not state are the usual ones."""
 
     spin_loop: SpinLoop = "pi"
+    gains: Annotated[Gains, PlainValidator(_gains)] = Gains()
     source: Name = "assumed"
 
 
@@ -217,10 +240,24 @@ def default_text() -> str:
 
 
 @functools.cache
-def _known() -> dict[str, tuple[str, str]]:
-    """Return the SI unit and the group of every parameter, as the default bench has them."""
+def _known() -> dict[str, tuple[str, str, str]]:
+    """Return the SI unit, the group and the description of every parameter, as the default bench has them."""
     entries = read_yaml(default_text(), "bench.yaml")["parameters"]
-    return {name: (str(entry["unit"]), str(entry.get("group", name))) for name, entry in entries.items()}
+    return {
+        name: (str(entry["unit"]), str(entry.get("group", name)), str(entry["description"]))
+        for name, entry in entries.items()
+    }
+
+
+def description_of(name: str) -> str:
+    """Return what a parameter is where a bench file does not say it."""
+    return _known()[name][2]
+
+
+def unknown(names: Iterable[Any]) -> list[str]:
+    """Return what is to be said of names that are no parameters, each with the nearest that is one."""
+    known = _known()
+    return [f"{name}: no such parameter; {nearest(str(name), known)}" for name in names if name not in known]
 
 
 def read_parameters(entries: Mapping[str, ParameterEntry], where: str) -> dict[str, Parameter]:
@@ -236,47 +273,54 @@ def read_parameters(entries: Mapping[str, ParameterEntry], where: str) -> dict[s
     Raises
     ------
     InputError
-        If a parameter that is no instrument's is missing, one is unknown, its unit is of another kind, its value is out
-        of range or its group is not the one that the analysis knows.
+        If parameters that are no instrument's are missing, some are unknown, their units are of another kind, their
+        values out of range or their groups not those that the analysis knows; all of it is told at once.
     """
-    for name in entries:
-        if name not in _known():
-            raise InputError(f"{where}.{name}: no such parameter; {nearest(name, _known())}")
-    if missing := sorted(set(_known()) - set(entries) - set(INSTRUMENTS)):
-        raise InputError(f"{where}: missing {', '.join(missing)}")
-    stated = {name: _parameter(name, entry, where) for name, entry in entries.items()}
+    known = _known()
+    wrong = unknown(entries)
+    stated = {}
+    for name, entry in entries.items():
+        try:
+            if name in known:
+                stated[name] = _parameter(name, entry)
+        except InputError as error:
+            wrong.append(str(error))
+    if missing := sorted(known.keys() - entries.keys() - INSTRUMENTS.keys()):
+        wrong.append(f"missing {', '.join(missing)}")
+    if wrong:
+        first = ": " if wrong[0].startswith("missing ") else "."
+        raise InputError(f"{where}{first}{joined(wrong)}")
     return stated | {name: _perfect(name) for name in INSTRUMENTS if name not in stated}
 
 
 def _perfect(name: str) -> Parameter:
     """Return a parameter of a perfect instrument, for a bench file that says nothing of it."""
-    unit, group = _known()[name]
-    description = str(read_yaml(default_text(), "bench.yaml")["parameters"][name]["description"])
+    unit, group, description = _known()[name]
     return Parameter(
         name, INSTRUMENTS[name], unit, 0.0, "not stated: a perfect instrument", description, group
     )
 
 
-def _parameter(name: str, entry: ParameterEntry, where: str) -> Parameter:
-    unit, own = _known()[name]
+def _parameter(name: str, entry: ParameterEntry) -> Parameter:
+    unit, own, description = _known()[name]
     try:
         offset, factor = conversion(entry.unit, unit)
     except InputError as error:
-        raise InputError(f"{where}.{name}.unit: {error}") from None
-    value = check_value(name, factor * entry.value + offset, where)
+        raise InputError(f"{name}.unit: {error}") from None
+    value = check_value(name, factor * entry.value + offset)
     stated = entry.uncertainty
     group = own if entry.group is None else entry.group
     if group != own:
         # the analysis refers to the groups by these names
         allowed = "no group" if own == name else own
-        raise InputError(f"{where}.{name}.group: {group!r} is not its group; allowed: {allowed}")
+        raise InputError(f"{name}.group: {group!r} is not its group; allowed: {allowed}")
     return Parameter(
         name=name,
         value=value,
         unit=unit,
         uncertainty=stated.size * (abs(entry.value) / 100.0 if stated.relative else 1.0) * factor,
         source=entry.source,
-        description=entry.description,
+        description=entry.description or description,
         group=group,
     )
 
@@ -286,25 +330,26 @@ def physical_range(name: str) -> tuple[float, float]:
     return (0.0 if name in _POSITIVE | _NOT_NEGATIVE else -math.inf, math.inf)
 
 
-def check_value(name: str, value: Any, where: str) -> float:
+def check_value(name: str, value: Any, where: str = "") -> float:
     """Return a value [SI] as a number that is allowed for the parameter `name`.
 
     Raises
     ------
     InputError
-        If it is not; the message names `where`.
+        If it is not; the message begins with `where`, if given, and the name.
     """
-    number = finite(value, f"{where}.{name}")
+    place = f"{where}.{name}" if where else name
+    number = finite(value, place)
     if name in _POSITIVE and number <= 0.0:
-        raise InputError(f"{where}.{name}: {number:g} is out of range; allowed: > 0")
+        raise InputError(f"{place}: {number:g} is out of range; allowed: > 0")
     if name in _NOT_NEGATIVE and number < 0.0:
-        raise InputError(f"{where}.{name}: {number:g} is out of range; allowed: >= 0")
+        raise InputError(f"{place}: {number:g} is out of range; allowed: >= 0")
     if name in INSTRUMENTS:
-        _check_instrument(name, number, where)
+        _check_instrument(name, number, place)
     return number
 
 
-def _check_instrument(name: str, value: float, where: str) -> None:
+def _check_instrument(name: str, value: float, place: str) -> None:
     low, high = -math.inf, math.inf
     if name.endswith("_delay"):
         low, high = -LONGEST_DELAY, LONGEST_DELAY
@@ -313,8 +358,8 @@ def _check_instrument(name: str, value: float, where: str) -> None:
     elif name.endswith("_filter_order"):
         low, high = 1, HIGHEST_ORDER
         if value != round(value):
-            raise InputError(f"{where}.{name}: {value:g} is out of range; allowed: 1, 2, 3 or 4")
+            raise InputError(f"{place}: {value:g} is out of range; allowed: 1, 2, 3 or 4")
     elif name == "clock_rate_error":
         low, high = -0.1, 0.1
     if not low <= value <= high:
-        raise InputError(f"{where}.{name}: {value:g} is out of range; allowed: {low:g} .. {high:g}")
+        raise InputError(f"{place}: {value:g} is out of range; allowed: {low:g} .. {high:g}")

@@ -294,7 +294,7 @@ def hide(case: Case, measure: Yardstick) -> Secret:
                     # a single group has exactly this error; several keep their own share of the uncertainty
                     drawn_part = values[p.name] if len(ERRORS[name]) > 1 else p.value
                     values[p.name] = drawn_part + p.value * coefficients["relative_error"]
-    gains = _draw_gains(campaign.gains, rng)
+    gains = _draw_gains(campaign.bench.gains, campaign.gains, rng)
     for name, given in wrong.items():
         others = {other: v for other, v in {**wrong, **truth}.items() if other != name}
         sizes[name] = measure.size(name, given, drift, others)
@@ -405,9 +405,8 @@ def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
     return math.exp(rng.uniform(math.log(low), math.log(high)))
 
 
-def _draw_gains(spin: float, rng: np.random.Generator) -> Gains:
-    """Draw the gains of a controller about the default ones, the spin gains about `spin` times those."""
-    usual = Gains()
+def _draw_gains(usual: Gains, spin: float, rng: np.random.Generator) -> Gains:
+    """Draw the gains of a controller about those of the bench, the spin gains about `spin` times those."""
     drawn = {
         name: getattr(usual, name) * math.exp(rng.uniform(-1.0, 1.0) * _GAIN_SPREAD) for name in _VARIED_GAINS
     }

@@ -100,18 +100,19 @@ def campaign(
     from gyrowheel.campaigns.job import kept_case
     from gyrowheel.campaigns.summary import Summary
     from gyrowheel.campaigns.workers import check_jobs, cores, judged_cases
-    from gyrowheel_control.plans.plan import Plan
+    from gyrowheel_control.plans.fitting import plan_for
     from gyrowheel_core.errors import InputError
     from gyrowheel_core.files import disk_errors
     from gyrowheel_sim.bench import Bench
 
     if resume and folder is None:
         raise InputError("resume: needs the folder of the campaign to go on with")
-    chosen, unused = Plan.load(plan), Plan.load(validation_plan)
+    chosen_bench = bench if isinstance(bench, Bench) else Bench.load(bench)
+    chosen, unused = plan_for(plan, chosen_bench), plan_for(validation_plan, chosen_bench)
     settings = Campaign(
         plan=chosen.to_yaml(),
         validation_plan=unused.to_yaml(),
-        bench=bench if isinstance(bench, Bench) else Bench.load(bench),
+        bench=chosen_bench,
         seed=seed,
         kinds=tuple(cast("CaseKind", kind) for kind in kinds or _KINDS[reality]),  # checked by Campaign
         reality=reality,

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Sequence
+import shlex
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -168,15 +169,38 @@ def campaign(
             resume=resume is not None,
             progress=progress,
         )
+    from gyrowheel.report.campaign import save_campaign
+
+    report = folder / "report.html"
+    save_campaign(result, report, _command(settings))
     if json is not None:
         put_json(json, result.to_dict())
     if list_file is not None:
         put_json(str(list_file), [case.to_json() for case in result.cases])
     if json != "-":
         put_text(campaign_page(result.details, result.title))
+    notes().print(f"report: {report}", soft_wrap=True)
     if result.interrupted:
         notes().print(f"to go on: {again}", soft_wrap=True)
         raise typer.Exit(INTERRUPTED)
+
+
+def _command(settings: Mapping[str, Any]) -> str:
+    """Return what to type for the same cases."""
+    words = ["gyrowheel", "campaign"]
+    for name, value in settings.items():
+        option = f"--{name.replace('_', '-')}"
+        if name == "kinds":
+            words += [option, ",".join(value)] if value else []
+        elif isinstance(value, bool):
+            words += [option] if value else []
+        else:
+            words += [
+                w
+                for own in (value if isinstance(value, list | tuple) else [value])
+                for w in (option, str(own))
+            ]
+    return shlex.join(words)
 
 
 @contextlib.contextmanager

@@ -8,8 +8,7 @@ from typing import Annotated
 
 import typer
 
-from gyrowheel.cli.options import Json, example
-from gyrowheel.cli.outputs import NewRecording
+from gyrowheel.cli.options import Json, RecordingMade, example
 from gyrowheel.cli.shell import out, put_json, working
 from gyrowheel.errors import InputError
 
@@ -25,11 +24,7 @@ def correct(
     directory: Annotated[
         Path, typer.Argument(metavar="DIR", help="Recording; it is not changed.", show_default=False)
     ],
-    output: Annotated[
-        Path,
-        typer.Option("-o", "--output", metavar="DIR", help="Recording to create.", show_default=False),
-        NewRecording(),
-    ],
+    output: RecordingMade,
     exchange: Annotated[
         list[str] | None,
         typer.Option(

@@ -83,9 +83,10 @@ def import_(
         raise InputError("-o: missing; allowed: a new directory for the recording")
     from gyrowheel import Recording
     from gyrowheel.tables import import_table
+    from gyrowheel.text.layout import heading, sentences
 
     with working(f"reading {file}"):
-        made = import_table(file, column_map, output)
+        made = import_table(file, column_map, output, question=True)
     if json is not None:
         put_json(
             json,
@@ -98,12 +99,15 @@ def import_(
                 "seconds": made.seconds,
                 "rate": made.rate,
                 "remarks": list(made.remarks),
+                "questions": list(made.questions),
             },
         )
     if json != "-":
         out().print(f"{made.samples} samples, {made.seconds:.2f} s")
         for remark in made.remarks:
             out().print(f"  {remark}")
+        if made.questions:
+            put_text([heading("To be answered before anything is diagnosed"), *sentences(made.questions)])
         out().print(f"recording: {output}", soft_wrap=True)
     put_picture(picture, lambda: Recording.open(output).plot(), quiet=json == "-")
 

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from gyrowheel.cli.options import (
+    Averages,
     ErrorPicture,
     Json,
     Mixed,
@@ -80,13 +81,7 @@ def diagnose(
     directories: Recordings,
     model: ModelFile,
     validate: Validation = None,
-    averages: Annotated[
-        bool,
-        typer.Option(
-            "--averages",
-            help="Use averages over revolutions alone, as where filters hide what happens within one.",
-        ),
-    ] = False,
+    averages: Averages = False,
     fail_on_finding: Annotated[
         bool, typer.Option("--fail-on-finding", help="Exit with 1 unless nothing is missing.")
     ] = False,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gyrowheel.cli.options import Blind, Effects, ErrorPicture, Json, Machine, Seed, example
+from gyrowheel.cli.options import Averages, Blind, Effects, ErrorPicture, Json, Machine, Seed, example
 from gyrowheel.cli.resuming import Resume, going_on, going_on_command, merged, place_of
 from gyrowheel.cli.shell import INTERRUPTED, notes, out, put_json, put_picture
 from gyrowheel.cli.stage import Terminal
@@ -57,13 +57,7 @@ def investigate(
         bool,
         typer.Option("--thorough", help="Go on until every known effect would have shown at a usual size."),
     ] = False,
-    averages: Annotated[
-        bool,
-        typer.Option(
-            "--averages",
-            help="Use averages over revolutions alone, as where filters hide what happens within one.",
-        ),
-    ] = False,
+    averages: Averages = False,
     simulate: Annotated[
         bool, typer.Option("--simulate", help="Simulate the plans at once, without the graph of nodes.")
     ] = False,
@@ -90,6 +84,7 @@ def investigate(
     Each diagnosis names the test to run next.
     The machine is the simulated bench with --effect, --blind and --machine.
     Recordings are kept, also after Ctrl-C; the model file is not changed.
+    A report, report.html beside the recordings, holds all that was found.
     --resume goes on after that, and after a kill: no plan is run again.
     """
     from gyrowheel import Model, Recording
@@ -145,6 +140,8 @@ def investigate(
     _finish(
         done, recordings, place, stage, again=on if done.interrupted else again, thorough=chosen["thorough"]
     )
+    if not done.interrupted:
+        _report(done, recordings, place, stage)
     if json is not None:
         put_json(json, done.to_dict())
     if done.diagnosis is not None:
@@ -218,6 +215,29 @@ def _again(
             words += [] if item is None else [f"--{name}", str(item)]
     words += [f"--{name}" for name, on in switches.items() if on]
     return shlex.join(words)
+
+
+def _report(done: Investigation, recordings: Sequence[Path], model: Path, stage: Terminal) -> None:
+    """Write the report of what is known now, beside the recordings."""
+    import gyrowheel as gw
+    from gyrowheel.commands import diagnosing, following
+    from gyrowheel.text.layout import Unbroken
+
+    if done.diagnosis is None:
+        return
+    averages = done.details.averages
+    with stage.working("writing the report") as say:
+        report = gw.Report.around(
+            done.diagnosis,
+            gw.Model.load(model),
+            [gw.Recording.open(path) for path in recordings],
+            commands=[diagnosing(recordings, model, (), averages=averages)],
+            next_command=following(done.diagnosis, recordings, (), model, averages=averages),
+            investigation=done,
+            progress=say,
+        )
+        report.save(done.folder / "report.html")
+    stage.show([Unbroken(f"report: {done.folder / 'report.html'}")])
 
 
 def _finish(

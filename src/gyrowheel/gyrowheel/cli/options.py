@@ -7,7 +7,7 @@ from typing import Annotated, TypeAlias
 
 import typer
 
-from gyrowheel.cli.outputs import JSON_RESULT, PICTURE
+from gyrowheel.cli.outputs import JSON_RESULT, PICTURE, NewRecording
 
 Json: TypeAlias = Annotated[
     str | None,
@@ -56,7 +56,7 @@ Blind: TypeAlias = Annotated[
     typer.Option(
         "--blind",
         metavar="KEY.json",
-        help="Hidden machine of this key file; drawn at random if the file is new.",
+        help="Hidden machine of this key file; drawn at random if the file is new. Without a file: key.json.",
         show_default=False,
     ),
 ]
@@ -122,6 +122,18 @@ Validation: TypeAlias = Annotated[
 ]
 
 
+Averages: TypeAlias = Annotated[
+    bool,
+    typer.Option(
+        "--averages",
+        help="Use averages over revolutions alone, as where filters hide what happens within one.",
+    ),
+]
+RecordingMade: TypeAlias = Annotated[
+    Path,
+    typer.Option("-o", "--output", metavar="DIR", help="Recording to create.", show_default=False),
+    NewRecording(),
+]
 Mixed: TypeAlias = Annotated[
     bool, typer.Option("--mixed", help="Join recordings that state different machines.")
 ]

@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from gyrowheel.cli.options import Json, example
-from gyrowheel.cli.outputs import NewRecording
+from gyrowheel.cli.options import Json, RecordingMade, example
 from gyrowheel.cli.shell import advancing, put_json, put_text
 
 
@@ -42,11 +41,7 @@ def salvage(
             show_default=False,
         ),
     ],
-    target: Annotated[
-        Path,
-        typer.Option("-o", "--output", metavar="DIR", help="Recording to create.", show_default=False),
-        NewRecording(),
-    ],
+    target: RecordingMade,
     every_file: Annotated[
         bool,
         typer.Option("--every-file", help="Take files too that metadata.yaml does not name."),

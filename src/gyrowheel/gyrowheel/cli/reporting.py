@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from gyrowheel.cli.options import Json, Mixed, ModelFile, Recordings, Validation, example
+from gyrowheel.cli.options import Averages, Json, Mixed, ModelFile, Recordings, Validation, example
 from gyrowheel.cli.outputs import REPORT
 from gyrowheel.cli.shell import BAD_INPUT, out, put_json, working
 
@@ -31,13 +31,7 @@ def report(
         REPORT,
     ] = Path("report.html"),
     validate: Validation = None,
-    averages: Annotated[
-        bool,
-        typer.Option(
-            "--averages",
-            help="Use averages over revolutions alone, as where filters hide what happens within one.",
-        ),
-    ] = False,
+    averages: Averages = False,
     mixed: Mixed = False,
     json: Json = None,
 ) -> None:

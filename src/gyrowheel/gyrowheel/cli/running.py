@@ -18,6 +18,7 @@ from gyrowheel.cli.options import (
     Machine,
     Namespace,
     PlanName,
+    RecordingMade,
     Seed,
     Truth,
     example,
@@ -89,16 +90,15 @@ def up(
     """
     from gyrowheel import Recording
     from gyrowheel import graph as graphs
-    from gyrowheel.catalogue import load_plan
     from gyrowheel.origins import machine_options, note_machine
 
-    chosen = None if plan is None else load_plan(plan)
-    believed = _model(model)
+    believed, machine_model = _model(model), _model(truth)
+    chosen = None if plan is None else _for_bench(plan, bench, machine_model, believed)
     _note_belief(believed, alone=not (effect or truth or blind or machine is not None))
     graph = graphs.up(
         chosen,
         effects=effect or (),
-        truth=_model(truth),
+        truth=machine_model,
         model=believed,
         bench=bench,
         machine=machine,
@@ -139,13 +139,7 @@ def walk(graph: Graph, plan: Plan) -> GraphResult:
 
 def simulate(
     plan: PlanName,
-    output: Annotated[
-        Path,
-        typer.Option(
-            "-o", "--output", metavar="DIR", help="New directory for the recording.", show_default=False
-        ),
-        NewRecording(),
-    ],
+    output: RecordingMade,
     effect: Effects = None,
     truth: Truth = None,
     model: Belief = None,
@@ -156,13 +150,12 @@ def simulate(
     json: Json = None,
 ) -> None:
     """Simulate a test plan without ROS, into the same recording that `up` would make."""
-    from gyrowheel.catalogue import load_plan
     from gyrowheel.origins import machine_options, note_machine
     from gyrowheel.simulation import simulate as run
 
     machine_model, belief = _model(truth), _model(model)
     _note_belief(belief, alone=not (effect or truth or blind or machine is not None))
-    chosen = load_plan(plan)
+    chosen = _for_bench(plan, bench, machine_model, belief)
     begin = time.monotonic()
     with advancing(f"simulating plan {chosen.name}") as advance:
         made = run(
@@ -189,6 +182,22 @@ def simulate(
             f"{chosen.duration:.1f} s simulated in {wall:.1f} s, {chosen.duration / wall:.0f} times real time"
         )
         out().print(f"recording: {output}", soft_wrap=True)
+
+
+def _for_bench(plan: str, bench: str | None, truth: Model | None, belief: Model | None) -> Plan:
+    """Return a plan as the bench of a run walks it; say so where that is not as it is written."""
+    from gyrowheel.catalogue import plan_on
+    from gyrowheel.machine import simulated_bench
+
+    _, loaded = simulated_bench(bench, truth, belief)
+    chosen = plan_on(loaded, plan)
+    if chosen.fitting:
+        notes().print(f"{chosen.origin}: {'; '.join(chosen.fitting)}", soft_wrap=True)
+    elif chosen.written_for and chosen.called != plan:
+        notes().print(
+            f"plan {plan}: the bench {loaded.name} has one of its own, {chosen.called}", soft_wrap=True
+        )
+    return chosen
 
 
 def _note_belief(belief: Model | None, *, alone: bool) -> None:

@@ -27,6 +27,7 @@ CUT_OFF = 141
 #: How limits of values, and kinds of numbers, are told.
 _LIMITS = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
 _NUMBERS = {"int": "whole numbers", "float": "numbers"}
+_BLIND = "--blind"
 _NARROWEST, _WIDEST = 40, 110  # lines [characters]
 _TRAILING = re.compile(r" +$", re.MULTILINE)
 
@@ -42,6 +43,7 @@ def run(app: typer.Typer, arguments: Sequence[str] | None = None) -> int:
     _open_standard_streams()
     try:
         _refuse_empty(given)
+        given = _with_key(given)
         result = app(args=given or ["--help"], prog_name="gyrowheel", standalone_mode=False)
         sys.stdout.flush()
         if result == INTERRUPTED:
@@ -236,6 +238,23 @@ def _refuse_empty(given: Sequence[str]) -> None:
         option = before if not text else text.removesuffix("=")
         if (not text or text.endswith("=")) and re.fullmatch(r"--[a-z-]+|-[a-z]", option):
             raise InputError(f"{option}: the value is empty")
+
+
+def _with_key(given: list[str]) -> list[str]:
+    """Return the arguments with the name of a new key file behind a ``--blind`` that has none."""
+    if not given or given[0] == "run" or _BLIND not in given:
+        return given
+    after = given.index(_BLIND) + 1
+    if after < len(given) and not given[after].startswith("-"):
+        return given
+    file = next(name for name in _key_names() if not os.path.lexists(name))
+    sys.stderr.write(f"{_BLIND}: the key goes into {file}\n")
+    return [*given[:after], file, *given[after:]]
+
+
+def _key_names() -> Iterator[str]:
+    yield "key.json"
+    yield from (f"key-{number}.json" for number in itertools.count(2))
 
 
 def _bad_input(text: str) -> int:

@@ -38,6 +38,10 @@ def workbench(
             "--address", metavar="A", help="Address to listen on; any but loopback asks for a token."
         ),
     ] = "127.0.0.1",
+    token: Annotated[
+        bool,
+        typer.Option("--token", help="Ask for a token on this computer, too, where others have accounts."),
+    ] = False,
     live: Annotated[
         bool, typer.Option("--live/--no-live", help="Show a bench that runs on this computer, where ROS is.")
     ] = True,
@@ -58,7 +62,7 @@ def workbench(
     loaded = gw.Model() if model is None else gw.Model.load(model)
     shelf = Shelf(directories or [Path()])
     desk = Desk(shelf, loaded, model)
-    with Server(desk, address, port) as server, desk.live if live else contextlib.nullcontext():
+    with Server(desk, address, port, token=token) as server, desk.live if live else contextlib.nullcontext():
         out().print(f"page: {server.url}", soft_wrap=True)
         if server.gate.token:
             notes().print(f"token: {server.gate.token}", soft_wrap=True)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _MOST_POINTS = 4000  # of a line; more do not show
 _LINES = (BLUE, VERMILION)
 #: Panels: title of the axis, unit, fields of the measurement with their labels.
-_PANELS: tuple[tuple[str, float, dict[str, str]], ...] = (
+PANELS: tuple[tuple[str, float, dict[str, str]], ...] = (
     ("tilt, °", DEG, {"tilt_x": "about x", "tilt_y": "about y"}),
     ("spin rate, rpm", RPM, {"spin_rate": ""}),
     ("coil voltage, V", 1.0, {"coil_voltage_x": "coil x", "coil_voltage_y": "coil y"}),
@@ -44,10 +44,10 @@ def recording_figure(recording: Recording, questions: Sequence[str] = ()) -> Fig
 
 def _draw(recording: Recording, questions: Sequence[str]) -> Figure:
     figure = Picture(11.0, 8.0, layout="constrained")
-    panels = figure.subplots(len(_PANELS), 1, sharex=True)
-    for axes, (title, unit, fields) in zip(panels, _PANELS, strict=True):
+    panels = figure.subplots(len(PANELS), 1, sharex=True)
+    for axes, (title, unit, fields) in zip(panels, PANELS, strict=True):
         for (name, label), colour in zip(fields.items(), _LINES, strict=False):
-            time, values = _envelope(recording.time, recording.measurement[name] / unit)
+            time, values = envelope(recording.time, recording.measurement[name] / unit)
             if not np.isfinite(values).any():
                 axes.text(
                     0.5, 0.5, f"{name}: not measured", transform=axes.transAxes, ha="center", color=SOFT
@@ -66,12 +66,10 @@ def _draw(recording: Recording, questions: Sequence[str]) -> Figure:
     return figure
 
 
-def _envelope(time: NDArray[np.float64], values: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+def envelope(time: NDArray[np.float64], values: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return a line of at most so many points that has smallest and largest value of every stretch."""
-    step = 2 * len(values) // _MOST_POINTS
-    if step < 2:
+    if len(values) <= _MOST_POINTS:
         return time, values
-    whole = len(values) // step * step
-    blocks = values[:whole].reshape(-1, step)
-    ends = np.stack([blocks.min(axis=1), blocks.max(axis=1)], axis=1)
-    return np.repeat(time[:whole:step], 2), ends.ravel()
+    starts = np.arange(0, len(values), -(-2 * len(values) // _MOST_POINTS))
+    ends = np.stack([np.fmin.reduceat(values, starts), np.fmax.reduceat(values, starts)], axis=1)
+    return np.repeat(time[starts], 2), ends.ravel()

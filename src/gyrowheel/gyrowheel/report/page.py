@@ -2,58 +2,30 @@
 
 from __future__ import annotations
 
-import functools
 import re
-from importlib import resources
 from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 
 from gyrowheel.files import REPORT_MARKS
 from gyrowheel.report import sections
-from gyrowheel.report.cells import Cells
+from gyrowheel.report.charts import POLICY, SCRIPT, chart
 from gyrowheel.report.pictures import Picture, picture
+from gyrowheel.text.cells import Cells
+from gyrowheel.text.html import embedded, environment, style_sheet
 from gyrowheel.text.layout import plain_text
 from gyrowheel.text.sentences.setup import cure_of, map_lines, problem
 
 if TYPE_CHECKING:
-    import jinja2
-
     from gyrowheel.report.report import Report
 
 _OWN = "gyrowheel.report"
 _WIDTH = 100  # letters of a line in Markdown
 
 
-@functools.cache
-def environment(package: str = "gyrowheel.report") -> jinja2.Environment:
-    """Return what reads the templates of a package, and those of the report; whatever is put into them is escaped."""
-    import jinja2
-
-    return jinja2.Environment(
-        loader=jinja2.ChoiceLoader(
-            [jinja2.FunctionLoader(functools.partial(_text, own)) for own in dict.fromkeys((package, _OWN))]
-        ),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-
-
-def style_sheet() -> Markup:
-    """Return the style of all pages: the report and the workbench look alike."""
-    return Markup(_text(_OWN, "page.css"))
-
-
-def _text(package: str, name: str) -> str | None:
-    file = resources.files(package).joinpath("files", name)
-    return file.read_text(encoding="utf-8") if file.is_file() else None
-
-
 def html_page(report: Report) -> str:
     """Return a report as a page of HTML."""
-    return environment().get_template("report.html").render(_parts(report))
+    return environment(_OWN).get_template("report.html").render(_parts(report))
 
 
 def _parts(report: Report) -> dict[str, Any]:
@@ -61,6 +33,11 @@ def _parts(report: Report) -> dict[str, Any]:
     limits = sections.limits(found, cells)
     return {
         "style": style_sheet(),
+        "policy": POLICY,
+        "script": Markup(SCRIPT),
+        "charts": embedded(
+            {f"recordings.{k}": chart(recording.data) for k, recording in enumerate(report.recordings)}
+        ),
         "mark": Markup(REPORT_MARKS[0]),
         "title": report.title,
         "summary": cells.words("diagnosis.summary"),
@@ -106,9 +83,13 @@ def _parts(report: Report) -> dict[str, Any]:
                 report.recordings, sections.recordings(report.recordings, cells), strict=True
             )
         ],
+        "steps": [] if report.investigation is None else sections.steps(report.investigation, cells),
+        "ended": ""
+        if report.investigation is None
+        else cells.shown("investigation", report.ending, "sentence"),
         "commands": report.commands,
         "versions": cells.at("versions"),
-        "json": Markup(report.embedded()),
+        "json": embedded(report.to_dict()),
     }
 
 

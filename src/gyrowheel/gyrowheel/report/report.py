@@ -20,7 +20,7 @@ from gyrowheel.model import Model
 from gyrowheel.origins import noted_machine
 from gyrowheel.recording import Recording
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.files import json_text, write_bytes, write_text
+from gyrowheel_core.files import write_bytes, write_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from gyrowheel.results.addition import Addition
     from gyrowheel.results.comparison import Comparison
     from gyrowheel.results.diagnosis import Diagnosis
+    from gyrowheel.results.investigation import Investigation
     from gyrowheel_sim.parameter import Parameter
 
 #: Kinds of reports by the ending of their file.
@@ -57,6 +58,8 @@ class Report:
         What to type next.
     made : str
         When the report was made, UTC.
+    investigation : Investigation or None
+        The investigation that came to the diagnosis, where it is one's.
     """
 
     diagnosis: Diagnosis
@@ -68,6 +71,7 @@ class Report:
     commands: tuple[str, ...] = ()
     next_command: str | None = None
     made: str = ""
+    investigation: Investigation | None = None
 
     @classmethod
     def of(
@@ -129,6 +133,7 @@ class Report:
         next_command: str | None = None,
         mixed: bool = False,
         progress: Say | None = None,
+        investigation: Investigation | None = None,
     ) -> Report:
         """Return the report on a diagnosis that was made before.
 
@@ -148,6 +153,8 @@ class Report:
             What to type for the same result, and next.
         mixed, progress
             As `gyrowheel.compare` takes them.
+        investigation : Investigation, optional
+            The investigation that came to the diagnosis.
         """
         if comparison is None and not diagnosis.setup:
             # too little steady motion: the diagnosis says so
@@ -164,6 +171,7 @@ class Report:
             tuple(commands),
             next_command,
             now,
+            investigation,
         )
 
     @property
@@ -210,11 +218,24 @@ class Report:
                 }
                 for recording in self.recordings
             ],
+            **({} if self.investigation is None else {"investigation": self._steps(self.investigation)}),
             "commands": list(self.commands),
             "next": self.next_command,
             "versions": {"gyrowheel": version("gyrowheel"), "system": platform.system()}
             | self.diagnosis.details.versions,
         }
+
+    @property
+    def ending(self) -> str:
+        """How the investigation ended, in a sentence; empty without one."""
+        from gyrowheel.text.sentences.investigation import end_sentence
+
+        return "" if self.investigation is None else end_sentence(self.investigation.details)
+
+    @staticmethod
+    def _steps(done: Investigation) -> dict[str, Any]:
+        """Return an investigation as its own JSON has it, without the diagnosis, which stands beside it."""
+        return {name: value for name, value in done.to_dict().items() if name != "diagnosis"}
 
     def to_dict(self) -> dict[str, Any]:
         """Return all that the report shows as a JSON object; ``diagnosis`` is that of ``diagnose --json``."""
@@ -238,7 +259,7 @@ class Report:
         return error_figure(details.residuals, details.error, title=self.title.rstrip("."), subtitle=subtitle)
 
     def html(self) -> str:
-        """Return the report as one page of HTML that needs no network and runs no script."""
+        """Return the report as one page of HTML that needs no network; its one script draws signals."""
         from gyrowheel.report.page import html_page
 
         return html_page(self)
@@ -277,10 +298,6 @@ class Report:
             write_bytes(file, self.pdf())
         else:
             write_text(file, self.html() if file.suffix == FORMATS["html"] else self.markdown())
-
-    def embedded(self) -> str:
-        """Return `to_dict` as JSON that can stand in a page: nothing in it ends the element that holds it."""
-        return json_text(self.to_dict()).replace("<", "\\u003c")
 
     def __repr__(self) -> str:
         """Return the result in a sentence."""

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gyrowheel.report.cells import Cells, declared, label
+from gyrowheel.text.cells import Cells, declared, label
 from gyrowheel.text.errors import unit_of
 from gyrowheel.text.formulas import pretty
 from gyrowheel.text.quantities import is_pure
@@ -22,6 +22,7 @@ from gyrowheel_core.units import DEG, RPM, Unit, unit_for
 if TYPE_CHECKING:
     from gyrowheel.model import Model
     from gyrowheel.recording import Recording
+    from gyrowheel.results.investigation import Investigation
     from gyrowheel_analysis.diagnosis.result import DetectionLimit, Diagnosis
 
 _PLAIN = Unit("", 1.0)
@@ -37,6 +38,26 @@ MOOD = {
     "unknown": "bad",
     "insufficient_data": "open",
 }
+
+
+def steps(done: Investigation, cells: Cells) -> list[dict[str, Any]]:
+    """Return the steps of an investigation."""
+    return [
+        {
+            "plans": cells.shown(
+                f"investigation.steps.{k}.plans", " and ".join(step.plans) or "Recordings at hand", "names"
+            ),
+            "verdict": step.diagnosis.verdict.replace("_", " "),
+            "why": cells.words(f"investigation.steps.{k}.why"),
+            "minutes": cells.number(f"investigation.steps.{k}.minutes", _PLAIN, lambda v: f"{v:.1f}")
+            if step.minutes
+            else "",
+            "learned": [
+                cells.words(f"investigation.steps.{k}.learned.{n}") for n in range(len(step.learned))
+            ],
+        }
+        for k, step in enumerate(done.steps)
+    ]
 
 
 def findings(found: Diagnosis, cells: Cells) -> list[dict[str, Any]]:

@@ -90,6 +90,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
                 "delta_chi2": form.delta_chi2,
                 "coefficients": _coefficients(form.coefficients),
                 "declaration": form.declaration,
+                "simple": form.simple or None,
             }
             for form in found.free_form
         ],

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gyrowheel.results.base import Result
+from gyrowheel_core.errors import InputError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -47,6 +48,7 @@ class Drag(Result):
         For each recording ``stamp`` [s] and the notch-filtered readings, of which the DC voltages are means:
         ``notched_tilt_x``, ``notched_tilt_y`` [rad], ``notched_coil_voltage_x``, ``notched_coil_voltage_y``,
         ``notched_motor_voltage`` [V] and ``notched_motor_current`` [A]; ndarrays (n,), NaN where a sample is lost.
+        Empty where they were not asked for.
     """
 
     holds: tuple[tuple[Estimate, ...], ...]
@@ -85,9 +87,16 @@ class Drag(Result):
         }
 
     def plot(self) -> Figure:
-        """Return a picture of filtered voltages over time, and of increments over tilt and speed."""
+        """Return a picture of filtered voltages over time, and of increments over tilt and speed.
+
+        Raises
+        ------
+        InputError
+            If the signals were not kept.
+        """
         from gyrowheel.plots.drag import figure_of_drag
 
+        self._require_signals()
         return figure_of_drag(self)
 
     def write_signals(self, path: str | Path) -> list[str]:
@@ -96,12 +105,17 @@ class Drag(Result):
         Raises
         ------
         InputError
-            If the file has another ending, or cannot be written.
+            If the file has another ending, or cannot be written, or the signals were not kept.
         """
         from gyrowheel_analysis.exchange.signals import write_signals
 
+        self._require_signals()
         named = [{"recording": r, **own} for r, own in zip(self.recordings, self.signals, strict=True)]
         return write_signals(named, SIGNAL_UNITS, path)
+
+    def _require_signals(self) -> None:
+        if len(self.signals) < len(self.recordings):
+            raise InputError("signals: False; allowed: True, for what needs the filtered readings")
 
     def to_columns(self) -> Mapping[str, Any]:
         """Return a row for each hold; fields of three values have a column each: ``_x``, ``_y`` and ``_motor``."""

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from rich.console import RenderableType
 
-    from gyrowheel_analysis.exchange.suggestion import Suggestion
+    from gyrowheel_analysis.exchange.suggesting.records import Suggestion
 
 
 @dataclass(frozen=True, repr=False)
@@ -23,7 +23,7 @@ class TableMap(Result):
 
     Attributes
     ----------
-    details : gyrowheel_analysis.exchange.suggestion.Suggestion
+    details : gyrowheel_analysis.exchange.suggesting.records.Suggestion
         The facts.
     """
 
@@ -39,13 +39,10 @@ class TableMap(Result):
     @property
     def questions(self) -> tuple[str, ...]:
         """What must be answered before anything is diagnosed."""
-        from gyrowheel.text.sentences.setup import map_lines, problem
+        from gyrowheel.text.sentences.setup import problem_and_map
 
         asked = [f"{own.what} {own.cure}" for own in self.details.problems if own.asks]
-        for wrong in self.details.setups:
-            lines = "; ".join(map_lines(wrong))
-            asked.append(f"{problem(wrong)}" + (f" In the map: {lines}." if lines else ""))
-        return tuple(asked)
+        return (*asked, *(problem_and_map(wrong) for wrong in self.details.setups))
 
     @property
     def remarks(self) -> tuple[str, ...]:

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from gyrowheel.campaigns.summary import Summary
 
 _INDENT = (0, 0, 0, 2)
-_KINDS = {
+#: What is hidden, in words.
+KINDS = {
     "none": "nothing",
     "single": "one effect",
     "pair": "two effects",
@@ -68,13 +69,13 @@ def campaign_page(summary: Summary, title: str) -> Iterator[RenderableType]:
 
 def case_line(case: Judged) -> str:
     """Return one case in a line: what was hidden, and what was answered."""
-    return f"case {case.index}: hidden {_hidden(case)}; answered {_answered(case)}"
+    return f"case {case.index}: hidden {hidden(case)}; answered {answered(case)}"
 
 
 def _kinds(summary: Summary) -> Table:
     table = figures_table("hidden", "cases", "≥ 2×", "exact", "tied", "wrong", "right (95 % interval)")
     table.columns[0].no_wrap = True
-    for kind, words in _KINDS.items():
+    for kind, words in KINDS.items():
         cases = summary.of_kind(kind)
         if not cases:
             continue
@@ -89,7 +90,7 @@ def _kinds(summary: Summary) -> Table:
             counts = [str(len(seen)), str(how["exact"]), str(how["tied"]), str(len(seen) - good)]
             rate = Rate(good, len(seen))
         wrong = Text(counts[3], style="bold red" if counts[3] != "0" else "green")
-        table.add_row(words, str(len(cases)), *counts[:3], wrong, _rate(rate))
+        table.add_row(words, str(len(cases)), *counts[:3], wrong, rate_words(rate))
     return table
 
 
@@ -99,7 +100,7 @@ def _remarks(summary: Summary) -> Iterator[str]:
         yield f"≥ {DETECTABLE:g}×: at least {DETECTABLE:g} times the detection limit; exact, tied and wrong count these"
     if summary.of_kind("none"):
         alarms = summary.false_alarms
-        yield f"false alarms: {alarms.count} of {alarms.n}: {_rate(alarms)}"
+        yield f"false alarms: {alarms.count} of {alarms.n}: {rate_words(alarms)}"
     outside = summary.outcomes(summary.of_kind("outside"))
     if outside:
         named = {"unknown": "called unknown", "misnamed": "absorbed by library effects"}
@@ -119,7 +120,7 @@ def _reality(summary: Summary) -> Iterator[str]:
         named, tied = (sum(i.found == how for i in seen) for how in ("named", "tied"))
         yield (
             f"instruments that are not as stated: {len(summary.instruments)}, {len(seen)} of them ≥ {DETECTABLE:g}×; "
-            f"named {named}, tied {tied}: {_rate(Rate(named + tied, len(seen)))}; "
+            f"named {named}, tied {tied}: {rate_words(Rate(named + tied, len(seen)))}; "
             f"named without being wrong: {wrong}"
         )
     if summary.events:
@@ -127,7 +128,7 @@ def _reality(summary: Summary) -> Iterator[str]:
         dated = Rate(sum(e.dated for e in visible), len(visible))
         yield (
             f"events: {len(summary.events)}, {len(visible)} of them ≥ {DETECTABLE:g}×; "
-            f"dated within {DATED:g} s: {dated.count}: {_rate(dated)}"
+            f"dated within {DATED:g} s: {dated.count}: {rate_words(dated)}"
         )
 
 
@@ -139,7 +140,7 @@ def _mistakes(summary: Summary) -> Iterator[RenderableType]:
     table = words_table("case", "hidden (size / limit)", "answered", "meaning")
     table.columns[0].justify = "right"
     for case in wrong:
-        table.add_row(str(case.index), _hidden(case), _answered(case), _WORDS.get(case.outcome, case.outcome))
+        table.add_row(str(case.index), hidden(case), answered(case), _WORDS.get(case.outcome, case.outcome))
     yield Padding(table, _INDENT)
     kinds = {c.outcome: OUTCOMES[c.outcome] for c in wrong}
     for outcome, meaning in kinds.items():
@@ -157,7 +158,7 @@ def _confusion(summary: Summary) -> Iterator[RenderableType]:
     yield heading("Answers" + (" (without pairs)" if len(single) < len(summary.cases) else ""))
     table = words_table("hidden", "cases", "answered")
     table.columns[1].justify = "right"
-    order = sorted(rows, key=lambda name: (list(_KINDS).index(rows[name][0].kind), name))
+    order = sorted(rows, key=lambda name: (list(KINDS).index(rows[name][0].kind), name))
     for name in order:
         answers: dict[str, list[Judged]] = {}
         for case in rows[name]:
@@ -191,19 +192,20 @@ def _numbers(summary: Summary) -> Iterator[str]:
     if good.n:
         yield (
             f"on the validation recording the error falls to {WITHIN_FLOOR:g} noise floors or below in "
-            f"{good.count} of {good.n} cases named exactly: {_rate(good)}"
+            f"{good.count} of {good.n} cases named exactly: {rate_words(good)}"
         )
     formulas = summary.formulas_validated
     if formulas.n:
         yield (
             f"with the formula proposed for an unknown it falls to {WITHIN_FORMULA:g} or below in "
-            f"{formulas.count} of {formulas.n}: {_rate(formulas)}"
+            f"{formulas.count} of {formulas.n}: {rate_words(formulas)}"
         )
     if not math.isnan(summary.median_seconds):
         yield f"a diagnosis takes {seconds(summary.median_seconds)} (median)"
 
 
-def _hidden(case: Judged) -> str:
+def hidden(case: Judged) -> str:
+    """Return what was hidden in a case, each with its size in detection limits."""
     names = [*case.truth, *([case.event.name] if case.event else []), *(i.name for i in case.instruments)]
     if not names:
         return "nothing"
@@ -214,7 +216,8 @@ def _hidden(case: Judged) -> str:
     )
 
 
-def _answered(case: Judged) -> str:
+def answered(case: Judged) -> str:
+    """Return what was answered in a case."""
     if case.outcome == "failed":
         return case.error
     text = " + ".join(case.named + case.instruments_named) or _plain(case.verdict)
@@ -233,7 +236,7 @@ def _percent(part: float) -> str:
     return "–" if math.isnan(part) else f"{_number(part)} %"
 
 
-def _rate(rate: Rate) -> str:
+def rate_words(rate: Rate) -> str:
     """Return a rate and its 95 % interval."""
     if not rate.n:
         return "–"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +26,7 @@ from gyrowheel.text.sentences.diagnosis import (
     verdict_sentence,
 )
 from gyrowheel.text.sentences.events import tie_of_event
-from gyrowheel.text.sentences.forms import form_sentence, place_text
+from gyrowheel.text.sentences.forms import form_sentence, place_text, simple_sentence
 from gyrowheel.text.sentences.instruments import instrument_sentence
 from gyrowheel.text.sentences.proof import proof_line
 from gyrowheel.text.sentences.setup import cure, map_lines, problem
@@ -211,7 +212,9 @@ def _free_form(form: FreeForm) -> Iterator[RenderableType]:
     body.add_row("law", pretty("; ".join(laws)))
     body.add_row("Δχ²", f"{form.delta_chi2:.0f} without it")
     yield Padding(body, _INDENT)
-    yield from sentences([form_sentence(form)])
+    yield from sentences(filter(None, [form_sentence(form), simple_sentence(form)]))
+    if form.simple:
+        yield command(f"--formula {shlex.quote(f'{form.name}: {form.simple}')}")
 
 
 def _moved(nuisance: Mapping[str, Any]) -> Iterator[RenderableType]:

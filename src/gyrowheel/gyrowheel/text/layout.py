@@ -82,5 +82,14 @@ def show(console: Console, parts: Iterable[RenderableType]) -> None:
 def plain_text(parts: Iterable[RenderableType], width: int = 80) -> str:
     """Return parts as lines of text without colours."""
     stream = io.StringIO()
-    show(Console(file=stream, width=width, markup=False), parts)
+    # in a notebook, or where colours are asked for, rich would take the stream for more than a text
+    plain = Console(
+        file=stream,
+        width=width,
+        markup=False,
+        force_jupyter=False,
+        force_terminal=False,
+        color_system=None,
+    )
+    show(plain, parts)
     return "\n".join(line.rstrip() for line in stream.getvalue().rstrip().splitlines())

@@ -4,33 +4,27 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Iterator, Mapping
-from html import escape
 from typing import TYPE_CHECKING
 
 from rich.console import RenderableType
 from rich.padding import Padding
 from rich.text import Text
 
+from gyrowheel.text.cells import Cells
+from gyrowheel.text.html import embedded, environment, style_sheet
 from gyrowheel.text.layout import heading, words_table
 
 if TYPE_CHECKING:
-    from gyrowheel.results.paper import Paper, Row, Verdict
+    from gyrowheel.results.paper import Paper, Verdict
 
 CITATION = (
     "Huo, X.; Feng, S.; Liu, K.; Wang, L.; Chen, W. Aerodynamic Drag Analysis of 3-DOF Flex-Gimbal GyroWheel System in "
     "the Sense of Ground Test. Sensors 2016, 16, 2081, doi:10.3390/s16122081"
 )
 _COLOURS: Mapping[Verdict, str] = {"agree": "green", "disagree": "red", "cannot be decided": "yellow"}
-_SHADES: Mapping[Verdict, str] = {"agree": "#1b7f4b", "disagree": "#b3402a", "cannot be decided": "#8a6d00"}
+#: Colours of the verdicts on the page, by their names in the style sheet.
+_MOODS: Mapping[Verdict, str] = {"agree": "good", "disagree": "bad", "cannot be decided": "open"}
 _INDENT = (0, 0, 0, 2)
-_STYLE = """
-body{font:16px/1.5 system-ui,sans-serif;color:#222;background:#fff;max-width:62rem;margin:2rem auto;padding:0 1.2rem}
-h1{font-size:1.6rem;line-height:1.25}h2{font-size:1.1rem;margin:2.6rem 0 .3rem}
-table{border-collapse:collapse;width:100%;font-size:.92rem}td,th{text-align:left;vertical-align:top;
-padding:.35rem .8rem .35rem 0;border-bottom:1px solid #e4e4e4}th{color:#555;font-weight:600}
-img{max-width:100%;height:auto;margin:.6rem 0}.verdict{font-weight:600;white-space:nowrap}.where{white-space:nowrap}
-.why{color:#555}p{margin:.35rem 0}a{color:inherit}
-"""
 
 
 def paper_page(result: Paper) -> Iterator[RenderableType]:
@@ -69,39 +63,28 @@ def html_page(result: Paper, pictures: Mapping[str, bytes]) -> str:
     pictures : mapping of str to bytes
         PNG files by the name of the row.
     """
-    rows = "\n".join(
-        f'<tr><td class="where"><a href="#{row.name}">{escape(row.where)}</a></td>'
-        f"<td>{escape(row.statement)}</td><td>{_verdict(row.finding.verdict)}</td></tr>"
-        for row in result.rows
-    )
-    sections = "\n".join(_section(row, pictures.get(row.name)) for row in result.rows)
-    return f"""<!DOCTYPE html>
-<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
-<title>The published ground test, statement by statement</title><style>{_STYLE}</style></head><body>
-<h1>The published ground test, statement by statement</h1>
-<p>{escape(CITATION)}.</p>
-<p>Statements are given in other words. Numbers were computed when this page was made; recordings are simulated with the
-computed air in the machine, noise seed {result.seed}. {escape(_summary(result))}</p>
-<table><tr><th>where</th><th>what is stated</th><th>verdict</th></tr>
-{rows}
-</table>
-{sections}
-</body></html>
-"""
-
-
-def _verdict(verdict: Verdict) -> str:
-    return f'<span class="verdict" style="color:{_SHADES[verdict]}">{verdict}</span>'
-
-
-def _section(row: Row, picture: bytes | None) -> str:
-    found = row.finding
-    image = ""
-    if picture is not None:
-        data = base64.b64encode(picture).decode()
-        image = f'<p><img alt="{escape(row.where)}: {escape(row.statement)}" src="data:image/png;base64,{data}"></p>'
-    return (
-        f'<h2 id="{row.name}">{escape(row.where)}: {_verdict(found.verdict)}</h2>'
-        f"<p><b>{escape(row.statement)}</b></p><p>{escape(found.ours)}</p>"
-        f'<p class="why">{escape(found.why)}</p>{image}'
+    content = result.to_dict()
+    cells = Cells(content)
+    rows = [
+        {
+            "name": row.name,
+            "where": cells.words(f"rows.{k}.where"),
+            "statement": cells.words(f"rows.{k}.statement"),
+            "verdict": cells.words(f"rows.{k}.verdict"),
+            "mood": _MOODS[row.finding.verdict],
+            "ours": cells.words(f"rows.{k}.ours"),
+            "why": cells.words(f"rows.{k}.why"),
+            "title": f"{row.where}: {row.statement}",
+            "picture": base64.b64encode(pictures[row.name]).decode() if row.name in pictures else "",
+        }
+        for k, row in enumerate(result.rows)
+    ]
+    page = environment().get_template("paper.html")
+    return page.render(
+        style=style_sheet(),
+        citation=cells.words("paper"),
+        seed=result.seed,
+        summary=_summary(result),
+        rows=rows,
+        json=embedded(content),
     )

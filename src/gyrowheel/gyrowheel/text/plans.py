@@ -9,12 +9,15 @@ from typing import TYPE_CHECKING, Any
 from rich.console import RenderableType
 from rich.text import Text
 
-from gyrowheel.text.layout import command, figures_table, words_table
+from gyrowheel.text.layout import command, figures_table, sentences, words_table
 from gyrowheel.text.quantities import minus, seconds, short
 from gyrowheel_core.units import DEG, RPM
 
 if TYPE_CHECKING:
-    from gyrowheel_control.plans.plan import Plan, Segment
+    from gyrowheel.results.plan_check import Outlook, PlanCheck
+    from gyrowheel_control.plans.inspecting import Wrong
+    from gyrowheel_control.plans.plan import Plan
+    from gyrowheel_control.plans.segment import Segment
     from gyrowheel_sim.environment import Environment
 
 
@@ -49,6 +52,50 @@ def plan_page(plan: Plan) -> Iterator[RenderableType]:
             minus(", ".join(filter(None, (s.label, _turning(s), _surroundings(s.environment))))),
         )
     yield table
+
+
+def check_page(result: PlanCheck) -> Iterator[RenderableType]:
+    """Yield all that is wrong with a plan file, or what it will do."""
+    title = "" if result.plan is None else result.plan.title
+    yield Text.assemble((result.file, "bold cyan"), f"  {title}")
+    if result.outlook is not None:
+        yield Text(f"\nNothing is wrong: the bench {result.bench} can run it.")
+        yield from sentences(outlook_lines(result.outlook))
+        return
+    count = len(result.wrong)
+    many = "One thing is" if count == 1 else f"{count} things are"
+    yield Text(f"\n{many} wrong for the bench {result.bench}:\n")
+    table = words_table("line", "place", "what, and what is allowed", whole=(0,))
+    for item in result.wrong:
+        table.add_row("" if item.line is None else str(item.line), Text(item.place, style="cyan"), item.said)
+    yield table
+
+
+def wrong_line(item: Wrong) -> str:
+    """Return what is wrong in one place as the rest of a line that begins with the file."""
+    line = "" if item.line is None else f"{item.line}:"
+    return f"{line} {item.place}: {item.said}" if item.place else f"{line} {item.said}"
+
+
+def outlook_lines(found: Outlook) -> Iterator[str]:
+    """Yield in sentences what a plan will do."""
+    kinds = ((found.holds, "hold"), (found.cones, "cone"), (found.sweeps, "sweep"))
+    parts = ", ".join(f"{count} {name}{'s' if count > 1 else ''}" for count, name in kinds if count)
+    yield f"It takes {seconds(found.duration)}: {parts}."
+    low, high = found.speeds[0], found.speeds[-1]
+    speeds = (
+        f"{_rpm(low)} rpm" if low == high else f"{len(found.speeds)} speeds, {_rpm(low)} .. {_rpm(high)} rpm"
+    )
+    yield f"{speeds[:1].upper()}{speeds[1:]}; the largest tilt is {short(found.largest_tilt / DEG)} deg."
+    yield (
+        f"It needs up to {100.0 * found.coil_share:.0f} % of the coils' voltage and {100.0 * found.motor_share:.0f} % "
+        "of the supply."
+    )
+    share = 100.0 * found.covered / found.duration
+    windows = f"{found.windows} window{'' if found.windows == 1 else 's'}"
+    yield f"It gives {windows} of whole revolutions, {seconds(found.covered)} ({share:.0f} % of the time)."
+    for text in found.empty:
+        yield f"No window: {text}; half a second settles, a whole one after a change of speed."
 
 
 def plan_json(plan: Plan) -> dict[str, Any]:

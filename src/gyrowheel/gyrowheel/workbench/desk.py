@@ -6,9 +6,10 @@ There is one desk, whatever browser looks at it: two pages show the same, and cl
 from __future__ import annotations
 
 import contextlib
+import tempfile
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -21,9 +22,10 @@ from gyrowheel.estimating import drag
 from gyrowheel.files import new_folder
 from gyrowheel.model import Model
 from gyrowheel.recording import Recording
+from gyrowheel.workbench import tables
 from gyrowheel.workbench.bench import SimulatedBench
 from gyrowheel.workbench.decimation import Envelope
-from gyrowheel.workbench.live import LiveBench
+from gyrowheel.workbench.live import LiveBenches
 from gyrowheel.workbench.shelf import Shelf
 from gyrowheel_core.errors import InputError, nearest, one_line
 
@@ -60,6 +62,15 @@ class Opened:
     def of(cls, key: str, recording: Recording, role: Role) -> Opened:
         """Return a recording made ready."""
         return cls(key, recording, role, _envelopes(recording.measurement), _envelopes(recording.setpoints))
+
+
+@contextlib.contextmanager
+def _removed_at_failure(file: Path) -> Iterator[None]:
+    try:
+        yield
+    except BaseException:
+        file.unlink(missing_ok=True)
+        raise
 
 
 def _envelopes(rows: NDArray[Any]) -> dict[str, Envelope]:
@@ -171,17 +182,21 @@ class Desk:
         self.file = file
         self.version = 0
         self.facts = 0
+        self.heard = 0
         self.opened: dict[str, Opened] = {}
         self.steps: list[Step] = [Step(model)]
         self.job: Job | None = None
         self.trouble: Trouble | None = None
         self.saved = ""
+        self.table: tables.Draft | None = None
         self.closed = False
-        self.live = LiveBench(self.heard)
+        self.live = LiveBenches(self.hear)
         self.lock = threading.RLock()
         self._work: Work | None = None
         self._threads: list[threading.Thread] = []
         self._watchers: set[Callable[[], None]] = set()
+        self._scratch: tempfile.TemporaryDirectory[str] | None = None
+        self._looks = 0
 
     # --- looking
 
@@ -258,19 +273,36 @@ class Desk:
         ties = [tie.separating_plan for effect in found.effects for tie in effect.ties]
         return list(dict.fromkeys([*named, *(plan for plan in ties if plan is not None)]))
 
-    def test(self, plan: str) -> None:
-        """Run a test that the diagnosis asks for on the machine of the recordings, join it, and diagnose again.
+    def test(self, plan: str, bench_key: str = "") -> None:
+        """Run a test that the diagnosis asks for, join it, and diagnose again.
+
+        Parameters
+        ----------
+        plan : str
+            The plan.
+        bench_key : str
+            Key of the running bench that walks it; empty: the simulated machine of the recordings.
 
         Raises
         ------
         InputError
-            If it does not ask for it, or the machine is no simulated one.
+            If the diagnosis does not ask for it, or there is no such bench.
         """
         fitted, _ = self._data()
         if plan not in self.tests():
             raise InputError(
                 f"plan: {plan[:60]!r} is not what the diagnosis asks for; {nearest(plan, self.tests())}"
             )
+        if bench_key:
+            running = self.live.runs.get(bench_key)
+            if running is None:
+                raise InputError(f"bench: {bench_key[:60]!r} does not run")
+            self._begin(
+                f"testing: {plan} on the {running.title}",
+                "test",
+                lambda at: self._record_live(bench_key, plan, at),
+            )
+            return
         bench = SimulatedBench.of(fitted)
         if bench is None:
             raise InputError(f"plan: {NO_BENCH}")
@@ -291,13 +323,107 @@ class Desk:
         self._begin("making the demonstration", "recordings", work)
 
     def _record(self, bench: SimulatedBench, plan: str, role: Role, at: Work) -> None:
-        name = "".join(c if c.isalnum() else "-" for c in plan)
-        folder = new_folder(self.shelf.first, name, 1)
+        folder = self._new_folder(plan)
         number = int(folder.name.rpartition("-")[2])
-        made = bench.record(plan, folder, self.step.model, number, at.advancing(f"plan {plan} on the bench"))
-        at.say(f"opening {made.name}")
+        bench.record(plan, folder, self.step.model, number, at.advancing(f"plan {plan} on the bench"))
+        self._join(folder, role, at)
+
+    def _record_live(self, key: str, plan: str, at: Work) -> None:
+        folder = self._new_folder(plan)
+        advance = at.advancing(f"plan {plan} on the bench")
+        if self.live.walk(key, plan, folder, advance, lambda: at.ended):
+            self._join(folder, ROLES[0], at)
+            self._diagnose(at)
+
+    def _join(self, folder: Path, role: Role, at: Work) -> None:
+        at.say(f"opening {folder.name}")
         own = Opened.of(self.shelf.take(folder), Recording.open(folder), role)
         at.change(lambda: self._put(own))
+
+    def _new_folder(self, name: str) -> Path:
+        return new_folder(self.shelf.first, "".join(c if c.isalnum() else "-" for c in name), 1)
+
+    # --- a table of another program
+
+    def place_for(self, name: str) -> Path:
+        """Return where a table that comes from a browser is to be written.
+
+        Raises
+        ------
+        InputError
+            If its name is none of a file, or something is under way.
+        """
+        with self.lock:
+            self._require_idle()
+            if self._scratch is None:
+                self._scratch = tempfile.TemporaryDirectory(prefix="gyrowheel-")
+            self._looks += 1
+            folder = Path(self._scratch.name) / str(self._looks)
+            folder.mkdir()
+            return folder / tables.file_name(name)
+
+    def look(self, file: Path) -> None:
+        """Look at a table, and suggest a map for it; its file is removed when it is not needed any more."""
+        number = self._looks
+
+        def work(at: Work) -> None:
+            self._drop()
+            with _removed_at_failure(file):
+                draft = tables.looked(number, file, self.step.model)
+                at.change(lambda: self._lay(draft))
+
+        with _removed_at_failure(file):
+            self._begin(f"looking at {file.name}", "table", work)
+
+    def map_table(self, given: Mapping[str, str], *, take: bool = False) -> None:
+        """Correct the map of the table and read it so, or make it a recording and open that to fit.
+
+        Parameters
+        ----------
+        given : mapping of str to str
+            The form: see `gyrowheel.workbench.tables.corrected`.
+        take : bool
+            Whether to make a recording of it.
+
+        Raises
+        ------
+        InputError
+            If there is no table, or what is given is no map.
+        """
+        draft = self.table
+        if draft is None:
+            raise InputError("table: there is none; choose a file")
+        content = tables.corrected(draft, given)
+
+        def read(at: Work) -> None:
+            self._looks += 1
+            again = tables.tried(draft, self._looks, content, self.step.model)
+            at.change(lambda: self._lay(again))
+
+        def import_it(at: Work) -> None:
+            folder = self._new_folder(draft.name.partition(".")[0])
+            tables.made(draft, content, folder)
+            self._join(folder, ROLES[0], at)
+            self._drop()
+
+        title = f"making a recording of {draft.name}" if take else f"reading {draft.name}"
+        self._begin(title, "table", import_it if take else read)
+
+    def drop_table(self) -> None:
+        """Forget the table."""
+        with self.lock:
+            self._require_idle()
+            self._drop()
+        self.changed()
+
+    def _lay(self, draft: tables.Draft) -> None:
+        self.table = draft
+
+    def _drop(self) -> None:
+        """Remove the table, and its file."""
+        draft, self.table = self.table, None
+        if draft is not None:
+            draft.file.unlink(missing_ok=True)
 
     def own(self, formula: str) -> Effect:
         """Return the effect that a formula declares.
@@ -363,6 +489,8 @@ class Desk:
         self.end()
         with contextlib.suppress(TimeoutError):  # it dies with the program
             self.wait(_PATIENCE)
+        if self._scratch is not None:
+            self._scratch.cleanup()
 
     # --- within
 
@@ -425,7 +553,7 @@ class Desk:
         for own in list(self.opened.values()):
             at.say(f"predicting the holds of {own.recording.name}")
             with contextlib.suppress(InputError):  # there is no hold
-                (found[own.key],) = drag(own.recording, model).holds
+                (found[own.key],) = drag(own.recording, model, signals=False).holds
         return found
 
     def _put(self, own: Opened) -> None:
@@ -437,10 +565,10 @@ class Desk:
         self.steps = list(steps)
         self.facts += 1
 
-    def heard(self) -> None:
-        """Take notice that the running bench was heard."""
+    def hear(self) -> None:
+        """Take notice that a running bench was heard."""
         with self.lock:
-            self.facts += 1
+            self.heard += 1
         self.changed()
 
     def _require_idle(self) -> None:

@@ -42,12 +42,16 @@ class Gate:
     token: str = ""
 
     @classmethod
-    def of(cls, address: str, port: int) -> Gate:
-        """Return the rules for an address: any but loopback asks for a token, which is made up here."""
-        hosts = LOOPBACK if is_loopback(address) else (*LOOPBACK, address)
+    def of(cls, address: str, port: int, *, token: bool = False) -> Gate:
+        """Return the rules for an address: any but loopback asks for a token, which is made up here.
+
+        With `token` loopback asks for one, too.
+        """
+        alone = is_loopback(address)
+        hosts = LOOPBACK if alone else (*LOOPBACK, address)
         return cls(
             tuple(f"{host}:{port}" for host in hosts),
-            "" if is_loopback(address) else secrets.token_urlsafe(24),
+            secrets.token_urlsafe(24) if token or not alone else "",
         )
 
     def refusal(self, headers: Mapping[str, str]) -> str:

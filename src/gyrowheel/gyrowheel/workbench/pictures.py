@@ -17,7 +17,6 @@ from gyrowheel.text.sentences.events import event_sentence
 from gyrowheel.text.sentences.residuals import region_description, region_name
 from gyrowheel.workbench.decimation import Envelope
 from gyrowheel.workbench.desk import ROLES, Desk, Opened
-from gyrowheel.workbench.live import KEY as LIVE
 from gyrowheel_analysis.channels import CHANNELS
 from gyrowheel_analysis.reduction.groups import UPRIGHT, octants
 from gyrowheel_analysis.residuals.maps import VARIABLES, Cell, residual_map
@@ -273,21 +272,27 @@ def holds(desk: Desk) -> dict[str, Any]:
 
     The torques in mN·m, the change of voltages from the reference hold in mV; the level of a voltage of the coils [V]
     and of the current of the motor [A] as measured and as predicted, for the panels of the signals. ``before`` is the
-    prediction of the model before its last change here, null without one. Those of the running bench are predicted by
-    the drag estimator of its graph.
+    prediction of the model before its last change here, null without one.
     """
-    step, running = desk.step, desk.live.running
+    step = desk.step
     before = desk.steps[-2].holds if len(desk.steps) > 1 else {}
-    found = {
+    return {
         key: _holds(
             own, desk.opened[key].recording.data.start_ns, before.get(key, ()), step.model.bench.value
         )
         for key, own in step.holds.items()
         if key in desk.opened and own
     }
-    if running is not None and running.holds:
-        found[LIVE] = _holds(running.holds, running.start_ns, (), step.model.bench.value)
-    return found
+
+
+def heard(desk: Desk) -> dict[str, Any]:
+    """Return the holds of the running benches as `holds` does, by the drag estimators of their graphs."""
+    value = desk.step.model.bench.value
+    return {
+        key: _holds(running.holds, running.start_ns, (), value)
+        for key, running in desk.live.runs.items()
+        if running.holds
+    }
 
 
 def _holds(

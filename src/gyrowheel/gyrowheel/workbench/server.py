@@ -8,19 +8,21 @@ import threading
 from collections.abc import AsyncIterator, Callable
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from tornado.httpserver import HTTPServer
 from tornado.iostream import StreamClosedError
 from tornado.netutil import bind_sockets
-from tornado.web import Application, HTTPError, RequestHandler
+from tornado.web import Application, HTTPError, RequestHandler, stream_request_body
 
 from gyrowheel.commands import diagnosing, following
-from gyrowheel.report.page import style_sheet
+from gyrowheel.report.charts import POLICY
 from gyrowheel.report.report import Report
+from gyrowheel.text.html import style_sheet
 from gyrowheel.workbench import pictures, views
 from gyrowheel.workbench.desk import Desk
 from gyrowheel.workbench.gate import COOKIE, Gate
+from gyrowheel.workbench.tables import LARGEST as LARGEST_TABLE
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import json_text
 
@@ -168,6 +170,11 @@ class _Found(_Numbers):
         self.put_json(pictures.found(self.desk))
 
 
+class _Heard(_Guarded):
+    def get(self) -> None:
+        self.put_json(pictures.heard(self.desk))
+
+
 class _Signal(_Numbers):
     def get(self) -> None:
         key, points = self.get_query_argument("key"), self.number("points")
@@ -209,10 +216,56 @@ class _Report(_Guarded):
             next_command=following(step.diagnosis, paths, held, file, step.model.bench_source),
         )
         text = await asyncio.get_running_loop().run_in_executor(None, made.html)
-        self.set_header(
-            "Content-Security-Policy", "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
-        )
+        self.set_header("Content-Security-Policy", POLICY)
         self.finish(text)
+
+
+@stream_request_body
+class _Table(_Guarded):
+    """A table of another program, which is written piece by piece as it comes."""
+
+    _file: BinaryIO | None = None
+    _place: Path | None = None
+
+    def prepare(self) -> None:
+        super().prepare()
+        if self._finished:
+            return
+        if self.request.headers.get("Content-Type", "") != "application/octet-stream":
+            raise HTTPError(415, reason="only application/octet-stream is taken")
+        self.request.connection.set_max_body_size(LARGEST_TABLE)  # type: ignore[union-attr]
+        self._place = self.desk.place_for(self.get_query_argument("name"))
+        self._file = self._place.open("wb")
+
+    def data_received(self, chunk: bytes) -> None:
+        """Write a piece."""
+        if self._file is not None:
+            self._file.write(chunk)
+
+    def post(self) -> None:
+        """Look at the table, which has come to its end."""
+        if self._file is not None and self._place is not None:
+            self._file.close()
+            self.desk.look(self._place)
+            self._file = None
+        self.put_json({})
+
+    def on_connection_close(self) -> None:
+        """Remove what has come of a table that was given up."""
+        if self._file is not None and self._place is not None:
+            self._file.close()
+            self._place.unlink(missing_ok=True)
+            self._file = None
+
+
+class _Preview(_Guarded):
+    """What was measured, as the map of the table reads it."""
+
+    def get(self) -> None:
+        if self.desk.table is None or not self.desk.table.picture:
+            raise HTTPError(404)
+        self.set_header("Content-Type", "image/png")
+        self.finish(self.desk.table.picture)
 
 
 class _Help(_Guarded):
@@ -249,7 +302,9 @@ class _Action(_Guarded):
             "formula": lambda: _checked(desk, given["text"]),
             "region": lambda: pictures.region(desk, _numbers(given["windows"])),
             "add_formula": lambda: desk.add(given["text"], formula=True),
-            "test": lambda: desk.test(given["plan"]),
+            "test": lambda: desk.test(given["plan"], given.get("bench", "")),
+            "map_table": lambda: desk.map_table(given, take="take" in given),
+            "drop_table": desk.drop_table,
             "demonstrate": desk.demonstrate,
             "undo": desk.undo,
             "save": lambda: {"path": str(desk.save(given["name"]))},
@@ -310,10 +365,13 @@ def application(desk: Desk, gate: Gate) -> Application:
         (r"/state", _State),
         (r"/events", _Events),
         (r"/found", _Found),
+        (r"/heard", _Heard),
         (r"/signal", _Signal),
         (r"/sample", _Sample),
         (r"/motion", _Motion),
         (r"/report", _Report),
+        (r"/table", _Table),
+        (r"/preview\.png", _Preview),
         (r"/help", _Help),
         (r"/help/effect/([A-Za-z_0-9]{1,60})", _Help),
         (r"/do/([a-z_]+)", _Action),
@@ -337,6 +395,8 @@ class Server:
         Address to listen on; any but loopback asks for a token.
     port : int
         Port; 0 for any that is free.
+    token : bool
+        Whether loopback asks for a token, too: other users of the computer reach it.
 
     Raises
     ------
@@ -344,7 +404,9 @@ class Server:
         If the address or port cannot be used, or the address is not a single one.
     """
 
-    def __init__(self, desk: Desk, address: str = "127.0.0.1", port: int = 8080) -> None:
+    def __init__(
+        self, desk: Desk, address: str = "127.0.0.1", port: int = 8080, *, token: bool = False
+    ) -> None:
         self.desk = desk
         if address in ("", "0.0.0.0", "::"):
             raise InputError(f"address: {address!r} is every address; name one of this computer")
@@ -353,7 +415,7 @@ class Server:
         except OSError as error:
             raise InputError(f"port {port} of {address} cannot be used: {error.strerror or error}") from None
         self.port: int = self._sockets[0].getsockname()[1]
-        self.gate = Gate.of(address, self.port)
+        self.gate = Gate.of(address, self.port, token=token)
         self._address = address
         self._loop: asyncio.AbstractEventLoop | None = None
         self._ready = threading.Event()

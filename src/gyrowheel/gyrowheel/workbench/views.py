@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 
 from gyrowheel.report import sections
-from gyrowheel.report.cells import Cells, declared, label
-from gyrowheel.report.page import environment, style_sheet
+from gyrowheel.text.cells import Cells, declared, label
 from gyrowheel.text.formulas import pretty
+from gyrowheel.text.html import environment, style_sheet
 from gyrowheel.text.recordings import integrity_text
 from gyrowheel.workbench.bench import SimulatedBench
 from gyrowheel.workbench.desk import NO_BENCH, ROLES, Desk
@@ -21,10 +21,23 @@ from gyrowheel_core.units import unit_for
 from gyrowheel_sim.effects import registry
 from gyrowheel_sim.effects.quantities import QUANTITIES
 
+if TYPE_CHECKING:
+    import jinja2
+
+#: Units that are offered for the columns of a table; others are taken, too.
+_UNITS = (
+    "s", "ms", "us", "ns", "timestamp", "deg", "rad", "mrad", "rpm", "rad/s", "deg/s", "turn", "count", "V", "mV",
+    "A", "mA", "K", "degC", "Pa", "hPa", "kPa", "bar",
+)  # fmt: skip
+
+
+def _templates() -> jinja2.Environment:
+    return environment("gyrowheel.workbench", "gyrowheel.report")
+
 
 def state(desk: Desk) -> dict[str, Any]:
     """Return all that the page shows, but what its pictures are drawn of."""
-    job, trouble, running = desk.job, desk.trouble, desk.live.running
+    job, trouble = desk.job, desk.trouble
     return {
         "version": desk.version,
         "job": None
@@ -36,7 +49,7 @@ def state(desk: Desk) -> dict[str, Any]:
             "seconds": round(time.monotonic() - job.began, 1),
         },
         "trouble": None if trouble is None else {"place": trouble.place, "sentence": trouble.sentence},
-        "parts": {name: _part(name, desk) for name in ("tour", "recordings", "missing", "error", "model")},
+        "parts": {name: _part(name, desk) for name in _CONTENT},
         "signals": [
             {
                 "key": own.key,
@@ -47,14 +60,15 @@ def state(desk: Desk) -> dict[str, Any]:
             for own in list(desk.opened.values())
         ],
         "facts": desk.facts,
-        "live": None if running is None else running.words(),
+        "heard": desk.heard,
+        "live": {key: {"title": run.title, "words": run.words()} for key, run in desk.live.runs.items()},
     }
 
 
 def page() -> str:
     """Return the page."""
     return (
-        environment("gyrowheel.workbench")
+        _templates()
         .get_template("workbench.html")
         .render(
             panels=[
@@ -70,7 +84,7 @@ def page() -> str:
 
 def help_page() -> str:
     """Return the page for people who look for help."""
-    template = environment("gyrowheel.workbench").get_template("help.html")
+    template = _templates().get_template("help.html")
     return template.render(style=style_sheet(), quantities=QUANTITIES)
 
 
@@ -99,7 +113,7 @@ def effect_page(desk: Desk, name: str) -> str:
             }
         )
     return (
-        environment("gyrowheel.workbench")
+        _templates()
         .get_template("effect.html")
         .render(style=style_sheet(), own=own, law=pretty(own.formula), rows=rows, library=library)
     )
@@ -107,11 +121,7 @@ def effect_page(desk: Desk, name: str) -> str:
 
 def login(sentence: str) -> str:
     """Return the page that asks for the token."""
-    return (
-        environment("gyrowheel.workbench")
-        .get_template("login.html")
-        .render(sentence=sentence, style=style_sheet())
-    )
+    return _templates().get_template("login.html").render(sentence=sentence, style=style_sheet())
 
 
 def formula(desk: Desk, text: str) -> dict[str, Any]:
@@ -133,9 +143,7 @@ def formula(desk: Desk, text: str) -> dict[str, Any]:
 
 
 def _part(name: str, desk: Desk) -> Markup:
-    return Markup(
-        environment("gyrowheel.workbench").get_template(f"bench_{name}.html").render(_CONTENT[name](desk))
-    )
+    return Markup(_templates().get_template(f"bench_{name}.html").render(_CONTENT[name](desk)))
 
 
 def _recordings(desk: Desk) -> dict[str, Any]:
@@ -156,7 +164,11 @@ def _recordings(desk: Desk) -> dict[str, Any]:
                 "facts": facts,
             }
         )
-    return {"rows": rows, "roles": ROLES, "busy": desk.job is not None, "running": desk.live.running}
+    return {"rows": rows, "roles": ROLES, "busy": desk.job is not None, "running": desk.live.runs}
+
+
+def _table(desk: Desk) -> dict[str, Any]:
+    return {"draft": desk.table, "units": _UNITS}
 
 
 def _tour(desk: Desk) -> dict[str, Any]:
@@ -201,6 +213,7 @@ def _missing(desk: Desk) -> dict[str, Any]:
         "next_test": sections.next_test(found, cells),
         "tests": desk.tests(),
         "runs_here": _simulated(desk),
+        "benches": {key: run.title for key, run in desk.live.runs.items() if not run.silent},
         "no_bench": NO_BENCH,
         "regions": sections.regions(cells),
         "limits": {
@@ -246,4 +259,11 @@ def _simulated(desk: Desk) -> bool:
         return False
 
 
-_CONTENT = {"tour": _tour, "recordings": _recordings, "missing": _missing, "error": _error, "model": _model}
+_CONTENT = {
+    "tour": _tour,
+    "recordings": _recordings,
+    "table": _table,
+    "missing": _missing,
+    "error": _error,
+    "model": _model,
+}

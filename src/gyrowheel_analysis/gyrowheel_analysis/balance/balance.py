@@ -67,6 +67,9 @@ class Balance:
         Whether there are rows of what happens within a revolution, or of the averages alone.
     absent : set of str
         Readings that were never taken; what compares them has no rows (`channels.measurable`).
+    assumed : set of str
+        Temperatures and pressure that were never taken: the static errors of their instruments are those of what is
+        assumed for them (`Motion`).
 
     Attributes
     ----------
@@ -86,16 +89,17 @@ class Balance:
         clean: bool = True,
         harmonics: bool = True,
         absent: Set[str] = frozenset(),
+        assumed: Set[str] = frozenset(),
     ) -> None:
         self.bench = bench
         self.windows = without_noise(windows) if clean else windows
         self._uncleaned = windows if clean else None
-        self.harmonics, self.absent = harmonics, frozenset(absent)
+        self.harmonics, self.absent, self.assumed = harmonics, frozenset(absent), frozenset(assumed)
         every = in_groups(*(GROUPS if harmonics else ("average",)))
         self._channels = tuple(channel for channel in every if measurable(channel, absent))
         self.rows = tuple(row for channel in self._channels for row in measurable(channel, absent))
         self._kept = frozenset(self.rows)
-        self.motion = Motion(self.windows, bench)
+        self.motion = Motion(self.windows, bench, self.assumed)
         self._response: RippleResponse | None = None
         self._derivatives: dict[str, Array] = {}
 
@@ -145,7 +149,14 @@ class Balance:
         """Return measured rows less what noise in the motion needs, if the prediction leaves that out."""
         if self._uncleaned is None or not len(self.windows):
             return rows
-        raw = Balance(self._uncleaned, self.bench, clean=False, harmonics=self.harmonics, absent=self.absent)
+        raw = Balance(
+            self._uncleaned,
+            self.bench,
+            clean=False,
+            harmonics=self.harmonics,
+            absent=self.absent,
+            assumed=self.assumed,
+        )
         return raw.measured - raw.predicted(values, effects) + self.predicted(values, effects)
 
     def __len__(self) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from copy import copy
 from typing import Any
 
@@ -28,6 +28,9 @@ class Motion:
         The windows.
     bench : Bench
         The model's bench.
+    assumed : set of str
+        Temperatures and pressure that were never taken. Of these the static error that the bench has for their
+        instruments counts; of what was measured it is far below what any effect shows.
 
     Attributes
     ----------
@@ -61,9 +64,9 @@ class Motion:
         Rate of the table about the vertical [rad/s].
     """
 
-    def __init__(self, windows: Windows, bench: Bench) -> None:
+    def __init__(self, windows: Windows, bench: Bench, assumed: Set[str] = frozenset()) -> None:
         w = self._windows = windows
-        self._bench = bench
+        self._bench, self._assumed = bench, assumed
         half = 0.5 * w.duration[:, None]
         ripple_order = self._ripple_order = bench.value("motor_ripple_order")
         # enough of them that the ripple is not mistaken for its mirror image
@@ -195,6 +198,21 @@ class Motion:
         warm = self._windows.motor_temperatures + self._windows.temperature_sensitivity @ other
         q["T_winding"] = warm[:, 0, None, None] + self._warming[:, 0, :, None]
         q["T_motor"] = warm[:, 1, None, None] + self._warming[:, 1, :, None]
+        return self._surrounded(q, values) if self._assumed else q
+
+    def _surrounded(self, q: dict[str, Any], values: Mapping[str, float]) -> dict[str, Any]:
+        """Return what the laws know with temperatures and pressure less the error of what is assumed for them."""
+        warmer, denser = (
+            values[name] - self._bench.value(name) for name in ("temperature_bias", "pressure_bias")
+        )
+        if warmer and "coil_temperature" in self._assumed:
+            q["T_coil"] = q["T_coil"] - warmer
+        if warmer and "air_temperature" in self._assumed:
+            q["rho"] = q["rho"] * (q["T_air"] / (q["T_air"] - warmer))
+            q["T_air"] = q["T_air"] - warmer
+        if denser and "air_pressure" in self._assumed:
+            # a part of it, so that a vacuum stays one
+            q["rho"] = q["rho"] * (1.0 - denser / self._bench.value("air_pressure"))
         return q
 
     def harmonics_of(self, values: Any) -> Any:

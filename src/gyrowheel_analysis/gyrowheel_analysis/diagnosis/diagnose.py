@@ -37,7 +37,14 @@ from gyrowheel_analysis.diagnosis.result import (
     Verdict,
 )
 from gyrowheel_analysis.diagnosis.selection import Finding, select
-from gyrowheel_analysis.diagnosis.unknown import Proposal, as_found, places, settled
+from gyrowheel_analysis.diagnosis.unknown import (
+    Proposal,
+    as_found,
+    places,
+    settled,
+    whole_exponents,
+    with_exponents,
+)
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.preparation import Prepared, TooFewWindowsError, one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem
@@ -290,6 +297,7 @@ def estimates(term: Term, fit: Fit) -> dict[str, Estimate]:
 def _free_form(proposal: Proposal, problem: Problem) -> FreeForm:
     effect = as_found(proposal, problem.unknowns.known)
     found = estimates(proposal.term, proposal.fit)
+    whole = whole_exponents(effect, {name: (own.value, own.standard_error) for name, own in found.items()})
     return FreeForm(
         effect_to_line(effect),
         proposal.gain,
@@ -301,6 +309,8 @@ def _free_form(proposal: Proposal, problem: Problem) -> FreeForm:
             name: Estimate(found[name].value * size, found[name].standard_error * size, unit)
             for name, (size, unit) in places(proposal.term, problem.bench).items()
         },
+        effect_to_line(with_exponents(effect, whole)) if whole else "",
+        whole,
     )
 
 

@@ -15,6 +15,7 @@ from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.fitting.terms import Term
 from gyrowheel_analysis.reduction import planned_windows
+from gyrowheel_control.plans.fitting import plan_for
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_control.plans.variation import MARK
 from gyrowheel_core.errors import InputError
@@ -91,13 +92,14 @@ def planned(problem: Problem, name: str) -> tuple[Problem, float] | None:
     """
     bench = problem.bench
     try:
-        plan = Plan.load(name)
-        plan.check(bench)
+        plan = plan_for(name, bench)
     except InputError:
         return None
     harmonics = all(b.harmonics for b in problem.balances)
     absent = frozenset[str]().union(*(b.absent for b in problem.balances))
-    balance = Balance(planned_windows(plan, bench), bench, harmonics=harmonics, absent=absent)
+    assumed = frozenset[str]().union(*(b.assumed for b in problem.balances))
+    windows = planned_windows(plan, bench)
+    balance = Balance(windows, bench, harmonics=harmonics, absent=absent, assumed=assumed)
     other = Problem.of([balance], problem.unknowns).with_scales(problem.noise.scales)
     return other, plan.duration / 60.0
 

@@ -118,6 +118,8 @@ class FreeForm:
     `formula` has law and coefficients in one line, as ``gyrowheel model add --formula`` takes it; `declaration` goes
     into a model file as it is, under `name`. Both begin from the exponents and edges that were found. `places` has what
     is a share of a reference among `coefficients` as tilts [rad] and spin rates [rad/s]: edges, centres and widths.
+    `simple` is the same law with whole exponents, where those that were found are whole within their errors (`whole`);
+    it can be added in its place.
     """
 
     formula: str
@@ -127,6 +129,8 @@ class FreeForm:
     name: str = ""
     declaration: dict[str, Any] = field(default_factory=dict)
     places: dict[str, Estimate] = field(default_factory=dict)
+    simple: str = ""
+    whole: dict[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

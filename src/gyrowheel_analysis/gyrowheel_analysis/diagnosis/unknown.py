@@ -11,7 +11,7 @@ import functools
 import itertools
 import re
 from collections import Counter
-from collections.abc import Container, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -51,6 +51,9 @@ _TRIED = 8
 _TRIED_OF_A_KIND = 2
 
 _EXPONENT = 1.0  # prior deviation of an exponent
+_IS_EXPONENT = "exponent of the "
+_KNOWN = 0.25  # standard error up to which an exponent is told from the next whole one
+_WITHIN, _CLOSE = 2.0, 0.05  # standard errors within which it is whole, and how near it is at any rate
 _TINY = sp.Float(1e-9)  # keeps powers of a vanishing tilt finite
 
 _a, _b, _p, _w, _k, _q, _s = (sp.Symbol(name, real=True) for name in ("a", "b", "p", "w", "k", "q", "s"))
@@ -134,7 +137,7 @@ def _exponent(name: str, value: float, of: str) -> Coefficient:
     return Coefficient(
         name,
         "1",
-        f"exponent of the {of}",
+        f"{_IS_EXPONENT}{of}",
         (value - _EXPONENT, value + _EXPONENT),
         (0.0, 8.0),
         "fitted",
@@ -333,6 +336,38 @@ def as_found(proposal: Proposal, taken: Container[str] = ()) -> Effect:
         coefficients.append(c)
     kind = kind_of(effect.name)
     return replace(effect, name=effect.name if kind in taken else kind, coefficients=tuple(coefficients))
+
+
+def whole_exponents(effect: Effect, found: Mapping[str, tuple[float, float]]) -> dict[str, int]:
+    """Return the exponents of a form as whole numbers, where every one is known well and is one within its error.
+
+    Parameters
+    ----------
+    effect : Effect
+        The form.
+    found : mapping
+        Value and standard error of its coefficients.
+    """
+    whole = {}
+    for c in effect.coefficients:
+        if c.description.startswith(_IS_EXPONENT):
+            value, error = found[c.name]
+            number = round(value)
+            if not error < _KNOWN or abs(value - number) > max(_WITHIN * error, _CLOSE):
+                return {}
+            whole[c.name] = number
+    return whole
+
+
+def with_exponents(effect: Effect, whole: Mapping[str, int]) -> Effect:
+    """Return a form as the simple law that it is with these exponents."""
+    values = {sp.Symbol(name, real=True): sp.Integer(number) for name, number in whole.items()}
+    # a whole power of the tilt from the first on is finite where the tilt vanishes, without help
+    without = {_TINY: sp.Integer(0)} if whole.get(_k.name, 1) > 0 else {}
+    laws = tuple(replace(law, expression=law.expression.subs(values).subs(without)) for law in effect.laws)
+    return replace(
+        effect, laws=laws, coefficients=tuple(c for c in effect.coefficients if c.name not in whole)
+    )
 
 
 def places(term: Term, bench: Bench) -> dict[str, tuple[float, str]]:

@@ -75,13 +75,19 @@ def import_table(
     readings = wire.MEASUREMENT.array(len(sequence))
     wire.MEASUREMENT.set_stamps(readings, stamps)
     readings["sequence"] = sequence
+    wrong = []
     for name in READINGS:
         source = column_map.columns.get(name)
-        readings[name] = (
-            math.nan
-            if source is None
-            else table.values(source, READINGS[name], f"columns.{name}", missing=column_map.keep_missing)
-        )
+        readings[name] = math.nan
+        if source is not None:
+            try:
+                readings[name] = table.values(
+                    source, READINGS[name], f"columns.{name}", missing=column_map.keep_missing
+                )
+            except InputError as error:
+                wrong.append(str(error))
+    if wrong:  # all at once
+        raise InputError("; ".join([wrong[0], *(text.removeprefix(f"{table.path}: ") for text in wrong[1:])]))
     remarks = [*clock.remarks, *table.remarks]
     if {"spin_angle", "spin_rate"} <= column_map.columns.keys():
         _check_spin(table, readings, np.asarray(stamps * 1e-9, dtype=np.float64))

@@ -42,6 +42,8 @@ class Source(Section):
         are then interpolated.
     resistance : float
         For a voltage whose current was measured: what the current is multiplied by [ohm]; 0 where it is a voltage.
+    missing : float
+        A number in the table that says that there is no reading; NaN for none.
     """
 
     column: Text = ""
@@ -51,14 +53,15 @@ class Source(Section):
     value: Number = math.nan
     clock: Text = ""
     resistance: Annotated[Number, Field(ge=0.0)] = 0.0
+    missing: Number = math.nan
 
     @model_validator(mode="after")
     def _column_or_value(self) -> Source:
         given = self.model_fields_set
         if ("column" in given) == ("value" in given):
             refuse("either column or value must be given")
-        if "value" in given and given & {"scale", "offset", "clock", "resistance"}:
-            refuse("scale, offset, clock and resistance belong to a column, not to a value")
+        if "value" in given and given & {"scale", "offset", "clock", "resistance", "missing"}:
+            refuse("scale, offset, clock, resistance and missing belong to a column, not to a value")
         if self.scale == 0.0:
             refuse("0 is out of range; allowed: any other number", "scale")
         return self
@@ -194,6 +197,7 @@ class CsvSettings(Section):
     decimal: Annotated[str, AfterValidator(_one_character)] = "."
     skip_lines: Annotated[Whole, Field(ge=0, le=10_000)] = 0
     encoding: Text = "utf-8"
+    missing: list[Text] = Field(default_factory=list)
 
     @model_validator(mode="after")
     def _differing(self) -> CsvSettings:

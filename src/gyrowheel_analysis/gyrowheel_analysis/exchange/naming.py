@@ -163,6 +163,12 @@ def known_unit(text: str) -> str:
     return ""
 
 
+def unknown_unit(name: str) -> str:
+    """Return what stands in brackets behind a name as a unit, and is none; empty where there is no such thing."""
+    texts = [text for text in _IN_BRACKETS.findall(name) if len(text) > 1 and text.lower() not in _KNOWN]
+    return next((text for text in texts if text[0].isalpha() and not known_unit(text)), "")
+
+
 def fits(unit: str, field: str) -> bool:
     """Whether a unit can be that of a field."""
     if field == SEQUENCE or unit == "count":

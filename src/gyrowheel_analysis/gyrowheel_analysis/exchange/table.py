@@ -20,7 +20,7 @@ from gyrowheel_analysis.exchange.clock import Clock, ClockError, clock_of
 from gyrowheel_analysis.exchange.column_map import ColumnMap
 from gyrowheel_analysis.exchange.fields import Reading
 from gyrowheel_analysis.exchange.map_file import TIMESTAMP, CsvSettings, Source
-from gyrowheel_analysis.tables import Column, Grid, TextForm, form_of, format_of, read_grid, text_of
+from gyrowheel_analysis.tables import EMPTY, Column, Grid, TextForm, form_of, format_of, read_grid, text_of
 from gyrowheel_analysis.tables.text import GZIP, ZSTD, plain_rows
 from gyrowheel_core.errors import InputError, one_line
 from gyrowheel_core.limits import require_room
@@ -139,6 +139,15 @@ class Table:
             self._check_range(constant, field, lambda _: f"{self._map.origin}: {what}.value", source)
             return np.full(len(self._time), constant[0])
         raw = self._numbers(source.column, rows, missing=missing)
+        if math.isfinite(source.missing):
+            nothing = raw == source.missing
+            if not missing and nothing.any():
+                k = int(np.flatnonzero(nothing)[0])
+                raise InputError(
+                    f"{self.path}: column '{source.column}', {self.place(k if rows is None else int(rows[k]))}: "
+                    f"{source.missing:g} stands for a missing value; allowed with `missing: keep` in the map"
+                )
+            raw = np.where(nothing, np.nan, raw)
         given = raw * source.scale + source.offset
         if source.resistance:
             result = source.resistance * to_si(given, source.unit, Reading("A", -math.inf, math.inf))
@@ -354,7 +363,7 @@ class Table:
         encoding, skipped = (settings.encoding, settings.skip_lines) if plain else ("utf-8", 0)
         if not plain:
             try:
-                data = plain_rows(data, TextForm(**settings.model_dump()))
+                data = plain_rows(data, self._form())
             except LookupError:
                 self._unknown_encoding()
         self._opened = (lambda: self.path.open("rb")) if plain else (lambda: io.BytesIO(data))
@@ -378,22 +387,43 @@ class Table:
             if self._map.time.unit == TIMESTAMP and kind != pa.string():
                 types[self._map.time.column] = pa.timestamp("ns")
             return pc.ConvertOptions(
-                include_columns=list(names), column_types=types, decimal_point=settings.decimal
+                include_columns=list(names),
+                column_types=types,
+                decimal_point=settings.decimal,
+                null_values=[*EMPTY, *settings.missing],
+                strings_can_be_null=True,
             )
 
-        try:
+        def table(kind: Any) -> Any:
             with self._opened() as opened:
                 return pc.read_csv(
-                    opened, read_options=read, parse_options=parse, convert_options=options(pa.float64())
+                    opened, read_options=read, parse_options=parse, convert_options=options(kind)
                 )
+
+        try:
+            return table(pa.float64())
         except pa.ArrowInvalid:
             self._name_the_row(read)
-            with self._opened() as opened:
-                texts = pc.read_csv(
-                    opened, read_options=read, parse_options=parse, convert_options=options(pa.string())
-                )
-            self._name_the_text(texts)
+            if plain and self._without_repeated_names():
+                read = pc.ReadOptions()
+                with contextlib.suppress(pa.ArrowInvalid):
+                    return table(pa.float64())
+            self._name_the_text(table(pa.string()))
             raise
+
+    def _form(self) -> TextForm:
+        return TextForm(**self._settings.model_dump(exclude={"missing"}))
+
+    def _without_repeated_names(self) -> bool:
+        """Read the text without lines that repeat the names; return whether there are any."""
+        data, form = text_of(self.path), self._form()
+        lines = data.decode(form.encoding).splitlines()
+        repeated = lines.count(lines[form.skip_lines]) - 1
+        if repeated:
+            body = plain_rows(data, form)
+            self._opened = lambda: io.BytesIO(body)
+            self.remarks.append(f"{repeated} lines that repeat the names are left out")
+        return bool(repeated)
 
     def _unknown_encoding(self) -> NoReturn:
         raise InputError(
@@ -421,7 +451,8 @@ class Table:
             )
 
     def _name_the_text(self, table: Any) -> None:
-        """Raise for the first text that is no number."""
+        """Raise for texts that are no numbers: the first one of each column."""
+        found = []
         for name in table.column_names:
             if name == self._map.time.column and self._map.time.unit == TIMESTAMP:
                 continue
@@ -429,9 +460,13 @@ class Table:
                 try:
                     float((text or "nan").replace(self._settings.decimal, "."))
                 except ValueError:
-                    raise InputError(
-                        f"{self.path}: column '{name}', {self.place(k)}: '{text}' is not allowed; allowed: a number"
-                    ) from None
+                    found.append(f"column '{name}', {self.place(k)}: '{text}' is not allowed")
+                    break
+        if found:
+            raise InputError(
+                f"{self.path}: {'; '.join(found)}; allowed: a number, or a word that `csv: {{missing: [...]}}` in the "
+                "map takes for none"
+            ) from None
 
     def _check_columns(self, there: Sequence[str], needed: Sequence[str]) -> None:
         for name in needed:

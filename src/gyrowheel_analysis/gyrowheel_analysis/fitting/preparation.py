@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from gyrowheel_analysis.balance.balance import Balance
-from gyrowheel_analysis.derived import lacking, unmeasured
+from gyrowheel_analysis.derived import assumed, assumed_errors, lacking, unmeasured
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.fitting.unknowns import Unknowns
@@ -222,18 +222,22 @@ def prepare(
     names, count = [r.name for r in recordings], sum(len(b.windows) for b in balances)
     if count < FEWEST_WINDOWS:
         raise TooFewWindowsError(names, count, coverage)
-    unknowns = Unknowns(model.reference_bench, model.effects, model.effect_errors, model.declared)
     validation = None
+    others: list[Balance] = []
     if validate:
         others, other_coverage, other_shown = _reduced(validate, model, harmonics, progress, shown)
-        if windows := sum(len(b.windows) for b in others):
-            validation = Prepared(
-                Problem.of(others, unknowns),
-                [r.name for r in validate],
-                windows,
-                other_coverage,
-                shown=other_shown,
-            )
+    guessed = frozenset[str]().union(*(b.assumed for b in (*balances, *others)))
+    unknowns = Unknowns(
+        model.reference_bench, model.effects, model.effect_errors, model.declared, assumed_errors(guessed)
+    )
+    if windows := sum(len(b.windows) for b in others):
+        validation = Prepared(
+            Problem.of(others, unknowns),
+            [r.name for r in validate],
+            windows,
+            other_coverage,
+            shown=other_shown,
+        )
     problem = Problem.of(balances, unknowns)
     if drift_scales is None:
         if progress:
@@ -257,12 +261,12 @@ def _reduced(
     """
     require_one_bench(recordings, model)
     bench = model.reference_bench
-    reduced, coverages, shown, absents = [], [], [], []
+    reduced, coverages, shown, lacks = [], [], [], []
     for recording in recordings:
         if progress:
             progress(f"reducing {recording.name}")
         samples = samples_of(recording, incomplete=True)
-        absents.append(samples.absent)
+        lacks.append((samples.absent, assumed(samples.readings)))
         windows, coverage = reduce_and_account(samples, bench)
         _check(windows, bench, str(recording.path))
         coverages.append(coverage)
@@ -270,8 +274,8 @@ def _reduced(
         reduced.append(windows)
     every = [*shown, *elsewhere]
     balances = [
-        Balance(own.weighed(windows, every), bench, harmonics=harmonics, absent=absent)
-        for own, windows, absent in zip(shown, reduced, absents, strict=True)
+        Balance(own.weighed(windows, every), bench, harmonics=harmonics, absent=absent, assumed=guessed)
+        for own, windows, (absent, guessed) in zip(shown, reduced, lacks, strict=True)
     ]
     return balances, Coverage.of(coverages), shown
 

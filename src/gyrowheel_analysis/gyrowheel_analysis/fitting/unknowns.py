@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
@@ -60,6 +61,9 @@ class Unknowns:
         Standard errors of their coefficients; a coefficient that has none is held.
     declared : dict of str to Effect
         Declarations of effects that are not registered.
+    assumed : dict of str to float
+        Static errors of instruments that were not there, whose readings are assumed: how far off they may be [SI], by
+        parameter of the bench.
 
     Attributes
     ----------
@@ -80,8 +84,10 @@ class Unknowns:
         known: EffectValues | None = None,
         known_errors: EffectValues | None = None,
         declared: Mapping[str, Effect] | None = None,
+        assumed: Mapping[str, float] | None = None,
     ) -> None:
         self.bench = bench
+        self.assumed = dict(assumed or {})
         self.declared = dict(declared or {})
         self.library: Mapping[str, Effect] = MappingProxyType(
             {name: for_bench(effect, bench) for name, effect in registry().items()} | self.declared
@@ -99,6 +105,9 @@ class Unknowns:
         self.nuisances: list[tuple[str, list[Parameter]]] = [
             (g, groups[g]) for g in NUISANCE_GROUPS if g in groups
         ]
+        self.nuisances += [
+            (name, [replace(bench.parameters[name], uncertainty=size)]) for name, size in self.assumed.items()
+        ]
         self.count = len(self.nuisances) + len(self.loose)
         self.of_instruments = frozenset(
             k for k, (group, _) in enumerate(self.nuisances) if group in INSTRUMENT_PARAMETERS
@@ -106,7 +115,7 @@ class Unknowns:
 
     def on_bench(self, bench: Bench) -> Unknowns:
         """Return the same unknowns with what another bench states."""
-        return Unknowns(bench, self.known, self.known_errors, self.declared)
+        return Unknowns(bench, self.known, self.known_errors, self.declared, self.assumed)
 
     def stated(self, coefficients: EffectValues | None = None) -> Point:
         """Return everything as stated, with coefficients of registered effects or parameter errors if given."""

@@ -63,7 +63,9 @@ class ModelFile(Section):
     """A model file."""
 
     schema_: Literal[1] = Field(alias="schema")
-    bench: Annotated[Text, Field(description="the name of a bench, or the path of its file")] = "gyrowheel"
+    bench: Annotated[
+        Text, Field(json_schema_extra={"allowed": "the name of a bench, or the path of its file"})
+    ] = "gyrowheel"
     overrides: Names[ValueEntry] = Field(default_factory=dict)
     effects: Names[EffectEntry] = Field(default_factory=dict)
     history: Annotated[list[HistoryEntry], BeforeValidator(_or_none)] = Field(default_factory=list)

@@ -18,6 +18,8 @@ from gyrowheel_core.node import BenchNode, Diagnosis, Inbox, Param, run_node
 from gyrowheel_core.topics import Topic
 
 SERVICES: Final = "gyrowheel/recorder"
+#: Key of the diagnosis where the recording that was asked for has ended.
+ENDED: Final = "recording_ended"
 #: Period at which everything collected goes to the disk [s, wall-clock time]; a killed recorder loses no more.
 FLUSH_PERIOD: Final = 0.1
 #: Period at which arrived messages are written [s, wall-clock time].
@@ -59,6 +61,7 @@ class RecorderNode(BenchNode):
         self._begun = False  # whether the directory of the parameter was recorded into
         self._open: list[Inbox] = []
         self._report = "waiting for the service start"
+        self._cut = False  # whether a recording ended because the plant was started again
         self._offers = [
             self.create_service(kind, f"{SERVICES}/{name}", handle)
             for kind, name, handle in (
@@ -92,7 +95,11 @@ class RecorderNode(BenchNode):
         """Return what is being recorded."""
         recording = self._recording
         if recording is None:
-            return Diagnosis(self._report)
+            ended = {ENDED: self._report} if self._begun else {}
+            if not self._cut:
+                return Diagnosis(self._report, ended)
+            text = f"not recording: the plant was started again, which ended {self._report}"
+            return Diagnosis(text, ended, DiagnosticStatus.WARN)
         values = {
             "directory": recording.writer.path,
             "messages": recording.messages,
@@ -122,9 +129,11 @@ class RecorderNode(BenchNode):
             present=self._present,
             namespace=self.namespace,
         )
+        self._cut = False
         # only now: a plant that counts its subscribers must not start before the recording exists
         self._open = [self.inbox(topic) for topic in self._recorded]
         self.get_logger().info(f"recording into {directory}")
+        self.announce()
 
     def _present(self, topic: Topic) -> set[str]:
         """Return the GIDs of the publishers that a topic has now."""
@@ -170,6 +179,8 @@ class RecorderNode(BenchNode):
             return True
         self.get_logger().warning("the plant was started again: the recording of its last run ends")
         self._end()
+        self._cut = True
+        self.announce()
         return False
 
     def _is_of_another(self, data: bytes) -> bool:

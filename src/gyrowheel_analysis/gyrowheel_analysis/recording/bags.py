@@ -14,7 +14,8 @@ import zstandard
 from rosbags.interfaces import ConnectionExtRosbag2, MessageDefinitionFormat
 from rosbags.rosbag2 import Reader
 
-from gyrowheel_analysis.recording.mcap.reader import Damaged, TopicData, Wanted, read_mcap
+from gyrowheel_analysis.recording.mcap.reader import TopicData, Wanted, read_mcap
+from gyrowheel_analysis.recording.mcap.records import Broken, Damaged
 from gyrowheel_analysis.recording.metadata import METADATA_FILE, Metadata, read_metadata
 from gyrowheel_analysis.recording.unpacking import file_in_memory, unpack
 from gyrowheel_core.errors import InputError, one_line
@@ -43,8 +44,15 @@ def read_bag(path: Path, wanted: Wanted) -> dict[str, TopicData]:
     Raises
     ------
     InputError
-        If there is no such bag, or it is incomplete or damaged.
+        If there is no such bag, or it is incomplete or damaged; where `salvage` may mend that, the message names it.
     """
+    try:
+        return _read(path, wanted)
+    except Broken as error:
+        raise InputError(f"{error}; gyrowheel salvage {path} -o DIR saves what can be read") from None
+
+
+def _read(path: Path, wanted: Wanted) -> dict[str, TopicData]:
     if is_file(path):
         if path.suffix != ".mcap":
             _require_database(path)
@@ -55,8 +63,10 @@ def read_bag(path: Path, wanted: Wanted) -> dict[str, TopicData]:
         )
     file = path / METADATA_FILE
     if not file.is_file():
-        begun = any(path.glob("*.mcap")) or any(path.glob("*.db3"))
-        what = "the recording was not completed" if begun else "this is no recording"
+        begun = any(path.glob("*.mcap"))
+        if begun:
+            raise Broken(f"{path}: no {METADATA_FILE}: the recording was not completed")
+        what = "the recording was not completed" if any(path.glob("*.db3")) else "this is no recording"
         raise InputError(f"{path}: no {METADATA_FILE}: {what}")
     metadata = read_metadata(file)
     metadata.require_readable(file)
@@ -66,9 +76,8 @@ def read_bag(path: Path, wanted: Wanted) -> dict[str, TopicData]:
         channels = _read_other(path, wanted)
     found = sum(topic.count for topic in channels)
     if found != metadata.count:
-        raise InputError(
-            f"{path}: {METADATA_FILE} counts {metadata.count} messages, but the files hold {found}"
-        )
+        kind = Broken if metadata.storage == "mcap" and metadata.compression != "file" else InputError
+        raise kind(f"{path}: {METADATA_FILE} counts {metadata.count} messages, but the files hold {found}")
     return _merge(path, channels)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import FieldDesc, Typesdict
-from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from gyrowheel_analysis.recording.definitions import typestore
@@ -229,7 +229,12 @@ def _store(topic: TopicData, where: str) -> Typestore:
     """Return a store that knows the type of a topic."""
     store = get_typestore(Stores.EMPTY) if topic.definition else typestore()
     if topic.definition:
-        store.register(_types(topic, where))
+        try:
+            store.register(_types(topic, where))
+        except TypesysError as error:  # it declares a type of ROS itself, and otherwise
+            raise InputError(
+                f"{where}: the definition of {topic.type_name} cannot be read ({one_line(error)})"
+            ) from None
     if topic.type_name not in store.fielddefs:
         raise InputError(
             f"{where}: the recording has no definition of {topic.type_name}, and none is installed"

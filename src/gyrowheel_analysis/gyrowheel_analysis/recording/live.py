@@ -173,7 +173,7 @@ class LiveRecording:
             whose = self._whose(data, number)
             if whose != "own":
                 self.count.surplus += whose == "other"
-                return whose == "other"
+                return whose != "again"
         if topic is not topics.MEASUREMENT:
             self._divide(topic, number)
         if stamp is None:
@@ -262,7 +262,7 @@ class LiveRecording:
         self.surplus_commands += answered <= self._answered
         self._answered = max(answered, self._answered)
 
-    def _whose(self, data: bytes, number: int | None) -> Literal["own", "other", "again"]:
+    def _whose(self, data: bytes, number: int | None) -> Literal["own", "repeated", "other", "again"]:
         """Count a sample if it is the run's own; return whose it is."""
         try:
             stamp, sequence, *_ = wire.MEASUREMENT.unpack(data)

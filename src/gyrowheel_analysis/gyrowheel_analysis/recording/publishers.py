@@ -133,8 +133,8 @@ class Source:
         self._count = 0
         self._unknown = False  # whose some of the messages are
 
-    def of(self, number: int | None, sequence: int) -> Literal["own", "other", "again"]:
-        """Return whose a sample is: the run's own, of somebody else, or the first one of another run.
+    def of(self, number: int | None, sequence: int) -> Literal["own", "repeated", "other", "again"]:
+        """Return whose a sample is: the run's own, the same once more, of somebody else, or the first of another run.
 
         Parameters
         ----------
@@ -149,6 +149,9 @@ class Source:
         if self._last is None:
             known = self._look()
             self._gid = known[0][0] if len(known) == 1 else ""
+        elif (number, sequence) == (self._last[0] + 1, self._last[1]):  # for a node that has come since
+            self._last = number, sequence
+            return "repeated"
         elif not self._goes_on(number, sequence):
             if len(self._look()) > 1:
                 there = self._present()

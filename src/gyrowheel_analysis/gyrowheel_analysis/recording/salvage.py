@@ -25,7 +25,7 @@ from gyrowheel_analysis.recording.mcap.format import (
     RECORD_HEAD,
     SCHEMA,
 )
-from gyrowheel_analysis.recording.mcap.reader import Damaged, Fields, Found, find_messages
+from gyrowheel_analysis.recording.mcap.records import Damaged, Fields, Found, find_messages
 from gyrowheel_analysis.recording.mcap.survey import LOOSE, Gap, Survey, load_piece, take_survey
 from gyrowheel_analysis.recording.mcap.writer import McapWriter
 from gyrowheel_analysis.recording.metadata import (

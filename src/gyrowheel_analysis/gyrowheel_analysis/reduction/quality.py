@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.derived import completed, in_words
+from gyrowheel_analysis.derived import ASSUMED, completed, in_words
 from gyrowheel_analysis.reduction.instants import even_times
 from gyrowheel_analysis.reduction.samples import Array, Samples
 from gyrowheel_analysis.reduction.taper import taper
@@ -39,10 +39,10 @@ _CLIPPED = ("tilt_x", "tilt_y", "spin_rate", "motor_current")
 _NOISE_BLOCKS = (256, 64)  # samples; short blocks where many samples are lost
 _MOST_BLOCKS = 400
 _FEWEST_BLOCKS = 20
+_COMMANDED = 1e-6  # share of the largest spectrum of commands below which nothing was commanded
 _NOISE_BAND = (0.4, 0.97)  # of half the sampling rate: above every motion, below the corner of a filter
 #: Intervals before and after one whose commands a reading of a coil voltage may show, delayed and filtered.
 _SHOWN_COMMANDS = (-7, 2)
-_SLOWER = 1.5  # sampling period over that of the loop
 _NOISE_RANGE = (0.5, 50.0)  # of the estimated noise over the stated one; estimates beyond are limited to it
 _SPIKE = 8.0  # robust standard deviations
 _MOST_SPIKES = 0.02  # of the samples; if there are more, they are not spikes
@@ -89,13 +89,14 @@ def readable(data: Samples, bench: Bench) -> tuple[Samples, Array, tuple[str, ..
             column[~known] = np.interp(data.time[~known], data.time[known], column[known])
         elif name == "coil_temperature":
             column[:] = readings.air_temperature
-            assumed.append("coil_temperature (that of the air is taken)")
+            assumed.append(f"coil_temperature (that of the air is taken, ± {ASSUMED[name][1]:g} K)")
         else:
             column[:] = bench.value(name)
             if name == "air_pressure":
                 for event in data.environment:
                     column[data.time >= event.time] = bench.value("air_pressure") * event.air_density_ratio
-            assumed.append(f"{name} (that of the bench is taken)")
+            size = "± {:g} K" if name == "air_temperature" else "± {:g} Pa"
+            assumed.append(f"{name} (that of the bench is taken, {size.format(ASSUMED[name][1])})")
     whole = np.asarray(finite[:, Readings.columns(NEEDED)].all(axis=1))
     read = replace(
         data,
@@ -112,8 +113,9 @@ def reading_noise(data: Samples, bench: Bench) -> Array:
 
     It is estimated from the upper part of the spectrum, above every motion, by the median, which ignores lines such as
     those of the motor ripple. In the coil voltages the controller's response to the noise of its readings reaches into
-    that band; what the commands explain of them is taken out, and without commands they keep the stated noise. So do
-    all readings if too many samples are lost, and a reading whose spectrum is empty.
+    that band; what the commands explain of them is taken out, and without commands they keep the stated noise (at
+    other rates than the loop's see `loop_rate`). So do all readings if too many samples are lost, and a reading whose
+    spectrum is empty.
     """
     stated = np.array([bench.value(name) for name in READING_NOISES])
     shown = [name for names in _NOISE_SHOWN_BY.values() for name in names]
@@ -140,10 +142,9 @@ def reading_noise(data: Samples, bench: Bench) -> Array:
     window = taper(block)
     low, high = (round(edge * block / 2) for edge in _NOISE_BAND)
     waves = np.fft.rfft(values * window[:, None], axis=1)[:, low:high]
-    # in a recording slower than the loop, what the controller does between the samples is noise, and counts as such
-    if data.commanded is None and period < _SLOWER * bench.sample_period:
+    if data.commanded is None:
         waves[:, :, coils] = 0.0
-    elif data.commanded is not None:
+    else:
         lags = np.arange(*_SHOWN_COMMANDS)
         around = np.clip(at[:, :, None] + lags, 0, len(data.commanded) - 1)
         for axis, column in enumerate(coils):
@@ -169,7 +170,8 @@ def _not_commanded(waves: Any, commands: Any) -> Any:
     One filter of the `commands` (blocks, n, lags) serves all blocks; each counts alike, however much happens in it.
     """
     size = np.sqrt(np.mean(np.abs(commands) ** 2, axis=(1, 2)))
-    size[size == 0.0] = 1.0
+    # where nothing was commanded, as before the controller comes, only rounding is left: it must not count
+    size = np.maximum(size, _COMMANDED * np.max(size, initial=0.0)) + (not size.any())
     design = (commands / size[:, None, None]).reshape(-1, commands.shape[2])
     target = (waves / size[:, None]).ravel()
     normal = (design.conj().T @ design).real

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from gyrowheel_analysis.reduction.coverage import Coverage
 from gyrowheel_analysis.reduction.instants import evened
+from gyrowheel_analysis.reduction.loop_rate import loop_period
 from gyrowheel_analysis.reduction.motor_temperature import motor_temperatures
 from gyrowheel_analysis.reduction.quality import clipped_readings, readable, reading_noise
 from gyrowheel_analysis.reduction.samples import Array, Samples
@@ -54,7 +55,7 @@ def reduce_and_account(data: Samples, bench: Bench) -> tuple[Windows, Coverage]:
     coverage : Coverage
         How much of the steady motion is used.
     """
-    h, held = data.period(bench.sample_period), data.held(bench.sample_period)
+    h = data.period(bench.sample_period)
     length = 0.0
     if len(data.time):
         begin, end = max(float(data.time[0]) - h, data.part[0]), min(float(data.time[-1]), data.part[1])
@@ -66,9 +67,11 @@ def reduce_and_account(data: Samples, bench: Bench) -> tuple[Windows, Coverage]:
     noise = reading_noise(data, bench)
     clipped = clipped_readings(data)
     heat = motor_temperatures(data, bench)
+    loop = loop_period(data, h, bench)
 
     def fit(i: int, j: int) -> dict[str, Any] | None:
-        return fit_window(data, i, j, (h, held), bench, heat, noise)
+        # samples that follow each other faster than the loop show a voltage more than once
+        return fit_window(data, i, j, (h, min(h, loop), loop), bench, heat, noise)
 
     for start, stop, segment, turn in steady_spans(data):
         if stop <= start:

@@ -71,11 +71,3 @@ class Samples:
         if abs(one / stated - 1.0) < _SAME_RATE:
             return stated
         return float(np.mean(steps[np.abs(steps / one - 1.0) < 0.5]))
-
-    def held(self, stated: float) -> float:
-        """Return how long the voltage of a sample has been held by its stamp, as far as the samples tell [s].
-
-        The loop holds a voltage for the `stated` period of the bench; samples that follow each other faster show it
-        more than once.
-        """
-        return min(stated, self.period(stated))

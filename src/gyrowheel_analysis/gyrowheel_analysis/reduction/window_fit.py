@@ -8,8 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_analysis.reduction.loop_rate import unseen_noise
 from gyrowheel_analysis.reduction.motor_temperature import interpolated
-from gyrowheel_analysis.reduction.quality import READING_NOISES, SLOW, despiked, without_spikes
+from gyrowheel_analysis.reduction.quality import (
+    READING_NOISES,
+    SLOW,
+    despiked,
+    without_spikes,
+)
 from gyrowheel_analysis.reduction.samples import Array, Samples
 from gyrowheel_analysis.reduction.steady import FEWEST_REVOLUTIONS, SHORTEST
 from gyrowheel_analysis.reduction.windows import DEGREE, FORWARD, HARMONICS, MEAN, MODULATION, RISE, attitude
@@ -43,7 +49,7 @@ def fit_window(
     data: Samples,
     i: int,
     j: int,
-    periods: tuple[float, float],
+    periods: tuple[float, float, float],
     bench: Bench,
     heat: tuple[Array, Array, Array],
     noise: Array,
@@ -56,8 +62,8 @@ def fit_window(
         The recording.
     i, j : int
         The samples of the window.
-    periods : (float, float)
-        Sampling period of the recording, and how long a voltage is held by its stamp [s].
+    periods : (float, float, float)
+        Sampling period of the recording, how long a voltage is held by its stamp, and the period of the loop [s].
     bench : Bench
         Gives the order of the motor's ripple.
     heat : tuple of ndarray
@@ -71,7 +77,7 @@ def fit_window(
         The fields of `Windows` for this window except ``segment``, and ``unsettled``: whether the polynomials cannot
         follow the motion. None if there are too few samples or revolutions.
     """
-    h, hold = periods
+    h, hold, loop = periods
     if j - i < 3 * FEWEST_REVOLUTIONS:
         return None
     angle = np.unwrap(data.readings.spin_angle[i:j])
@@ -104,6 +110,9 @@ def fit_window(
     )
     gram = np.linalg.inv(design.T @ design)
     readings, fit, left = despiked(readings, design, gram)
+    volts = READING_NOISES.index("coil_voltage_noise")
+    noise = noise.copy()
+    noise[volts] = unseen_noise(left[:, _COIL], noise[volts], loop / h)
     harmonics = _harmonics(fit[:, degree:])
     smooth = spin_terms(duration)
     spin_ripple, current_ripple, voltage_ripple = _ripple(
@@ -128,10 +137,11 @@ def fit_window(
     # mean second derivative of the angle: difference between the ends of its slope, which is n (n + 1) / 2 at x = 1
     slope = np.array([k * (k + 1) * (1 - k % 2) for k in range(smooth)]) * 2.0 / duration**2
     slope_variance = float(slope @ turning_gram[:smooth, :smooth] @ slope) * angle_noise**2
+    spin = np.asarray(np.polynomial.legendre.legder(turned[0, :smooth]), dtype=np.float64) * 2.0 / duration
     if "spin_angle" in data.absent:
-        # of a polynomial fitted to the speed, whose ends are known that much worse than its mean
-        ends = (smooth - 1) * noise[READING_NOISES.index("spin_rate_noise")] / duration
-        slope_variance = 2.0 * ends**2 / len(time)
+        # the sum of the speed walks at random by its noise: the polynomial is fitted to the speed itself
+        spin, slope_variance = _of_speed(readings[:, _SPIN].real, legendre[:, :-1], waves, duration)
+        slope_variance *= noise[READING_NOISES.index("spin_rate_noise")] ** 2
     slow = without_spikes(np.column_stack([own[name] for name in SLOW]))
     coil = slow[:, SLOW.index("coil_temperature")]
     warming = float(x @ coil - x.sum() * coil.mean()) / float(x @ x - x.sum() * x.mean())
@@ -151,9 +161,7 @@ def fit_window(
         "samples": float(len(time)),
         "tilt": fit[_TILT, :degree],
         "tilt_harmonics": harmonics[_TILT],
-        "spin": _shortened(np.asarray(np.polynomial.legendre.legder(turned[0, :smooth]), dtype=np.float64))
-        * 2.0
-        / duration,
+        "spin": _shortened(spin),
         "current_harmonics": harmonics[_CURRENT],
         "coil_voltage": complex(means[_COIL]),
         "motor_voltage": float(means[_MOTOR].real),
@@ -175,6 +183,16 @@ def fit_window(
         "spin_acceleration_variance": slope_variance,
         "reading_noise": noise,
     }
+
+
+def _of_speed(speed: Array, legendre: Any, waves: Array, duration: float) -> tuple[Array, float]:
+    """Return the Legendre series of a speed, and the variance of its mean slope for white noise of unit variance."""
+    design = np.hstack([legendre, waves])
+    terms = legendre.shape[1]
+    gram = np.linalg.inv(design.T @ design)
+    rise = np.array([2.0 * (k % 2) for k in range(terms)]) / duration
+    series = (gram @ (design.T @ speed))[:terms]
+    return np.asarray(series), float(rise @ gram[:terms, :terms] @ rise)
 
 
 def _shortened(series: Array) -> Array:

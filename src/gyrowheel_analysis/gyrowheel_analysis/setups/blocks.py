@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Set
 from dataclasses import dataclass
 from typing import Final
 
@@ -45,11 +45,14 @@ class Averages:
     ----------
     means, rates, bends : ndarray (k, 8)
         Means, first and second derivatives of the columns `NAMES` [SI].
+    absent : frozenset of str
+        Columns that were never measured (`blocks_of`); nothing may be said of them.
     """
 
     means: Array
     rates: Array
     bends: Array
+    absent: frozenset[str] = frozenset()
 
     def __len__(self) -> int:
         """Return the number of averages."""
@@ -57,7 +60,14 @@ class Averages:
 
     def changed(self, change: Callable[[Array], Array]) -> Averages:
         """Return the averages of changed columns; the change must be linear."""
-        return Averages(change(self.means), change(self.rates), change(self.bends))
+        means, rates, bends = (
+            _with_twins(change(own), self.absent) for own in (self.means, self.rates, self.bends)
+        )
+        return Averages(means, rates, bends, self.absent)
+
+    def measured(self, *names: str) -> bool:
+        """Whether all of some columns were measured."""
+        return not self.absent & set(names)
 
     @property
     def tilt(self) -> Complex:
@@ -105,19 +115,35 @@ class Averages:
         return _column(self.means, "motor_current")
 
 
-def averages(blocks: Array) -> Averages:
+def averages(blocks: Array, absent: Set[str] = frozenset()) -> Averages:
     """Return the averages over `_WEIGHTS` blocks, every `EVERY` blocks.
 
     Parameters
     ----------
     blocks : ndarray (m, 8)
         What `blocks_of` returns.
+    absent : set of str
+        Columns that were never measured.
     """
     if len(blocks) < _WEIGHTS:
         windows = np.zeros((0, len(NAMES), _WEIGHTS))
     else:
         windows = sliding_window_view(blocks, _WEIGHTS, axis=0)[::EVERY]
-    return Averages(*(windows @ weight for weight in _weights()))
+    means, rates, bends = (windows @ weight for weight in _weights())
+    return Averages(means, rates, bends, frozenset(absent))
+
+
+def never_measured(recording: Recording) -> frozenset[str]:
+    """Return which of the columns `NAMES` have no number at all."""
+    return frozenset(name for name in NAMES if not np.isfinite(recording.readings[name]).any())
+
+
+def _with_twins(columns: Array, absent: Set[str]) -> Array:
+    """Return columns in which the rate of the angle stands for a speed that was not measured, or the other way."""
+    if len(absent & {"spin_angle", "spin_rate"}) == 1:
+        angle, rate = NAMES.index("spin_angle"), NAMES.index("spin_rate")
+        columns[:, [angle, rate]] = columns[:, [rate if "spin_angle" in absent else angle]]
+    return columns
 
 
 def _column(columns: Array, name: str) -> Array:
@@ -141,10 +167,11 @@ def _weights() -> tuple[Array, Array, Array]:
     )
 
 
-def blocks_of(recording: Recording, *, angle_scale: float = 1.0) -> Array:
+def blocks_of(recording: Recording, *, angle_scale: float = 1.0, absent: Set[str] = frozenset()) -> Array:
     """Return the means of the columns `NAMES` over blocks of `BLOCK` seconds, (m, 8) [SI].
 
-    For ``spin_angle`` it is the rate at which the angle turns [rad/s]. Blocks with too few samples are NaN.
+    For ``spin_angle`` it is the rate at which the angle turns [rad/s]. Blocks with too few samples are NaN. A column
+    that was never measured is zero; of angle and speed, the rate of the one stands for the other.
 
     Parameters
     ----------
@@ -152,20 +179,25 @@ def blocks_of(recording: Recording, *, angle_scale: float = 1.0) -> Array:
         The recording; samples that lack one of the columns are left out.
     angle_scale : float
         Factor of the angle before the number of turns is counted: for an angle that is not in radians.
+    absent : set of str
+        What `never_measured` returns.
     """
     time, readings = recording.time, recording.readings
-    whole: NDArray[np.bool_] = np.asarray(np.isfinite(readings.array[:, Readings.columns(NAMES)]).all(axis=1))
+    there = [name for name in NAMES if name not in absent]
+    whole: NDArray[np.bool_] = np.asarray(np.isfinite(readings.array[:, Readings.columns(there)]).all(axis=1))
     if not whole.all():
         time, readings = time[whole], readings[whole]
     if len(time) < 3:
         return np.zeros((0, len(NAMES)))
     columns = readings.array[:, Readings.columns(NAMES)]
+    columns[:, [NAMES.index(name) for name in absent]] = 0.0
     place, steps = NAMES.index("spin_angle"), np.diff(time)
     period = float(np.median(steps))
     turned = np.diff(angle_scale * columns[:, place])
     turned -= 2.0 * math.pi * np.round(turned / (2.0 * math.pi))
     columns[1:, place] = np.where(steps < _GAP * period, turned / steps, np.nan)
     columns[0, place] = columns[1, place]
+    columns = _with_twins(columns, absent)
     count = int(time[-1] / BLOCK)
     edges = np.searchsorted(time, BLOCK * np.arange(count + 1) - 0.5 * period)
     samples = np.diff(edges)

@@ -10,7 +10,16 @@ from threadpoolctl import threadpool_limits
 
 from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.setups.air import air
-from gyrowheel_analysis.setups.blocks import BLOCK, COIL, TILT, Array, Averages, averages, blocks_of
+from gyrowheel_analysis.setups.blocks import (
+    BLOCK,
+    COIL,
+    TILT,
+    Array,
+    Averages,
+    averages,
+    blocks_of,
+    never_measured,
+)
 from gyrowheel_analysis.setups.cures import Cure, WrongSetup
 from gyrowheel_analysis.setups.harmonics import harmonics
 from gyrowheel_analysis.setups.machines import other_machines
@@ -57,8 +66,9 @@ def of_one(recording: Recording, bench: Bench) -> list[WrongSetup]:
 
 def _judged(recording: Recording, bench: Bench) -> tuple[list[WrongSetup], Averages]:
     """Return the wrong setups of one recording, and its averages as they stand."""
-    blocks = blocks_of(recording)
-    now = averages(_at_rest(recording, blocks))
+    absent = never_measured(recording)
+    blocks = blocks_of(recording, absent=absent)
+    now = averages(_at_rest(recording, blocks), absent)
     still = stuck(recording, blocks, bench) if len(blocks) else []
     return [*air(recording, bench), *(still or _of_motion(recording, now, bench))], now
 
@@ -85,11 +95,13 @@ def _of_tilt(recording: Recording, now: Averages, bench: Bench, angle_factor: fl
     """Return what is wrong with tilts and coil voltages, or with the direction of the spin."""
     speed = now.rate[np.isfinite(now.rate)]
     if not len(speed) or np.median(speed) > 0.0:
-        return tilting(recording, now, bench, harmonics(recording, angle_factor=angle_factor))
-    if not slews(now, bench):
+        turning = harmonics(recording, angle_factor=angle_factor, absent=now.absent)
+        return tilting(recording, now, bench, turning)
+    if not now.measured(*TILT) or now.absent >= set(COIL) or not slews(now, bench):
         return []
     # the wheel turns the other way, or the signs of all that belongs to the spin are turned
-    signs = Cure(scale=dict.fromkeys(SPINNING, -1.0))
+    measured = [name for name in SPINNING if now.measured(name)]
+    signs = Cure(scale=dict.fromkeys(measured, -1.0))
     mirror = Cure(scale=dict.fromkeys((TILT[1], COIL[1]), -1.0))
     own, other = (precession(a, bench) for a in (now, signs.applied(now)))
     if own < other:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Set
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_analysis.derived import angle_of
 from gyrowheel_analysis.recording import Recording
 from gyrowheel_core.units import DEG
 
@@ -52,7 +54,9 @@ class Turning:
         return (forward - backward) / (forward + backward)
 
 
-def harmonics(recording: Recording, *, angle_factor: float = 1.0) -> tuple[Turning, Turning]:
+def harmonics(
+    recording: Recording, *, angle_factor: float = 1.0, absent: Set[str] = frozenset()
+) -> tuple[Turning, Turning]:
     """Return how tilt and coil voltages turn twice a revolution; empty where no tilt is held.
 
     Parameters
@@ -61,8 +65,16 @@ def harmonics(recording: Recording, *, angle_factor: float = 1.0) -> tuple[Turni
         The recording.
     angle_factor : float
         What the recorded angle must be multiplied by.
+    absent : set of str
+        Columns that were never measured: the angle is summed up from the speed, a coil's voltage counts as zero.
     """
     readings, time = recording.readings, recording.time
+    if absent:
+        readings = readings.copy()
+        for name in absent & {"coil_voltage_x", "coil_voltage_y"}:
+            readings[name][:] = 0.0
+        if "spin_angle" in absent and "spin_rate" not in absent:
+            readings["spin_angle"][:] = angle_of(time, readings.spin_rate)
     period = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
     n = max(round(_LENGTH / period), 8)
     count = len(time) // n

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from gyrowheel_analysis.setups.blocks import Averages
+from gyrowheel_analysis.setups.blocks import COIL, Averages
 from gyrowheel_core.units import DEG
 from gyrowheel_sim.bench import Bench
 
@@ -73,15 +73,24 @@ def spin(a: Averages, bench: Bench) -> Spin:
     if not len(rate):
         return Spin(0.0, 0.0, 0.0)
     kinematic = _size(turning - rate) / max(_size(rate), _size(turning), 1e-30)
+    if a.absent >= {"spin_angle", "spin_rate"}:
+        return Spin(0.0, 0.0, 0.0)
     v = bench.value
-    design = np.column_stack([rate * v("motor_constant"), current * v("motor_resistance")])
-    electrical = _left(design, voltage, [_CONSTANT, (0.2, 5.0)], _size(voltage))
+    electrical = energy = 0.0
+    inertial = bench.axial_inertia * a.acceleration[finite]
+    if a.measured("motor_voltage"):
+        drop, drops = current * v("motor_resistance"), (0.2, 5.0)
+        if not a.measured("motor_current"):  # the current that accelerates is the larger part of it
+            drop, drops = inertial * (v("motor_resistance") / v("motor_constant")), (0.1, 10.0)
+        design = np.column_stack([rate * v("motor_constant"), drop])
+        electrical = _left(design, voltage, [_CONSTANT, drops], _size(voltage))
+    if not a.measured("motor_current"):
+        return Spin(kinematic, electrical, energy)
     torque, turn = v("motor_constant") * current, np.sign(rate)
     friction = v("bearing_coulomb"), v("bearing_viscous")
     reference = v("spin_rate_reference")
     usual = friction[0] + friction[1] * reference
     speed = np.abs(rate) / reference
-    inertial = bench.axial_inertia * a.acceleration[finite]
     design = np.column_stack([inertial, *(usual * turn * speed**power for power in (0, 1, 2))])
     # a drift of the current reading is no torque
     floor = v("motor_constant") * 4.0 * (v("motor_current_drift") + v("motor_current_noise"))
@@ -127,8 +136,8 @@ def precession(a: Averages, bench: Bench) -> float:
         (np.full_like(z, stiffness * v("tilt_limit")), (-1.0, 1.0)),
         (np.full_like(z, 1j * stiffness * v("tilt_limit")), (-1.0, 1.0)),
     ]
-    design = np.column_stack([_parts(column) for column, _ in columns])
-    return _left(design, _parts(torque), [bounds for _, bounds in columns], _size(_parts(torque)))
+    design = np.column_stack([_parts(column, a) for column, _ in columns])
+    return _left(design, _parts(torque, a), [bounds for _, bounds in columns], _size(_parts(torque, a)))
 
 
 @dataclass(frozen=True)
@@ -142,14 +151,14 @@ class Ratio:
 def precession_ratio(a: Averages, bench: Bench) -> Ratio:
     """Return the torque of precession that the coils give over the one that the motion takes by the stated inertia."""
     finite = np.isfinite(a.tilt + a.coil + a.rate)
-    if not slews(a, bench):
+    if not slews(a, bench) or a.absent >= set(COIL):
         return Ratio(math.nan, math.nan)
     z, rate, omega = a.tilt[finite], a.tilt_rate[finite], a.rate[finite]
     slewing = -1j * bench.precession_inertia * omega * rate
     columns = [slewing, 1j * slewing, z, omega**2 * z, 1j * omega * z, np.ones_like(z), 1j * np.ones_like(z)]
     columns.append(a.tilt_acceleration[finite])
-    design = np.column_stack([_parts(column) for column in columns])
-    return _first(design, _parts(bench.value("coil_constant") * a.coil[finite]))
+    design = np.column_stack([_parts(column, a) for column in columns])
+    return _first(design, _parts(bench.value("coil_constant") * a.coil[finite], a))
 
 
 def spin_up_ratio(a: Averages, bench: Bench) -> Ratio:
@@ -158,6 +167,8 @@ def spin_up_ratio(a: Averages, bench: Bench) -> Ratio:
     acceleration, rate = a.acceleration[finite], a.rate[finite]
     torque = bench.value("motor_constant") * a.current[finite]
     inertial = bench.axial_inertia * acceleration
+    if not a.measured("motor_current"):
+        return Ratio(math.nan, math.nan)
     if not len(rate) or _size(inertial) < _RAMPS * _size(torque) or not np.any(inertial):
         return Ratio(math.nan, math.nan)
     design = np.column_stack([inertial, np.ones_like(rate), rate, rate**2])
@@ -191,8 +202,10 @@ def _left(design: Array, values: Array, bounds: list[tuple[float, float]], size:
     return float(math.sqrt(2.0 * fit.cost / len(values)) / size)
 
 
-def _parts(values: NDArray[np.complex128]) -> Array:
-    return np.concatenate([values.real, values.imag])
+def _parts(values: NDArray[np.complex128], a: Averages) -> Array:
+    """Return the parts x and y of torques, those of the coils that were measured."""
+    parts = [part for part, name in ((values.real, COIL[0]), (values.imag, COIL[1])) if a.measured(name)]
+    return np.concatenate(parts) if parts else np.zeros(0)
 
 
 def _size(values: NDArray[np.inexact]) -> float:

@@ -37,9 +37,9 @@ def spinning(recording: Recording, now: Averages, bench: Bench) -> list[tuple[Wr
     before = spin(now, bench)
     if before.worst <= 1.0:
         return []
-    mending = _mending(recording, now, bench, before, _plain())
+    mending = _mending(recording, now, bench, before, measured_alone(_plain(), now))
     if not mending:
-        mending = _mending(recording, now, bench, before, _lags(now, bench))
+        mending = _mending(recording, now, bench, before, measured_alone(_lags(now, bench), now))
     fewest = min((len(found.columns) for found, _ in mending), default=0)
     simple = [item for item in mending if len(item[0].columns) == fewest]
     simple.sort(key=lambda item: item[0].after)
@@ -62,6 +62,11 @@ def _mending(
         if after < _MENDED and after < _BETTER * before.worst:
             result.append((WrongSetup(kind, columns, cure, unit, before=before.worst, after=after), mended))
     return result
+
+
+def measured_alone(changes: Iterable[Change], a: Averages) -> Iterator[Change]:
+    """Yield the changes of columns that were measured."""
+    return (change for change in changes if a.measured(*change[3].columns))
 
 
 def _plain() -> Iterator[Change]:
@@ -93,11 +98,13 @@ def _cured(recording: Recording, now: Averages, unit: str, cure: Cure) -> Averag
     if _ANGLE not in cure.scale or not unit:
         return cure.applied(now)
     # the turns of an angle in another unit must be counted anew
-    anew, place = averages(blocks_of(recording, angle_scale=cure.scale[_ANGLE])), NAMES.index(_ANGLE)
-    means = now.means.copy()
-    means[:, place] = anew.means[:, place]
+    blocks = blocks_of(recording, angle_scale=cure.scale[_ANGLE], absent=now.absent)
+    anew, place = averages(blocks, now.absent), NAMES.index(_ANGLE)
+    parts = {name: getattr(now, name).copy() for name in ("means", "rates", "bends")}
+    for name, own in parts.items():
+        own[:, place] = getattr(anew, name)[:, place]
     others = Cure(scale={name: factor for name, factor in cure.scale.items() if name != _ANGLE})
-    return others.applied(replace(now, means=means))
+    return others.applied(replace(now, **parts))
 
 
 def _lags(a: Averages, bench: Bench) -> Iterator[Change]:

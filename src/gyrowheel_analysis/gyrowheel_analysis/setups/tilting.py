@@ -24,7 +24,7 @@ from gyrowheel_analysis.setups.blocks import (
 from gyrowheel_analysis.setups.cures import Cure, Kind, WrongSetup
 from gyrowheel_analysis.setups.harmonics import Turning
 from gyrowheel_analysis.setups.relations import precession, precession_ratio, slews
-from gyrowheel_analysis.setups.spinning import SPINNING, Change, best_lag
+from gyrowheel_analysis.setups.spinning import SPINNING, Change, best_lag, measured_alone
 from gyrowheel_core.units import DEG
 from gyrowheel_sim.bench import Bench
 
@@ -87,21 +87,24 @@ def tilting(
     turning : sequence of Turning
         How tilt and coil voltages turn twice a revolution.
     """
-    if not len(now) or not slews(now, bench):
+    if not len(now) or not now.measured(*TILT) or now.absent >= set(COIL) or not slews(now, bench):
         return []
     doubled = _same(now, bench)
     if doubled is not None:
         return [doubled]
-    asked, commands = asked_tilt(recording, len(now)), commanded(recording, len(now))
+    asked = asked_tilt(recording, len(now))
+    commands = commanded(recording, len(now)) if now.measured(*COIL) else None
     judge = _Judge(now, bench, turning, asked, commands)
     before = precession(now, bench)
     if before <= GROSS and judge.forward(Cure()):
         own = _halved(now, bench, asked) or _late_together(now, asked, commands, recording)
         return [] if own is None else [replace(own, before=before)]
-    trials = [t for t in judge.trials(_plain()) if _mends(before, t.after)]
+    trials = [t for t in judge.trials(measured_alone(_plain(), now)) if _mends(before, t.after)]
     if before > GROSS:
         for changes in (_lags(now), _lags_of_speed(now)):
-            trials = trials or [t for t in judge.trials(changes) if _mends(before, t.after)]
+            trials = trials or [
+                t for t in judge.trials(measured_alone(changes, now)) if _mends(before, t.after)
+            ]
     if trials:
         first = min(trials, key=lambda t: (*t.order, t.after))
         others = [t.columns for t in trials if t.order == first.order and t.columns != first.columns]
@@ -138,7 +141,7 @@ class _Judge:
     def forward(self, cure: Cure) -> bool:
         """Whether nothing turns against the rotor twice a revolution."""
         return all(
-            pair.changed(*_complex(cure, names)).direction > _AGAINST
+            not self._now.measured(*names) or pair.changed(*_complex(cure, names)).direction > _AGAINST
             for pair, names in zip(self._turning, (TILT, COIL), strict=True)
         )
 
@@ -226,6 +229,8 @@ def _off(own: Complex, wanted: Complex) -> float:
 def _same(a: Averages, bench: Bench) -> WrongSetup | None:
     """Return that one signal stands in both columns of a pair; of two tilts only to the last digit."""
     for names, pair, part in ((COIL, a.coil, _SAME), (TILT, a.tilt, 1e-9)):
+        if not a.measured(*names):
+            continue
         known = pair[np.isfinite(pair)]
         size = float(np.std(known.real)) if len(known) else 0.0
         noise = bench.value("coil_voltage_noise" if names is COIL else "tilt_noise")

@@ -6,9 +6,10 @@ it.
 
 from gyrowheel_analysis.tables.formats import READABLE, Format, format_of, read_grid
 from gyrowheel_analysis.tables.grid import Column, Grid
-from gyrowheel_analysis.tables.text import TextForm, form_of, text_of
+from gyrowheel_analysis.tables.text import EMPTY, TextForm, form_of, text_of
 
 __all__ = [
+    "EMPTY",
     "READABLE",
     "Column",
     "Format",

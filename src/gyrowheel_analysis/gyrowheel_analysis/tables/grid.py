@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_analysis.tables.cells import Odd
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.limits import require_room
 
@@ -30,12 +31,15 @@ class Column:
         Unit that the file states; empty where it states none.
     clock : str
         Name of the column with the times of its rows; empty where the file does not say.
+    odd : tuple of Odd
+        Cells of a text that are no numbers, or are written in another way than the others.
     """
 
     name: str
     values: NDArray[Any]
     unit: str = ""
     clock: str = ""
+    odd: tuple[Odd, ...] = ()
 
     @property
     def numeric(self) -> bool:
@@ -76,10 +80,15 @@ class Grid:
             while own in found:
                 count += 1
                 own = f"{column.name} ({count})"
-            found[own] = Column(own, column.values, column.unit, column.clock)
+            found[own] = replace(column, name=own)
         if not found:
             raise InputError(f"{name}: has no columns of numbers")
         return cls(name, found, tuple(remarks))
+
+    def cut(self, rows: slice) -> Grid:
+        """Return some rows; all columns must be of one clock."""
+        own = {name: replace(column, values=column.values[rows]) for name, column in self.columns.items()}
+        return replace(self, columns=own)
 
     @property
     def rows(self) -> int:

@@ -25,7 +25,17 @@ _LOOKED_AT: Final = 200  # lines
 _DELIMITERS: Final = ("\t", ";", ",", "|", " ")
 _COMMENTS: Final = ("#", "%", "//", ";", "!", '"#')
 _NUMBER: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eEdD][-+]?\d+)?|nan|[-+]?inf|", re.IGNORECASE)
-_DATE: Final = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
+#: A date with a time, a time of day, or a number with its unit behind it: cells of rows, too.
+_OTHER: Final = re.compile(
+    r"(\d{1,4}[-./]\d{1,2}[-./]\d{1,4}[T ,;]*)?\d{1,2}:\d\d(:\d\d([.,:]\d+)?)?Z?"
+    r"|[-+]?\d+([.,]\d+)*([eE][-+]?\d+)?\s*[A-Za-zµμ°Ω%/]{1,6}"
+    r"|[-+]?\d{1,3}([,.' ]\d{3})+[.,]\d*|[-+]?\d{1,3}([' ]\d{3})+"
+)
+#: What stands in cells in which there is no number; whatever else does is told.
+EMPTY: Final = (
+    "", "nan", "NaN", "NAN", "-nan", "-NaN", "NA", "N/A", "n/a", "#N/A", "#N/A N/A", "#NA", "#NV", "NULL", "null",
+    "None", "none", "-", "--", "---", "1.#IND", "-1.#IND", "1.#QNAN", "-1.#QNAN",
+)  # fmt: skip
 _ENCODINGS: Final = (
     (b"\xef\xbb\xbf", "utf-8-sig"),
     (b"\xff\xfe", "utf-16"),
@@ -163,9 +173,17 @@ def cells_of(line: str, delimiter: str) -> list[str]:
 
 
 def _is_row(cells: Sequence[str], decimal: str) -> bool:
-    filled = [cell for cell in cells if cell]
-    return len(filled) > 0.5 * len(cells) and all(
-        _NUMBER.fullmatch(cell.replace(decimal, ".") if decimal != "." else cell) or _DATE.match(cell)
+    filled = [cell for cell in cells if cell not in EMPTY]
+    return len(filled) > 0.5 * len(cells) and _without_words(cells, decimal)
+
+
+def _without_words(cells: Sequence[str], decimal: str) -> bool:
+    """Whether all cells are numbers, times, or empty."""
+    foreign = "," if decimal == "." else "."
+    return all(
+        (foreign not in cell and _NUMBER.fullmatch(cell.replace(decimal, ".")))
+        or _OTHER.fullmatch(cell)
+        or cell in EMPTY
         for cell in cells
     )
 
@@ -191,7 +209,10 @@ def _tried(
     above = [k for k in range(first) if lines[k].strip()]
     # the names stand in the nearest line above that has as many cells; a line of units may stand between them
     named = [
-        k for k in above if len(rows[k]) == width or len(_uncommented(rows[k], lines[k], delimiter)) == width
+        k
+        for k in above
+        if (len(rows[k]) == width or len(_uncommented(rows[k], lines[k], delimiter)) == width)
+        and not _without_words(rows[k], decimal)
     ]
     units: tuple[str, ...] = ()
     if not named:
@@ -202,7 +223,7 @@ def _tried(
     below = 0
     if len(named) > 1 and named[-2] == at - 1 and _looks_like_units(rows[at]):
         units, at, below = tuple(rows[at]), at - 1, first - at
-    elif first - at > 1:
+    elif first - at > 1 and not all(_without_words(rows[k], decimal) for k in range(at + 1, first)):
         below = first - at - 1
     names = tuple(rows[at] if len(rows[at]) == width else _uncommented(rows[at], lines[at], delimiter))
     return len(good) * width, width, TextForm(delimiter, decimal, at, below, comment, encoding, names, units)
@@ -296,8 +317,9 @@ def _looks_like_units(cells: Sequence[str]) -> bool:
 def plain_rows(data: bytes, form: TextForm) -> bytes:
     """Return a text without the lines and blanks that a reader of comma-separated values does not know.
 
-    Comments are taken out, runs of blanks become one, lines between names and numbers go; the line of names is the
-    first one. What needs nothing of that comes back as it is, from its line of names on.
+    Comments are taken out, runs of blanks become one, lines between names and numbers go, and so do lines that repeat
+    the names; the line of names is the first one. What needs nothing of that comes back as it is, from its line of
+    names on.
     """
     text = data.decode(form.encoding)
     lines = text.splitlines()
@@ -306,6 +328,8 @@ def plain_rows(data: bytes, form: TextForm) -> bytes:
         head, rows = [], lines[form.skip_lines :]
     if form.comment:
         rows = [line for line in rows if not line.lstrip().startswith(form.comment)]
+    if head:
+        rows = [line for line in rows if line != head[0]]
     if form.delimiter == " ":
         rows = [" ".join(line.split()) for line in rows]
     quoted = form.delimiter.join(

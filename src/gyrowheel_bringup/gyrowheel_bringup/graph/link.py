@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import re
 import time
 from collections.abc import Callable, Collection
 from typing import Any, NoReturn
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from gyrowheel_msgs.action import RunPlan
 from gyrowheel_msgs.msg import DragEstimate
@@ -17,23 +15,23 @@ from gyrowheel_msgs.srv import StopRecording
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.action import ActionClient
-from rclpy.context import Context
-from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 
 from gyrowheel_analysis.drag import Estimate
+from gyrowheel_analysis.nodes.recorder import ENDED
 from gyrowheel_bringup.graph.nodes import EXECUTABLES
+from gyrowheel_bringup.graph.own_node import own_node
 from gyrowheel_bringup.graph.processes import Processes
 from gyrowheel_bringup.graph.results import GraphError, Progress
 from gyrowheel_bringup.graph.strangers import Strangers
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import namespaces, topics
-from gyrowheel_core.node import make_executor
 
 _SETTLE_TIMEOUT = 30.0  # time for a node to take what was sent to it [s]
 _FINISH_TIMEOUT = 120.0  # time for the recorder to complete its files [s]
 _EXPLAIN = 3.0  # time for a node to end, or to report why a plan was aborted [s]
 _WIND_DOWN = 60.0  # time for the guard to stop the motor [s]
+_ACTIVATE = 10.0  # time for a node to say that it is active [s]
+_ASK_AGAIN = 5.0  # without progress, after which the result is asked for again [s]
 _LAST = 0.1  # time to take what has arrived [s]
 
 
@@ -87,28 +85,12 @@ class Link:
         self.values: dict[str, dict[str, str]] = {}
         self.estimates: list[Estimate] = []
         self._said: dict[str, str] = {}  # message of the last diagnosis
+        self._states: dict[str, str] = {}  # state of the lifecycle, in it
         self._troubles: set[tuple[str, str]] = set()
         self._alarm: GraphError | None = None  # guards that have tripped
         self._closing = contextlib.ExitStack()
-        context = Context()
-        rclpy.init(
-            args=["--ros-args", "--disable-external-lib-logs"],
-            context=context,
-            domain_id=domain_id,
-            signal_handler_options=SignalHandlerOptions.NO,
-        )
-        self._closing.callback(context.try_shutdown)
-        self._node = node = Node(
-            f"graph_{os.getpid()}",
-            context=context,
-            namespace=namespace,
-            use_global_arguments=False,
-            enable_rosout=False,
-        )
-        self._closing.callback(node.destroy_node)
-        self._executor = make_executor(context)
-        self._closing.callback(self._executor.shutdown)
-        self._executor.add_node(node)
+        self._node, self._executor = own_node("graph", namespace, domain_id, self._closing)
+        node = self._node
         # of nodes with other names of topics it is not known which they publish
         self._others = Strangers(node, () if renamed else names, namespace)
         topic = topics.DIAGNOSTICS
@@ -162,6 +144,23 @@ class Link:
 
     # ---- a plan
 
+    def require_active(self, *, recorded: bool) -> None:
+        """Raise if a node of the graph is not active, and does not say within a moment that it is.
+
+        With `recorded` the recorder must record, too.
+        """
+        end = time.monotonic() + _ACTIVATE
+        while True:
+            fault, idle = "not_active", [n for n in self._names if self._states.get(n) != "active"]
+            values = self.values.get("recorder", {})
+            if not idle and recorded and "directory" not in values:
+                fault, idle = "not_recorded", ["recorder"]
+            if not idle:
+                return
+            if time.monotonic() > end or (fault == "not_recorded" and ENDED in values):
+                raise GraphError(fault, f"no plan can run: {self.states(idle)}; start the graph anew")
+            self.spin()
+
     def walk(
         self, plan: Plan, progress: Callable[[Progress], None] | None, *, stall_timeout: float
     ) -> RunPlan.Result:
@@ -187,26 +186,32 @@ class Link:
             except BaseException as error:  # the executor would end the process for it
                 raised.append(error)
 
-        def wait(future: Any) -> Any:
-            while not future.done():
+        def wait(ask: Callable[[], Any], *, again: bool = False) -> Any:
+            """Return the answer to `ask`; with `again` it is asked once more where none comes: one may be lost."""
+            futures = [ask()]
+            asked = time.monotonic()
+            while not (done := next((f for f in futures if f.done()), None)):
                 self.spin()
                 if raised:
                     raise raised[0]
-                if time.monotonic() - last > stall_timeout:
+                now = time.monotonic()
+                if now - last > stall_timeout:
                     raise GraphError("stalled", f"no progress for {stall_timeout:g} s ({self.states()})")
-            return future.result()
+                if again and now - max(asked, last) > _ASK_AGAIN:
+                    futures.append(ask())
+                    asked = now
+            return done.result()
 
         try:
             while not self._plans.server_is_ready():
                 self.spin()
-            goal = wait(
-                self._plans.send_goal_async(RunPlan.Goal(plan=plan.to_yaml()), feedback_callback=report)
-            )
+            request = RunPlan.Goal(plan=plan.to_yaml())
+            goal = wait(lambda: self._plans.send_goal_async(request, feedback_callback=report))
             if not goal.accepted:
                 raise GraphError(
                     "plan_refused", "the conductor refused the plan: it is executing another one"
                 )
-            answer = wait(goal.get_result_async())
+            answer = wait(goal.get_result_async, again=True)
             if not answer.result.success:
                 self._explain(plan, answer.result.message)
             return answer.result
@@ -290,7 +295,7 @@ class Link:
                 if self.starting:  # later ones are refused by their own graph
                     self.strangers[name] = values.get("pid", "unknown")
                 continue
-            self._said[name] = status.message
+            self._said[name], self._states[name] = status.message, values["state"]
             child.note_memory()
             if values["state"] == "active":
                 self.active.add(name)

@@ -1,4 +1,4 @@
-"""Listening to a running bench from beside its graph: raw messages come, nothing is sent."""
+"""Listening to running benches from beside their graphs, in every namespace: raw messages come, nothing is sent."""
 
 from __future__ import annotations
 
@@ -7,45 +7,89 @@ from collections.abc import Iterator, Sequence
 
 import rclpy
 from rclpy.context import Context
+from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+from gyrowheel_core import topics
 from gyrowheel_core.node import prepare_environment
 from gyrowheel_core.node.inbox import Inbox
 from gyrowheel_core.topics import Topic
 
+_MOST = 32  # namespaces that are listened to
+
+
+class Ear:
+    """Hears some topics in all namespaces in which somebody publishes them.
+
+    Parameters
+    ----------
+    node : Node
+        The node that listens; nothing of it is served by an executor.
+    heard : sequence of Topic
+        What is heard.
+    """
+
+    def __init__(self, node: Node, heard: Sequence[Topic]) -> None:
+        self._node, self._topics = node, heard
+        self._inboxes: dict[str, list[Inbox]] = {}
+
+    def look(self) -> set[str]:
+        """Listen to those benches, too, that have come since the last look; return the namespaces that have one now."""
+        there = dict(self._node.get_topic_names_and_types())
+        found = {
+            name.removesuffix(topic.name)
+            for topic in (*self._topics, topics.MEASUREMENT)
+            for name, types in there.items()
+            if name.endswith(topic.name) and topic.type_name in types and self._node.count_publishers(name)
+        }
+        for namespace in sorted(found - self._inboxes.keys())[: _MOST - len(self._inboxes)]:
+            self._inboxes[namespace] = [
+                Inbox(
+                    topic,
+                    self._node.create_subscription(
+                        topic.message_class,
+                        topic.within(namespace),
+                        lambda message: None,
+                        topic.qos,
+                        raw=True,
+                    ),
+                )
+                for topic in self._topics
+            ]
+        return found & self._inboxes.keys()
+
+    def heard(self) -> Iterator[tuple[str, Topic, bytes]]:
+        """Take what has arrived: the namespace of the bench, the topic, and the serialized message."""
+        for namespace, inboxes in self._inboxes.items():
+            for inbox in inboxes:
+                for data in inbox.take():
+                    yield namespace, inbox.topic, data
+
 
 @contextlib.contextmanager
-def listening(name: str, topics: Sequence[Topic], domain: int | None = None) -> Iterator[list[Inbox]]:
-    """Subscribe to topics for the time of the block, in a context of its own.
+def listening(name: str, heard: Sequence[Topic], domain: int | None = None) -> Iterator[Ear]:
+    """Listen to topics in all namespaces for the time of the block, in a context of its own.
 
     Parameters
     ----------
     name : str
         Name of the node that listens.
-    topics : sequence of Topic
+    heard : sequence of Topic
         What is heard.
     domain : int, optional
         ROS domain; by default that of the environment.
 
     Yields
     ------
-    list of Inbox
-        What has arrived, one a topic, to be taken as serialized messages.
+    Ear
+        What is asked for benches, and for what they have said.
     """
     prepare_environment()
     context = Context()
     rclpy.init(context=context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node(name, context=context, enable_rosout=False, start_parameter_services=False)
     try:
-        yield [
-            Inbox(
-                topic,
-                node.create_subscription(
-                    topic.message_class, topic.name, lambda message: None, topic.qos, raw=True
-                ),
-            )
-            for topic in topics
-        ]
+        yield Ear(node, heard)
     finally:
         node.destroy_node()
         context.try_shutdown()

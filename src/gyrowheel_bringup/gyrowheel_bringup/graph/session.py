@@ -23,6 +23,7 @@ from gyrowheel_bringup.graph.processes import Processes
 from gyrowheel_bringup.graph.results import GraphError, GraphResult, Progress
 from gyrowheel_bringup.graph.shared_memory import remove_dead, remove_left
 from gyrowheel_control.loops.limits import plan_tilt_limit, tilt_limit
+from gyrowheel_control.plans.fitting import plan_for
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import namespaces
 from gyrowheel_core.errors import InputError
@@ -214,6 +215,7 @@ class Graph:
         if chosen is None:
             raise InputError("plan: the graph was started without one; give one to run")
         link = self._started()
+        link.require_active(recorded=self._record is not None and "recorder" in self._names)
         begin = time.monotonic()
         known = len(link.estimates)
         result = link.walk(chosen, progress, stall_timeout=self._stall_timeout)
@@ -361,8 +363,7 @@ class Graph:
             raise GraphError("strangers", f"{found}; what the bench did is not the plan alone{kept}")
 
     def _checked(self, plan: Plan | str | Path) -> Plan:
-        result = plan if isinstance(plan, Plan) else Plan.load(plan)
-        result.check(self._bench)
+        result = plan_for(plan, self._bench)
         wanted = float(str(self._parameters.get("conductor", {}).get("tilt_limit", 0.0)))
         plan_tilt_limit(result, self._bench, tilt_limit(self._bench, wanted, "parameter tilt_limit"))
         return result

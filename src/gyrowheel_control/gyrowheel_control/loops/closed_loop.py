@@ -74,7 +74,7 @@ def simulate(
     plan : Plan
         The test plan.
     gains : Gains, optional
-        Gains of the controller.
+        Gains of the controller; those of the bench file if not given.
     progress : callable, optional
         Called now and then with the fraction done.
 
@@ -91,7 +91,7 @@ def simulate(
     period_ns = round(bench.sample_period * 1e9)
     n = round(plan.duration / bench.sample_period)
     machine = Machine(bench, scenario, initial_spin_rate=plan.initial_spin_rate)
-    constants = code.ControllerParameters(*controller_parameters(bench, gains or Gains()))
+    constants = code.ControllerParameters(*controller_parameters(bench, gains or bench.gains))
     controller = np.zeros(len(ControllerState))
     measurement, command = np.empty((n, len(Reading))), np.empty((n, len(CommandColumn)))
     # an environment acts from the first sample on that is not before it, and shows in the sample after

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
 from types import ModuleType
 from typing import Any
 
@@ -13,57 +12,12 @@ import numpy as np
 
 from gyrowheel_control.loops.kernel import ControllerParameters
 from gyrowheel_control.loops.state import CommandColumn, ControllerState, SetpointColumn
-from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import Effect
+from gyrowheel_sim.gains import Gains as Gains
 from gyrowheel_sim.instruments.readings import Reading
 from gyrowheel_sim.plant.compose import compose
 from gyrowheel_sim.plant.machine import simulated_effects
-
-
-@dataclass(frozen=True)
-class Gains:
-    """Gains of the loops.
-
-    They are rates, filters and shares of the bench's own momentum and inertia, so that one set serves benches of any
-    size. The defaults settle a 3 deg ramp at 8 deg/s to 0.015 deg within 0.5 s from 1000 to 4000 rpm on the default
-    bench, where they are 0.12 N m s/rad, 0.012 N m s/rad and 0.02 N m/rad.
-
-    Attributes
-    ----------
-    tilt_bandwidth : float
-        Bandwidth of the tilt loop [1/s].
-    tilt_integral : float
-        Integral gain of the tilt loop [1/s^2].
-    tilt_lowpass : float
-        Low-pass of the tilt readings [Hz].
-    nutation_damping : float
-        Gain of the nutation damper over the angular momentum of the spin.
-    derivative_lowpass : float
-        Low-pass of its derivative [Hz].
-    spin_proportional, spin_integral : float
-        Gains of the spin loop over the moment of inertia of all that turns [1/s], [1/s^2]; of a phase-locked loop
-        (`Bench.spin_loop`) on the rate of the phase between reference and shaft, and on the phase itself. Assumed: the
-        publication names its loop and gives no gain.
-    spin_lowpass : float
-        Low-pass of the spin reading, applied twice [Hz].
-    """
-
-    tilt_bandwidth: float = 12.0
-    tilt_integral: float = 30.0
-    tilt_lowpass: float = 25.0
-    nutation_damping: float = 0.1832
-    derivative_lowpass: float = 400.0
-    spin_proportional: float = 6.34
-    spin_integral: float = 10.57
-    spin_lowpass: float = 6.0
-
-    def __post_init__(self) -> None:
-        """Check every gain."""
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if not math.isfinite(value) or value < 0.0:
-                raise InputError(f"gains.{item.name}: {value!r} is out of range; allowed: >= 0")
 
 
 def controller_parameters(bench: Bench, gains: Gains) -> ControllerParameters:
@@ -123,13 +77,13 @@ class Controller:
     bench : Bench
         The bench as its file describes it: the controller knows nothing else.
     gains : Gains, optional
-        Gains of the loops.
+        Gains of the loops; those of the bench file if not given.
     """
 
     def __init__(self, bench: Bench, gains: Gains | None = None) -> None:
         self._update: Any = loop_code().controller_update
         self._bench = bench
-        self.tune(gains or Gains())
+        self.tune(gains or bench.gains)
         self._state = np.zeros(len(ControllerState))
 
     def tune(self, gains: Gains) -> None:

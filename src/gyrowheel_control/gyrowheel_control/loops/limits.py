@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from gyrowheel_control.plans.demands import USUAL_SHARE
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.units import DEG
 from gyrowheel_sim.bench import Bench
 
-#: Usual tilt limit over the largest tilt of the bench: 3 deg of 5 deg on the default one.
-USUAL_SHARE = 0.6
 #: Largest tilt of a test, as a share of the hard stop: overshoot and noise need room.
 LARGEST_SHARE = 0.95
 #: A setpoint of the spin rate beyond this multiple of the largest one of the bench is refused.

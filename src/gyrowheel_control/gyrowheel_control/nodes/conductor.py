@@ -25,15 +25,17 @@ from numpy.typing import NDArray
 from rcl_interfaces.srv import SetParameters
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
+from rclpy.client import Client
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.subscription import Subscription
 from std_msgs.msg import String
 
 from gyrowheel_control.loops.limits import plan_tilt_limit, tilt_limit
+from gyrowheel_control.plans.fitting import plan_for
 from gyrowheel_control.plans.plan import HOLD, RAMP, SETPOINT_PERIOD, Plan
 from gyrowheel_core import namespaces, topics, wire
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.node import PRIORITY, BenchNode, Diagnosis, Param, run_node
+from gyrowheel_core.node import PRIORITY, BenchNode, Diagnosis, Newcomers, Param, run_node
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import to_json
 
@@ -47,8 +49,12 @@ POLL_PERIOD = 0.05
 MATCHING_TIMEOUT = 120.0
 #: How long the controller may take to accept a tilt limit [s].
 LIMIT_TIMEOUT = 10.0
+#: How long it may be silent before it is asked again [s].
+ASK_AGAIN = 2.0
 #: How long a publisher of the clock is looked for before the samples tell the time [s].
 CLOCK_TIMEOUT = 0.5
+#: How long a clock of somebody else that is there may be silent before it counts as standing at 0 [s].
+CLOCK_SILENCE = 2.5
 #: A step of the clock beyond this is a jump [ns].
 JUMP_NS = 1_000_000_000
 _MOTION = ("tilt_rate_x", "tilt_rate_y", "spin_acceleration")
@@ -64,6 +70,8 @@ class Walk:
     tilt_limit: float  # [rad]
     limit_set: bool = False  # whether the controller has it, or needs not be asked
     asked: Any = None  # the answer to come of the controller
+    waits_for: str = "somebody who listens to the setpoints"
+    asked_at: float = 0.0  # by the clock of `time.monotonic`
     start_ns: int | None = None  # set once somebody listens
     deadline: float = 0.0  # for that, by the clock of `time.monotonic`
     told: tuple[int, int] = (-1, -1)  # segment and second of the last feedback
@@ -130,6 +138,7 @@ class ConductorNode(BenchNode):
         self._released = (
             False  # whether the plant said that the controller has left, and another one may come
         )
+        self._plant_seen = False  # whether one has said anything
         self._plant_stopped = False  # whether the plant said that it is not active
         self._samples: Subscription | None = None  # tell the time where there is no clock
         self._samples_due = 0  # time from which on the next sample does [ns]
@@ -137,7 +146,9 @@ class ConductorNode(BenchNode):
         self._reserved = False  # a goal was accepted and has not begun yet
         self._held: NDArray[Any] | None = None  # one setpoint, published after the plan
         self._next = 0  # stamp of the next setpoint to publish [ns]
+        self._moved = True  # whether the time has gone on since the last poll
         self._setpoints = self.publisher(topics.SETPOINT)
+        self._newcomers = Newcomers(self, topics.SETPOINT)
         self._environment = self.publisher(topics.ENVIRONMENT)
         self._inputs = [
             self.subscription(topics.CLOCK, self._on_clock, raw=True),
@@ -203,7 +214,7 @@ class ConductorNode(BenchNode):
             return Diagnosis("holding" if self._held is not None else "waiting for a plan", values)
         values["plan"] = self._walk.plan.name
         if self._walk.start_ns is None:
-            return Diagnosis("waiting for somebody who listens to the setpoints", values)
+            return Diagnosis(f"waiting for {self._walk.waits_for}", values)
         return Diagnosis(f"walking plan {self._walk.plan.name}", values)
 
     # ---- action
@@ -224,8 +235,7 @@ class ConductorNode(BenchNode):
         self._reserved = False
         goal.execute()
         try:
-            plan = Plan.load(goal.request.plan)
-            plan.check(self._bench)
+            plan = plan_for(goal.request.plan, self._bench)
             limit = plan_tilt_limit(plan, self._bench, self._tilt_limit)
             setpoints = plan.setpoints()
         except InputError as error:
@@ -241,6 +251,9 @@ class ConductorNode(BenchNode):
         now = time.monotonic()
         self._standing += min(now - self._polled, 2 * POLL_PERIOD)
         self._polled = now
+        if self._newcomers.look(goes_on=self._moved, now=now):
+            self._publish_again()
+        self._moved = False
         walk = self._walk
         if walk is None:
             return
@@ -252,7 +265,11 @@ class ConductorNode(BenchNode):
             listeners = self._setpoints.get_subscription_count()
             rigs = self._environment.get_subscription_count()
             if listeners >= needed and rigs >= needed:
-                if self._limit_is_set(walk) and self._time_is_known(walk):
+                if not self._limit_is_set(walk):
+                    walk.waits_for = "the controller to take the tilt limit"
+                elif not self._time_is_known(walk):
+                    walk.waits_for = "the time of the bench"
+                else:
                     self._start(walk)
             elif time.monotonic() > walk.deadline:
                 self._finish(
@@ -290,11 +307,13 @@ class ConductorNode(BenchNode):
                         f"and there is no node '{self.parameter('controller')}' to set it in"
                     )
                 return False
-            wanted = RosParameter("tilt_limit", value=walk.tilt_limit).to_parameter_msg()
-            walk.asked = self._limits.call_async(SetParameters.Request(parameters=[wanted]))
-            walk.asked.add_done_callback(lambda _: self._on_poll())
+            self._ask_for_limit(walk, self._limits)
             return False
         if not walk.asked.done():
+            # a server that did not know the client yet has dropped its answer
+            if time.monotonic() > walk.asked_at + ASK_AGAIN:
+                self._limits.remove_pending_request(walk.asked)
+                self._ask_for_limit(walk, self._limits)
             return False
         (answer,) = walk.asked.result().results
         if not answer.successful:
@@ -303,11 +322,23 @@ class ConductorNode(BenchNode):
         walk.limit_set = True
         return True
 
+    def _ask_for_limit(self, walk: Walk, limits: Client) -> None:
+        wanted = RosParameter("tilt_limit", value=walk.tilt_limit).to_parameter_msg()
+        walk.asked, walk.asked_at = (
+            limits.call_async(SetParameters.Request(parameters=[wanted])),
+            time.monotonic(),
+        )
+        walk.asked.add_done_callback(lambda _: self._on_poll())
+
     def _time_is_known(self, walk: Walk) -> bool:
         """Return whether there is a time to start from: that of the clock, or else of the samples."""
-        if self._told_time or self.count_publishers(topics.CLOCK.relative):
+        waited = time.monotonic() - walk.deadline + MATCHING_TIMEOUT
+        if self._told_time:
             return True
-        if self._samples is None and time.monotonic() > walk.deadline - MATCHING_TIMEOUT + CLOCK_TIMEOUT:
+        if self.count_publishers(topics.CLOCK.relative):
+            # our plant says the time again and again while it stands; another clock that is silent stands at 0
+            return waited > (self.parameter("clock_timeout") if self._plant_seen else CLOCK_SILENCE)
+        if self._samples is None and waited > CLOCK_TIMEOUT:
             self._samples = self.subscription(self._slowest_stamps(), self._on_sample, raw=True)
         return False
 
@@ -336,6 +367,7 @@ class ConductorNode(BenchNode):
         # The plant must have them before the command that the first setpoint brings about.
         self.deliver(self._environment)
         walk.start_ns = self._next = start
+        self._newcomers.begin()
         self._standing = 0.0
         self.get_logger().info(f"plan {walk.plan.name}: {walk.plan.duration:g} s from {start * 1e-9:g} s on")
         self._go_on(walk)
@@ -394,6 +426,7 @@ class ConductorNode(BenchNode):
                 continue
             name = namespaces.local_name(status.name, self.namespace)
             if name == "plant":
+                self._plant_seen = True
                 self._plant_stopped = status.level == DiagnosticStatus.WARN and status.message == "inactive"
                 self._released = any(p.key == "guard" and p.value == "released" for p in status.values)
             # such as a guard that has tripped: the wheel no longer is where the plan has it
@@ -427,7 +460,7 @@ class ConductorNode(BenchNode):
             return
         self._told_time = True
         if step:
-            self._standing = 0.0
+            self._standing, self._moved = 0.0, True
         self._now = now
         if walk is not None and walk.start_ns is not None:
             if now >= walk.start_ns + len(walk.setpoints) * SETPOINT_PERIOD_NS:
@@ -485,6 +518,21 @@ class ConductorNode(BenchNode):
         for place in range(0, len(data), size):
             self._setpoints.publish(data[place : place + size])
         self._next += len(rows) * SETPOINT_PERIOD_NS
+
+    def _publish_again(self) -> None:
+        """Publish the setpoint in force, and those to come, for nodes that have come while the time stands."""
+        after = self._next
+        since = self._now - self._now % SETPOINT_PERIOD_NS
+        rows = self._held
+        if self._walk is not None and self._walk.start_ns is not None:
+            since = max(since, self._walk.start_ns)
+            first, last = ((t - self._walk.start_ns) // SETPOINT_PERIOD_NS for t in (since, after))
+            rows = self._walk.setpoints[first:last]
+        elif rows is not None:
+            rows = np.repeat(rows, max((after - since) // SETPOINT_PERIOD_NS, 0))
+        if rows is not None and len(rows):
+            self._next = since
+            self._publish_rows(rows)
 
     def _publish_held(self, until: int) -> None:
         """Publish the held setpoint up to, not including, the stamp `until` [ns]."""

@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -95,6 +95,7 @@ class ControllerNode(BenchNode):
         self._coming: deque[tuple[int, tuple[float, ...]]] = deque()
         self._sample: tuple[int, int, list[float]] | None = None  # waits for its setpoint
         self._last = -1  # sequence of the last sample answered
+        self._command = b""  # the answer
         self._answered = self._skipped = self._malformed = self._refused = 0
         self._motor = 0.0  # voltage of the last answer [V]
         self._rest: Rest | None = None  # where no setpoint holds although the samples go on
@@ -133,7 +134,8 @@ class ControllerNode(BenchNode):
         self.destroy_timer(self._repeating)
         if self._sample is not None and self._answered and self._commands is not None:
             stamp, sequence, _ = self._sample
-            self._commands.publish(wire.COMMAND.pack(stamp, sequence, 0.0, 0.0, self._motor))
+            self._command = wire.COMMAND.pack(stamp, sequence, 0.0, 0.0, self._motor)
+            self._commands.publish(self._command)
             self._last = sequence
         self._sample = None
         self._leave()
@@ -200,7 +202,9 @@ class ControllerNode(BenchNode):
         return Tracking(*(self.parameter(f"tracking_{name}") for name in ("tilt", "spin", "time")))
 
     def _gains(self) -> Gains:
-        return Gains(**{item.name: self.parameter(item.name) for item in fields(Gains)})
+        """Return the gains: of the parameters that were set, else of the bench file."""
+        given = {item.name: self.parameter(item.name) for item in fields(Gains)}
+        return replace(self._bench.gains, **{n: v for n, v in given.items() if v != getattr(_USUAL, n)})
 
     def _check_subscribers(self) -> None:
         if self._commands is not None and self._commands.get_subscription_count() >= self.parameter(
@@ -221,14 +225,18 @@ class ControllerNode(BenchNode):
         except ValueError as error:
             self._complain(error)
             return
-        if sequence <= self._last:
+        if sequence == self._last and self._command:  # the plant sends it again: it has not got the answer
+            if self._commands is not None:
+                self._commands.publish(self._command)
+            return
+        if sequence < self._last:
             self._restart()
-        if self._trial is not None:
-            self._trial, self._proven = None, True
-        goes_on = self._sample is not None  # without an answer to the last one
+        waits, self._sample = self._sample, None
+        goes_on = waits is not None and sequence != waits[1]  # without an answer to the last one
         if goes_on:
             self._skipped += 1
-            self._sample = None
+        if self._trial is not None and sequence > self._last:
+            self._trial, self._proven = None, True
         if self._ready and (self._advance(stamp) or self._come_to_rest(stamp, goes_on)):
             self._answer(stamp, sequence, values)
         else:
@@ -291,11 +299,11 @@ class ControllerNode(BenchNode):
         self._motor = voltages[2]
         self._last = sequence
         self._answered += 1
-        command = wire.COMMAND.pack(stamp, sequence, *voltages)
+        self._command = wire.COMMAND.pack(stamp, sequence, *voltages)
         if self._commands is not None:
-            self._commands.publish(command)
+            self._commands.publish(self._command)
         if not self._proven:
-            self._trial = command if sequence else None
+            self._trial = self._command if sequence else None
         if self._rest is None and self._tracking.observe(stamp, tilt_x, tilt_y, spin_rate, self._setpoint):
             self.get_logger().error(f"tracking_lost: {self._tracking.lost}")
             self.announce()
@@ -321,7 +329,7 @@ class ControllerNode(BenchNode):
         self._controller.reset()
         self._since = self._until = -1
         self._rest, self._tracking = None, self._new_tracking()
-        self._last = -1
+        self._last, self._command = -1, b""
 
     def _complain(self, error: ValueError) -> None:
         self._malformed += 1

@@ -7,23 +7,25 @@ import itertools
 import math
 import random
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
 
+from gyrowheel_control.plans.demands import excesses
+from gyrowheel_control.plans.format import CONE_SETTLING, PlanFile
+from gyrowheel_control.plans.segment import Segment
 from gyrowheel_control.plans.variation import MARK, as_text, varied
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import is_file, read_text
-from gyrowheel_core.schema import Number, Section, Whole, check
+from gyrowheel_core.schema import check
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_core.yaml_text import read_yaml
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.environment import AirDensityRatio, Environment, Preheat, Rig, TableRate, Yaw
+from gyrowheel_sim.environment import Environment
 
 #: Interval of the setpoints [s]; the controller continues each by its rates until the next.
 SETPOINT_PERIOD = 0.005
@@ -44,109 +46,15 @@ SETPOINT_DTYPE = np.dtype(
     ]
 )
 
-#: Numbers of a plan beyond any bench, so that what is computed from them stays finite.
-Seconds = Annotated[Number, Field(ge=0.001, le=3600.0)]
-Degrees = Annotated[Number, Field(ge=-90.0, le=90.0)]
-Rpm = Annotated[Number, Field(ge=-1.0e6, le=1.0e6)]
-Rate = Annotated[Number, Field(ge=1.0e-6, le=1.0e6)]
-Tilt = tuple[Degrees, Degrees]
-
-
-class Block(Section):
-    """One entry of a plan: a hold, a grid of holds (speeds times tilts), a cone, or a change of speed.
-
-    Angles in degrees, speeds in rpm, times in seconds, as the field names say. The environment (rig, yaw, air
-    density, preheat, rate of the table) stays as it is until a block changes it.
-    """
-
-    label: str = ""
-    spin_rpm: Rpm | list[Rpm] | None = None
-    tilt_deg: list[Tilt] | Tilt | None = None
-    hold_s: Seconds | None = None
-    ramp_s: Seconds | None = None
-    tilt_rate_deg_s: Rate | None = None
-    spin_acceleration_rpm_s: Rate | None = None
-    cone_radius_deg: Annotated[Degrees, Field(gt=0.0)] | None = None
-    cone_period_s: Annotated[Number, Field(gt=0.05, le=3600.0)] | None = None
-    cone_turns: Annotated[Number, Field(ge=0.001, le=1000.0)] = 1.0
-    sweep_to_rpm: Rpm | None = None
-    repeat: Annotated[Whole, Field(ge=1, le=1000)] = 1
-    shuffle_seed: Whole | None = None
-    rig: Rig | None = None
-    yaw_deg: Yaw | None = None
-    air_density_ratio: AirDensityRatio | None = None
-    preheat_k: Preheat | None = None
-    table_rate_deg_s: TableRate | None = None
-
-    @model_validator(mode="after")
-    def _consistent(self) -> Block:
-        if (self.cone_radius_deg is None) != (self.cone_period_s is None):
-            raise ValueError("a cone needs both cone_radius_deg and cone_period_s")
-        if self.cone_radius_deg is not None and self.tilt_deg is not None:
-            raise ValueError("a block is either a cone or a grid of tilts, not both")
-        if self.sweep_to_rpm is not None and self.hold_s is None:
-            raise ValueError("sweep_to_rpm needs hold_s, the time that the sweep takes")
-        return self
-
-
-class PlanFile(Section):
-    """A plan file."""
-
-    schema_: Literal[1] = Field(alias="schema")
-    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
-    title: str = ""
-    description: str = ""
-    tilt_rate_deg_s: Rate = 8.0
-    spin_acceleration_rpm_s: Rate = 1000.0
-    hold_s: Seconds = 1.5
-    tilt_limit_deg: Annotated[Degrees, Field(gt=0.0)] | None = None
-    segments: Annotated[list[Block], Field(min_length=1)]
-
-
-@dataclass(frozen=True)
-class Segment:
-    """One ramp to a state and the steady motion after it [SI].
-
-    Attributes
-    ----------
-    start, ramp, hold : float
-        Start time, time of the ramp, and time of the steady motion [s].
-    tilt_from, tilt : complex
-        Tilt angles phi_x + i phi_y before and after the ramp [rad].
-    spin_from, spin, spin_end : float
-        Spin rate before and after the ramp, and at the end of the steady motion [rad/s].
-    cone_rate : float
-        Rate at which the tilt turns about the case axis during the steady motion [rad/s]; 0 for a hold.
-    environment : Environment
-        The environment in which it runs.
-    label : str
-        What it is called.
-    """
-
-    start: float
-    ramp: float
-    hold: float
-    tilt_from: complex
-    tilt: complex
-    spin_from: float
-    spin: float
-    spin_end: float
-    cone_rate: float
-    environment: Environment
-    label: str
-
-    @property
-    def end(self) -> float:
-        """End time [s]."""
-        return self.start + self.ramp + self.hold
-
 
 class Plan:
     """A test plan: a list of segments in time.
 
     Use `Plan.load`; the attributes are `name`, `called` (the same, or what was typed of a variation), `title`,
-    `description`, `segments`, `duration` [s] and `tilt_limit`, the tilt that the guards of the bench must allow [rad],
-    or None where the usual one will do.
+    `description`, `segments`, `duration` [s], `tilt_limit`, the tilt that the guards of the bench must allow [rad],
+    or None where the usual one will do, `written_for`, the shipped bench whose limits a shipped plan is made for
+    (empty for a plan of one's own, which is taken as it stands), and `fitting`, what was changed for another bench, in
+    words (see `gyrowheel_control.plans.fitting`).
     """
 
     def __init__(self, content: PlanFile, text: str, origin: str) -> None:
@@ -155,6 +63,8 @@ class Plan:
         self.description = content.description
         self.origin = origin
         self.tilt_limit = None if content.tilt_limit_deg is None else content.tilt_limit_deg * DEG
+        self.written_for = ""
+        self.fitting: tuple[str, ...] = ()
         self._text = text
         self.segments: tuple[Segment, ...] = tuple(_segments(content, origin))
 
@@ -177,11 +87,14 @@ class Plan:
             plain = cls.load(base)
             content = varied(read_yaml(plain.to_yaml(), plain.origin), settings, f"plan '{text}'")
             plan = cls._from_text(as_text(content), f"plan '{text}'")
-            plan.called = text
+            plan.called, plan.written_for = text, plain.written_for
             return plan
         if text in cls.shipped():
             file = resources.files("gyrowheel_control").joinpath(f"plans/{text}.yaml")
-            return cls._from_text(file.read_text(encoding="utf-8"), f"{text}.yaml")
+            plan = cls._from_text(file.read_text(encoding="utf-8"), f"{text}.yaml")
+            first, *others = Bench.shipped()
+            plan.written_for = next((name for name in others if text.startswith(f"{name}_")), first)
+            return plan
         path = Path(text)
         if not is_file(path):
             near = difflib.get_close_matches(text, cls.shipped(), n=2)
@@ -222,48 +135,13 @@ class Plan:
         InputError
             Naming plan, segment, value and the allowed range.
         """
-        v = bench.value
-        low, high, tilt_limit = v("spin_rate_minimum"), v("spin_rate_maximum"), v("tilt_limit")
-        spin_inertia, axial, tuning = bench.precession_inertia, bench.axial_inertia, bench.tuning_inertia
-        for index, s in enumerate(self.segments):
-            where = f"{self.origin}: segment {index}" + (f" ({s.label})" if s.label else "")
-            for spin in (s.spin, s.spin_end):
-                if not low * (1 - 1e-9) <= spin <= high * (1 + 1e-9):
-                    raise InputError(
-                        f"{where}: spin {spin / RPM:.0f} rpm is beyond the bench; "
-                        f"allowed: {low / RPM:.0f} .. {high / RPM:.0f} rpm"
-                    )
-            if abs(s.tilt) > tilt_limit * (1 + 1e-9):
-                raise InputError(
-                    f"{where}: tilt {abs(s.tilt) / DEG:.2f} deg is beyond the bench; "
-                    f"allowed: up to {tilt_limit / DEG:.2f} deg"
-                )
-            top = max(s.spin_from, s.spin, s.spin_end)
-            rate = abs(s.tilt - s.tilt_from) / s.ramp
-            rate = max(rate, abs(s.cone_rate) * abs(s.tilt))
-            # a turning case takes the torque of a tilt that turns in a case at rest
-            rate += abs(s.environment.table_rate * s.environment.up_across)
-            hold = max(abs(0.5 * (v("flexure_stiffness_x") + v("flexure_stiffness_y")) - 0.5 * tuning * w * w)
-                       for w in (s.spin_from, s.spin, s.spin_end)) * max(abs(s.tilt), abs(s.tilt_from))  # fmt: skip
-            volts = (spin_inertia * top * rate + hold) / v("coil_constant")
-            # half the range is left for damping the nutation
-            if volts > 0.75 * v("coil_voltage_limit"):
-                raise InputError(
-                    f"{where}: slewing at {rate / DEG:.1f} deg/s and {top / RPM:.0f} rpm needs {volts:.1f} V of the "
-                    f"coils; allowed: {0.75 * v('coil_voltage_limit'):.1f} V"
-                )
-            acceleration = max(
-                abs(s.spin - s.spin_from) / s.ramp,
-                abs(s.spin_end - s.spin) / s.hold,
-            )
-            volts = v("motor_constant") * top + v("motor_resistance") * axial * acceleration / v(
-                "motor_constant"
-            )
-            if volts > 0.95 * v("supply_voltage"):
-                raise InputError(
-                    f"{where}: {acceleration / RPM:.0f} rpm/s at {top / RPM:.0f} rpm needs {volts:.1f} V of the motor; "
-                    f"allowed: {0.95 * v('supply_voltage'):.1f} V"
-                )
+        for excess in excesses(self.segments, bench):
+            raise InputError(f"{self.place(excess.segment)}: {excess.said}")
+
+    def place(self, segment: int) -> str:
+        """Return how messages call a segment: file, number and label."""
+        label = self.segments[segment].label
+        return f"{self.origin}: segment {segment}" + (f" ({label})" if label else "")
 
     def environment(self) -> list[Environment]:
         """Return the changes of the environment, the first at time 0."""
@@ -343,8 +221,7 @@ def _segments(content: PlanFile, origin: str) -> Iterator[Segment]:
                 ramp = _whole(ramp)
                 if block.cone_radius_deg is not None and block.cone_period_s is not None:
                     cone_rate = 2.0 * math.pi / block.cone_period_s
-                    # half a second for the loop to settle on the cone, then the turns asked for
-                    hold = _whole(0.5 + block.cone_turns * block.cone_period_s)
+                    hold = _whole(CONE_SETTLING + block.cone_turns * block.cone_period_s)
                 else:
                     cone_rate, hold = 0.0, _whole(block.hold_s or content.hold_s)
                 end = to if block.sweep_to_rpm is None else block.sweep_to_rpm * RPM
@@ -360,6 +237,7 @@ def _segments(content: PlanFile, origin: str) -> Iterator[Segment]:
                     cone_rate=cone_rate,
                     environment=replace(environment, time=time),
                     label=block.label,
+                    block=index,
                 )
                 time = round(time + ramp + hold, 9)
                 if time > LONGEST:

@@ -47,6 +47,7 @@ What this gives each node:
 
 from gyrowheel_core.node.base import PARENT_VARIABLE, SURPLUS, WAITS_FOR, WARN, BenchNode, Diagnosis, Fault
 from gyrowheel_core.node.inbox import Inbox
+from gyrowheel_core.node.newcomers import Newcomers
 from gyrowheel_core.node.parameters import AUTOSTART, Param
 from gyrowheel_core.node.priority import PRIORITY
 from gyrowheel_core.node.process import (
@@ -70,6 +71,7 @@ __all__ = [
     "ExitCode",
     "Fault",
     "Inbox",
+    "Newcomers",
     "Param",
     "StopSignals",
     "make_executor",

@@ -109,6 +109,8 @@ class BenchNode(LifecycleNode):
         self._service_change_state.callback = self._change_state(self._service_change_state.callback)
         self._service_get_state.callback = self._answer_when_drained(self._service_get_state.callback)
         self.stopping = False
+        #: Whether somebody asked for the end by the service of the lifecycle, and waits for the answer.
+        self.shut_down = False
         self.failure: BaseException | None = None
         #: True in transitions that no lifecycle manager requested: none can act on their failure.
         self._unattended = False
@@ -301,7 +303,7 @@ class BenchNode(LifecycleNode):
             self._say_last()
         hooks = {"active": (self.deactivate, self.cleanup), "inactive": (self.cleanup,)}.get(state.label, ())
         results = [self._transition(hook) for hook in hooks]
-        self.stopping = True
+        self.stopping, self.shut_down = True, True
         return next(
             (result for result in results if result != TransitionCallbackReturn.SUCCESS),
             TransitionCallbackReturn.SUCCESS,

@@ -26,6 +26,7 @@ from gyrowheel_core.node.parameters import AUTOSTART
 _LAST_DOMAIN = 232  # beyond it there are no ports
 _RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 _PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
+_ANSWER = 0.3  # how long a node that was shut down stays, so that its answer arrives [s]
 
 
 class ExitCode(enum.IntEnum):
@@ -181,7 +182,8 @@ def _run(node_class: type[BenchNode], signals: StopSignals) -> BaseException | N
         gc.freeze()
         while not node.stopping:
             executor.spin_once(timeout_sec=0.1)
-        end = time.monotonic() + node.LINGER
+        # an answer that has just been sent is lost with its sender
+        end = time.monotonic() + max(node.LINGER, _ANSWER if node.shut_down else 0.0)
         while node.failure is None and time.monotonic() < end:
             executor.spin_once(timeout_sec=0.02)
     except Exception as error:

@@ -30,7 +30,15 @@ from std_msgs.msg import String
 
 from gyrowheel_core import namespaces, topics, wire
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.node import PRIORITY, WAITS_FOR, BenchNode, Diagnosis, Param, run_node
+from gyrowheel_core.node import (
+    PRIORITY,
+    WAITS_FOR,
+    BenchNode,
+    Diagnosis,
+    Newcomers,
+    Param,
+    run_node,
+)
 from gyrowheel_core.units import RPM
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import from_json
@@ -180,6 +188,8 @@ class PlantNode(BenchNode):
         self._epoch = 0  # stamp of sample 0 [ns]
         self._clock_offset = 0.0  # of the system clock to the stamps [s]
         self._active = False
+        self._newcomers = Newcomers(self, topics.MEASUREMENT)
+        self._sample = b""  # the last one, as it was published
         self._waiting: bytes | None = None  # command that came while the node was inactive
         self._due = self._clock_due = self._joints_due = 0  # times at which the slow topics are due [ns]
         self._joint_period = round(1e9 / self.parameter("joint_state_rate"))
@@ -359,6 +369,7 @@ class PlantNode(BenchNode):
             self._stop_waiting()
             if self._realtime:
                 self._start_pacing()
+            self._newcomers.begin()
             self._publish_sample(self._plant.measure())
 
     def _missing(self) -> list[str]:
@@ -409,12 +420,19 @@ class PlantNode(BenchNode):
     def _check_silence(self) -> None:
         sequence, since = self._watched
         now = time.monotonic()
-        if sequence != self._plant.sequence or sequence == 0:
+        goes_on = sequence != self._plant.sequence
+        if self._newcomers.look(goes_on=goes_on, now=now) and self._sample:
+            self._measurements.publish(self._sample)
+        if self._sample and not goes_on:
+            self._publish_clock(self._clock_due - CLOCK_PERIOD_NS)
+        if goes_on or sequence == 0:
             self._watched = (self._plant.sequence, now)
             return
         what, limit = "command", self.parameter("command_timeout")
         if not self._commands.get_publisher_count():
-            what, limit = "controller", max(limit, self.parameter("exchange_time"))
+            what = "controller"
+        if what == "controller" or self._without_setpoint:  # a node has left, and another one may come
+            limit = max(limit, self.parameter("exchange_time"))
         if now - since <= limit:
             return
         text = f"no {what} for {limit:g} s after sample {self._plant.sequence}"
@@ -444,12 +462,13 @@ class PlantNode(BenchNode):
 
     def _start_pacing(self) -> None:
         """Go on at the pace of the clock from the present sample on."""
-        now = time.time_ns()
-        now -= now % CLOCK_PERIOD_NS
-        self._epoch = now - self._plant.time_ns
-        self._begun = self._begun or now
-        self._ticked = time.monotonic_ns()
-        self._pacer = Pacer(self._period_ns, time.monotonic_ns())
+        # the grid of the stamps is that of the setpoints, and they are true: so it is waited for
+        time.sleep((-time.time_ns() % CLOCK_PERIOD_NS) * 1e-9)
+        now, self._ticked = time.time_ns(), time.monotonic_ns()
+        after = now % CLOCK_PERIOD_NS
+        self._epoch = now - after - self._plant.time_ns
+        self._begun = self._begun or now - after
+        self._pacer = Pacer(self._period_ns, self._ticked - after)
         self._ticks = self.wall_timer(self._period_ns * 1e-9, self._tick)
 
     def _tick(self) -> None:
@@ -531,9 +550,8 @@ class PlantNode(BenchNode):
         self._reading = values = reading.tolist()
         self._guard.observe(values[0], values[1])
         self._derive(values[0], values[1])
-        self._measurements.publish(
-            wire.MEASUREMENT.pack(self._epoch + self._plant.stamp_ns, sequence, *values)
-        )
+        self._sample = wire.MEASUREMENT.pack(self._epoch + self._plant.stamp_ns, sequence, *values)
+        self._measurements.publish(self._sample)
         if now >= self._due:
             self._publish_slow(now, values)
 
@@ -552,8 +570,7 @@ class PlantNode(BenchNode):
     def _publish_slow(self, now: int, values: list[float]) -> None:
         if now >= self._clock_due:
             self._clock_due += CLOCK_PERIOD_NS
-            if self._clock_publisher is not None:
-                self._clock_publisher.publish(wire.CLOCK.pack(now))
+            self._publish_clock(now)
             if self._truth is not None:
                 truth = {"time": (self._epoch + now) * 1e-9, **self._plant.truth()}
                 self._truth.publish(String(data=json.dumps(truth)))
@@ -570,6 +587,10 @@ class PlantNode(BenchNode):
             message.header.stamp = Time(nanoseconds=self._epoch + now).to_msg()
             self._joints.publish(message)
         self._due = min(self._clock_due, self._joints_due)
+
+    def _publish_clock(self, now: int) -> None:
+        if self._clock_publisher is not None:
+            self._clock_publisher.publish(wire.CLOCK.pack(now))
 
     @staticmethod
     def _driven(values: list[float]) -> tuple[float, float, float]:

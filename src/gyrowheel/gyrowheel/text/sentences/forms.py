@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from gyrowheel.text.quantities import decimal, with_error
+from gyrowheel.text.quantities import decimal, pair, with_error
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.diagnosis.result import FreeForm
@@ -29,6 +29,20 @@ def form_sentence(form: FreeForm) -> str:
     if "s" in found:
         text += f" (time constant {with_error(found['s'].value, found['s'].standard_error, 's')})"
     return text
+
+
+def simple_sentence(form: FreeForm) -> str:
+    """Return in a sentence that a form is a simple law within the errors of its exponents; empty where it is none."""
+    if not form.simple:
+        return ""
+    found = ", ".join(
+        f"{name} = {number} ({pair(form.coefficients[name].value, form.coefficients[name].standard_error)})"
+        for name, number in form.whole.items()
+    )
+    return (
+        f"The exponents are whole numbers within their errors, {found}: it may as well be the simple law below, which "
+        "`gyrowheel model add` takes in place of the other."
+    )
 
 
 def place_text(form: FreeForm, name: str) -> str:

@@ -148,6 +148,12 @@ def _hopeless(found: WrongSetup) -> str:
     return "take all readings from one recording, and import or record again"
 
 
+def problem_and_map(found: WrongSetup) -> str:
+    """Return what is wrong with an imported table, and what to change in its map."""
+    lines = "; ".join(map_lines(found))
+    return f"{problem(found)} In the map: {lines}." if lines else problem(found)
+
+
 def map_lines(found: WrongSetup) -> list[str]:
     """Return what to change in the map of an imported table; nothing where a map cannot say it."""
     own = found.cure

@@ -5,21 +5,33 @@ import { choose, shown } from "./signals.js";
 
 const UNITS = { torque: ["torque, mN·m", "torque"], voltage: ["change of voltage, mV", "voltage"] };
 let quantity = "torque";
-let of = "recording"; // or the running bench
+let of = "recording"; // or the key of a running bench
 let drawn = "";
 
-for (const button of at("of").querySelectorAll("button")) {
-  button.addEventListener("click", () => {
-    of = button.dataset.of;
-    showPredicted();
-  });
-}
 document.addEventListener("click", (event) => {
-  if (!event.target.closest("[data-live]")) return;
-  of = "live";
+  const button = event.target.closest("[data-of], [data-live]");
+  if (!button) return;
+  of = button.dataset.of ?? button.dataset.live;
   showPredicted();
-  at("predicted-section").scrollIntoView();
+  if (button.dataset.live) at("predicted-section").scrollIntoView();
 });
+
+// A button for the recording, and one for each running bench that has holds.
+function choices(running) {
+  const titles = { recording: "recording", ...Object.fromEntries(running.map((key) => [key, now.state.live[key].title])) };
+  const place = at("of");
+  place.hidden = !running.length;
+  const text = JSON.stringify(titles);
+  if (place.dataset.shown !== text) {
+    place.dataset.shown = text;
+    place.replaceChildren(...Object.entries(titles).map(([key, title]) => {
+      const button = element("button", title, { type: "button" });
+      button.dataset.of = key;
+      return button;
+    }));
+  }
+  for (const button of place.children) button.setAttribute("aria-pressed", String(button.dataset.of === of));
+}
 
 for (const button of at("quantity").querySelectorAll("button")) {
   button.addEventListener("click", () => {
@@ -32,17 +44,17 @@ export function showPredicted(anew = false) {
   for (const button of at("quantity").querySelectorAll("button")) {
     button.setAttribute("aria-pressed", String(button.dataset.quantity === quantity));
   }
-  const live = now.found?.holds.live;
-  at("of").hidden = !live;
-  if (!live) of = "recording";
-  for (const button of at("of").querySelectorAll("button")) button.setAttribute("aria-pressed", String(button.dataset.of === of));
-  const key = of === "live" ? "live" : shown()?.key;
-  const holds = now.found?.holds[key];
-  at("predicted-by").textContent = of === "live" ? "Predicted by the drag estimator of the running graph." : "";
+  const running = Object.keys(now.state.live).filter((key) => now.live[key]);
+  if (!running.includes(of)) of = "recording";
+  choices(running);
+  const live = of !== "recording";
+  const key = live ? of : shown()?.key;
+  const holds = live ? now.live[key] : now.found?.holds[key];
+  at("predicted-by").textContent = live ? "Predicted by the drag estimator of the running graph." : "";
   const mark = JSON.stringify([key, quantity, holds]);
   if (mark === drawn && !anew) return;
   drawn = mark;
-  at("predicted-section").hidden = !holds && !live;
+  at("predicted-section").hidden = !holds && !running.length;
   if (!holds) return put("predicted", null);
   const [one, other] = colours();
   const soft = css("--soft");
@@ -94,7 +106,7 @@ export function showPredicted(anew = false) {
     });
     source.selected.properties.indices.change.connect(() => {
       const [k] = source.selected.indices;
-      if (k === undefined || key === "live") return;
+      if (k === undefined || live) return;
       for (const each of sources) if (each !== source) each.selected.indices = [...source.selected.indices];
       const margin = 0.25 * (holds.end[k] - holds.start[k]) + 0.1;
       choose(key, holds.start[k] - margin, holds.end[k] + margin);

@@ -7,8 +7,8 @@ export const still = window.matchMedia("(prefers-reduced-motion: reduce)");
 const COLOURS = ["#0072B2", "#D55E00"]; // blue and vermilion, which people with any colour vision distinguish
 const SIGHT = ["#56B4E9", "#E69F00"]; // the same on dark ground
 
-// What the server says: its state, and what was found.
-export const now = { state: null, found: null };
+// What the server says: its state, what was found, and the holds of running benches.
+export const now = { state: null, found: null, live: {} };
 // Carries what one part of the page tells the others: "cursor", "shown", "windows".
 export const wire = new EventTarget();
 export const say = (name, detail) => wire.dispatchEvent(new CustomEvent(name, { detail }));

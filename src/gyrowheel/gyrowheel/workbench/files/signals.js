@@ -97,8 +97,14 @@ function draw() {
     return figure;
   });
   for (const figure of figures) {
-    figure.center.find((each) => each.type === "Legend")?.setv({ location: "top_right", orientation: "horizontal" });
+    const legend = figure.center.find((each) => each.type === "Legend");
     themed(figure);
+    if (!legend) continue;
+    // above the panel, where it hides no sample
+    figure.center = figure.center.filter((each) => each !== legend);
+    legend.setv({ location: "top_right", orientation: "horizontal", padding: 0, margin: 0, label_height: 12, glyph_height: 12 });
+    figure.add_layout(legend, "above");
+    figure.height += 18;
   }
   // one layout, as figures that share a span or a source must belong together
   put("plots", new Bokeh.Column({ children: figures, sizing_mode: "stretch_width", spacing: 0 }));

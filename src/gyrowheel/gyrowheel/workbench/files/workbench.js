@@ -6,6 +6,7 @@ import { redraw, showFound, showSignals } from "./signals.js";
 import { showPredicted } from "./predicted.js";
 import { showWhere } from "./where.js";
 import { showFall } from "./fall.js";
+import { showTable } from "./tables.js";
 import { show as showRotor } from "./rotor.js";
 
 let shown = {}; // parts as they were written last
@@ -14,6 +15,7 @@ let shown = {}; // parts as they were written last
 
 let reading = false;
 let again = false;
+let heard = 0; // what of the running benches was taken
 async function refresh() {
   if (reading) {
     again = true;
@@ -25,6 +27,8 @@ async function refresh() {
       again = false;
       now.state = await (await ask("/state")).json();
       if (now.found?.facts !== now.state.facts) now.found = await (await ask("/found")).json();
+      if (heard !== now.state.heard) now.live = await (await ask("/heard")).json();
+      heard = now.state.heard;
       await show();
     } while (again);
   } catch (error) {
@@ -65,6 +69,7 @@ async function show() {
     else if (!now.state.trouble && now.state.job) field.textContent = "";
   }
   showJob();
+  showTable();
   await showSignals();
   showFound();
   showPredicted();
@@ -100,7 +105,7 @@ document.addEventListener("click", async (event) => {
   const button = event.target.closest("button[data-do]");
   if (!button) return;
   const { do: name, ...content } = button.dataset;
-  const place = { open: "recordings", close: "recordings", undo: "model", demonstrate: "recordings", test: "test" }[name] ?? "missing";
+  const place = { open: "recordings", close: "recordings", undo: "model", demonstrate: "recordings", test: "test", drop_table: "table" }[name] ?? "missing";
   try {
     tell(place, "");
     await send(name, content);
@@ -113,10 +118,10 @@ document.addEventListener("submit", async (event) => {
   const form = event.target.closest("form[data-do]");
   if (!form) return;
   event.preventDefault();
-  const place = form.dataset.do === "save" ? "save" : "formula";
+  const place = { save: "save", map_table: "table" }[form.dataset.do] ?? "formula";
   try {
     tell(place, "");
-    await send(form.dataset.do, Object.fromEntries(new FormData(form)));
+    await send(form.dataset.do, Object.fromEntries(new FormData(form, event.submitter)));
   } catch (error) {
     tell(place, error.message);
   }

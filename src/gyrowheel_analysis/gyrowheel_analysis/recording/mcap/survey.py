@@ -30,7 +30,7 @@ from gyrowheel_analysis.recording.mcap.format import (
     STATISTICS,
     SUMMARY_OFFSET,
 )
-from gyrowheel_analysis.recording.mcap.reader import Chunk, Damaged, Fields, Found, find_messages, open_chunk
+from gyrowheel_analysis.recording.mcap.records import Chunk, Damaged, Fields, Found, find_messages, open_chunk
 from gyrowheel_core.wire import SECOND
 
 _WINDOW: Final = 1 << 22  # bytes searched at a time

@@ -1,4 +1,4 @@
-"""Numbers and sentences of a report, each taken from its place in the JSON contract and marked with that place.
+"""Numbers and sentences of a page, each taken from its place in the JSON contract and marked with that place.
 
 A mark lets a reader, and a test, follow every number of the page to the field that it is: ``data-field`` has the place,
 ``value`` the number in SI units, ``data-size`` the unit in which it is shown.

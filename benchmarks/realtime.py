@@ -1,0 +1,129 @@
+"""How well the graph keeps pace with the wall clock: ten recorded minutes, samples lost and commands late, and why."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.results import Bar, Figure, Report
+from benchmarks.timing import processor_time
+from gyrowheel_analysis.recording import info
+from gyrowheel_bringup.graph import Graph, GraphError, Progress
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.node import prepare_environment
+
+MINUTES = 10.0
+WATCHDOG_S = 2.0  # longer than usual, for a computer that does other things meanwhile
+#: Allowed growth of the memory of a node in an hour [MiB].
+GROWTH = 5.0
+PLAN = """\
+schema: 1
+name: pace
+hold_s: 2.0
+segments:
+  - {spin_rpm: 3500, tilt_deg: [[0, 0], [1, 0], [0, 1], [-1, 0], [0, -1]], repeat: REPEAT}
+"""
+_SEGMENTS_S = 10.8  # of one repetition of it
+_SETTLED_S = 60.0  # after which the memory of a node counts
+_DOMAIN = 62
+
+
+def measure(progress: Callable[[float], None]) -> list[Report]:
+    """Measure ten minutes."""
+    prepare_environment()
+    with tempfile.TemporaryDirectory(prefix="gyrowheel-bench-") as folder:
+        return [run(Path(folder) / "realtime", MINUTES, progress)]
+
+
+def run(directory: Path, minutes: float, progress: Callable[[float], None]) -> Report:
+    """Run the whole graph by the wall clock, recorded into `directory`, and return what it lost and what it took."""
+    marks: list[tuple[float, dict[str, float], dict[str, float]]] = []  # time, processor time, memory
+
+    def note(p: Progress) -> None:
+        if not marks or time.monotonic() - marks[-1][0] > 1.0:
+            pids = graph.pids
+            marks.append(
+                (
+                    time.monotonic(),
+                    {name: processor_time(pid) for name, pid in pids.items()},
+                    {name: _memory(pid) for name, pid in pids.items()},
+                )
+            )
+        progress(min(p.elapsed / p.duration, 1.0))
+
+    title = f"Graph in real time, {minutes:g} min"
+    repeat = str(max(round(60.0 * minutes / _SEGMENTS_S), 1))
+    parameters = {"plant": {"watchdog": WATCHDOG_S}}
+    try:
+        with Graph(
+            PLAN.replace("REPEAT", repeat),
+            record=directory,
+            realtime=True,
+            parameters=parameters,
+            domain_id=int(os.environ.get("ROS_DOMAIN_ID", _DOMAIN)),
+        ) as graph:
+            result = graph.run(progress=note)
+    except (GraphError, InputError) as error:
+        # such as the guard that trips because the computer has no time for the loop: that is a result, too
+        figure = Figure("lost samples", float("nan"), "samples", bar=Bar("<=", 0.0))
+        return Report(title, [figure], notes=[f"The run ended early: {error}."])
+    found = info(directory).integrity
+    (begin, first, _), (end, last, _) = marks[0], marks[-1]
+    samples, pace = result.samples, result.pace
+    # a sample that is made more than a period late is followed at once by the next one: no answer is in time
+    own = min(pace["late_samples"], pace["late_commands"])
+    return Report(
+        title,
+        [
+            Figure("lost samples", float(found.missing), "samples", bar=Bar("<=", 0.0)),
+            Figure("late commands", 100.0 * pace["late_commands"] / samples, "%", bar=Bar("<", 1.0)),
+            Figure("late: the sample itself was late", 100.0 * own / samples, "%"),
+            Figure("late: the answer took too long", 100.0 * (pace["late_commands"] - own) / samples, "%"),
+            Figure("missing commands", 100.0 * pace["missing_commands"] / samples, "%"),
+            Figure("samples with the last command held", 100.0 * pace["held_samples"] / samples, "%"),
+            Figure("samples more than a period late", 100.0 * pace["late_samples"] / samples, "%"),
+            Figure("longest delay of a sample", pace["worst_delay_ms"], "ms"),
+            Figure("time that the bench stood still", pace["behind_s"], "s"),
+            *(
+                Figure(f"processor: {name}", 100.0 * (last[name] - first[name]) / (end - begin), "%")
+                for name in result.pids
+            ),
+            *(
+                Figure(f"memory, growth: {name}", _growth(marks, name), "MiB/h", bar=Bar("<", GROWTH))
+                for name in result.pids
+            ),
+        ],
+        notes=[
+            f"Five processes and the one that started them, a sample every 0.5 ms, everything recorded: {samples} "
+            "samples. Late is a command that came after the next sample; the guard's watch-dog is set to "
+            f"{WATCHDOG_S:g} s. Processor: share of one core. Memory: the slope of what is resident, after the first "
+            f"{_SETTLED_S:g} s.",
+        ],
+    )
+
+
+def _growth(marks: list[tuple[float, dict[str, float], dict[str, float]]], name: str) -> float:
+    """Return how fast the memory of a node grows [MiB/h]: the slope of a straight line."""
+    begin = marks[0][0]
+    points = [(t - begin, memory[name]) for t, _, memory in marks if t - begin > _SETTLED_S]
+    if len(points) < 2:
+        return float("nan")
+    times, sizes = np.array(points).T
+    return float(np.polyfit(times / 3600.0, sizes / 2**20, 1)[0])
+
+
+def _memory(pid: int) -> float:
+    """Return the memory of a process that is its own, resident [bytes]; NaN where the system does not tell.
+
+    Pages of files, such as the recording and shared libraries, do not count.
+    """
+    try:
+        lines = Path(f"/proc/{pid}/status").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return float("nan")
+    return next((1024.0 * int(line.split()[1]) for line in lines if line.startswith("RssAnon")), float("nan"))

@@ -1,0 +1,379 @@
+"""The workbench in a browser: an hour opened and zoomed, beside plotly-resampler; how soon a diagnosis shows.
+
+``python -m benchmarks.workbench FOLDER`` serves the workbench as the command line does, and says on stdout where it is
+and when a diagnosis was computed. The peer runs in an environment of its own, which is made for the time of the
+measuring and removed with it.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import venv
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+from benchmarks.diagnosis import HOUR, MINUTES, plan, record
+from benchmarks.results import Bar, Figure, MeasurementError, Report
+
+PEER = "plotly-resampler"
+#: What the peer's environment holds.
+_PEER_PACKAGES = ("plotly-resampler==0.11.1",)
+_POINTS = 2000  # of a line, here as there
+_PATIENCE = 600.0  # s
+#: Parts of the recording that are looked at, one after another: middle and width, as fractions of its length.
+_ZOOMS = tuple(
+    (0.2 + 0.6 * (7 * k % 10) / 10, width)
+    for k, width in enumerate(
+        (0.5, 0.2, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 0.7, 0.15, 5e-3, 5e-4, 1.0)
+    )
+)
+#: Lines that both draw, panel by panel.
+_LINES = (
+    ("tilt_x", "tilt_y"),
+    ("spin_rate",),
+    ("coil_voltage_x", "coil_voltage_y"),
+    ("motor_voltage",),
+    ("motor_current",),
+)
+_TWO_FRAMES = "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
+_ZOOM = """async ([from, until]) => {
+  const { zoom } = await import("/files/signals.js");
+  const began = performance.now();
+  await zoom(from, until);
+  await new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
+  return performance.now() - began;
+}"""
+_PEER_ZOOM = """async ([from, until]) => {
+  const plot = document.querySelector(".js-plotly-plot");
+  const before = plot.data[0].x;
+  const drawn = new Promise((done) => plot.on("plotly_afterplot", () => plot.data[0].x !== before && done()));
+  const axes = Object.keys(plot._fullLayout).filter((name) => /^xaxis\\d*$/.test(name));
+  const began = performance.now();
+  const ends = (name) => [[`${name}.range[0]`, from], [`${name}.range[1]`, until]];
+  Plotly.relayout(plot, Object.fromEntries(axes.flatMap(ends)));
+  await drawn;
+  await new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
+  plot.removeAllListeners("plotly_afterplot");
+  return performance.now() - began;
+}"""
+#: Time [ms since 1970] of the second frame after a verdict has come to stand on the page.
+_SHOWN = """() => new Promise((done) => {
+  const seen = () => {
+    if (!document.querySelector("[data-verdict]")) return;
+    watcher.disconnect();
+    requestAnimationFrame(() => requestAnimationFrame(() => done(Date.now())));
+  };
+  const watcher = new MutationObserver(seen);
+  watcher.observe(document.body, { childList: true, subtree: true });
+  seen();
+})"""
+_PEER_SERVER = """
+import sys
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+from plotly_resampler import FigureResampler
+
+folder, port, points, *panels = sys.argv[1:]
+time = np.load(f"{folder}/time.npy")
+figure = FigureResampler(
+    make_subplots(rows=len(panels), shared_xaxes=True, vertical_spacing=0.02), default_n_shown_samples=int(points)
+)
+for row, names in enumerate(panels, 1):
+    for name in names.split(","):
+        figure.add_trace(go.Scattergl(name=name), hf_x=time, hf_y=np.load(f"{folder}/{name}.npy"), row=row, col=1)
+figure.update_layout(height=735)
+figure.show_dash(mode="external", port=int(port), host="127.0.0.1")
+"""
+
+
+def measure(progress: Callable[[float], None]) -> list[Report]:
+    """Measure an hour beside the peer, and a diagnosis of four minutes."""
+    with tempfile.TemporaryDirectory(prefix="gyrowheel-bench-") as name:
+        return measured(Path(name), (HOUR, MINUTES), progress)
+
+
+def measured(folder: Path, lengths: tuple[str, str], progress: Callable[[float], None]) -> list[Report]:
+    """Measure with recordings of two lengths, the first for looking, the second for a diagnosis.
+
+    Raises
+    ------
+    MeasurementError
+        If there is no browser to measure with, or something does not answer.
+    """
+    chromium = shutil.which("chromium")
+    if chromium is None:
+        raise MeasurementError("needs Chromium, which is not installed")
+    for part, length in enumerate(lengths):
+        place = folder / f"run{part}" / "run"
+        if not place.exists():
+            record(place, plan(length), lambda done, part=part: progress(0.3 * part + 0.3 * done))  # type: ignore[misc]
+    with _browser(chromium) as browser:
+        ours = _look(folder / "run0", browser, progress)
+        shown = _diagnosis(folder / "run1", browser)
+        progress(0.85)
+        peer = _peer(folder / "run0" / "run", browser)
+    return [_report(lengths, ours, shown, peer)]
+
+
+def _report(
+    lengths: tuple[str, str], ours: dict[str, Any], shown: float, peer: dict[str, Any] | str
+) -> Report:
+    other: dict[str, Any] = peer if isinstance(peer, dict) else {}
+
+    def beside(name: str) -> dict[str, Any]:
+        return {"peer": PEER, "peer_value": other[name]} if other else {}
+
+    notes = [
+        f"{lengths[0]}, {ours['samples'] / 1e6:.2g} million samples, seven lines in five panels, at most {_POINTS}"
+        " points a line, in Chromium. Opening: from the click to the second frame after the lines are there; of the"
+        " peer, which is given the samples as arrays, from the start of its process. Zoom: from the change of the"
+        f" span to the second frame after the new points are there, {len(_ZOOMS)} spans from all of it to a 30 000th."
+        " Memory: the most that the server had by then.",
+        f"Diagnosis: {lengths[1]}, from its end in the server to the second frame with the verdict on the page.",
+    ]
+    if not other:
+        notes.append(f"{PEER} was not measured: {peer}")
+    return Report(
+        "Workbench",
+        [
+            Figure("opening", ours["opening"], "s", **beside("opening"), bar=Bar("<", 5.0)),
+            Figure("zoom, median", ours["median"], "ms", **beside("median"), bar=Bar("<", 250.0)),
+            Figure("zoom, worst", ours["worst"], "ms", **beside("worst"), bar=Bar("<", 600.0)),
+            Figure("bytes of a zoom, median", ours["bytes"], "kB", **beside("bytes")),
+            Figure("memory", ours["memory"], "GB", **beside("memory"), bar=Bar("<", 2.0)),
+            Figure("memory, compared with a model too", ours["compared"], "GB"),
+            Figure("diagnosis shown after", shown, "s", bar=Bar("<", 1.0)),
+        ],
+        notes=notes,
+    )
+
+
+def _look(folder: Path, browser: Any, progress: Callable[[float], None]) -> dict[str, Any]:
+    """Open a recording in the workbench and look at parts of it."""
+    with _serving([sys.executable, "-m", "benchmarks.workbench", str(folder)]) as (process, lines):
+        page = _page(browser, lines.after("page: "))
+        began = time.perf_counter()
+        page.locator("button[data-do=open]").first.click()
+        page.wait_for_selector("#plots[data-drawn]", timeout=1e3 * _PATIENCE)
+        page.evaluate(_TWO_FRAMES)
+        opening = time.perf_counter() - began
+        samples, end = page.evaluate(
+            "import('/files/signals.js').then(({ shown }) => [shown().samples, shown().duration])"
+        )
+        found = _zooms(page, lambda span: page.evaluate(_ZOOM, span), end, "/signal")
+        memory = _most_memory(process.pid)
+        progress(0.7)
+        page.locator("button[data-do=compare]").click()
+        page.wait_for_selector("#where canvas", timeout=1e3 * _PATIENCE)
+        page.close()
+        compared = _most_memory(process.pid)
+    progress(0.8)
+    return found | {"opening": opening, "samples": samples, "memory": memory, "compared": compared}
+
+
+def _diagnosis(folder: Path, browser: Any) -> float:
+    """Return how long after it was computed a diagnosis is seen [s]."""
+    with _serving([sys.executable, "-m", "benchmarks.workbench", str(folder)]) as (_, lines):
+        page = _page(browser, lines.after("page: "))
+        page.locator("button[data-do=open]").first.click()
+        page.wait_for_selector("#plots[data-drawn]", timeout=1e3 * _PATIENCE)
+        page.locator("button[data-do=diagnose]").click()
+        seen = page.evaluate(_SHOWN)
+        page.close()
+        return 1e-3 * seen - float(lines.after("diagnosed: "))
+
+
+def _peer(recording: Path, browser: Any) -> dict[str, Any] | str:
+    """Return what the peer takes for the same samples; why not, where it cannot be installed."""
+    from gyrowheel_analysis.recording import Recording
+
+    with tempfile.TemporaryDirectory(prefix="gyrowheel-bench-") as name:
+        place = Path(name)
+        venv.create(place / "venv", with_pip=True)
+        python = place / "venv" / "bin" / "python"
+        done = subprocess.run(
+            [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *_PEER_PACKAGES],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if done.returncode:
+            return " ".join(done.stderr.split())[-300:]
+        data = Recording.open(recording)
+        np.save(place / "time.npy", data.time)
+        for names in _LINES:
+            for line in names:
+                np.save(place / f"{line}.npy", data.measurement[line])
+        end = data.duration
+        del data
+        (place / "server.py").write_text(_PEER_SERVER, encoding="utf-8")
+        port = _free_port()
+        began = time.perf_counter()
+        command = [
+            str(python),
+            str(place / "server.py"),
+            name,
+            str(port),
+            str(_POINTS),
+            *map(",".join, _LINES),
+        ]
+        with _serving(command) as (process, _):
+            _await_port(port)
+            page = _page(browser, f"http://127.0.0.1:{port}/")
+            page.wait_for_function(
+                "document.querySelector('.js-plotly-plot')?.data?.length > 0", timeout=1e3 * _PATIENCE
+            )
+            page.evaluate(_TWO_FRAMES)
+            opening = time.perf_counter() - began
+            page.wait_for_timeout(3000.0)  # it draws some time before it listens to a zoom
+            found = _zooms(page, lambda span: page.evaluate(_PEER_ZOOM, span), end, "_dash-update-component")
+            page.close()
+            return found | {"opening": opening, "memory": _most_memory(process.pid)}
+
+
+def _zooms(page: Any, zoom: Callable[[list[float]], float], end: float, answer: str) -> dict[str, float]:
+    sizes: list[int] = []
+    page.on("response", lambda own: sizes.append(len(own.body())) if answer in own.url else None)
+    took = []
+    for middle, width in _ZOOMS:
+        span = [max(end * (middle - 0.5 * width), 0.0), min(end * (middle + 0.5 * width), end)]
+        took.append(zoom(span))
+        page.wait_for_timeout(150.0)  # what comes after a zoom is not counted to the next one
+    return {"median": median(took), "worst": max(took), "bytes": 1e-3 * median(sizes) if sizes else 0.0}
+
+
+def _page(browser: Any, address: str) -> Any:
+    page = browser.new_page(viewport={"width": 1400, "height": 1000})
+    page.set_default_timeout(1e3 * _PATIENCE)
+    page.goto(address)
+    return page
+
+
+@contextmanager
+def _browser(chromium: str) -> Iterator[Any]:
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as play:
+        browser = play.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+class _Lines:
+    """The lines that a process says, in the order in which they come."""
+
+    def __init__(self, process: subprocess.Popen[str]) -> None:
+        self._lines: list[str] = []
+        self._said = threading.Condition()
+        self._ended = False
+        self._process = process
+        threading.Thread(target=self._listen, daemon=True).start()
+
+    def _listen(self) -> None:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            with self._said:
+                self._lines.append(line)
+                self._said.notify_all()
+        with self._said:
+            self._ended = True
+            self._said.notify_all()
+
+    def after(self, mark: str) -> str:
+        """Return what stands behind a mark in the first line that has it; wait for it."""
+
+        def found() -> str | None:
+            return next((line.partition(mark)[2].strip() for line in self._lines if mark in line), None)
+
+        with self._said:
+            self._said.wait_for(lambda: self._ended or found() is not None, _PATIENCE)
+            text = found()
+        if text is None:
+            raise MeasurementError(
+                f"no line with '{mark.strip()}': {' '.join(''.join(self._lines).split())[-300:]}"
+            )
+        return text
+
+
+@contextmanager
+def _serving(command: list[str]) -> Iterator[tuple[subprocess.Popen[str], _Lines]]:
+    process = subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env={**os.environ, "PYTHONUNBUFFERED": "1", "NO_COLOR": "1"},
+    )
+    try:
+        yield process, _Lines(process)
+    finally:
+        process.kill()
+        process.wait()
+
+
+def _free_port() -> int:
+    import socket
+
+    with socket.socket() as own:
+        own.bind(("127.0.0.1", 0))
+        return int(own.getsockname()[1])
+
+
+def _await_port(port: int) -> None:
+    """Wait until something answers at a port."""
+    import socket
+
+    end = time.monotonic() + _PATIENCE
+    while True:
+        try:
+            socket.create_connection(("127.0.0.1", port), timeout=1.0).close()
+        except OSError:
+            if time.monotonic() > end:
+                raise MeasurementError(f"{PEER} does not answer") from None
+            time.sleep(0.02)
+        else:
+            return
+
+
+def _most_memory(pid: int) -> float:
+    """Return the most memory that a process has had [GB]."""
+    status = Path(f"/proc/{pid}/status").read_text(encoding="utf-8")
+    return 1.024e-6 * float(next(line.split()[1] for line in status.splitlines() if line.startswith("VmHWM")))
+
+
+def serve(folder: str) -> None:
+    """Serve the workbench on recordings of a folder, and say where it is and when a diagnosis was computed."""
+    from gyrowheel.model import Model
+    from gyrowheel.workbench import desk
+    from gyrowheel.workbench.server import Server
+    from gyrowheel.workbench.shelf import Shelf
+
+    name = "diagnose"
+    computed = getattr(desk, name)
+
+    def diagnose(*given: Any, **named: Any) -> Any:
+        found = computed(*given, **named)
+        sys.stdout.write(f"diagnosed: {time.time():.6f}\n")
+        return found
+
+    setattr(desk, name, diagnose)
+    with Server(desk.Desk(Shelf([Path(folder)]), Model()), port=0) as own:
+        sys.stdout.write(f"page: {own.url}\n")
+        threading.Event().wait()
+
+
+if __name__ == "__main__":
+    serve(sys.argv[1])

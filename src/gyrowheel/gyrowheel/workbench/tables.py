@@ -1,0 +1,196 @@
+"""A table of another program on the workbench: its map is suggested, corrected and tried, then it is a recording."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from gyrowheel.correcting import wrong_setups
+from gyrowheel.model import Model
+from gyrowheel.plots.figure import png_bytes
+from gyrowheel.recording import Recording
+from gyrowheel.tables import read_table, suggest_map
+from gyrowheel.text.sentences.setup import map_lines, problem
+from gyrowheel_analysis.exchange.fields import READINGS
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.quantities import short
+
+#: Largest table that is taken from a browser [bytes].
+LARGEST = 256 << 20
+_LONGEST_NAME = 120
+_TIME = "time"
+#: What a map says of a reading that can be corrected here.
+PARTS = ("column", "unit", "scale")
+
+
+@dataclass(frozen=True)
+class Draft:
+    """A table, and the map by which it is read as it is now.
+
+    Attributes
+    ----------
+    number : int
+        Counts the looks at tables, for the address of the picture.
+    name : str
+        Name of its file.
+    file : Path
+        Where it is kept until it is a recording.
+    kind : str
+        Its format.
+    columns : tuple of str
+        Names of its columns.
+    content : mapping
+        The map.
+    reasons : mapping of str to str
+        Why a column is taken for a reading, where that was suggested.
+    questions, remarks : tuple of str
+        What must be answered, and what is good to know.
+    picture : bytes
+        What was measured, as the map reads it, as PNG; empty where it cannot be read.
+    """
+
+    number: int
+    name: str
+    file: Path
+    kind: str
+    columns: tuple[str, ...]
+    content: Mapping[str, Any]
+    reasons: Mapping[str, str] = field(default_factory=dict)
+    questions: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+    picture: bytes = b""
+
+    def rows(self) -> list[dict[str, str]]:
+        """Return what the map says of the time and of every reading, to be corrected."""
+        rows = []
+        for name in (_TIME, *READINGS):
+            source = self.content.get(_TIME) if name == _TIME else self.content.get("columns", {}).get(name)
+            given = source or {}
+            constant = f"{short(given['value'])} {given.get('unit', '')}" if "value" in given else ""
+            rows.append(
+                {
+                    "field": name,
+                    "column": given.get("column", ""),
+                    "unit": given.get("unit", "") if given.get("column") else "",
+                    "scale": repr(given["scale"]) if "scale" in given else "",
+                    "si": "s" if name == _TIME else READINGS[name].unit,
+                    "reason": f"constant {constant}" if constant else self.reasons.get(name, ""),
+                }
+            )
+        return rows
+
+
+def file_name(text: str) -> str:
+    """Return the name of an uploaded file as one within a folder.
+
+    Raises
+    ------
+    InputError
+        If nothing of it can be one.
+    """
+    name = "".join(c if c.isalnum() or c in "._- " else "_" for c in Path(text).name)[-_LONGEST_NAME:].strip(
+        ". "
+    )
+    if not name:
+        raise InputError(f"name: {text[:40]!r} is none of a file")
+    return name
+
+
+def looked(number: int, file: Path, model: Model) -> Draft:
+    """Look at a table of the bench of a model, and return it with the map that is suggested.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read at all.
+    """
+    try:
+        found = suggest_map(file, bench=model.bench_source)
+    except InputError as error:
+        raise InputError(_said(error, file)) from None
+    d = found.details
+    used = [name for own in d.proposals for name in (own.column, own.clock) if name]
+    return Draft(
+        number,
+        file.name,
+        file,
+        d.kind,
+        tuple(sorted({*used, *d.unused}, key=str.casefold)),
+        found.content,
+        {own.field: own.reason for own in d.proposals},
+        tuple(_said(text, file) for text in found.questions),
+        tuple(_said(text, file) for text in found.remarks),
+        b"" if d.recording is None else png_bytes(found.plot()),
+    )
+
+
+def corrected(draft: Draft, given: Mapping[str, str]) -> dict[str, Any]:
+    """Return the map of a table with what a user wrote in its form: ``tilt_x.column``, ``.unit``, ``.scale``.
+
+    Raises
+    ------
+    InputError
+        If a scale is no number.
+    """
+    content = copy.deepcopy(dict(draft.content))
+    columns = content.setdefault("columns", {})
+    for name in (_TIME, *READINGS):
+        if f"{name}.column" not in given:
+            continue
+        into = content if name == _TIME else columns
+        column, unit, scale = (given.get(f"{name}.{part}", "").strip() for part in PARTS)
+        before = into.get(name) or {}
+        if not column:
+            if "value" not in before:  # a constant stays
+                into.pop(name, None)
+            continue
+        source = dict(before) if before.get("column") == column else {"column": column}
+        source["unit"] = unit
+        source.pop("scale", None)
+        if scale:
+            try:
+                source["scale"] = float(scale)
+            except ValueError:
+                raise InputError(f"{name}: scale: {scale[:40]!r} is no number") from None
+        into[name] = source
+    return content
+
+
+def tried(draft: Draft, number: int, content: Mapping[str, Any], model: Model) -> Draft:
+    """Read a table by a map, and return it with the picture, and with what the laws of the wheel say against it.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read so.
+    """
+    recording = made(draft, content, None)
+    wrong = wrong_setups([recording], model.details)
+    questions = []
+    for own in wrong:
+        lines = "; ".join(map_lines(own))
+        questions.append(problem(own) + (f" In the map: {lines}." if lines else ""))
+    return replace(
+        draft,
+        number=number,
+        content=content,
+        reasons={},
+        questions=tuple(_said(text, draft.file) for text in questions),
+        picture=png_bytes(recording.plot()),
+    )
+
+
+def made(draft: Draft, content: Mapping[str, Any], folder: Path | None) -> Recording:
+    """Return the recording that a map makes of a table, in a new folder or a temporary one."""
+    try:
+        return read_table(draft.file, content, folder)
+    except InputError as error:
+        raise InputError(_said(error, draft.file)) from None
+
+
+def _said(what: object, file: Path) -> str:
+    """Return a sentence with the name of the file alone: where it is kept here is nobody's business."""
+    return str(what).replace(str(file), file.name)

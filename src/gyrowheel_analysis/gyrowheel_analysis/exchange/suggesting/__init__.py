@@ -1,0 +1,1 @@
+"""What a table of others seems to hold."""

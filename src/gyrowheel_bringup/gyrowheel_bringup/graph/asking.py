@@ -1,0 +1,147 @@
+"""A plan for a bench that runs already: its conductor walks it, its recorder records it; the bench goes on."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from gyrowheel_msgs.action import RunPlan
+from gyrowheel_msgs.srv import StartRecording, StopRecording
+from rclpy.action import ActionClient
+
+from gyrowheel_bringup.graph.own_node import own_node
+from gyrowheel_bringup.graph.results import GraphError, Progress
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.node import prepare_environment
+
+_APPEAR = 20.0  # time in which a bench that runs must show [s]
+_ANSWER = 60.0  # time for an answer, and between two signs of progress [s]
+_FINISH = 120.0  # time for the recorder to complete its files [s]
+
+
+class _Asking:
+    """A node that asks a bench for things, one after another."""
+
+    def __init__(self, namespace: str, domain: int | None, closing: contextlib.ExitStack) -> None:
+        prepare_environment()
+        self._node, self._executor = own_node("asking", namespace, domain, closing)
+        self._where = namespace or "the root namespace"
+        self.plans = ActionClient(self._node, RunPlan, "gyrowheel/run_plan")
+        closing.callback(self.plans.destroy)
+        self.start = self._node.create_client(StartRecording, "gyrowheel/recorder/start")
+        self.stop = self._node.create_client(StopRecording, "gyrowheel/recorder/stop")
+
+    def until(self, done: Callable[[], bool], seconds: Callable[[], float], what: str) -> None:
+        """Serve the node until something is so; GraphError at the time by which it must be."""
+        while not done():
+            if time.monotonic() > seconds():
+                raise GraphError("stalled", f"the bench in {self._where}: {what}")
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def call(self, client: Any, request: Any, what: str, seconds: float = _ANSWER) -> Any:
+        """Return the answer of a service."""
+        began = time.monotonic()
+        self.until(client.service_is_ready, lambda: began + _APPEAR, f"no {what}")
+        future = client.call_async(request)
+        self.until(future.done, lambda: began + seconds, f"no answer of the {what}")
+        return future.result()
+
+
+def walk(
+    plan: Plan,
+    record: Path,
+    *,
+    namespace: str = "",
+    domain: int | None = None,
+    progress: Callable[[Progress], None] | None = None,
+    ended: Callable[[], bool] | None = None,
+) -> bool:
+    """Have a running bench walk a plan and record it; afterwards it goes on as before.
+
+    Parameters
+    ----------
+    plan : Plan
+        The plan.
+    record : Path
+        New directory for the recording.
+    namespace : str
+        Namespace of the bench; empty: the root.
+    domain : int, optional
+        ROS domain; by default that of the environment.
+    progress : callable, optional
+        Called at each change of segment and each second of the bench; what it raises ends the plan, too.
+    ended : callable, optional
+        Asked all along whether to end: then the bench stops the plan and holds where it is.
+
+    Returns
+    -------
+    bool
+        Whether the plan went to its end.
+
+    Raises
+    ------
+    InputError
+        If the recorder of the bench records already, or cannot write there.
+    GraphError
+        If no bench answers, it refuses or aborts the plan, or makes no progress.
+    """
+    with contextlib.ExitStack() as closing:
+        asking = _Asking(namespace, domain, closing)
+        began = time.monotonic()
+        asking.until(asking.plans.server_is_ready, lambda: began + _APPEAR, "no conductor, which walks plans")
+        answer = asking.call(
+            asking.start, StartRecording.Request(directory=str(record.absolute())), "recorder"
+        )
+        if not answer.success:
+            raise InputError(f"recorder of the bench: {answer.message}")
+        try:
+            return _walked(asking, plan, progress, ended)
+        finally:
+            asking.call(asking.stop, StopRecording.Request(), "recorder", _FINISH)
+
+
+def _walked(
+    asking: _Asking,
+    plan: Plan,
+    progress: Callable[[Progress], None] | None,
+    ended: Callable[[], bool] | None,
+) -> bool:
+    last = time.monotonic()
+    raised: list[BaseException] = []
+
+    def report(message: Any) -> None:
+        nonlocal last
+        last = time.monotonic()
+        f = message.feedback
+        if progress is not None and not raised:
+            try:
+                progress(Progress(f.segment, f.segments, f.label, f.elapsed, f.duration))
+            except BaseException as error:  # the executor would end the process for it
+                raised.append(error)
+
+    asked = asking.plans.send_goal_async(RunPlan.Goal(plan=plan.to_yaml()), feedback_callback=report)
+    asking.until(asked.done, lambda: last + _ANSWER, "the conductor does not answer")
+    goal = asked.result()
+    if not goal.accepted:
+        raise GraphError("plan_refused", "the conductor refused the plan: it is executing another one")
+    result = goal.get_result_async()
+    asking.until(
+        lambda: result.done() or bool(raised) or bool(ended and ended()),
+        lambda: last + _ANSWER,
+        f"plan {plan.name} makes no progress for {_ANSWER:g} s",
+    )
+    if not result.done():
+        goal.cancel_goal_async()
+        until = time.monotonic() + _ANSWER
+        asking.until(result.done, lambda: until, "the conductor does not end the plan")
+        if raised:
+            raise raised[0]
+        return False
+    answer = result.result().result
+    if not answer.success:
+        raise GraphError("plan_aborted", f"plan {plan.name}: {answer.message}", node="conductor")
+    return True

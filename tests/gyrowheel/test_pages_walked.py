@@ -1,0 +1,56 @@
+"""The pages to learn from can be followed: their commands in their order, with the verdicts that they show."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from .helpers import Shell
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+pytestmark = pytest.mark.slow
+
+
+def steps(page: Path) -> Iterator[tuple[str, str]]:
+    """Yield scripts (their text, and nothing), and commands with what the page shows of their output."""
+    for language, text in FENCE.findall(page.read_text(encoding="utf-8")):
+        if language == "python":
+            yield text, ""
+        for part in re.split(r"^\$ ", text, flags=re.MULTILINE)[1:]:
+            command, _, shown = part.replace("\\\n", " ").partition("\n")
+            yield command, shown
+
+
+def verdict(shown: str) -> str:
+    """Return the words in the boxes of an output, without its numbers: another machine rounds otherwise."""
+    lines = re.findall(r"^│ (.*?) *│$", shown, re.MULTILINE)
+    return re.sub(r"−?\d[\d.()]*", "#", " ".join(lines))
+
+
+@pytest.mark.parametrize("name", ["tutorial", pytest.param("start", marks=pytest.mark.study)])
+def test_page_can_be_followed(
+    name: str, gyrowheel: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    seen = 0
+    for text, shown in steps(DOCS / f"{name}.md"):
+        if text.startswith("sed "):
+            subprocess.run(shlex.split(text), check=True)
+            continue
+        if not text.startswith("gyrowheel "):
+            exec(compile(text, f"{name}.md", "exec"), {"__name__": "__main__"})  # the page's own code
+            continue
+        arguments = shlex.split(text)[1:]
+        said = gyrowheel.good(*arguments)
+        if "--suggest" in arguments:  # what is asked and told, no more
+            assert said.out.count("•") == shown.count("•"), said.out
+        if expected := verdict(shown):
+            assert verdict(said.out) == expected, text
+            seen += 1
+    assert seen >= 1
