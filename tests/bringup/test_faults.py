@@ -123,24 +123,34 @@ def test_a_killed_node_is_named(node: str, tmp_path: Path, watched: Watched):
 def test_in_real_time_the_motor_is_brought_down_when_the_controller_dies(tmp_path: Path, watched: Watched):
     """What the motor does then, sample by sample, is in test_guard.py."""
     directory = tmp_path / "recording"
-    with (
-        pytest.raises(GraphError) as caught,
-        Graph(
-            LONG_PLAN,
-            record=directory,
-            realtime=True,
-            parameters=PATIENT,
-            without=["drag_estimator"],
-            domain_id=next_domain(),
-        ) as graph,
-    ):
+    domain = next_domain()
+    bystander = Bystander(domain)
 
-        def kill(progress: Progress) -> None:
-            if not watched.pids:
-                watched.note(set(graph.pids.values()))
-                os.kill(graph.pids["controller"], signal.SIGKILL)
+    def commanded() -> bool:
+        return bystander.values("plant").get("guard", "waiting") not in ("waiting", "stopped")
 
-        graph.run(progress=kill)
+    try:
+        with (
+            pytest.raises(GraphError) as caught,
+            Graph(
+                LONG_PLAN,
+                record=directory,
+                realtime=True,
+                parameters=PATIENT,
+                without=["drag_estimator"],
+                domain_id=domain,
+            ) as graph,
+        ):
+
+            def kill(progress: Progress) -> None:
+                if not watched.pids:
+                    bystander.spin_until(commanded)  # before the first command nothing is lost
+                    watched.note(set(graph.pids.values()))
+                    os.kill(graph.pids["controller"], signal.SIGKILL)
+
+            graph.run(progress=kill)
+    finally:
+        bystander.close()
     assert (caught.value.fault, caught.value.node) == ("node_died", "controller")
     said = diagnoses(directory, "plant")
     assert said[-1]["state"] == "inactive"

@@ -85,6 +85,7 @@ class Link:
         self.values: dict[str, dict[str, str]] = {}
         self.estimates: list[Estimate] = []
         self._said: dict[str, str] = {}  # message of the last diagnosis
+        self._told: dict[str, float] = {}  # when it was made [s of the system's clock]
         self._states: dict[str, str] = {}  # state of the lifecycle, in it
         self._troubles: set[tuple[str, str]] = set()
         self._alarm: GraphError | None = None  # guards that have tripped
@@ -240,11 +241,11 @@ class Link:
         broken = self._alarm or self._processes.ended()
         if not broken or "plant" not in self.active:
             return
-        end = time.monotonic() + _WIND_DOWN
-        self.values.pop("plant", None)  # up to a second old
+        now, end = time.time(), time.monotonic() + _WIND_DOWN
         while self._processes.runs("plant") and time.monotonic() < end:
+            # the last diagnosis is up to a second old, and older ones may still wait to be taken
+            values = self.values.get("plant", {}) if self._told.get("plant", 0.0) > now else {}
             # before the first command nothing is lost, and the motor keeps turning
-            values = self.values.get("plant", {})
             if values.get("outputs") == "off" or values.get("guard") in ("waiting", "stopped"):
                 return
             self._executor.spin_once(timeout_sec=0.05)
@@ -296,6 +297,7 @@ class Link:
                     self.strangers[name] = values.get("pid", "unknown")
                 continue
             self._said[name], self._states[name] = status.message, values["state"]
+            self._told[name] = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
             child.note_memory()
             if values["state"] == "active":
                 self.active.add(name)
