@@ -14,6 +14,7 @@ SUBJECTS = {
     "start_up": "time from the command to the first step",
     "graph": "the nodes in lock-step beside a bare ping-pong",
     "realtime": "ten recorded minutes in real time: what is lost, what is late and why, memory of the nodes",
+    "hour": "an hour of the same, then diagnosed",
     "stalls": "the plant stopped twenty times in a real-time run: what recording and diagnostics tell of it",
     "diagnosis": "time and memory of a diagnosis, minutes and an hour of samples, stage by stage",
     "workbench": "an hour in the browser: opening, zoom, memory, beside plotly-resampler; how soon a diagnosis shows",
@@ -23,3 +24,6 @@ SUBJECTS = {
     "killed": "kill -9 at random instants of verbs that write, and fifty writers of one model at once",
     "readers": "our MCAP reader and writer beside rosbags' raw bytes: time, damage that shows, what a kill loses",
 }
+
+#: What is measured only where it is asked for by name, because it takes so long.
+LONG = {"hour"}

@@ -10,7 +10,7 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks import SUBJECTS
+from benchmarks import LONG, SUBJECTS
 from benchmarks.results import MeasurementError, Report, shown, to_json
 from gyrowheel.cli.shell import BAD_INPUT, FINDING, INTERRUPTED, OK, advancing, put_text
 from gyrowheel_core.errors import InputError
@@ -29,7 +29,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # some minutes of measuring are not to end with a file that cannot be written
         with disk_errors(file), tempfile.TemporaryFile(dir=file.absolute().parent):
             pass
-        for name in asked.subject or SUBJECTS:
+        for name in asked.subject or [name for name in SUBJECTS if name not in LONG]:
             module = importlib.import_module(f"benchmarks.{name}")
             with advancing(f"measuring {name}") as advance:
                 found = module.measure(advance)
@@ -63,7 +63,12 @@ def _parser() -> argparse.ArgumentParser:
         epilog=f"subjects:\n{subjects}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("subject", nargs="*", metavar="SUBJECT", help="what to measure (default: everything)")
+    parser.add_argument(
+        "subject",
+        nargs="*",
+        metavar="SUBJECT",
+        help=f"what to measure (default: everything but {', '.join(sorted(LONG))})",
+    )
     parser.add_argument(
         "--json", metavar="FILE", default="bench.json", help="file of the figures (%(default)s)"
     )
