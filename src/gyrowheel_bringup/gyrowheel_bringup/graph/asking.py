@@ -14,6 +14,7 @@ from rclpy.action import ActionClient
 
 from gyrowheel_bringup.graph.own_node import own_node
 from gyrowheel_bringup.graph.results import GraphError, Progress
+from gyrowheel_bringup.graph.walking import walked
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import prepare_environment
@@ -35,19 +36,27 @@ class _Asking:
         self.start = self._node.create_client(StartRecording, "gyrowheel/recorder/start")
         self.stop = self._node.create_client(StopRecording, "gyrowheel/recorder/stop")
 
-    def until(self, done: Callable[[], bool], seconds: Callable[[], float], what: str) -> None:
-        """Serve the node until something is so; GraphError at the time by which it must be."""
+    def spin(self) -> None:
+        """Serve the node for a moment."""
+        self._executor.spin_once(timeout_sec=0.05)
+
+    def stalled(self, what: str) -> GraphError:
+        """Return the error that something does not come."""
+        return GraphError("stalled", f"the bench in {self._where}: {what}")
+
+    def until(self, done: Callable[[], bool], end: float, what: str) -> None:
+        """Serve the node until something is so; GraphError at the `end` [s of the monotonic clock]."""
         while not done():
-            if time.monotonic() > seconds():
-                raise GraphError("stalled", f"the bench in {self._where}: {what}")
-            self._executor.spin_once(timeout_sec=0.05)
+            if time.monotonic() > end:
+                raise self.stalled(what)
+            self.spin()
 
     def call(self, client: Any, request: Any, what: str, seconds: float = _ANSWER) -> Any:
         """Return the answer of a service."""
         began = time.monotonic()
-        self.until(client.service_is_ready, lambda: began + _APPEAR, f"no {what}")
+        self.until(client.service_is_ready, began + _APPEAR, f"no {what}")
         future = client.call_async(request)
-        self.until(future.done, lambda: began + seconds, f"no answer of the {what}")
+        self.until(future.done, began + seconds, f"no answer of the {what}")
         return future.result()
 
 
@@ -92,7 +101,7 @@ def walk(
     with contextlib.ExitStack() as closing:
         asking = _Asking(namespace, domain, closing)
         began = time.monotonic()
-        asking.until(asking.plans.server_is_ready, lambda: began + _APPEAR, "no conductor, which walks plans")
+        asking.until(asking.plans.server_is_ready, began + _APPEAR, "no conductor, which walks plans")
         answer = asking.call(
             asking.start, StartRecording.Request(directory=str(record.absolute())), "recorder"
         )
@@ -110,38 +119,17 @@ def _walked(
     progress: Callable[[Progress], None] | None,
     ended: Callable[[], bool] | None,
 ) -> bool:
-    last = time.monotonic()
-    raised: list[BaseException] = []
-
-    def report(message: Any) -> None:
-        nonlocal last
-        last = time.monotonic()
-        f = message.feedback
-        if progress is not None and not raised:
-            try:
-                progress(Progress(f.segment, f.segments, f.label, f.elapsed, f.duration))
-            except BaseException as error:  # the executor would end the process for it
-                raised.append(error)
-
-    asked = asking.plans.send_goal_async(RunPlan.Goal(plan=plan.to_yaml()), feedback_callback=report)
-    asking.until(asked.done, lambda: last + _ANSWER, "the conductor does not answer")
-    goal = asked.result()
-    if not goal.accepted:
-        raise GraphError("plan_refused", "the conductor refused the plan: it is executing another one")
-    result = goal.get_result_async()
-    asking.until(
-        lambda: result.done() or bool(raised) or bool(ended and ended()),
-        lambda: last + _ANSWER,
-        f"plan {plan.name} makes no progress for {_ANSWER:g} s",
+    result = walked(
+        asking.plans,
+        plan,
+        spin=asking.spin,
+        stalled=asking.stalled,
+        patience=_ANSWER,
+        progress=progress,
+        ended=ended,
     )
-    if not result.done():
-        goal.cancel_goal_async()
-        until = time.monotonic() + _ANSWER
-        asking.until(result.done, lambda: until, "the conductor does not end the plan")
-        if raised:
-            raise raised[0]
+    if result is None:
         return False
-    answer = result.result().result
-    if not answer.success:
-        raise GraphError("plan_aborted", f"plan {plan.name}: {answer.message}", node="conductor")
+    if not result.success:
+        raise GraphError("plan_aborted", f"plan {plan.name}: {result.message}", node="conductor")
     return True

@@ -23,6 +23,7 @@ from gyrowheel_bringup.graph.own_node import own_node
 from gyrowheel_bringup.graph.processes import Processes
 from gyrowheel_bringup.graph.results import GraphError, Progress
 from gyrowheel_bringup.graph.strangers import Strangers
+from gyrowheel_bringup.graph.walking import walked
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import namespaces, topics
 
@@ -31,7 +32,6 @@ _FINISH_TIMEOUT = 120.0  # time for the recorder to complete its files [s]
 _EXPLAIN = 3.0  # time for a node to end, or to report why a plan was aborted [s]
 _WIND_DOWN = 60.0  # time for the guard to stop the motor [s]
 _ACTIVATE = 10.0  # time for a node to say that it is active [s]
-_ASK_AGAIN = 5.0  # without progress, after which the result is asked for again [s]
 _LAST = 0.1  # time to take what has arrived [s]
 
 
@@ -172,52 +172,20 @@ class Link:
         GraphError
             If it is refused or aborted, makes no progress, or a node fails.
         """
-        last = time.monotonic()
-        raised: list[BaseException] = []
-        walking = True
-
-        def report(message: Any) -> None:
-            nonlocal last
-            last = time.monotonic()
-            f = message.feedback
-            if progress is None or not walking:
-                return
-            try:
-                progress(Progress(f.segment, f.segments, f.label, f.elapsed, f.duration))
-            except BaseException as error:  # the executor would end the process for it
-                raised.append(error)
-
-        def wait(ask: Callable[[], Any], *, again: bool = False) -> Any:
-            """Return the answer to `ask`; with `again` it is asked once more where none comes: one may be lost."""
-            futures = [ask()]
-            asked = time.monotonic()
-            while not (done := next((f for f in futures if f.done()), None)):
-                self.spin()
-                if raised:
-                    raise raised[0]
-                now = time.monotonic()
-                if now - last > stall_timeout:
-                    raise GraphError("stalled", f"no progress for {stall_timeout:g} s ({self.states()})")
-                if again and now - max(asked, last) > _ASK_AGAIN:
-                    futures.append(ask())
-                    asked = now
-            return done.result()
-
-        try:
-            while not self._plans.server_is_ready():
-                self.spin()
-            request = RunPlan.Goal(plan=plan.to_yaml())
-            goal = wait(lambda: self._plans.send_goal_async(request, feedback_callback=report))
-            if not goal.accepted:
-                raise GraphError(
-                    "plan_refused", "the conductor refused the plan: it is executing another one"
-                )
-            answer = wait(goal.get_result_async, again=True)
-            if not answer.result.success:
-                self._explain(plan, answer.result.message)
-            return answer.result
-        finally:
-            walking = False
+        while not self._plans.server_is_ready():
+            self.spin()
+        result = walked(
+            self._plans,
+            plan,
+            spin=self.spin,
+            stalled=lambda what: GraphError("stalled", f"{what} ({self.states()})"),
+            patience=stall_timeout,
+            progress=progress,
+        )
+        assert result is not None  # nothing else ends it
+        if not result.success:
+            self._explain(plan, result.message)
+        return result
 
     def _explain(self, plan: Plan, message: str) -> NoReturn:
         """Raise the error why a plan was aborted: that of a node, if there is one."""

@@ -7,11 +7,14 @@ its end, 3 where it did not, with the reason in the last line.
 from __future__ import annotations
 
 import re
+import time
 from typing import Any
 
 from gyrowheel_msgs.action import RunPlan
 from rclpy.action import ActionClient
+from rclpy.action.client import ClientGoalHandle
 
+from gyrowheel_bringup.graph.walking import ASK_AGAIN
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.node import BenchNode, Diagnosis, Param, run_node
 
@@ -28,14 +31,18 @@ class PlanClientNode(BenchNode):
         self._client = ActionClient(self, RunPlan, "gyrowheel/run_plan")
         self._label = ""
         self._asked = False
+        self._handle: ClientGoalHandle | None = None
+        self._heard = 0.0  # when there was a sign of the plan [s of the monotonic clock]
 
     def activate(self) -> None:
         """Ask for the plan as soon as there is a conductor."""
         self._waiting = self.wall_timer(0.1, self._ask)
+        self._missing = self.wall_timer(ASK_AGAIN, self._ask_again)
 
     def deactivate(self) -> None:
         """Ask for nothing any more; a plan on its way goes on."""
         self.destroy_timer(self._waiting)
+        self.destroy_timer(self._missing)
 
     def cleanup(self) -> None:
         """Give up the action."""
@@ -57,13 +64,20 @@ class PlanClientNode(BenchNode):
     def _on_answer(self, future: Any) -> None:
         handle = future.result()
         if handle.accepted:
+            self._handle, self._heard = handle, time.monotonic()
             handle.get_result_async().add_done_callback(self._on_result)
         else:
             self.fault(
                 "plan_refused", "the conductor refused the plan: it is executing another one, or not active"
             )
 
+    def _ask_again(self) -> None:
+        """Ask for the result once more where nothing is heard: the first answer may be lost."""
+        if self._handle is not None and time.monotonic() - self._heard > ASK_AGAIN:
+            self._handle.get_result_async().add_done_callback(self._on_result)
+
     def _on_feedback(self, message: Any) -> None:
+        self._heard = time.monotonic()
         feedback = message.feedback
         label = f"segment {feedback.segment + 1} of {feedback.segments}: {feedback.label}"
         if label != self._label:
@@ -71,6 +85,9 @@ class PlanClientNode(BenchNode):
             self.get_logger().info(f"plan {self._plan.name}: {feedback.elapsed:.0f} s, {label}")
 
     def _on_result(self, future: Any) -> None:
+        if self._handle is None:  # another answer came before
+            return
+        self._handle = None
         result = future.result().result
         if result.success:
             self.get_logger().info(result.message)

@@ -1,0 +1,116 @@
+"""How a client of the conductor waits for a plan: an answer that is lost is asked for again, a plan can be ended."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS is not installed")
+
+from gyrowheel_bringup.graph import GraphError, Progress, walking
+from gyrowheel_control.plans.plan import Plan
+
+DONE = SimpleNamespace(result=SimpleNamespace(success=True, message="plan check completed"))
+CANCELLED = SimpleNamespace(result=SimpleNamespace(success=False, message="cancelled"))
+
+
+class Answer:
+    """What comes of a request, once it has come."""
+
+    def __init__(self, value: Any = None) -> None:
+        self.value = value
+
+    def done(self) -> bool:
+        return self.value is not None
+
+    def result(self) -> Any:
+        return self.value
+
+
+@dataclass
+class Conductor:
+    """Takes one plan; answers as a test wants."""
+
+    accepted: bool = True
+    lost: int = 0  # answers about the end that never come
+    feedback: int = 0  # signs of progress that come at first
+    asked: list[Answer] = field(default_factory=list)
+    cancelled: bool = False
+    tell: Callable[[Any], None] | None = None
+
+    def send_goal_async(self, goal: Any, feedback_callback: Callable[[Any], None]) -> Answer:
+        self.tell = feedback_callback
+        return Answer(self)
+
+    def get_result_async(self) -> Answer:
+        self.asked.append(Answer())
+        return self.asked[-1]
+
+    def cancel_goal_async(self) -> Answer:
+        self.cancelled = True
+        return Answer(self)
+
+    def spin(self) -> None:
+        """Serve the client for a moment."""
+        if self.feedback:
+            self.feedback -= 1
+            assert self.tell is not None
+            self.tell(
+                SimpleNamespace(
+                    feedback=SimpleNamespace(segment=0, segments=1, label="level", elapsed=0.0, duration=9.0)
+                )
+            )
+        elif self.cancelled:
+            self.asked[-1].value = CANCELLED
+        elif len(self.asked) > self.lost:
+            self.asked[-1].value = DONE
+
+    def walk(self, patience: float = 60.0, **options: Any) -> Any:
+        return walking.walked(
+            self,
+            Plan.load("check"),
+            spin=self.spin,
+            stalled=lambda what: GraphError("stalled", what),
+            patience=patience,
+            **options,
+        )
+
+
+def test_an_answer_that_is_lost_is_asked_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(walking, "ASK_AGAIN", 0.0)
+    conductor = Conductor(lost=2)
+    assert conductor.walk().success
+    assert [answer.done() for answer in conductor.asked[:2]] == [False, False]
+
+
+def test_what_progress_raises_ends_the_plan_and_comes_back() -> None:
+    conductor = Conductor(lost=99, feedback=2)
+
+    def fail(progress: Progress) -> None:
+        raise ZeroDivisionError(progress.label)
+
+    with pytest.raises(ZeroDivisionError, match="level"):
+        conductor.walk(progress=fail)
+    assert conductor.cancelled
+
+
+def test_a_plan_is_ended_on_request() -> None:
+    conductor, asked = Conductor(lost=99), iter([False, False, True])
+    assert conductor.walk(ended=lambda: next(asked, True)) is None
+    assert conductor.cancelled
+
+
+def test_no_progress_is_an_error() -> None:
+    with pytest.raises(GraphError, match="plan check makes no progress for 0 s") as caught:
+        Conductor(lost=99).walk(patience=0.0)
+    assert caught.value.fault == "stalled"
+
+
+def test_a_plan_may_be_refused() -> None:
+    with pytest.raises(GraphError, match="refused") as caught:
+        Conductor(accepted=False).walk()
+    assert caught.value.fault == "plan_refused"
