@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import time
 from collections.abc import Collection
 
-import rclpy
-from rclpy.context import Context
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 
 from gyrowheel_bringup.graph.nodes import EXECUTABLES
+from gyrowheel_bringup.graph.own_node import own_node
 from gyrowheel_bringup.graph.shared_memory import remove_dead
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import prepare_environment
 
 #: How long nodes are looked for [s]; on one computer they are found within some tenths of a second.
 _LOOK = 2.0
+#: How long a computer with other work may take to find a node of this process [s].
+_PATIENCE = 20.0
 
 
 def require_free(
@@ -32,7 +33,8 @@ def require_free(
     namespace : str
         Their namespace: empty for the root, else such as ``/bench2``.
     seconds : float
-        How long to look for them [s].
+        How long to look for them [s], from when a second node of this process was found: as long as that is not
+        found, others may not be either.
 
     Raises
     ------
@@ -41,17 +43,15 @@ def require_free(
     """
     prepare_environment()
     remove_dead()
-    context = Context()
-    rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
-    node = Node(f"look_{os.getpid()}", context=context, use_global_arguments=False, enable_rosout=False)
-    try:
-        end = time.monotonic() + seconds
+    with contextlib.ExitStack() as closing:
+        echo, _ = own_node("echo", "", None, closing)
+        node, _ = own_node("look", "", None, closing)
+        domain = node.context.get_domain_id()
+        end = time.monotonic() + max(_PATIENCE, seconds)
         while not (found := _nodes(node, namespace) & set(names)) and time.monotonic() < end:
+            if echo.get_name() in _nodes(node, ""):
+                end = min(end, time.monotonic() + seconds)
             time.sleep(0.05)
-        domain = context.get_domain_id()
-    finally:
-        node.destroy_node()
-        context.try_shutdown()
     if found:
         where = f" in the namespace {namespace}" if namespace else ""
         raise InputError(
