@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import gc
+import sys
 from collections.abc import Iterator
 from dataclasses import replace
+from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
 import numpy as np
@@ -201,3 +204,36 @@ def test_missing_and_malformed_messages_are_counted(run: Run) -> None:
     assert (stream.first, stream.missing, stream.malformed) == (7, 3, 4)
     assert 0 < stream.samples <= len(samples)
     assert stream.samples % BLOCK == 0
+
+
+def test_what_is_kept_does_not_grow_with_the_run(run: Run) -> None:
+    """The same holds again and again, and a hold that lasts: as many objects as at first, and arrays as long."""
+    samples, setpoints = serialized(run, 4.6)
+    stream = DragStream(Model.new())
+    shift = len(samples) * 500_000
+
+    def once_more(turn: int) -> int:
+        for raw in setpoints:
+            stamp, segment, *rest = wire.SETPOINT.unpack(raw)
+            stream.take_setpoint(wire.SETPOINT.pack(stamp + turn * shift, 3 * turn + segment, *rest))
+        for k, raw in enumerate(samples):
+            stamp, _, *rest = wire.MEASUREMENT.unpack(raw)
+            number = turn * len(samples) + k
+            stream.take_measurement(wire.MEASUREMENT.pack(stamp + turn * shift, number, *rest))
+        stream.estimates()
+        return size(stream)
+
+    sizes = [once_more(turn) for turn in range(4)]
+    assert sizes[3] - sizes[1] < 200  # one settled hold takes more
+
+
+def size(thing: object) -> int:
+    """Return the memory of all that an object refers to, but for code and types [bytes]."""
+    seen: dict[int, object] = {}
+    waiting = [thing]
+    while waiting:
+        found = waiting.pop()
+        if id(found) not in seen and not isinstance(found, type | ModuleType | FunctionType | CodeType):
+            seen[id(found)] = found
+            waiting += gc.get_referents(found)
+    return sum(map(sys.getsizeof, seen.values()))

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import tracemalloc
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,8 @@ import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from gyrowheel_msgs.srv import SplitRecording, StartRecording, StopRecording
 from mcap.reader import make_reader
+from mcap.records import ChunkIndex
+from mcap.stream_reader import StreamReader
 from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rosbags.highlevel import AnyReader
@@ -26,6 +29,7 @@ from benchmarks.recording import Recorder
 from gyrowheel_analysis.nodes.recorder import SERVICES
 from gyrowheel_analysis.recording import Recording, salvage
 from gyrowheel_analysis.recording.live import LiveRecording, SampleCount
+from gyrowheel_analysis.recording.mcap.writer import McapWriter
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import prepare_environment
@@ -238,6 +242,47 @@ def test_file_that_may_not_grow_is_left_for_salvage(tmp_path):
     assert saved.broken_off
     assert not saved.losses  # the file ends with a whole chunk
     assert (int(samples) - count(tmp_path / "saved")[0]) * PERIOD_NS <= 0.25e9
+
+
+def test_chunks_that_become_full_are_not_cut(tmp_path):
+    """The recorder sends to the disk what waits; that makes no second chunk of what goes there anyway."""
+    session = LiveRecording(str(tmp_path / "run"))
+    file = tmp_path / "run" / "run_0.mcap"
+    for k in range(10):  # 0.11 s of samples each: somewhere in it a chunk becomes full
+        take(session, 220 * k, 220 * (k + 1))
+        session.writer.flush_old()
+    size = file.stat().st_size
+    session.writer.flush_old()  # nothing has come since: what waits goes now
+    assert file.stat().st_size > size
+    session.close()
+    with file.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None and summary.statistics is not None
+    assert summary.statistics.chunk_count == 11
+    assert count(tmp_path / "run") == (2200, 2200)
+
+
+def test_the_index_of_a_long_recording_is_small_in_memory(tmp_path):
+    """An hour has 36 000 chunks; what is kept of each is written behind the last of them."""
+    writer = McapWriter(tmp_path / "run.mcap", chunk_size=1)  # a chunk for each message
+    channels = [writer.add_channel(f"/{k}", "std_msgs/msg/Empty", "", {}) for k in range(4)]
+    number = 5000
+    tracemalloc.start()
+    for k in range(number):
+        writer.append(channels[k % 4], k * PERIOD_NS, b"x" * (k % 100))
+    grown, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    writer.finish("")
+    assert grown / number < 50.0
+    with (tmp_path / "run.mcap").open("rb") as stream:
+        summary = make_reader(stream, validate_crcs=True).get_summary()
+        stream.seek(0)
+        found = [item for item in StreamReader(stream).records if isinstance(item, ChunkIndex)]
+    assert summary is not None and summary.statistics is not None
+    starts = [index.message_start_time for index in summary.chunk_indexes]
+    assert sorted(starts) == [k * PERIOD_NS for k in range(number)]
+    assert [index.message_start_time for index in found] == [k * PERIOD_NS for k in range(number)]
+    assert summary.statistics.chunk_count == number
 
 
 @pytest.mark.parametrize("fate", ["deleted", "moved", "replaced"])

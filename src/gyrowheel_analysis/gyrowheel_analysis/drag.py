@@ -153,6 +153,43 @@ class _Setpoint(NamedTuple):
     spin_acceleration: float
 
 
+class _Batches:
+    """Sums of filtered readings over batches of samples: how far they scatter, and none of them is kept."""
+
+    def __init__(self, size: int) -> None:
+        self._size = size  # samples in a batch
+        self._sum, self._filled = np.zeros(len(COLUMNS)), 0  # of the batch that is not complete
+        self._count = 0  # complete ones
+        self._mean, self._squares = (
+            np.zeros(len(COLUMNS)),
+            np.zeros(len(COLUMNS)),
+        )  # of them, and about their mean
+
+    def add(self, filtered: Array) -> None:
+        """Take samples."""
+        while len(filtered):
+            some, filtered = filtered[: self._size - self._filled], filtered[self._size - self._filled :]
+            self._sum += some.sum(axis=0)
+            self._filled += len(some)
+            if self._filled == self._size:
+                self._complete()
+
+    def errors(self) -> Array | None:
+        """Return the standard errors of the means of the samples; None if there are too few batches."""
+        if self._count < _FEWEST:
+            return None
+        return np.asarray(np.sqrt(self._squares / (self._count - 1)) / self._size / math.sqrt(self._count))
+
+    def _complete(self) -> None:
+        self._count += 1
+        before = self._sum - self._mean
+        self._mean += before / self._count
+        self._squares += before * (
+            self._sum - self._mean
+        )  # Welford's: a sum of squares would lose the digits
+        self._sum, self._filled = np.zeros(len(COLUMNS)), 0
+
+
 @dataclass
 class _Hold:
     """The current hold: sums over all of it, and the samples whose windows are not final yet."""
@@ -162,18 +199,17 @@ class _Hold:
     due: float  # s, when the next estimate is due
     simulated: HoldPrediction  # of the samples that were dropped
     environment: Sequence[Environment]
+    batches: _Batches
     first: float = math.nan
     last: float = math.nan
     count: int = 0
     filtered: Array = field(default_factory=lambda: np.zeros(len(COLUMNS)))  # sum
     spin: float = 0.0  # sum
-    batches: list[Array] = field(default_factory=list)  # sums of filtered readings
-    batched: int = 0  # samples in the last of them
     times: list[Array] = field(default_factory=list)
     readings: list[Array] = field(default_factory=list)
 
-    def add(self, time: Array, readings: Readings, filtered: Array, batch: int) -> None:
-        """Take samples; `batch` is the number of them in a batch."""
+    def add(self, time: Array, readings: Readings, filtered: Array) -> None:
+        """Take samples."""
         if not self.count:
             self.first = float(time[0])
         self.last = float(time[-1])
@@ -182,20 +218,7 @@ class _Hold:
         self.spin += float(readings.spin_rate.sum())
         self.times.append(time)
         self.readings.append(readings.array)
-        while len(filtered):
-            if not self.batches or self.batched == batch:
-                self.batches.append(np.zeros(len(COLUMNS)))
-                self.batched = 0
-            some, filtered = filtered[: batch - self.batched], filtered[batch - self.batched :]
-            self.batches[-1] += some.sum(axis=0)
-            self.batched += len(some)
-
-    def scatter(self, batch: int) -> Array | None:
-        """Return the standard errors of the means by the scatter of batches; None if there are too few."""
-        whole = self.batches[: len(self.batches) - (self.batched < batch)]
-        if len(whole) < _FEWEST:
-            return None
-        return np.asarray(np.std(whole, axis=0, ddof=1) / batch / math.sqrt(len(whole)))
+        self.batches.add(filtered)
 
 
 class _Settled(NamedTuple):
@@ -241,7 +264,9 @@ class DragEstimator:
         self._white = np.array([v(f"{name}_noise") for name in _NOISY])
         self._constants = np.array([v(name) for name in _CONSTANTS])
         self._calibrated = all(name in learned for name in _CONSTANTS)
-        self._settled: list[_Settled] = []
+        self._first: _Settled | None = None
+        # the last settled hold at zero tilt of each speed, in the order of time: older ones are never referred to
+        self._last_upright: dict[float, _Settled] = {}
         self._environment: list[Environment] = []
 
     @property
@@ -302,7 +327,7 @@ class DragEstimator:
                 time = np.asarray(stamps_ns[at:stop] * 1e-9, dtype=np.float64)
                 keep = time >= self._hold.start
                 if keep.any():
-                    self._hold.add(time[keep], readings[at:stop][keep], filtered[at:stop][keep], self._batch)
+                    self._hold.add(time[keep], readings[at:stop][keep], filtered[at:stop][keep])
                     if time[-1] >= self._hold.due:
                         step = _SHARE * (self._hold.last - self._hold.first)
                         self._hold.due = self._hold.last + min(max(step, _UPDATE), _SELDOM)
@@ -324,7 +349,8 @@ class DragEstimator:
             changed = self._spin_before is not None and abs(spin - self._spin_before) > SPEED_CHANGE
             start = setpoint.stamp_ns * 1e-9 + (SPIN_SETTLING if changed else SETTLING)
             nothing = self._predictor.nothing()
-            self._hold = _Hold(setpoint, start, start + _UPDATE, nothing, self._environment)
+            batches = _Batches(self._batch)
+            self._hold = _Hold(setpoint, start, start + _UPDATE, nothing, self._environment, batches)
         if hold:
             self._spin_before = spin
         return estimates
@@ -363,7 +389,7 @@ class DragEstimator:
         )
         uncertain = np.sqrt(np.sum(simulated.changes**2, axis=0)) / simulated.length
         average, count = hold.filtered / hold.count, hold.count
-        scatter = hold.scatter(self._batch)
+        scatter = hold.batches.errors()
         noise = self._white / math.sqrt(count) if scatter is None else scatter[_ACTUATION]
         std = np.hypot(noise, self._drift)  # averaging over a hold does not remove the drift
         dc, tilt, current = average[_DC], average[_TILT], float(average[_CURRENT])
@@ -375,7 +401,7 @@ class DragEstimator:
             change = -2.0 * math.expm1(-(own.time - reference.time) / self._bench.value("drift_time"))
             increment_std = np.sqrt(own.noise**2 + reference.noise**2 + change * self._drift[:3] ** 2)
         if settled:
-            self._settled.append(own)
+            self._keep(own)
         read = np.array([dc[0], dc[1], current])
         measured = self._constants * read - errors
         return [
@@ -405,10 +431,17 @@ class DragEstimator:
             )
         ]
 
+    def _keep(self, own: _Settled) -> None:
+        """Keep a settled hold as far as later ones may refer to it."""
+        self._first = self._first or own
+        if own.upright:
+            self._last_upright.pop(own.setpoint.spin_rate, None)
+            self._last_upright[own.setpoint.spin_rate] = own
+
     def _reference(self, own: _Settled) -> _Settled:
         """Return the hold from which the increments of a hold are taken."""
         speed = own.setpoint.spin_rate
-        for earlier in reversed(self._settled):
-            if earlier.upright and abs(earlier.setpoint.spin_rate - speed) < SPEED_CHANGE:
+        for earlier in reversed(self._last_upright.values()):
+            if abs(earlier.setpoint.spin_rate - speed) < SPEED_CHANGE:
                 return earlier
-        return own if own.upright or not self._settled else self._settled[0]
+        return own if own.upright or self._first is None else self._first

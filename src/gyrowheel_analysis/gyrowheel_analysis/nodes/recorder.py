@@ -20,7 +20,8 @@ from gyrowheel_core.topics import Topic
 SERVICES: Final = "gyrowheel/recorder"
 #: Key of the diagnosis where the recording that was asked for has ended.
 ENDED: Final = "recording_ended"
-#: Period at which everything collected goes to the disk [s, wall-clock time]; a killed recorder loses no more.
+#: Period at which goes to the disk what waits since the last time [s, wall-clock time]; a killed recorder loses what
+#: came in two periods, and of samples that come as fast as they should what is in one chunk.
 FLUSH_PERIOD: Final = 0.1
 #: Period at which arrived messages are written [s, wall-clock time].
 TAKE_PERIOD: Final = 0.02
@@ -190,10 +191,10 @@ class RecorderNode(BenchNode):
         return bool(statuses) and all(namespaces.is_of_another(s.hardware_id, mine) for s in statuses)
 
     def _flush(self) -> None:
-        """Send collected messages to the disk, however slowly they arrive."""
+        """Send to the disk what has waited for a period: messages that fill no chunk in it."""
         if self._recording is not None:
             try:
-                self._recording.writer.flush()
+                self._recording.writer.flush_old()
             except InputError as error:
                 self._fail(error)
 

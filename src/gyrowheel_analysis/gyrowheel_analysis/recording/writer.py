@@ -76,6 +76,9 @@ class RecordingWriter:
     disk refuses a write; after that only `rescue` and `abort` may be called.
     """
 
+    _mcap: McapWriter  # of the current file
+    _chunks_before: int  # of it, at the last `flush_old`
+
     def __init__(
         self,
         directory: str | Path,
@@ -165,8 +168,19 @@ class RecordingWriter:
         """Send collected messages to the disk, and check that the file still exists."""
         with _disk_errors(self.path):
             self._mcap.flush()
-        self._check_place()
-        self._keep_reserve()
+        self._check()
+
+    def flush_old(self) -> None:
+        """Send to the disk what has waited since the last call, and check that the file still exists.
+
+        Called again and again, it leaves chunks that become full by themselves whole; what comes too slowly for that
+        waits for two periods at most.
+        """
+        if self._mcap.chunks == self._chunks_before:
+            with _disk_errors(self.path):
+                self._mcap.flush()
+        self._chunks_before = self._mcap.chunks
+        self._check()
 
     def split(self) -> None:
         """Complete the current file and go on in a new one of the same recording."""
@@ -225,10 +239,15 @@ class RecordingWriter:
         self._channels.clear()
         self._name = f"{self.path.absolute().name}_{len(self._files)}.mcap"
         self._begun = None
+        self._chunks_before = 0
         with _disk_errors(self.path):
             self._mcap = McapWriter(
                 self.path / self._name, chunk_size=self._chunk_size, chunk_span=self._chunk_span
             )
+        self._keep_reserve()
+
+    def _check(self) -> None:
+        self._check_place()
         self._keep_reserve()
 
     def _check_place(self) -> None:

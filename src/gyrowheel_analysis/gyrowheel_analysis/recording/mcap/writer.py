@@ -12,7 +12,7 @@ import os
 import struct
 import zlib
 from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -40,6 +40,7 @@ from gyrowheel_analysis.recording.mcap.format import (
     STATISTICS,
     SUMMARY_OFFSET,
 )
+from gyrowheel_analysis.recording.mcap.packed import PackedBytes
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,8 @@ class McapWriter:
         Messages written, by channel.
     start, end : int
         Smallest and largest log time written [ns]; 0 before the first message.
+    chunks : int
+        Chunks written.
 
     Notes
     -----
@@ -89,7 +92,7 @@ class McapWriter:
 
     def __init__(self, path: Path, *, chunk_size: int, chunk_span: int | None = None) -> None:
         self.counts: dict[int, int] = {}
-        self.start = self.end = 0
+        self.start = self.end = self.chunks = 0
         self._chunk_size = chunk_size
         self._chunk_span = chunk_span
         self._begun: int | None = None  # log time of the first message of the chunk being collected
@@ -98,8 +101,7 @@ class McapWriter:
         self._schemas: dict[int, bytes] = {}  # records
         self._numbers: dict[str, int] = {}  # of the schemas, by type name
         self._channels: dict[int, bytes] = {}  # records
-        self._chunk_indexes: list[bytes] = []  # records
-        self._tail_size = 0  # of the chunk indexes
+        self._chunk_indexes = PackedBytes()  # records, one for each chunk: a run of hours has many
         self._buffer = bytearray()  # records of the chunk being collected
         self._index: dict[int, array[int]] = {}  # log time and place of each message, alternating, by channel
         self._file = path.open("xb", buffering=0)
@@ -271,7 +273,7 @@ class McapWriter:
     def tail_size(self) -> int:
         """Approximate number of bytes that `finish` adds, without the metadata."""
         records = (*self._schemas.values(), *self._channels.values())
-        return self._tail_size + sum(map(len, records)) + 1024
+        return self._chunk_indexes.size + sum(map(len, records)) + 1024
 
     def is_there(self, path: Path) -> bool:
         """Whether the file is still at this path: writing to a deleted file raises no error."""
@@ -326,33 +328,38 @@ class McapWriter:
             len(self._channels),
             0,  # attachments
             1,  # metadata
-            len(self._chunk_indexes),
+            self.chunks,
             self.start,
             self.end,
             len(counts),
         )
-        groups = {
-            SCHEMA: b"".join(self._schemas.values()),
-            CHANNEL: b"".join(self._channels.values()),
-            STATISTICS: _record(STATISTICS, statistics, counts),
-            CHUNK_INDEX: b"".join(self._chunk_indexes),
-            METADATA_INDEX: _record(
-                METADATA_INDEX, struct.pack("<QQ", metadata_start, len(record)), _text("rosbag2")
-            ),
+        metadata_index = struct.pack("<QQ", metadata_start, len(record))
+        groups: dict[int, PackedBytes | list[bytes]] = {
+            SCHEMA: list(self._schemas.values()),
+            CHANNEL: list(self._channels.values()),
+            STATISTICS: [_record(STATISTICS, statistics, counts)],
+            CHUNK_INDEX: self._chunk_indexes,
+            METADATA_INDEX: [_record(METADATA_INDEX, metadata_index, _text("rosbag2"))],
         }
-        summary_start = self._position + len(head)
-        summary = offsets = b""
-        for opcode, group in groups.items():
-            if group:
-                offsets += _record(
-                    SUMMARY_OFFSET, struct.pack("<BQQ", opcode, summary_start + len(summary), len(group))
-                )
-                summary += group
-        footer = struct.pack("<BQQQ", FOOTER, 20, summary_start, summary_start + len(summary))
-        tail = summary + offsets + footer  # the checksum covers the footer up to itself
-        self._write(head + tail + struct.pack("<I", zlib.crc32(tail)) + MAGIC)
+        self._write_all(self._tail(head, groups))
         os.fsync(self._file.fileno())
         self._file.close()
+
+    def _tail(self, head: bytes, groups: Mapping[int, PackedBytes | list[bytes]]) -> Iterator[bytes]:
+        """Yield the end of the file piece by piece: `head`, the groups of the summary, and what comes after them."""
+        yield head
+        summary_start = self._position
+        offsets, crc = b"", 0
+        for opcode, group in groups.items():
+            start = self._position
+            for piece in group:
+                crc = zlib.crc32(piece, crc)
+                yield piece
+            if length := self._position - start:
+                offsets += _record(SUMMARY_OFFSET, struct.pack("<BQQ", opcode, start, length))
+        footer = struct.pack("<BQQQ", FOOTER, 20, summary_start, self._position)
+        tail = offsets + footer  # the checksum covers the footer up to itself
+        yield tail + struct.pack("<I", zlib.crc32(tail, crc)) + MAGIC
 
     def abort(self) -> None:
         """Close the file without an end, so that it does not pass for complete."""
@@ -386,10 +393,25 @@ class McapWriter:
         )
         self._write(b"".join((chunk, records, indexes)))
         self._chunk_indexes.append(entry)
-        self._tail_size += len(entry)
-        first = len(self._chunk_indexes) == 1
-        self.start = start if first else min(self.start, start)
+        self.start = start if not self.chunks else min(self.start, start)
+        self.chunks += 1
         self.end = max(self.end, end)
+
+    def _write_all(self, pieces: Iterable[bytes]) -> None:
+        """Write pieces one after the other, all or none."""
+        position, crc = self._position, self._crc
+        try:
+            for piece in pieces:
+                self._write(piece)
+        except OSError:
+            self._cut(position)
+            self._position, self._crc = position, crc
+            raise
+
+    def _cut(self, position: int) -> None:
+        with contextlib.suppress(OSError):
+            self._file.seek(position)
+            self._file.truncate()
 
     def _write(self, data: bytes | bytearray) -> None:
         self.require_length()
@@ -398,9 +420,7 @@ class McapWriter:
             while view:  # an unbuffered file may take less than it is given
                 view = view[self._file.write(view) :]
         except OSError:
-            with contextlib.suppress(OSError):  # half a record is useless
-                self._file.seek(self._position)
-                self._file.truncate()
+            self._cut(self._position)  # half a record is useless
             raise
         self._crc = zlib.crc32(data, self._crc)
         self._position += len(data)
