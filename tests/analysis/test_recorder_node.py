@@ -257,7 +257,8 @@ def test_chunks_that_become_full_are_not_cut(tmp_path):
     session.close()
     with file.open("rb") as stream:
         summary = make_reader(stream).get_summary()
-    assert summary is not None and summary.statistics is not None
+    assert summary is not None
+    assert summary.statistics is not None
     assert summary.statistics.chunk_count == 11
     assert count(tmp_path / "run") == (2200, 2200)
 
@@ -278,7 +279,8 @@ def test_the_index_of_a_long_recording_is_small_in_memory(tmp_path):
         summary = make_reader(stream, validate_crcs=True).get_summary()
         stream.seek(0)
         found = [item for item in StreamReader(stream).records if isinstance(item, ChunkIndex)]
-    assert summary is not None and summary.statistics is not None
+    assert summary is not None
+    assert summary.statistics is not None
     starts = [index.message_start_time for index in summary.chunk_indexes]
     assert sorted(starts) == [k * PERIOD_NS for k in range(number)]
     assert [index.message_start_time for index in found] == [k * PERIOD_NS for k in range(number)]
