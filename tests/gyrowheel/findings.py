@@ -1,4 +1,4 @@
-"""Diagnoses made up for tests of what is done with them."""
+"""Diagnoses, and judged cases of a campaign, made up for tests of what is done with them."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from gyrowheel.campaigns.judge import Judged
 from gyrowheel_analysis.diagnosis.result import (
     DetectionLimit,
     Diagnosis,
@@ -22,6 +23,8 @@ from gyrowheel_analysis.residuals.growth import Growth
 from gyrowheel_analysis.residuals.regions import Look, Region
 from gyrowheel_core.units import RPM
 from gyrowheel_sim.effects import get
+
+WINDAGE = {"w": 1.0e-3, "n": 1.5}
 
 
 def row(size: float) -> ErrorRow:
@@ -112,3 +115,14 @@ AMBIGUOUS = diagnosis(
     finding("aero_cross", tie("flexure_damping")),
     next_test=NextTest("air_density", 88.0, 1.2, separates=("aero_cross", "flexure_damping")),
 )
+
+
+def judged_case(index: int, kind: str = "single", outcome: Any = "exact", **changes: Any) -> Judged:
+    """Return a case of a campaign as it was judged."""
+    truth = {} if kind == "none" else {"windage": WINDAGE}
+    named = ["windage"] if outcome == "exact" and truth else []
+    verdict = "effect" if named else "nothing_missing"
+    base = Judged(
+        index, kind, truth, dict.fromkeys(truth, 3.0), True, verdict, named, [], outcome, seconds=2.0
+    )
+    return replace(base, **changes)

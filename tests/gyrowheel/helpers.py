@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import http.client
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ import pytest
 
 from gyrowheel.cli.app import app
 from gyrowheel.cli.shell import run
+from gyrowheel.workbench.server import Server
 
 #: A plan that shows drag: three speeds, some tilts.
 DRAG_PLAN = """\
@@ -84,3 +86,14 @@ def write(path: Path, text: str) -> Path:
     """Write a text file and return its path."""
     path.write_text(text, encoding="utf-8")
     return path
+
+
+def ask(server: Server, path: str, content: Any = None, **headers: str) -> tuple[int, bytes]:
+    """Return status and body of an answer; with `content` of a POST."""
+    connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=240.0)
+    sent = {"Host": f"127.0.0.1:{server.port}", **{k.replace("_", "-"): v for k, v in headers.items()}}
+    if content is not None:
+        sent = {"Content-Type": "application/json"} | sent
+    connection.request("GET" if content is None else "POST", path, json.dumps(content), sent)
+    answer = connection.getresponse()
+    return answer.status, answer.read()

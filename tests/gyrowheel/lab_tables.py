@@ -172,6 +172,15 @@ def write_bag(folder: Path, measurement: Any, *, ros1: bool = False) -> Path:
     return folder
 
 
+def lab_table(file: Path, samples: Any) -> Path:
+    """Write a table of samples, in which one unit is not what it says."""
+    columns, units = lab_columns(samples, every=2)
+    units["Tilt Y"] = "rad"  # it is in degrees
+    head = ",".join(f"{name} [{units[name]}]" for name in columns)
+    np.savetxt(file, np.stack(list(columns.values()), axis=1), "%.9g", ",", header=head, comments="")
+    return file
+
+
 def _plain(name: str, units: dict[str, str]) -> str:
     """Return a name as MATLAB allows it, the unit behind it."""
     return f"{name.lower().replace(' ', '_')}_{units[name]}"

@@ -37,7 +37,7 @@ from gyrowheel_sim.blind.draw import KINDS
 from gyrowheel_sim.effects import physical, registry
 from gyrowheel_sim.plant.scenario import Scenario
 
-from .findings import diagnosis, finding, tie
+from .findings import WINDAGE, diagnosis, finding, judged_case, tie
 from .helpers import DRAG_PLAN, OTHER_PLAN, Shell, write
 from .pages import Page, check_numbers
 
@@ -193,7 +193,6 @@ def secret_of(**truth: dict[str, float]) -> Secret:
     return Secret(Scenario.nominal(), truth, dict.fromkeys(truth, 3.0))
 
 
-WINDAGE = {"w": 1.0e-3, "n": 1.5}
 CROSS = {"c": 5e-3, "n": 2.0}
 
 
@@ -282,16 +281,6 @@ def test_intervals_are_those_of_what_was_named_right():
 
 
 # ---- counting
-
-
-def judged_case(index: int, kind: str = "single", outcome: Any = "exact", **changes: Any) -> Judged:
-    truth = {} if kind == "none" else {"windage": WINDAGE}
-    named = ["windage"] if outcome == "exact" and truth else []
-    verdict = "effect" if named else "nothing_missing"
-    base = Judged(
-        index, kind, truth, dict.fromkeys(truth, 3.0), True, verdict, named, [], outcome, seconds=2.0
-    )
-    return replace(base, **changes)
 
 
 @settings(deadline=None)

@@ -1,21 +1,18 @@
-"""The workbench: what it serves and to whom, and the loop of see, add, watch in a real browser."""
+"""The workbench: what it serves, and to whom."""
 
 from __future__ import annotations
 
 import http.client
 import json
 import shutil
-import sysconfig
 import threading
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 import numpy as np
 import pytest
-import yaml
 
 import gyrowheel as gw
 from gyrowheel.origins import note_machine
@@ -23,20 +20,12 @@ from gyrowheel.workbench import gate, pictures
 from gyrowheel.workbench.bench import SimulatedBench
 from gyrowheel.workbench.decimation import Envelope
 from gyrowheel.workbench.desk import Desk
-from gyrowheel.workbench.live import LiveBenches
 from gyrowheel.workbench.server import Server
 from gyrowheel.workbench.shelf import Shelf
-from gyrowheel_core import topics, wire
 
-from ..domains import next_domain
 from .conftest import Wheel
-from .helpers import Shell, write
-from .lab_tables import lab_columns
-
-CHROMIUM = shutil.which("chromium")
-#: axe-core, which checks accessibility: `.venv/bin/pip install axe-playwright-python` brings it; else it is left out.
-AXE = Path(sysconfig.get_path("purelib")) / "axe_playwright_python" / "axe.min.js"
-EVIL = "<img src=x onerror=alert(1)></script><script>alert(2)</script>"
+from .helpers import Shell, ask
+from .lab_tables import lab_table
 
 
 @pytest.fixture
@@ -45,17 +34,6 @@ def server(wheel: Wheel) -> Iterator[Server]:
         Desk(Shelf([wheel.recording.parent]), gw.Model.load(wheel.model), wheel.model), port=0
     ) as own:
         yield own
-
-
-def ask(server: Server, path: str, content: Any = None, **headers: str) -> tuple[int, bytes]:
-    """Return status and body of an answer; with `content` of a POST."""
-    connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=240.0)
-    sent = {"Host": f"127.0.0.1:{server.port}", **{k.replace("_", "-"): v for k, v in headers.items()}}
-    if content is not None:
-        sent = {"Content-Type": "application/json"} | sent
-    connection.request("GET" if content is None else "POST", path, json.dumps(content), sent)
-    answer = connection.getresponse()
-    return answer.status, answer.read()
 
 
 @pytest.fixture(scope="module")
@@ -69,40 +47,6 @@ def compared(wheel: Wheel) -> Iterator[Desk]:
     assert desk.trouble is None
     yield desk
     desk.shut()
-
-
-def serious_faults(page: Any) -> list[str]:
-    """Return the serious faults of accessibility of a page, in light and in dark; none where nothing can tell them."""
-    if not AXE.is_file():
-        return []
-    faults = []
-    for theme in ("light", "dark"):
-        page.emulate_media(color_scheme=theme)
-        page.wait_for_function("(theme) => matchMedia(`(prefers-color-scheme: ${theme})`).matches", arg=theme)
-        page.evaluate(AXE.read_text(encoding="utf-8"))
-        found = page.evaluate("axe.run(document, {resultTypes: ['violations']})")
-        faults += [
-            f"{page.url}, {theme}: {fault['id']}: {node['html']}"
-            for fault in found["violations"]
-            if fault["impact"] in ("serious", "critical")
-            for node in fault["nodes"]
-        ]
-    page.emulate_media(color_scheme="light")
-    return faults
-
-
-def press(target: Any, *keys: str) -> None:
-    """Go to an element of the page with the Tab key alone, and press keys there: Enter if none are given."""
-    keyboard = target.page.keyboard
-    target.wait_for()
-    for _ in range(600):
-        if target.evaluate("(own) => own === document.activeElement"):
-            break
-        keyboard.press("Tab")
-    else:
-        raise AssertionError(f"{target}: is not reached with Tab")
-    for key in keys or ("Enter",):
-        keyboard.press(key)
 
 
 def test_no_spike_is_lost_and_few_samples_are_all_shown() -> None:
@@ -343,138 +287,6 @@ def test_a_test_runs_on_the_machine_of_the_recordings_and_is_joined(
     assert len(desk.opened) == 2
 
 
-def test_running_benches_appear_and_their_holds_arrive(wheel: Wheel) -> None:
-    rclpy = pytest.importorskip("rclpy", reason="ROS is not installed")
-    from rclpy.context import Context
-
-    (holds,) = gw.drag(wheel.recording, gw.Model.load(wheel.model)).holds
-    domain = next_domain()
-    desk = Desk(Shelf([wheel.recording.parent]), gw.Model.load(wheel.model), wheel.model)
-    desk.live = LiveBenches(desk.hear, domain)
-    context = Context()
-    rclpy.init(context=context, domain_id=domain)
-    bench = rclpy.create_node("bench", context=context)
-    try:
-        with Server(desk, port=0) as server, desk.live as live:
-            assert json.loads(ask(server, "/state")[1])["live"] == {}
-            heard = threading.Event()
-            desk.watch(heard.set)
-            for key, namespace in (("live", ""), ("live/bench2", "/bench2")):
-                estimates, setpoints = (
-                    bench.create_publisher(topic.message_class, topic.within(namespace), topic.qos)
-                    for topic in (topics.DRAG_ESTIMATE, topics.SETPOINT)
-                )
-
-                def until(said: Any, so: Any) -> None:
-                    """Say something until it is heard: who listens may have come late."""
-                    for _ in range(1200):
-                        said()
-                        heard.clear()
-                        if so() or (heard.wait(0.2) and so()):
-                            return
-
-                setpoint = wire.SETPOINT.pack(holds[0].stamp_ns, 3, 1, 0.05, 0.0, 0.0, 0.0, 366.5, 0.0)
-                until(
-                    partial(setpoints.publish, setpoint),
-                    lambda key=key: key in live.runs and bool(live.runs[key].asked),
-                )
-                first = partial(estimates.publish, holds[0].serialized())
-                until(first, lambda key=key: bool(live.runs[key].holds))
-                for estimate in holds[1:]:
-                    estimates.publish(estimate.serialized())
-                until(lambda: None, lambda key=key: len(live.runs[key].holds) == len(holds))
-                state, found = (json.loads(ask(server, path)[1]) for path in ("/state", "/heard"))
-                title = f"running bench {namespace}".strip()
-                assert state["live"][key]["title"] == title
-                words = f"{len(holds)} holds; segment 3, hold: tilt 2.9, 0.0 °, 3500 rpm"
-                assert words in state["live"][key]["words"]
-                assert f"<b>{title}</b>" in state["parts"]["recordings"]
-                own = found[key]
-                assert own["hold"] == [e.segment for e in holds]
-                assert own["actuators"][2]["torque"]["predicted"] == pytest.approx(
-                    [1e3 * e.simulated_torque[2] for e in holds]
-                )
-            assert list(live.runs) == ["live", "live/bench2"]
-    finally:
-        bench.destroy_node()
-        context.try_shutdown()
-
-
-@pytest.mark.graph
-@pytest.mark.slow
-def test_a_running_bench_walks_the_next_test_and_goes_on(wheel: Wheel, tmp_path: Path) -> None:
-    pytest.importorskip("rclpy", reason="ROS is not installed")
-    from gyrowheel.graph import up
-
-    plan = write(
-        tmp_path / "short.yaml",
-        yaml.safe_dump(
-            {
-                "schema": 1,
-                "name": "short",
-                "hold_s": 0.5,
-                "segments": [{"spin_rpm": 3500, "tilt_deg": [[0, 0], [1, 0]]}],
-            }
-        ),
-    )
-    domain = next_domain()
-    shutil.copytree(wheel.recording, tmp_path / "runs" / "drag")
-    desk = Desk(Shelf([tmp_path / "runs"]), gw.Model.load(wheel.model))
-    desk.live = LiveBenches(desk.hear, domain)
-    desk.open("0/drag", "fitted")
-    desk.wait(240.0)
-    diagnosed: list[int] = []
-    desk.tests = lambda: [str(plan)]  # type: ignore[method-assign]
-    desk._diagnose = lambda at: diagnosed.append(len(desk.used("fitted")))  # type: ignore[method-assign]
-    with pytest.raises(gw.InputError, match="'live/bench9' does not run"):
-        desk.test(str(plan), "live/bench9")
-    changed = threading.Event()
-    desk.watch(changed.set)
-
-    def until(so: Any) -> None:
-        for _ in range(1200):
-            changed.clear()
-            if so() or (changed.wait(0.2) and so()):
-                return
-        raise AssertionError("it does not come")
-
-    with up(None, domain=domain, namespace="bench2") as graph, desk.live:
-        until(lambda: "live/bench2" in desk.live.runs)
-        parts: list[float] = []
-        ends = desk.watch(lambda: parts.append(desk.job.part or 0.0) if desk.job else None)
-        desk.test(str(plan), "live/bench2")
-        desk.wait(240.0)
-        ends()
-        assert desk.trouble is None
-        assert diagnosed == [2]  # after it was joined
-        assert max(parts) > 0.0  # seen to go on
-        made = next(own.recording for own in desk.opened.values() if own.recording.name != "drag")
-        assert made.data.namespace == "/bench2"
-        assert made.integrity.missing == 0
-        assert len(made.info.holds) >= 2
-        # ended in the middle: the bench stops the plan, and goes on
-        long = write(
-            tmp_path / "long.yaml", plan.read_text().replace("0.5", "600.0").replace("short", "long")
-        )
-        desk.tests = lambda: [str(long)]  # type: ignore[method-assign]
-        desk.test(str(long), "live/bench2")
-        until(lambda: desk.job is not None and desk.job.part is not None)
-        desk.end()
-        desk.wait(240.0)
-        assert len(desk.opened) == 2
-        assert diagnosed == [2]
-        assert set(graph.pids) == {"plant", "controller", "conductor", "recorder", "drag_estimator"}
-
-
-def lab_table(file: Path, samples: Any) -> Path:
-    """Write a lab's table of samples, in which one unit is not what it says."""
-    columns, units = lab_columns(samples, every=2)
-    units["Tilt Y"] = "rad"  # it is in degrees
-    head = ",".join(f"{name} [{units[name]}]" for name in columns)
-    np.savetxt(file, np.stack(list(columns.values()), axis=1), "%.9g", ",", header=head, comments="")
-    return file
-
-
 def test_a_table_is_mapped_corrected_and_becomes_a_recording(wheel: Wheel, tmp_path: Path) -> None:
     shutil.copytree(wheel.recording, tmp_path / "drag")
     samples = gw.Recording.open(wheel.recording).measurement[:20_000]
@@ -580,127 +392,3 @@ def test_the_verb_refuses_what_cannot_be(gyrowheel: Shell, tmp_path: Path, serve
         result = gyrowheel("workbench", *arguments)
         assert result.code == 2
         assert words in result.err
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
-def test_see_add_watch_undo_in_a_browser_by_keyboard(wheel: Wheel, tmp_path: Path) -> None:
-    playwright = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
-    for own in (wheel.recording, wheel.other):
-        shutil.copytree(own, tmp_path / "runs" / own.name)
-    content = yaml.safe_load(wheel.model.read_text(encoding="utf-8"))
-    content["history"] = [{"time": "2026-01-01T00:00:00+00:00", "what": EVIL, "fit": [EVIL]}]
-    file = write(tmp_path / "wheel.yaml", yaml.safe_dump(content))
-    desk = Desk(Shelf([tmp_path / "runs"]), gw.Model.load(file), file)
-    said: list[str] = []
-    asked: list[str] = []
-    with Server(desk, port=0) as server, playwright.sync_playwright() as play:
-        browser = play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        window = browser.new_context(viewport={"width": 1400, "height": 1000})
-
-        def page() -> Any:
-            new = window.new_page()
-            new.set_default_timeout(240_000)
-            new.on("console", lambda message: said.append(message.text) if message.type == "error" else None)
-            new.on("pageerror", lambda error: said.append(str(error)))
-            new.on("dialog", lambda dialog: said.append("a script ran"))
-            new.on("request", lambda request: asked.append(request.url))
-            new.goto(server.url)
-            return new
-
-        first, second = page(), page()
-        expect = playwright.expect
-        expect.set_options(timeout=240_000)
-
-        def shelf(name: str) -> Any:
-            return first.locator("#part-recordings li").filter(has=first.locator("b", has_text=name))
-
-        def enabled(target: Any) -> Any:
-            expect(target).to_be_enabled()
-            return target
-
-        press(shelf("drag").get_by_role("button", name="fit"))
-        expect(first.locator("#tabs button")).to_have_count(1)
-        press(enabled(shelf("other").get_by_role("button", name="only predict")))
-        expect(first.locator("#tabs button")).to_have_count(2)
-        expect(second.locator("#tabs button")).to_have_count(2)  # two pages agree
-        # signals: all of it, then every sample
-        expect(first.locator("#span")).to_contain_text("no spike is lost")
-        for _ in range(7):
-            first.keyboard.press("+")
-        expect(first.locator("#span")).to_contain_text("every one")
-        # the raw sample at the cursor, by keyboard
-        first.keyboard.press(".")
-        expect(first.locator("#readout")).to_contain_text("sample ")
-        # where, and what is missing
-        press(enabled(first.locator("button[data-do=diagnose]")))
-        expect(first.locator("[data-verdict=effect]")).to_contain_text("windage")
-        expect(first.locator("#where canvas").first).to_be_visible()
-        expect(second.locator("[data-verdict=effect]")).to_contain_text("windage")
-        # a cell of the map shows its windows, and what is said of them
-        expect(first.locator("#job button")).to_have_count(0)
-        press(first.locator(".map button[tabindex='0']"), "ArrowDown", *["ArrowRight"] * 3, "Enter")
-        expect(first.locator("#chosen")).to_contain_text("windows chosen")
-        expect(first.locator("#chosen .said")).to_contain_text("residual")
-        # the rotor at the cursor, and no fault of accessibility
-        expect(first.locator("#rotor-said")).to_contain_text("mN·m")
-        assert serious_faults(first) == []
-        third = window.new_page()
-        third.set_default_timeout(240_000)
-        for path in ("help", "help/effect/windage", "report"):
-            third.goto(f"{server.url}{path}")
-            assert serious_faults(third) == []
-        # the report draws its signals, with the values at the cursor, by keyboard
-        expect(third.locator("canvas")).to_have_count(2)
-        third.locator("canvas").first.focus()
-        third.keyboard.press("ArrowRight")
-        expect(third.locator(".readout").first).to_contain_text("tilt about x")
-        third.close()
-        # holds, measured beside predicted
-        expect(first.locator("#predicted canvas").first).to_be_visible()
-        expect(first.locator("#predicted-said")).to_contain_text("holds")
-        # an own formula is checked as it is typed
-        first.locator("#formula").fill("mine: torque = -k*Omgea*z")
-        expect(first.locator("[data-trouble=formula]")).to_contain_text("Omgea")
-        expect(first.locator("#formula-form button")).to_be_disabled()
-        first.locator("#formula").fill("mine: torque = -k*Omega*z")
-        expect(first.locator("#formula-said")).to_contain_text("mine")
-        expect(first.locator("#formula-form button")).to_be_enabled()
-        # add: the error on the unused recording falls to its noise
-        press(enabled(first.locator("button[data-do=add][data-what=windage]")))
-        expect(first.locator("#part-model .card")).to_contain_text("windage")
-        row = first.locator("#part-error tr.total td.figure")
-        before, after = (float(row.nth(k).inner_text()) for k in (3, 4))
-        assert after < 1.3**2 < before
-        added = desk.step.model.added
-        assert added is not None
-        assert added.error.validation_after is not None
-        assert after == pytest.approx(added.error.validation_after.chi2_per_n, rel=5e-3)
-        # a reload keeps all, undo brings the model back, on both pages
-        first.reload()
-        expect(first.locator("#part-model .card")).to_contain_text("windage")
-        expect(first.locator("#fall canvas").first).to_be_visible()
-        # the model is kept under a name
-        first.locator("#save-name").fill("better.yaml")
-        press(enabled(first.locator("form[data-do=save] button")))
-        expect(first.locator("form[data-do=save]")).to_contain_text("saved: ")
-        assert "windage" in gw.Model.load(tmp_path / "better.yaml").effects
-        press(enabled(first.locator("button[data-do=undo]")))
-        expect(first.locator("#part-model .card")).to_have_count(0)
-        expect(second.locator("#part-model .card")).to_have_count(0)
-        expect(second.locator("#part-model")).to_contain_text(EVIL)  # as text
-        assert desk.step.model.effects == {}
-        # a table: what it seems to hold is shown, and a wrong unit of it is corrected
-        samples = gw.Recording.open(wheel.recording).measurement[:8000]
-        first.locator("#table-file").set_input_files(lab_table(tmp_path / "lab.csv", samples))
-        expect(first.locator(".asked")).to_contain_text("tilt_y")
-        assert serious_faults(first) == []
-        press(first.locator("#map-tilt_y-unit"), "Control+a", *"deg", "Enter")
-        expect(first.locator("#part-table .told")).to_contain_text("No question is open")
-        expect(first.locator("#part-table img")).to_be_visible()
-        press(enabled(first.locator("button[name=take]")))
-        expect(first.locator("#table")).to_be_hidden()
-        expect(first.locator("#tabs button")).to_have_count(3)
-        browser.close()
-    assert said == []
-    assert [url for url in asked if not url.startswith((server.url, "data:", "blob:"))] == []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ __all__ = [
     "Geometry",
     "InputError",
     "Result",
+    "SweepSettings",
     "TorqueTable",
     "air_state",
     "case_of",
@@ -119,20 +121,63 @@ def case_of(
     )
 
 
+@dataclass(frozen=True)
+class SweepSettings:
+    """What a sweep computes; its folder keeps them under these names.
+
+    Attributes
+    ----------
+    tilts, speeds : sequence of float
+        Tilts [°] and spin rates [rpm].
+    base : float
+        Spin rate from which the others of a tilt start [rpm].
+    checks : bool
+        Compute the cases as well that show the influence of mesh, model and axes, at the largest tilt.
+    geometry, mesh, model, iterations, settle, temperature, pressure
+        See `case_of`.
+    """
+
+    tilts: Sequence[float]
+    speeds: Sequence[float]
+    base: float = 3500.0
+    geometry: str = "gyrowheel"
+    mesh: str = "low_re"
+    model: str | None = None
+    iterations: int = Case.iterations
+    settle: int = 0
+    checks: bool = False
+    temperature: float | None = None
+    pressure: float | None = None
+
+    def levels(self) -> list[list[Step]]:
+        """Return the cases, those that start from others behind them."""
+        cases = [self._case(tilt, speed) for tilt in self.tilts for speed in self.speeds]
+        base = self.base * RPM
+        levels = plan(
+            cases[0], [tilt * DEG for tilt in self.tilts], [rate * RPM for rate in self.speeds], base
+        )
+        if self.checks:
+            levels.append(companions(cases[0], max(self.tilts) * DEG, base))
+        return levels
+
+    def _case(self, tilt: float, speed: float) -> Case:
+        return case_of(
+            self.geometry,
+            tilt,
+            speed,
+            self.mesh,
+            self.model,
+            temperature=self.temperature,
+            pressure=self.pressure,
+            iterations=self.iterations,
+            settle=self.settle,
+        )
+
+
 def sweep(
     folder: Path,
+    settings: SweepSettings,
     *,
-    geometry: str = "gyrowheel",
-    tilts: Sequence[float],
-    speeds: Sequence[float],
-    base: float = 3500.0,
-    mesh: str = "low_re",
-    model: str | None = None,
-    iterations: int = Case.iterations,
-    settle: int = 0,
-    checks: bool = False,
-    temperature: float | None = None,
-    pressure: float | None = None,
     jobs: int | None = None,
     dask: str | None = None,
     resume: bool = False,
@@ -145,14 +190,8 @@ def sweep(
     ----------
     folder : Path
         Folder of the study.
-    geometry, mesh, model, iterations, settle, temperature, pressure
-        See `case_of`.
-    tilts, speeds : sequence of float
-        Tilts [°] and spin rates [rpm].
-    base : float
-        Spin rate from which the others of a tilt start [rpm].
-    checks : bool
-        Compute the cases as well that show the influence of mesh, model and axes, at the largest tilt.
+    settings : SweepSettings
+        What to compute.
     jobs : int, optional
         Cases at a time; one per core if not given.
     dask : str, optional
@@ -170,23 +209,12 @@ def sweep(
         If a value is unknown or out of range, there is nothing to go on with, OpenFOAM is not installed, or another
         sweep works in the folder.
     """
-    settings: dict[str, Any] = {
-        "geometry": str(Path(geometry).absolute()) if Path(geometry).is_file() else geometry,
-        "tilts": list(tilts),
-        "speeds": list(speeds),
-        "base": base,
-        "mesh": mesh,
-        "model": model,
-        "iterations": iterations,
-        "settle": settle,
-        "checks": checks,
-        "temperature": temperature,
-        "pressure": pressure,
-    }
+    if Path(settings.geometry).is_file():
+        settings = replace(settings, geometry=str(Path(settings.geometry).absolute()))
     work = Work(
         kind=KIND,
-        settings=settings,
-        contents={"geometry": digest(json_text(Geometry.load(geometry).to_dict()))},
+        settings=asdict(settings),
+        contents={"geometry": digest(json_text(Geometry.load(settings.geometry).to_dict()))},
         versions={"gyrowheel": files_of("gyrowheel_sim.air")},
     )
     if resume:
@@ -198,12 +226,12 @@ def sweep(
             begun()
 
     return run_sweep(
-        _levels(**settings), folder, jobs=jobs or os.cpu_count() or 1, dask=dask, begin=note, tell=tell
+        settings.levels(), folder, jobs=jobs or os.cpu_count() or 1, dask=dask, begin=note, tell=tell
     )
 
 
 def sweep_settings(folder: Path) -> dict[str, Any]:
-    """Return the arguments of `sweep` with which the last one in a folder was begun.
+    """Return the settings, by name, with which the last one in a folder was begun.
 
     Raises
     ------
@@ -211,17 +239,6 @@ def sweep_settings(folder: Path) -> dict[str, Any]:
         If there is none.
     """
     return what_begun(folder, KIND).settings
-
-
-def _levels(
-    tilts: Sequence[float], speeds: Sequence[float], base: float, checks: bool, **options: Any
-) -> list[list[Step]]:
-    """Return the cases of a sweep, those that start from others behind them."""
-    cases = [case_of(tilt=tilt, speed=speed, **options) for tilt in tilts for speed in speeds]
-    levels = plan(cases[0], [tilt * DEG for tilt in tilts], [speed * RPM for speed in speeds], base * RPM)
-    if checks:
-        levels.append(companions(cases[0], max(tilts) * DEG, base * RPM))
-    return levels
 
 
 def table_of(source: str) -> TorqueTable:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import typer
 
@@ -260,21 +261,21 @@ def sweep(
     if output is None and resume is None:
         raise InputError("-o: missing; name the folder of the study")
     folder = place_of(output, resume, "sweep")
-    settings: dict[str, Any] = {
-        "geometry": geometry,
-        "tilts": _numbers("--tilts", tilts),
-        "speeds": _numbers("--speeds", speeds),
-        "base": base,
-        "mesh": mesh,
-        "model": model,
-        "iterations": iterations,
-        "settle": settle,
-        "checks": checks,
-        "temperature": temperature,
-        "pressure": pressure,
-    }
+    settings = sweeps.SweepSettings(
+        tilts=_numbers("--tilts", tilts),
+        speeds=_numbers("--speeds", speeds),
+        base=base,
+        geometry=geometry,
+        mesh=mesh,
+        model=model,
+        iterations=iterations,
+        settle=settle,
+        checks=checks,
+        temperature=temperature,
+        pressure=pressure,
+    )
     if resume is not None:
-        settings = merged(context, settings, sweeps.sweep_settings(resume))
+        settings = replace(settings, **merged(context, asdict(settings), sweeps.sweep_settings(resume)))
     again = going_on_command("cfd sweep", folder, {"jobs": jobs, "dask": dask, "json": json})
 
     def tell(case: Case, result: Result | str, done: int, total: int) -> None:
@@ -282,7 +283,7 @@ def sweep(
 
     with going_on(again) as begun, disk_errors(folder):
         outcome = sweeps.sweep(
-            folder, **settings, jobs=jobs, dask=dask, resume=resume is not None, begun=begun, tell=tell
+            folder, settings, jobs=jobs, dask=dask, resume=resume is not None, begun=begun, tell=tell
         )
     if json is not None:
         put_json(

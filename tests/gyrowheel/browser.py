@@ -1,0 +1,61 @@
+"""A real browser: Debian's Chromium, driven by Playwright, with axe-core within its pages."""
+
+from __future__ import annotations
+
+import importlib.util
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import resources
+from typing import Any
+
+import pytest
+
+CHROMIUM = shutil.which("chromium")
+_NEEDED = {"Playwright": "playwright", "axe-core": "axe_playwright_python"}
+_MISSING = [name for name, module in _NEEDED.items() if importlib.util.find_spec(module) is None]
+if CHROMIUM is None:
+    _MISSING.append("Chromium")
+needs_browser = pytest.mark.skipif(bool(_MISSING), reason=f"{' and '.join(_MISSING)}: not installed")
+
+
+@contextmanager
+def opened_browser() -> Iterator[Any]:
+    """Yield a browser without a window."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as play:
+        yield play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+
+
+def serious_faults(page: Any) -> list[str]:
+    """Return the serious and the critical faults of accessibility of a page, in light and in dark."""
+    axe = resources.files("axe_playwright_python").joinpath("axe.min.js").read_text(encoding="utf-8")
+    faults = []
+    for theme in ("light", "dark"):
+        page.emulate_media(color_scheme=theme)
+        page.wait_for_function("(theme) => matchMedia(`(prefers-color-scheme: ${theme})`).matches", arg=theme)
+        page.evaluate(axe)
+        found = page.evaluate("axe.run(document, {resultTypes: ['violations']})")
+        faults += [
+            f"{page.url}, {theme}: {fault['id']}: {node['html']}"
+            for fault in found["violations"]
+            if fault["impact"] in ("serious", "critical")
+            for node in fault["nodes"]
+        ]
+    page.emulate_media(color_scheme="light")
+    return faults
+
+
+def press(target: Any, *keys: str) -> None:
+    """Go to an element of the page with the Tab key alone, and press keys there: Enter if none are given."""
+    keyboard = target.page.keyboard
+    target.wait_for()
+    for _ in range(600):
+        if target.evaluate("(own) => own === document.activeElement"):
+            break
+        keyboard.press("Tab")
+    else:
+        raise AssertionError(f"{target}: is not reached with Tab")
+    for key in keys or ("Enter",):
+        keyboard.press(key)

@@ -1,0 +1,179 @@
+"""The workbench in a real browser: the loop of see, add, watch by keyboard, and pages that everybody can use."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+import gyrowheel as gw
+from gyrowheel.campaigns.summary import Summary
+from gyrowheel.report.campaign import campaign_page
+from gyrowheel.results.campaign import CampaignResult
+from gyrowheel.workbench.desk import Desk
+from gyrowheel.workbench.server import Server
+from gyrowheel.workbench.shelf import Shelf
+
+from .browser import needs_browser, opened_browser, press, serious_faults
+from .conftest import Wheel
+from .findings import judged_case
+from .helpers import write
+from .lab_tables import lab_table
+
+EVIL = "<img src=x onerror=alert(1)></script><script>alert(2)</script>"
+
+
+@needs_browser
+def test_no_page_has_a_serious_fault_of_accessibility(wheel: Wheel, tmp_path: Path) -> None:
+    cases = [judged_case(k, validation=1.0) for k in range(3)]
+    cases += [judged_case(3, outcome="misnamed", named=["flexure_hysteresis"]), judged_case(4, "none")]
+    (tmp_path / "none").mkdir()
+    gw.paper(tmp_path / "paper", only=["fig-7", "fig-8-growth"])
+    campaign = write(
+        tmp_path / "campaign.html",
+        campaign_page(CampaignResult(Summary.of(5, 9, cases), "5 blind cases"), "gyrowheel campaign"),
+    )
+    empty = Desk(Shelf([tmp_path / "none"]), gw.Model())
+    with (
+        Server(empty, port=0) as server,
+        Server(Desk(Shelf([wheel.recording]), gw.Model()), port=0, token=True) as guarded,
+        opened_browser() as browser,
+    ):
+        page = browser.new_page()
+        page.set_default_timeout(240_000)
+        for url, shown in (
+            (server.url, "[data-do=demonstrate]"),
+            (f"{server.url}help", "#import"),
+            *((f"{server.url}help/effect/{name}", ".law") for name in ("windage", "bearing_coulomb")),
+            (guarded.url, "#token"),
+            (campaign.as_uri(), "#wrong"),
+            ((tmp_path / "paper" / "index.html").as_uri(), "#fig-7 img"),
+        ):
+            page.goto(url)
+            page.wait_for_selector(shown)
+            assert serious_faults(page) == []
+
+
+@pytest.mark.slow
+@needs_browser
+def test_see_add_watch_undo_in_a_browser_by_keyboard(wheel: Wheel, tmp_path: Path) -> None:
+    from playwright.sync_api import expect
+
+    for own in (wheel.recording, wheel.other):
+        shutil.copytree(own, tmp_path / "runs" / own.name)
+    content = yaml.safe_load(wheel.model.read_text(encoding="utf-8"))
+    content["history"] = [{"time": "2026-01-01T00:00:00+00:00", "what": EVIL, "fit": [EVIL]}]
+    file = write(tmp_path / "wheel.yaml", yaml.safe_dump(content))
+    desk = Desk(Shelf([tmp_path / "runs"]), gw.Model.load(file), file)
+    said: list[str] = []
+    asked: list[str] = []
+    with Server(desk, port=0) as server, opened_browser() as browser:
+        window = browser.new_context(viewport={"width": 1400, "height": 1000})
+
+        def page() -> Any:
+            new = window.new_page()
+            new.set_default_timeout(240_000)
+            new.on("console", lambda message: said.append(message.text) if message.type == "error" else None)
+            new.on("pageerror", lambda error: said.append(str(error)))
+            new.on("dialog", lambda dialog: said.append("a script ran"))
+            new.on("request", lambda request: asked.append(request.url))
+            new.goto(server.url)
+            return new
+
+        first, second = page(), page()
+        expect.set_options(timeout=240_000)
+
+        def shelf(name: str) -> Any:
+            return first.locator("#part-recordings li").filter(has=first.locator("b", has_text=name))
+
+        def enabled(target: Any) -> Any:
+            expect(target).to_be_enabled()
+            return target
+
+        press(shelf("drag").get_by_role("button", name="fit"))
+        expect(first.locator("#tabs button")).to_have_count(1)
+        press(enabled(shelf("other").get_by_role("button", name="only predict")))
+        expect(first.locator("#tabs button")).to_have_count(2)
+        expect(second.locator("#tabs button")).to_have_count(2)  # two pages agree
+        # signals: all of it, then every sample
+        expect(first.locator("#span")).to_contain_text("no spike is lost")
+        for _ in range(7):
+            first.keyboard.press("+")
+        expect(first.locator("#span")).to_contain_text("every one")
+        # the raw sample at the cursor, by keyboard
+        first.keyboard.press(".")
+        expect(first.locator("#readout")).to_contain_text("sample ")
+        # where, and what is missing
+        press(enabled(first.locator("button[data-do=diagnose]")))
+        expect(first.locator("[data-verdict=effect]")).to_contain_text("windage")
+        expect(first.locator("#where canvas").first).to_be_visible()
+        expect(second.locator("[data-verdict=effect]")).to_contain_text("windage")
+        # a cell of the map shows its windows, and what is said of them
+        expect(first.locator("#job button")).to_have_count(0)
+        press(first.locator(".map button[tabindex='0']"), "ArrowDown", *["ArrowRight"] * 3, "Enter")
+        expect(first.locator("#chosen")).to_contain_text("windows chosen")
+        expect(first.locator("#chosen .said")).to_contain_text("residual")
+        # the rotor at the cursor, and no fault of accessibility
+        expect(first.locator("#rotor-said")).to_contain_text("mN·m")
+        assert serious_faults(first) == []
+        third = window.new_page()
+        third.set_default_timeout(240_000)
+        for path in ("help", "help/effect/windage", "report"):
+            third.goto(f"{server.url}{path}")
+            assert serious_faults(third) == []
+        # the report draws its signals, with the values at the cursor, by keyboard
+        expect(third.locator("canvas")).to_have_count(2)
+        third.locator("canvas").first.focus()
+        third.keyboard.press("ArrowRight")
+        expect(third.locator(".readout").first).to_contain_text("tilt about x")
+        third.close()
+        # holds, measured beside predicted
+        expect(first.locator("#predicted canvas").first).to_be_visible()
+        expect(first.locator("#predicted-said")).to_contain_text("holds")
+        # an own formula is checked as it is typed
+        first.locator("#formula").fill("mine: torque = -k*Omgea*z")
+        expect(first.locator("[data-trouble=formula]")).to_contain_text("Omgea")
+        expect(first.locator("#formula-form button")).to_be_disabled()
+        first.locator("#formula").fill("mine: torque = -k*Omega*z")
+        expect(first.locator("#formula-said")).to_contain_text("mine")
+        expect(first.locator("#formula-form button")).to_be_enabled()
+        # add: the error on the unused recording falls to its noise
+        press(enabled(first.locator("button[data-do=add][data-what=windage]")))
+        expect(first.locator("#part-model .card")).to_contain_text("windage")
+        row = first.locator("#part-error tr.total td.figure")
+        before, after = (float(row.nth(k).inner_text()) for k in (3, 4))
+        assert after < 1.3**2 < before
+        added = desk.step.model.added
+        assert added is not None
+        assert added.error.validation_after is not None
+        assert after == pytest.approx(added.error.validation_after.chi2_per_n, rel=5e-3)
+        # a reload keeps all, undo brings the model back, on both pages
+        first.reload()
+        expect(first.locator("#part-model .card")).to_contain_text("windage")
+        expect(first.locator("#fall canvas").first).to_be_visible()
+        # the model is kept under a name
+        first.locator("#save-name").fill("better.yaml")
+        press(enabled(first.locator("form[data-do=save] button")))
+        expect(first.locator("form[data-do=save]")).to_contain_text("saved: ")
+        assert "windage" in gw.Model.load(tmp_path / "better.yaml").effects
+        press(enabled(first.locator("button[data-do=undo]")))
+        expect(first.locator("#part-model .card")).to_have_count(0)
+        expect(second.locator("#part-model .card")).to_have_count(0)
+        expect(second.locator("#part-model")).to_contain_text(EVIL)  # as text
+        assert desk.step.model.effects == {}
+        # a table: what it seems to hold is shown, and a wrong unit of it is corrected
+        samples = gw.Recording.open(wheel.recording).measurement[:8000]
+        first.locator("#table-file").set_input_files(lab_table(tmp_path / "lab.csv", samples))
+        expect(first.locator(".asked")).to_contain_text("tilt_y")
+        assert serious_faults(first) == []
+        press(first.locator("#map-tilt_y-unit"), "Control+a", *"deg", "Enter")
+        expect(first.locator("#part-table .told")).to_contain_text("No question is open")
+        expect(first.locator("#part-table img")).to_be_visible()
+        press(enabled(first.locator("button[name=take]")))
+        expect(first.locator("#table")).to_be_hidden()
+        expect(first.locator("#tabs button")).to_have_count(3)
+    assert said == []
+    assert [url for url in asked if not url.startswith((server.url, "data:", "blob:"))] == []

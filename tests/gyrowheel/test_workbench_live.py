@@ -1,0 +1,147 @@
+"""The workbench beside running benches: they appear, their holds arrive, they walk the next test."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import threading
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+import gyrowheel as gw
+from gyrowheel.workbench.desk import Desk
+from gyrowheel.workbench.live import LiveBenches
+from gyrowheel.workbench.server import Server
+from gyrowheel.workbench.shelf import Shelf
+from gyrowheel_core import topics, wire
+
+from ..domains import next_domain
+from .conftest import Wheel
+from .helpers import ask, write
+
+
+def test_running_benches_appear_and_their_holds_arrive(wheel: Wheel) -> None:
+    rclpy = pytest.importorskip("rclpy", reason="ROS is not installed")
+    from rclpy.context import Context
+
+    (holds,) = gw.drag(wheel.recording, gw.Model.load(wheel.model)).holds
+    domain = next_domain()
+    desk = Desk(Shelf([wheel.recording.parent]), gw.Model.load(wheel.model), wheel.model)
+    desk.live = LiveBenches(desk.hear, domain)
+    context = Context()
+    rclpy.init(context=context, domain_id=domain)
+    bench = rclpy.create_node("bench", context=context)
+    try:
+        with Server(desk, port=0) as server, desk.live as live:
+            assert json.loads(ask(server, "/state")[1])["live"] == {}
+            heard = threading.Event()
+            desk.watch(heard.set)
+            for key, namespace in (("live", ""), ("live/bench2", "/bench2")):
+                estimates, setpoints = (
+                    bench.create_publisher(topic.message_class, topic.within(namespace), topic.qos)
+                    for topic in (topics.DRAG_ESTIMATE, topics.SETPOINT)
+                )
+
+                def until(said: Any, so: Any) -> None:
+                    """Say something until it is heard: who listens may have come late."""
+                    for _ in range(1200):
+                        said()
+                        heard.clear()
+                        if so() or (heard.wait(0.2) and so()):
+                            return
+
+                setpoint = wire.SETPOINT.pack(holds[0].stamp_ns, 3, 1, 0.05, 0.0, 0.0, 0.0, 366.5, 0.0)
+                until(
+                    partial(setpoints.publish, setpoint),
+                    lambda key=key: key in live.runs and bool(live.runs[key].asked),
+                )
+                first = partial(estimates.publish, holds[0].serialized())
+                until(first, lambda key=key: bool(live.runs[key].holds))
+                for estimate in holds[1:]:
+                    estimates.publish(estimate.serialized())
+                until(lambda: None, lambda key=key: len(live.runs[key].holds) == len(holds))
+                state, found = (json.loads(ask(server, path)[1]) for path in ("/state", "/heard"))
+                title = f"running bench {namespace}".strip()
+                assert state["live"][key]["title"] == title
+                words = f"{len(holds)} holds; segment 3, hold: tilt 2.9, 0.0 °, 3500 rpm"
+                assert words in state["live"][key]["words"]
+                assert f"<b>{title}</b>" in state["parts"]["recordings"]
+                own = found[key]
+                assert own["hold"] == [e.segment for e in holds]
+                assert own["actuators"][2]["torque"]["predicted"] == pytest.approx(
+                    [1e3 * e.simulated_torque[2] for e in holds]
+                )
+            assert list(live.runs) == ["live", "live/bench2"]
+    finally:
+        bench.destroy_node()
+        context.try_shutdown()
+
+
+@pytest.mark.graph
+@pytest.mark.slow
+def test_a_running_bench_walks_the_next_test_and_goes_on(wheel: Wheel, tmp_path: Path) -> None:
+    pytest.importorskip("rclpy", reason="ROS is not installed")
+    from gyrowheel.graph import up
+
+    plan = write(
+        tmp_path / "short.yaml",
+        yaml.safe_dump(
+            {
+                "schema": 1,
+                "name": "short",
+                "hold_s": 0.5,
+                "segments": [{"spin_rpm": 3500, "tilt_deg": [[0, 0], [1, 0]]}],
+            }
+        ),
+    )
+    domain = next_domain()
+    shutil.copytree(wheel.recording, tmp_path / "runs" / "drag")
+    desk = Desk(Shelf([tmp_path / "runs"]), gw.Model.load(wheel.model))
+    desk.live = LiveBenches(desk.hear, domain)
+    desk.open("0/drag", "fitted")
+    desk.wait(240.0)
+    diagnosed: list[int] = []
+    desk.tests = lambda: [str(plan)]  # type: ignore[method-assign]
+    desk._diagnose = lambda at: diagnosed.append(len(desk.used("fitted")))  # type: ignore[method-assign]
+    with pytest.raises(gw.InputError, match="'live/bench9' does not run"):
+        desk.test(str(plan), "live/bench9")
+    changed = threading.Event()
+    desk.watch(changed.set)
+
+    def until(so: Any) -> None:
+        for _ in range(1200):
+            changed.clear()
+            if so() or (changed.wait(0.2) and so()):
+                return
+        raise AssertionError("it does not come")
+
+    with up(None, domain=domain, namespace="bench2") as graph, desk.live:
+        until(lambda: "live/bench2" in desk.live.runs)
+        parts: list[float] = []
+        ends = desk.watch(lambda: parts.append(desk.job.part or 0.0) if desk.job else None)
+        desk.test(str(plan), "live/bench2")
+        desk.wait(240.0)
+        ends()
+        assert desk.trouble is None
+        assert diagnosed == [2]  # after it was joined
+        assert max(parts) > 0.0  # seen to go on
+        made = next(own.recording for own in desk.opened.values() if own.recording.name != "drag")
+        assert made.data.namespace == "/bench2"
+        assert made.integrity.missing == 0
+        assert len(made.info.holds) >= 2
+        # ended in the middle: the bench stops the plan, and goes on
+        long = write(
+            tmp_path / "long.yaml", plan.read_text().replace("0.5", "600.0").replace("short", "long")
+        )
+        desk.tests = lambda: [str(long)]  # type: ignore[method-assign]
+        desk.test(str(long), "live/bench2")
+        until(lambda: desk.job is not None and desk.job.part is not None)
+        desk.end()
+        desk.wait(240.0)
+        assert len(desk.opened) == 2
+        assert diagnosed == [2]
+        assert set(graph.pids) == {"plant", "controller", "conductor", "recorder", "drag_estimator"}
