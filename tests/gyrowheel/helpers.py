@@ -6,13 +6,15 @@ import http.client
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from gyrowheel.cli.app import app
 from gyrowheel.cli.shell import run
-from gyrowheel.workbench.server import Server
+
+if TYPE_CHECKING:
+    from gyrowheel.workbench.server import Server
 
 #: A plan that shows drag: three speeds, some tilts.
 DRAG_PLAN = """\

@@ -4,9 +4,7 @@
 sample for each command that answers the last one. The run is reproducible, and as fast as the two nodes can talk;
 ``/clock`` carries the simulated time.
 
-``realtime``: a sample every period of the bench by the wall clock, answered or not; the stamps are the time of
-the computer. Where no command came, the last one goes on acting. Where the computer was busy elsewhere for long, the
-bench stood still: the stamps go on at the time that it is, and what is told names the gap.
+``realtime``: a sample every period of the bench by the wall clock, answered or not (`real_time`).
 
 In both a `Guard` stands between the commands and the machine.
 """
@@ -44,24 +42,17 @@ from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import from_json
 from gyrowheel_sim.plant.guard import Guard, GuardLimits, GuardState, Refusal
 from gyrowheel_sim.plant.machine import Plant
-from gyrowheel_sim.plant.pacing import Pacer, Statistics
+from gyrowheel_sim.plant.real_time import CLOCK_JUMP, CLOCK_PERIOD_NS, HELD_SHARE, RELEASED, RealTime
 from gyrowheel_sim.plant.scenario import Scenario
 
-CLOCK_PERIOD_NS = 10_000_000
 #: Low-pass of the tilt rates of the joint states: they are derived from the readings [Hz].
 TILT_RATE_LOWPASS = 400.0
-#: Share of samples without a new command that is a warning: a computer with other work has a few.
-HELD_SHARE = 0.01
-#: A stall of this length is told at once, a shorter one with the next diagnosis [ns].
-TOLD_AT_ONCE_NS = 20_000_000
-#: A system clock that has moved so far from the stamps is said to have jumped [s].
-CLOCK_JUMP = 0.5
 
 _MESSAGES = {
     GuardState.STOPPED: "stopped",
     GuardState.WAITING: "waiting for the first command",
     GuardState.NORMAL: "running",
-    GuardState.RELEASED: "released: the controller has left; coils off, the motor goes on until another one comes",
+    GuardState.RELEASED: RELEASED,
     GuardState.VOLTAGE_LIMITED: "voltage_limited: commands beyond the limits are held at them",
     GuardState.COMMAND_REFUSED: "command_refused: invalid commands, or answers to old samples",
 }
@@ -161,7 +152,6 @@ class PlantNode(BenchNode):
     def configure(self) -> None:
         """Build the plant, its guard and its topics."""
         self._bench = bench = Bench.load(self.parameter("bench"))
-        self._realtime = self.parameter("clock") == "realtime"
         file = self.parameter("scenario_file")
         scenario = Scenario.load(file, bench) if file else Scenario.nominal()
         self._plant = Plant(bench, scenario, initial_spin_rate=self.parameter("initial_spin_rate"))
@@ -177,16 +167,12 @@ class PlantNode(BenchNode):
 
         self._ignored = self._late_environments = 0
         self._first: Timer | None = None  # runs until sample 0 is published
-        self._ticks: Timer | None = None  # real time: makes the samples that are due
-        self._pacer: Pacer | None = None
-        self._period, self._execution = Statistics(), Statistics()  # of the ticks
-        self._ticked = 0  # time of the last one [ns]
-        self._begun = 0  # stamp of the first sample [ns]
-        self._told_late = (0, 0)  # late samples, and all, at the last diagnosis
-        self._stall = ""  # the last one, in words
-        self._told_stalls = 0
-        self._epoch = 0  # stamp of sample 0 [ns]
-        self._clock_offset = 0.0  # of the system clock to the stamps [s]
+        self.epoch = 0  # stamp of sample 0 [ns]
+        self._real_time = (
+            RealTime(self, self._plant, self._guard, self._period_ns)
+            if self.parameter("clock") == "realtime"
+            else None
+        )
         self._active = False
         self._newcomers = Newcomers(self, topics.MEASUREMENT)
         self._sample = b""  # the last one, as it was published
@@ -204,7 +190,7 @@ class PlantNode(BenchNode):
 
         self._measurements = self.publisher(topics.MEASUREMENT)
         # In real time there is none: time is that of the computer.
-        self._clock_publisher = None if self._realtime else self.publisher(topics.CLOCK)
+        self._clock_publisher = None if self._real_time else self.publisher(topics.CLOCK)
         self._joints = self.publisher(topics.JOINT_STATES)
         self._truth = self.publisher(topics.TRUTH) if self.parameter("publish_truth") else None
         self._description = self.publisher(topics.BENCH)
@@ -215,10 +201,10 @@ class PlantNode(BenchNode):
             False,
         )  # who said that it waits for a setpoint, and whether it does
         self._diagnoses = (
-            None if self._realtime else self.subscription(topics.DIAGNOSTICS, self._on_diagnostics)
+            None if self._real_time else self.subscription(topics.DIAGNOSTICS, self._on_diagnostics)
         )
         self._commands = self.subscription(
-            topics.COMMAND, self._on_command_realtime if self._realtime else self._on_command, raw=True
+            topics.COMMAND, self._real_time.on_command if self._real_time else self._on_command, raw=True
         )
 
     def activate(self) -> None:
@@ -229,10 +215,10 @@ class PlantNode(BenchNode):
         self._untouched = self._plant.sequence == 0
         if self._untouched:
             self._first = self.wall_timer(0.02, self._publish_first)
-        if self._realtime:
-            self._watch = self.wall_timer(0.05, self._look_for_controller)
+        if self._real_time:
+            self._real_time.watch()
             if not self._untouched:
-                self._start_pacing()
+                self._real_time.start()
             return
         self._watched = (self._plant.sequence, time.monotonic())
         self._watch = self.wall_timer(self.parameter("command_timeout") / 20.0, self._check_silence)
@@ -243,10 +229,10 @@ class PlantNode(BenchNode):
         """Stop stepping, with no voltage on coils and motor."""
         self._active = False
         self._guard.stop()
-        if self._ticks is not None:
-            self.destroy_timer(self._ticks)
-            self._ticks = None
-        self.destroy_timer(self._watch)
+        if self._real_time:
+            self._real_time.stop()
+        else:
+            self.destroy_timer(self._watch)
         self._stop_waiting()
         self.deliver(self._measurements)
 
@@ -296,9 +282,12 @@ class PlantNode(BenchNode):
             "late_environments": self._late_environments,
         }
         values |= {f"refused_{why}": count for why, count in guard.refused.items()}
-        if self._realtime:
-            values |= self._pace()
-        stall, late = self._lateness()
+        stall = late = ""
+        offset = 0.0
+        if self._real_time:
+            values |= self._real_time.report()
+            stall, late = self._real_time.lateness()
+            offset = self._real_time.clock_offset
         if self._first is not None and (missing := self._missing()):
             return Diagnosis(f"waiting for {' and '.join(missing)}", values)
         if guard.trip is not None:
@@ -316,9 +305,9 @@ class PlantNode(BenchNode):
             )
         if state is not GuardState.NORMAL:
             return Diagnosis(_MESSAGES[state], values, DiagnosticStatus.WARN)
-        if abs(self._clock_offset) > CLOCK_JUMP:
+        if abs(offset) > CLOCK_JUMP:
             return Diagnosis(
-                f"clock_jump: the clock of the computer is {self._clock_offset:+.1f} s from the stamps",
+                f"clock_jump: the clock of the computer is {offset:+.1f} s from the stamps",
                 values,
                 DiagnosticStatus.WARN,
             )
@@ -327,18 +316,6 @@ class PlantNode(BenchNode):
         if self._ignored or self._late_environments:
             return Diagnosis("running; some input came late or twice", values, DiagnosticStatus.WARN)
         return Diagnosis("running", values)
-
-    def _lateness(self) -> tuple[str, str]:
-        """Return what happened to the time since the last diagnosis: a stall, and samples that were late; in words."""
-        pacer = self._pacer
-        if pacer is None:
-            return "", ""
-        stalled = pacer.stalls > self._told_stalls
-        late, before = pacer.late, self._told_late
-        share = (late - before[0]) / max(self._plant.sequence - before[1], 1)
-        self._told_stalls, self._told_late = pacer.stalls, (late, self._plant.sequence)
-        text = f"{share:.1%} of the samples more than a period late" if share > HELD_SHARE else ""
-        return self._stall if stalled else "", text
 
     def _limits(self, values: Mapping[str, Any]) -> GuardLimits:
         """Return the limits of the guard; InputError where one is beyond that of the bench."""
@@ -367,8 +344,8 @@ class PlantNode(BenchNode):
     def _publish_first(self) -> None:
         if not self._missing():
             self._stop_waiting()
-            if self._realtime:
-                self._start_pacing()
+            if self._real_time:
+                self._real_time.start()
             self._newcomers.begin()
             self._publish_sample(self._plant.measure())
 
@@ -380,7 +357,7 @@ class PlantNode(BenchNode):
             missing.append(f"subscribers: {have} of {need}")
         # Two ends of a line do not know of each other at the same moment: a command from one that this node does not
         # know yet would be lost, and in lock-step nothing goes on without it.
-        if not self._realtime and not self._commands.get_publisher_count():
+        if not self._real_time and not self.controllers():
             missing.append("a publisher of commands")
         return missing
 
@@ -415,7 +392,7 @@ class PlantNode(BenchNode):
                 f"motor_voltage {motor_voltage:g} V; every voltage must be finite",
             )
             return
-        self._step()
+        self.step()
 
     def _check_silence(self) -> None:
         sequence, since = self._watched
@@ -429,7 +406,7 @@ class PlantNode(BenchNode):
             self._watched = (self._plant.sequence, now)
             return
         what, limit = "command", self.parameter("command_timeout")
-        if not self._commands.get_publisher_count():
+        if not self.controllers():
             what = "controller"
         if what == "controller" or self._without_setpoint:  # a node has left, and another one may come
             limit = max(limit, self.parameter("exchange_time"))
@@ -452,89 +429,13 @@ class PlantNode(BenchNode):
                     self._waiter = namespaces.local_name(status.name, self.namespace)
                     self._without_setpoint = topics.SETPOINT.name in waits
 
-    # ---- real time
-
-    def _look_for_controller(self) -> None:
-        """Wait for another controller where the last one has left in order; one that was killed is still known."""
-        if self._commands.get_publisher_count() == 0 and self._guard.release():
-            self.get_logger().info(_MESSAGES[GuardState.RELEASED])
-            self.announce()
-
-    def _start_pacing(self) -> None:
-        """Go on at the pace of the clock from the present sample on."""
-        # the grid of the stamps is that of the setpoints, and they are true: so it is waited for
-        time.sleep((-time.time_ns() % CLOCK_PERIOD_NS) * 1e-9)
-        now, self._ticked = time.time_ns(), time.monotonic_ns()
-        after = now % CLOCK_PERIOD_NS
-        self._epoch = now - after - self._plant.time_ns
-        self._begun = self._begun or now - after
-        self._pacer = Pacer(self._period_ns, self._ticked - after)
-        self._ticks = self.wall_timer(self._period_ns * 1e-9, self._tick)
-
-    def _tick(self) -> None:
-        if not self._active or self._pacer is None:
-            return
-        pacer, now = self._pacer, time.monotonic_ns()
-        self._period.add(now - self._ticked)
-        self._ticked = now
-        stood = pacer.behind_ns
-        due = pacer.due(now)
-        if stood := pacer.behind_ns - stood:
-            self._stand_still(stood)
-        for _ in range(due):
-            self._step()
-        self._execution.add(time.monotonic_ns() - now)
-
-    def _stand_still(self, stood: int) -> None:
-        """Go on after a time [ns] in which no samples were made, at the time that it is."""
-        at = self._epoch + self._plant.time_ns - self._begun
-        self._epoch += stood
-        self._stall = f"stood_still: {stood * 1e-9:.3f} s at {at * 1e-9:.1f} s"
-        if stood >= TOLD_AT_ONCE_NS:
-            self.get_logger().warning(self._stall)
-            self.announce()
-
-    def _on_command_realtime(self, raw: bytes) -> None:
-        if not self._active:
-            return
-        guard = self._guard
-        try:
-            _, answered, voltage_x, voltage_y, motor_voltage = wire.COMMAND.unpack(raw)
-        except ValueError as error:
-            if guard.refuse(Refusal.MALFORMED) and guard.refused[Refusal.MALFORMED] == 1:
-                self.get_logger().error(f"{error}; such commands are refused")
-            return
-        released = guard.state is GuardState.RELEASED
-        refused = guard.take(answered, self._plant.sequence, voltage_x, voltage_y, motor_voltage)
-        if released and refused is None:
-            self.get_logger().info("a controller is there again")
-            self.announce()
-
-    def _pace(self) -> dict[str, object]:
-        """Return what the diagnosis says about timing."""
-        guard, pacer = self._guard, self._pacer
-        values: dict[str, object] = {
-            "late_commands": guard.late,
-            "missing_commands": guard.missing,
-            "held_samples": guard.held,
-        }
-        if pacer is not None:
-            stamp = self._epoch + self._plant.time_ns
-            self._clock_offset = (time.time_ns() - stamp) * 1e-9
-            values |= {
-                "late_samples": pacer.late,
-                "worst_delay_ms": f"{pacer.worst_ns * 1e-6:.2f}",
-                "behind_s": f"{pacer.behind_ns * 1e-9:.4f}",
-                "stalls": pacer.stalls,
-                "last_stall": self._stall.partition(": ")[2],
-                "clock_offset_s": f"{self._clock_offset:.3f}",
-            }
-            values |= self._period.report("period") | self._execution.report("execution")
-        return values
-
     # ---- both
 
-    def _step(self) -> None:
+    def controllers(self) -> int:
+        """Return how many controllers are there."""
+        return int(self._commands.get_publisher_count())
+
+    def step(self) -> None:
         """Go on by one sample."""
         guard = self._guard
         tripped = guard.trip
@@ -550,7 +451,7 @@ class PlantNode(BenchNode):
         self._reading = values = reading.tolist()
         self._guard.observe(values[0], values[1])
         self._derive(values[0], values[1])
-        self._sample = wire.MEASUREMENT.pack(self._epoch + self._plant.stamp_ns, sequence, *values)
+        self._sample = wire.MEASUREMENT.pack(self.epoch + self._plant.stamp_ns, sequence, *values)
         self._measurements.publish(self._sample)
         if now >= self._due:
             self._publish_slow(now, values)
@@ -572,7 +473,7 @@ class PlantNode(BenchNode):
             self._clock_due += CLOCK_PERIOD_NS
             self._publish_clock(now)
             if self._truth is not None:
-                truth = {"time": (self._epoch + now) * 1e-9, **self._plant.truth()}
+                truth = {"time": (self.epoch + now) * 1e-9, **self._plant.truth()}
                 self._truth.publish(String(data=json.dumps(truth)))
         if now >= self._joints_due:
             self._joints_due += self._joint_period
@@ -584,7 +485,7 @@ class PlantNode(BenchNode):
                     k * reading for k, reading in zip(self._constants, self._driven(values), strict=True)
                 ],
             )
-            message.header.stamp = Time(nanoseconds=self._epoch + now).to_msg()
+            message.header.stamp = Time(nanoseconds=self.epoch + now).to_msg()
             self._joints.publish(message)
         self._due = min(self._clock_due, self._joints_due)
 
@@ -605,13 +506,13 @@ class PlantNode(BenchNode):
             self.get_logger().error(f"{topics.ENVIRONMENT.name}: {error}; the message is ignored")
             return
         period = self._period_ns * 1e-9
-        if self._realtime:  # the plant counts from sample 0
+        if self._real_time:  # the plant counts from sample 0
             events = [
-                replace(event, time=max(event.time - self._epoch * 1e-9, 0.0) if event.time else 0.0)
+                replace(event, time=max(event.time - self.epoch * 1e-9, 0.0) if event.time else 0.0)
                 for event in events
             ]
         late = [event for event in events if round(event.time / period) < self._plant.sequence]
-        if late and not self._realtime:
+        if late and not self._real_time:
             self._late_environments += len(late)
             self.get_logger().warning(
                 f"an environment for {late[0].time:g} s came at {self._plant.time_ns * 1e-9:g} s"

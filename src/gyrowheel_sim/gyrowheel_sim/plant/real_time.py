@@ -1,0 +1,192 @@
+"""Real time: samples at the pace of the wall clock, whether they are answered or not.
+
+The stamps are the time of the computer. Where no command came, the last one goes on acting. Where the computer was busy
+elsewhere for long, the bench stood still: the stamps go on at the time that it is, and what is told names the gap.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from gyrowheel_core import wire
+from gyrowheel_sim.plant.guard import Guard, GuardState, Refusal
+from gyrowheel_sim.plant.machine import Plant
+from gyrowheel_sim.plant.pacing import Pacer, Statistics
+
+#: Time between two messages of the clock [ns]; the stamps of a bench in real time begin on a multiple of it.
+CLOCK_PERIOD_NS = 10_000_000
+#: Share of samples without a new command, or made late, that is a warning: a computer with other work has a few.
+HELD_SHARE = 0.01
+#: A stall of this length is told at once, a shorter one with the next diagnosis [ns].
+TOLD_AT_ONCE_NS = 20_000_000
+#: A system clock that has moved so far from the stamps is said to have jumped [s].
+CLOCK_JUMP = 0.5
+#: Time between two looks for a controller [s].
+LOOK = 0.05
+RELEASED = "released: the controller has left; coils off, the motor goes on until another one comes"
+
+
+class Paced(Protocol):
+    """What is paced: the node of the plant."""
+
+    epoch: int
+    """Stamp of sample 0 [ns]."""
+
+    def step(self) -> None:
+        """Go on by one sample."""
+
+    def controllers(self) -> int:
+        """Return how many controllers are there."""
+
+    def announce(self) -> None:
+        """Tell the diagnosis now."""
+
+    def get_logger(self) -> Any:
+        """Return what takes lines for the log."""
+
+    def wall_timer(self, period: float, callback: Callable[[], None]) -> Any:
+        """Call something every period [s]."""
+
+    def destroy_timer(self, timer: Any) -> Any:
+        """Call it no more."""
+
+
+class RealTime:
+    """The pace of a plant by the wall clock: ticks, what became of them, and commands as they come.
+
+    Parameters
+    ----------
+    node : Paced
+        What makes a sample at every step.
+    plant : Plant
+        The machine within.
+    guard : Guard
+        What stands between commands and machine.
+    period_ns : int
+        Time between two samples [ns].
+
+    Attributes
+    ----------
+    clock_offset : float
+        Of the system clock to the stamps, at the last report [s].
+    """
+
+    def __init__(self, node: Paced, plant: Plant, guard: Guard, period_ns: int) -> None:
+        self._node, self._plant, self._guard, self._period_ns = node, plant, guard, period_ns
+        self._watch: Any = None  # looks for a controller, as long as the node is active
+        self._ticks: Any = None  # makes the samples that are due
+        self._pacer: Pacer | None = None
+        self._period, self._execution = Statistics(), Statistics()  # of the ticks
+        self._ticked = 0  # time of the last one [ns]
+        self._begun = 0  # stamp of the first sample [ns]
+        self._told_late = (0, 0)  # late samples, and all, at the last diagnosis
+        self._stall = ""  # the last one, in words
+        self._told_stalls = 0
+        self.clock_offset = 0.0
+
+    def watch(self) -> None:
+        """Take commands, and look whether a controller is there."""
+        self._watch = self._node.wall_timer(LOOK, self._look_for_controller)
+
+    def start(self) -> None:
+        """Go on at the pace of the clock from the present sample on."""
+        # the grid of the stamps is that of the setpoints, and they are true: so it is waited for
+        time.sleep((-time.time_ns() % CLOCK_PERIOD_NS) * 1e-9)
+        now, self._ticked = time.time_ns(), time.monotonic_ns()
+        after = now % CLOCK_PERIOD_NS
+        self._node.epoch = now - after - self._plant.time_ns
+        self._begun = self._begun or now - after
+        self._pacer = Pacer(self._period_ns, self._ticked - after)
+        self._told_stalls, self._told_late = 0, (0, self._plant.sequence)
+        self._ticks = self._node.wall_timer(self._period_ns * 1e-9, self._tick)
+
+    def stop(self) -> None:
+        """Make no samples, and take no commands."""
+        for timer in (self._ticks, self._watch):
+            if timer is not None:
+                self._node.destroy_timer(timer)
+        self._ticks = self._watch = None
+
+    def _tick(self) -> None:
+        pacer = self._pacer
+        if self._ticks is None or pacer is None:
+            return
+        now = time.monotonic_ns()
+        self._period.add(now - self._ticked)
+        self._ticked = now
+        stood = pacer.behind_ns
+        due = pacer.due(now)
+        if stood := pacer.behind_ns - stood:
+            self._stand_still(stood)
+        step = self._node.step
+        for _ in range(due):
+            step()
+        self._execution.add(time.monotonic_ns() - now)
+
+    def _stand_still(self, stood: int) -> None:
+        """Go on after a time [ns] in which no samples were made, at the time that it is."""
+        at = self._node.epoch + self._plant.time_ns - self._begun
+        self._node.epoch += stood
+        self._stall = f"stood_still: {stood * 1e-9:.3f} s at {at * 1e-9:.1f} s"
+        if stood >= TOLD_AT_ONCE_NS:
+            self._node.get_logger().warning(self._stall)
+            self._node.announce()
+
+    def _look_for_controller(self) -> None:
+        """Wait for another controller where the last one has left in order; one that was killed is still known."""
+        if self._node.controllers() == 0 and self._guard.release():
+            self._node.get_logger().info(RELEASED)
+            self._node.announce()
+
+    def on_command(self, raw: bytes) -> None:
+        """Take a command as it came."""
+        if self._watch is None:
+            return
+        guard = self._guard
+        try:
+            _, answered, voltage_x, voltage_y, motor_voltage = wire.COMMAND.unpack(raw)
+        except ValueError as error:
+            if guard.refuse(Refusal.MALFORMED) and guard.refused[Refusal.MALFORMED] == 1:
+                self._node.get_logger().error(f"{error}; such commands are refused")
+            return
+        released = guard.state is GuardState.RELEASED
+        refused = guard.take(answered, self._plant.sequence, voltage_x, voltage_y, motor_voltage)
+        if released and refused is None:
+            self._node.get_logger().info("a controller is there again")
+            self._node.announce()
+
+    def report(self) -> dict[str, object]:
+        """Return what the diagnosis says about timing."""
+        guard, pacer = self._guard, self._pacer
+        values: dict[str, object] = {
+            "late_commands": guard.late,
+            "missing_commands": guard.missing,
+            "held_samples": guard.held,
+        }
+        if pacer is not None:
+            stamp = self._node.epoch + self._plant.time_ns
+            self.clock_offset = (time.time_ns() - stamp) * 1e-9
+            values |= {
+                "late_samples": pacer.late,
+                "worst_delay_ms": f"{pacer.worst_ns * 1e-6:.2f}",
+                "behind_s": f"{pacer.behind_ns * 1e-9:.4f}",
+                "stalls": pacer.stalls,
+                "last_stall": self._stall.partition(": ")[2],
+                "clock_offset_s": f"{self.clock_offset:.3f}",
+            }
+            values |= self._period.report("period") | self._execution.report("execution")
+        return values
+
+    def lateness(self) -> tuple[str, str]:
+        """Return what happened to the time since the last call: a stall, and samples that were late; in words."""
+        pacer = self._pacer
+        if pacer is None:
+            return "", ""
+        stalled = pacer.stalls > self._told_stalls
+        late, before = pacer.late, self._told_late
+        share = (late - before[0]) / max(self._plant.sequence - before[1], 1)
+        self._told_stalls, self._told_late = pacer.stalls, (late, self._plant.sequence)
+        text = f"{share:.1%} of the samples more than a period late" if share > HELD_SHARE else ""
+        return self._stall if stalled else "", text
