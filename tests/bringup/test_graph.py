@@ -24,7 +24,7 @@ from gyrowheel_sim.effects import registry
 from gyrowheel_sim.plant.scenario import Scenario
 
 from ..domains import next_domain
-from .helpers import LONG_PLAN, PATIENCE, SHORT_PLAN, alive, wait_for
+from .helpers import LONG_PLAN, PATIENCE, SHORT_PLAN, Bystander, alive, wait_for
 
 pytestmark = pytest.mark.graph
 
@@ -165,6 +165,28 @@ def test_a_used_domain_is_refused_and_nodes_end_after_a_killed_starter(domain: i
     starter.kill()
     starter.wait()
     wait_for(lambda: not any(alive(pid) for pid in pids))
+
+
+def test_in_real_time_the_end_of_a_plan_is_held_without_a_gap(domain: int, bystander: Bystander):
+    told: list[tuple[str, str]] = []
+
+    def answered() -> int:
+        return int(bystander.values("controller").get("commands", 0))
+
+    with Graph(
+        SHORT_PLAN,
+        domain_id=domain,
+        hold_after_plan=True,
+        realtime=True,
+        without=["recorder", "drag_estimator"],
+        # a machine that is busy elsewhere is another matter
+        parameters={"conductor": {"lead": 10.0}, "plant": {"watchdog": 20.0, "oldest_command": 5.0}},
+        on_trouble=lambda *said: told.append(said),
+    ) as graph:
+        graph.run()
+        at_the_end = answered()
+        bystander.spin_until(lambda: answered() > at_the_end + 2000)
+    assert not [text for _, text in told if text.startswith("setpoint_lost")]
 
 
 def test_bad_input_is_refused_before_anything_starts(tmp_path: Path):

@@ -356,7 +356,7 @@ class ConductorNode(BenchNode):
         start = self._now if self._held is None else max(self._now, self._next)
         start += -start % CLOCK_PERIOD_NS
         if self._held is not None:
-            self._publish_held(start)
+            self._publish_held(self._held, start)
             self._held = None
         machine = self.parameter("machine")
         events = [
@@ -456,7 +456,7 @@ class ConductorNode(BenchNode):
             else:
                 self._finish(f"aborted: clock_jump: the time went {then}")
             if self._held is not None:
-                self._publish_held(now + self._lead_ns)
+                self._publish_held(self._held, now + self._lead_ns)
             return
         self._told_time = True
         if step:
@@ -471,7 +471,7 @@ class ConductorNode(BenchNode):
             else:
                 self._go_on(walk)
         if self._held is not None:
-            self._publish_held(now + self._lead_ns)
+            self._publish_held(self._held, now + self._lead_ns)
 
     def _go_on(self, walk: Walk) -> None:
         """Publish the setpoints up to `lead` ahead of the clock, and tell the client about progress."""
@@ -482,6 +482,9 @@ class ConductorNode(BenchNode):
         first = (self._next - walk.start_ns) // SETPOINT_PERIOD_NS
         last = (self._now + self._lead_ns - walk.start_ns) // SETPOINT_PERIOD_NS
         self._publish_rows(walk.setpoints[first : max(last, first + 1)])
+        if last > len(walk.setpoints) and self.parameter("hold_after_plan"):
+            # ahead of the clock too: in real time the bench is past the end before this node hears of it
+            self._publish_held(self._after(walk.setpoints, walk.plan), self._now + self._lead_ns)
         row = (self._now - walk.start_ns) // SETPOINT_PERIOD_NS
         segment = int(walk.setpoints["segment"][max(row, 0)])
         elapsed = max(self._now - walk.start_ns, 0) * 1e-9
@@ -501,7 +504,7 @@ class ConductorNode(BenchNode):
     def _wait(self, walk: Walk) -> None:
         """Publish the last setpoint again, as one that is not to be measured at, and move what follows."""
         assert walk.start_ns is not None
-        row = max((self._next - walk.start_ns) // SETPOINT_PERIOD_NS - 1, 0)
+        row = min(max((self._next - walk.start_ns) // SETPOINT_PERIOD_NS, 1), len(walk.setpoints)) - 1
         still = self._still(walk.setpoints[row : row + 1])
         still["phase"] = RAMP
         count = max((self._now + self._lead_ns - self._next) // SETPOINT_PERIOD_NS, 0)
@@ -534,19 +537,21 @@ class ConductorNode(BenchNode):
             self._next = since
             self._publish_rows(rows)
 
-    def _publish_held(self, until: int) -> None:
-        """Publish the held setpoint up to, not including, the stamp `until` [ns]."""
-        assert self._held is not None
+    def _publish_held(self, held: NDArray[Any], until: int) -> None:
+        """Publish the setpoint that is held up to, not including, the stamp `until` [ns]."""
         count = (until - self._next) // SETPOINT_PERIOD_NS
         if count > 0:
-            self._publish_rows(np.repeat(self._held, count))
+            self._publish_rows(np.repeat(held, count))
 
     def _hold_here(self, walk: Walk) -> None:
         """Hold the last setpoint that was published of a plan that ends early."""
         if walk.start_ns is None or not self.parameter("hold_after_plan"):
             return
-        row = min((self._next - walk.start_ns) // SETPOINT_PERIOD_NS, len(walk.setpoints)) - 1
-        self._held = self._still(walk.setpoints[row : row + 1])
+        published = (self._next - walk.start_ns) // SETPOINT_PERIOD_NS
+        if published >= len(walk.setpoints):
+            self._held = self._after(walk.setpoints, walk.plan)
+        else:
+            self._held = self._still(walk.setpoints[published - 1 : published])
 
     def _after(self, setpoints: NDArray[Any], plan: Plan) -> NDArray[Any]:
         """Return the setpoint that holds what a plan ends with."""
