@@ -8,12 +8,14 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from gyrowheel_core import cache
 
+from ..domains import next_domain
 from .helpers import DRAG_PLAN
 
 _USER = 65534
@@ -34,46 +36,76 @@ def _may_become_another() -> bool:
     return tried.returncode == 0
 
 
-@pytest.mark.slow
-def test_a_user_who_may_write_nowhere_but_in_a_folder_of_their_own() -> None:
+class _Place:
+    """Folders of another user: a home that they cannot write to, one of their own and one for temporary files."""
+
+    def __init__(self, place: Path) -> None:
+        place.chmod(0o755)
+        self.home, self.own, self._temporary = (place / name for name in ("home", "own", "tmp"))
+        self.home.mkdir(mode=0o555)
+        for folder in (self.own, self._temporary):
+            folder.mkdir(mode=0o700)
+        # what was compiled before, so that the test takes seconds; the folder for temporary files holds it
+        before, self._kept = cache.folder(), self._temporary / f"gyrowheel-cache-{_USER}"
+        if before is not None:
+            shutil.copytree(before, self._kept)
+        for folder in (self.own, self._temporary):
+            for entry in (folder, *folder.rglob("*")):
+                os.chown(entry, _USER, _USER)
+        if self._kept.exists():
+            self._kept.chmod(0o700)
+
+    def run(self, *arguments: str, **more: str) -> str:
+        """Run a command, with more variables in its environment, and return what it printed."""
+        unset = {"GYROWHEEL_CACHE", "MPLCONFIGDIR", *(name for name in os.environ if name.startswith("XDG_"))}
+        environment = {key: text for key, text in os.environ.items() if key not in unset}
+        environment |= {"HOME": str(self.home), "TMPDIR": str(self._temporary), **more}
+        done = subprocess.run(
+            [*_COMMAND, *arguments],
+            cwd=self.own,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        assert "temporary cache" not in done.stderr
+        return done.stdout
+
+    def check(self) -> None:
+        """Check that nothing lies beside the results."""
+        assert not list(self.home.iterdir())
+        assert {path.name for path in self._temporary.iterdir()} == {self._kept.name}
+
+
+@pytest.fixture
+def place() -> Iterator[_Place]:
+    """Give the folders of another user."""
     if not _may_become_another():
         pytest.skip("this test has to run as root, and to be allowed to become another user")
     # not in the folder of pytest, which others may not look into
     with tempfile.TemporaryDirectory(prefix="gyrowheel-test-") as name:
-        Path(name).chmod(0o755)
-        _work_there(Path(name))
+        yield _Place(Path(name))
 
 
-def _work_there(place: Path) -> None:
-    home, own, temporary = (place / name for name in ("home", "own", "tmp"))
-    home.mkdir(mode=0o555)
-    for folder in (own, temporary):
-        folder.mkdir(mode=0o700)
-    (own / "plan.yaml").write_text(DRAG_PLAN)
-    # what was compiled before, so that the test takes seconds; the folder for temporary files holds it
-    before, kept = cache.folder(), temporary / f"gyrowheel-cache-{_USER}"
-    if before is not None:
-        shutil.copytree(before, kept)
-    for folder in (own, temporary):
-        for entry in (folder, *folder.rglob("*")):
-            os.chown(entry, _USER, _USER)
-    if kept.exists():
-        kept.chmod(0o700)
-    unset = {"GYROWHEEL_CACHE", "MPLCONFIGDIR", *(name for name in os.environ if name.startswith("XDG_"))}
-    environment = {key: text for key, text in os.environ.items() if key not in unset}
-    environment |= {"HOME": str(home), "TMPDIR": str(temporary)}
+@pytest.mark.slow
+def test_a_user_who_may_write_nowhere_but_in_a_folder_of_their_own(place: _Place) -> None:
+    (place.own / "plan.yaml").write_text(DRAG_PLAN)
+    place.run("simulate", "--plan", "plan.yaml", "-o", "run", "--machine", "3")
+    place.run("model", "new", "--model", "wheel.yaml")
+    place.run("diagnose", "run", "--model", "wheel.yaml", "--picture", "error.png", "--json", "found.json")
+    assert json.loads((place.own / "found.json").read_text())["schema"] == 1
+    assert (place.own / "error.png").stat().st_uid == _USER
+    place.check()
 
-    def run(*arguments: str) -> None:
-        done = subprocess.run(
-            [*_COMMAND, *arguments], cwd=own, env=environment, capture_output=True, text=True, check=False
-        )
-        assert done.returncode == 0, done.stderr
-        assert "temporary cache" not in done.stderr
 
-    run("simulate", "--plan", "plan.yaml", "-o", "run", "--machine", "3")
-    run("model", "new", "--model", "wheel.yaml")
-    run("diagnose", "run", "--model", "wheel.yaml", "--picture", "error.png", "--json", "found.json")
-    assert json.loads((own / "found.json").read_text())["schema"] == 1
-    assert (own / "error.png").stat().st_uid == _USER
-    assert not list(home.iterdir())
-    assert {path.name for path in temporary.iterdir()} == {kept.name}
+@pytest.mark.study
+@pytest.mark.graph
+def test_the_demonstration_for_such_a_user(place: _Place) -> None:
+    """With all its nodes, each a process of that user."""
+    said = place.run("demo", "--seed", "5", "-o", "results", "--json", "-", ROS_DOMAIN_ID=str(next_domain()))
+    outcome = json.loads(said)
+    assert outcome["right"]
+    paths = [Path(path) for path in outcome["paths"].values()]
+    assert {(place.own / path).stat().st_uid for path in paths} == {_USER}
+    place.check()

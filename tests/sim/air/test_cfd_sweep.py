@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import math
 import os
 import signal
 import subprocess
 import sys
+import textwrap
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -130,6 +132,33 @@ def test_a_sweep_that_is_killed_goes_on_where_it_was(tmp_path: Path, player: Pla
     assert f"if this is interrupted: gyrowheel cfd sweep --resume {study}" in finish.stderr
     assert f"6 cases finished, {len(before)} of them earlier; 0 failed" in finish.stdout
     assert sorted(player.calls[calls:]) == sorted({r.case.name for r in collect_results(study)} - before)
+
+
+#: The command line in a process of its own, in which no semaphore can be made.
+_WITHOUT_SEMAPHORES = """
+    import _multiprocessing, os, sys
+
+    class Refused:
+        SEM_VALUE_MAX = 2**31 - 1
+        def __init__(self, *_, **__):
+            raise OSError({0}, os.strerror({0}))
+
+    _multiprocessing.SemLock = Refused
+    from gyrowheel.cli import main
+    main()
+"""
+
+
+def test_a_sweep_without_semaphores_runs_in_threads(tmp_path: Path, player: Player):
+    """Where /dev/shm is missing, full or read-only: the cases are OpenFOAM's work, and threads wait for it."""
+    code = textwrap.dedent(_WITHOUT_SEMAPHORES).format(errno.ENOENT)
+    study = tmp_path / "study"
+    command = [sys.executable, "-c", code, *SWEEP, "--jobs", "2", "-o", str(study)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "6 cases finished, 0 of them earlier; 0 failed" in done.stdout
+    assert "Warning" not in done.stderr
+    assert sorted(player.calls) == sorted(result.case.name for result in collect_results(study))
 
 
 def test_two_sweeps_in_one_folder_are_refused(tmp_path: Path, player: Player):
