@@ -148,6 +148,7 @@ class Motion:
             return self._undone[key]
         result = copy(self)
         result.instruments, result._shown = instruments, {}
+        result._undone = OrderedDict()  # not itself: in a circle large arrays would wait for the collector
         result._read_motion(instruments.true_motion(self._windows))
         result._read_current(instruments.true_current(self._windows))
         self._undone[key] = result

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Iterator
-from typing import Final
-
-_PIECE: Final = 1 << 15  # compressed bytes that are read at once
 
 
 class PackedBytes:
@@ -20,18 +17,19 @@ class PackedBytes:
 
     def __init__(self) -> None:
         self.size = 0
-        self._compressor = zlib.compressobj()
-        self._packed = bytearray()
+        # records of some hundred bytes that are alike need neither a large window nor much memory
+        self._compressor = zlib.compressobj(wbits=12, memLevel=5)
+        self._packed: list[bytes] = []
 
     def append(self, data: bytes) -> None:
         """Append bytes."""
-        self._packed += self._compressor.compress(data)
+        if packed := self._compressor.compress(data):
+            self._packed.append(packed)
         self.size += len(data)
 
     def __iter__(self) -> Iterator[bytes]:
         """Yield the bytes, a small part of them at once."""
-        packed = bytes(self._packed) + self._compressor.copy().flush()
         unpacker = zlib.decompressobj()
-        for start in range(0, len(packed), _PIECE):
-            if piece := unpacker.decompress(packed[start : start + _PIECE]):
+        for packed in (*self._packed, self._compressor.copy().flush()):
+            if piece := unpacker.decompress(packed):
                 yield piece
