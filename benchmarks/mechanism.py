@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
 from benchmarks.ours import MECHANICAL, bench
+from gyrowheel_sim.effects.targets import INERTIAS
 from gyrowheel_sim.mechanics.dynamics import (
     case_accelerations,
     case_to_joint,
@@ -34,18 +35,7 @@ def rates() -> Any:
     The constants of the bench are constants of the machine code.
     """
     v = bench().value
-    inertias = tuple(
-        v(name)
-        for name in (
-            "rotor_inertia_x",
-            "rotor_inertia_y",
-            "rotor_inertia_z",
-            "gimbal_inertia_x",
-            "gimbal_inertia_y",
-            "gimbal_inertia_z",
-            "shaft_inertia",
-        )
-    )
+    inertias = tuple(v(name) for name in INERTIAS)
     stiffness_x, stiffness_y = v("flexure_stiffness_x"), v("flexure_stiffness_y")
     damping_x, damping_y = v("flexure_damping_x"), v("flexure_damping_y")
     coulomb, viscous = v("bearing_coulomb"), v("bearing_viscous")

@@ -62,7 +62,7 @@ def _made(path: Path, folder: bool, mode: int) -> tuple[Path, int]:
         else:
             held = os.open(place, os.O_CREAT | os.O_EXCL | os.O_WRONLY, mode)
         # between making and locking it another process may have taken it for left behind
-        if _locked(held) is not False and place.exists():
+        if locked(held) is not False and place.exists():
             return place, held
         os.close(held)
 
@@ -77,13 +77,13 @@ def _sweep(path: Path) -> None:
             with contextlib.suppress(OSError):
                 opened = os.open(entry.path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
                 try:
-                    if _locked(opened):
+                    if locked(opened):
                         _remove(Path(entry.path))
                 finally:
                     os.close(opened)
 
 
-def _locked(opened: int) -> bool | None:
+def locked(opened: int) -> bool | None:
     """Lock a descriptor; False if another process holds the lock, None where the file system has no locks."""
     try:
         fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 import threading
 import time
@@ -12,6 +11,7 @@ from pathlib import Path
 
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import disk_errors
+from gyrowheel_core.leftovers import locked
 
 #: How long a process waits for another one that changes the same file [s].
 LONGEST_WAIT = 600.0
@@ -85,7 +85,7 @@ def alone_in(folder: Path, what: str) -> Iterator[None]:
     while True:
         with disk_errors(folder):
             opened = _opened(place)
-        if not _locked(opened):
+        if locked(opened) is False:
             os.close(opened)
             raise InputError(f"{folder}: another {what} works in this folder")
         if _is_at(opened, place):
@@ -107,7 +107,7 @@ def _held(place: Path, file: Path, wait: float, waiting: Callable[[str], None] |
         with disk_errors(file):
             opened = _opened(place)
         try:
-            if _locked(opened):
+            if locked(opened) is not False:  # where the file system has no locks, nobody holds one
                 if _is_at(opened, place):
                     held, opened = opened, -1
                     return held
@@ -134,17 +134,6 @@ def _opened(place: Path) -> int:
         if not place.exists():
             raise
         return os.open(place, flags | os.O_RDONLY)
-
-
-def _locked(opened: int) -> bool:
-    """Lock a descriptor; False if another process holds the lock. Where the file system has no locks, nobody does."""
-    try:
-        fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    except OSError:
-        return True
-    return True
 
 
 def _is_at(opened: int, place: Path) -> bool:
