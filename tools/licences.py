@@ -1,8 +1,8 @@
 """The table of docs/licences.md: under which licence everything stands that requirements.lock installs.
 
 The licence is what the package states: as an SPDX expression, as a classifier, as a word, in the ``package.xml`` of a
-ROS package, or by the head of its licence file. ``make docs`` writes the page; a package whose licence is not known
-here to go with Apache-2.0 is an error.
+ROS package, or by the head of its licence file; what it holds of others is listed here. ``make docs`` writes the page;
+a package whose licence is not known here to go with Apache-2.0 is an error.
 """
 
 from __future__ import annotations
@@ -69,6 +69,10 @@ _OPTIONAL: Final = {
     "asammdf": "reads MDF files for those who install the extra `mdf`; here for its tests",
     "nptdms": "reads TDMS files for those who install the extra `tdms`; here for its tests",
 }
+#: What packages hold of others, whose licence they do not state, by its name and licence.
+_WITHIN: Final = {"axe-playwright-python": ("axe-core", "MPL-2.0")}
+#: First lines of licence files, where a package states its licence in no other way.
+_HEADS: Final = {"Apache License": "Apache-2.0", "MIT License": "MIT"}
 _LESSER: Final = frozenset({"LGPL-3.0-only", "LGPL-3.0-or-later"})
 _HEAD: Final = """\
 # Licences
@@ -97,6 +101,8 @@ def licence(name: str) -> tuple[str, ...]:
         If the package is not installed, or states no licence, or one that is not among `COMPATIBLE`.
     """
     stated = [_WORDS.get(word, word) for word in _stated(_installed(name))]
+    if name in _WITHIN:
+        stated.append(_WITHIN[name][1])
     found = tuple(dict.fromkeys(word for word in stated if (name, word) not in _SET_ASIDE))
     for word in found:
         if word in _LESSER and name in _OPTIONAL and name not in running():
@@ -130,8 +136,8 @@ def _stated(package: Distribution) -> list[str]:
     if manifest.is_file():
         return re.findall(r"<license[^>]*>\s*([^<]*?)\s*</license>", manifest.read_text(encoding="utf-8"))
     files = [file for file in package.files or () if file.name == "LICENSE" and ".dist-info" in str(file)]
-    heads = [file.read_text(encoding="utf-8").split("\n", 3)[:3] for file in files]
-    return ["Apache-2.0" for head in heads if "Apache License" in " ".join(head)]
+    heads = [" ".join(file.read_text(encoding="utf-8").split("\n", 3)[:3]) for file in files]
+    return [word for head in heads for words, word in _HEADS.items() if words in head]
 
 
 @cache
@@ -171,6 +177,9 @@ def page() -> str:
     """
     aside = [f"- {name}: {reason}." for (name, word), reason in _SET_ASIDE.items() if word.isupper()]
     aside += [f"- {name}: {reason}." for name, reason in _OPTIONAL.items()]
+    aside += [
+        f"- {name}: the {word} is that of {held}, which it holds." for name, (held, word) in _WITHIN.items()
+    ]
     return "\n".join(
         [_HEAD, *aside, "", "| package | version | licence | for |", "|---|---|---|---|", *_rows(), ""]
     )
