@@ -477,3 +477,31 @@ def test_a_map_is_taken_or_refused_by_name(data: st.DataObject) -> None:
         said = str(error)
     assert "\n" not in said
     assert not said or said.startswith(("map.yaml", "bench"))
+
+
+def test_a_value_with_its_uncertainty_is_said_and_exported(case: Case) -> None:
+    case.map["columns"]["air_temperature"]["uncertainty"] = 0.5
+    case.map["columns"]["air_pressure"] = {"value": 1010, "unit": "hPa", "uncertainty": 4}
+    assert case.run().code == 0
+    before = Recording.open(case.folder / "run")
+    assert {name: own.uncertainty for name, own in before.origins.items()} == pytest.approx(
+        {"air_temperature": 0.5, "air_pressure": 400.0}
+    )
+    export_recording(before, case.folder / "out.csv", map_file=case.folder / "out.yaml")
+    (case.folder / "again").mkdir()
+    import_table(case.folder / "out.csv", ColumnMap.load(case.folder / "out.yaml"), case.folder / "again")
+    assert Recording.open(case.folder / "again").origins == before.origins
+
+
+@pytest.mark.parametrize(
+    ("entry", "words"),
+    [
+        ({"value": 21.5, "unit": "degC", "uncertainty": -1}, ("air_temperature.uncertainty: -1", "allowed")),
+        ({"column": "Coil [degC]", "unit": "degC", "uncertainty": 1}, ("air_temperature.uncertainty", "value")),
+        ({"value": 21.5, "unit": "degC", "pulses": 1}, ("air_temperature", "belong to a column")),
+        ({"column": "Coil [degC]", "unit": "degC", "pulses": 1}, ("air_temperature.pulses", "angle")),
+    ],
+)
+def test_what_is_said_of_a_value_must_be_one(case: Case, entry: dict[str, Any], words: tuple[str, ...]) -> None:
+    case.map["columns"]["air_temperature"] = entry
+    case.refused(*words)

@@ -14,7 +14,7 @@ import pytest
 import gyrowheel as gw
 import gyrowheel_sim
 from gyrowheel_analysis.fitting.preparation import prepare
-from gyrowheel_analysis.recording import Recording
+from gyrowheel_analysis.recording import Origin, Recording, described
 
 from . import lab_tables as lab
 
@@ -131,6 +131,21 @@ def test_what_is_assumed_of_the_air_counts_in_the_coefficients(original: gw.Reco
     assert values["w"] == pytest.approx(stated["w"], rel=0.01)
     own = values["w"] * (values["n"] - 1.0) * 3000.0 / 101325.0
     assert assumed**2 - known**2 == pytest.approx(own**2, rel=0.1)
+
+
+def test_how_well_a_value_is_known_counts_in_the_coefficients(original: gw.Recording) -> None:
+    """As what is assumed for a pressure that was never measured, but as large as the map says."""
+    sizes = {}
+    for pressure in (0.0, 500.0, 2000.0):
+        text = described(original.data.bench_text, {"air_pressure": Origin(pressure)} if pressure else {})
+        recording = replace(original.data, bench_text=text)
+        problem = prepare([recording], gw.Model("gyrowheel").details).problem
+        fit = problem.refined(problem.fit((problem.unknowns.term(HIDDEN),)))
+        values = fit.coefficients[HIDDEN]
+        sizes[pressure] = fit.standard_error(HIDDEN, "w")
+    own = values["w"] * (values["n"] - 1.0) / 101325.0
+    for pressure in (500.0, 2000.0):
+        assert sizes[pressure] ** 2 - sizes[0.0] ** 2 == pytest.approx((own * pressure) ** 2, rel=0.1)
 
 
 def test_a_rig_of_5_khz(tmp_path: Path) -> None:

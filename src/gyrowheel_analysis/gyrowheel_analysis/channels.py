@@ -149,14 +149,20 @@ def rows_of(*groups: Group) -> tuple[str, ...]:
 AVERAGE_ROWS = rows_of("average")
 ALL_ROWS = rows_of(*GROUPS)
 
+#: What an angle lacks that is known by a few pulses a turn: how it goes on between them, and, where it is not known
+#: which pulse is which, where in a turn the rotor is; the latter by order and for the ripple of the motor.
+WITHIN_TURN = "spin_angle within a turn"
+_PHASE = "spin_angle {:g}N"
+_RIPPLE = "spin_angle of the ripple"
+
 #: Readings without which a quantity cannot be compared, beside those by which its own rows are named.
 _COMPARES: dict[Quantity, frozenset[str]] = {
     "coil_torque": frozenset(),
     "motor_torque": frozenset({"motor_current"}),
     "motor_voltage": frozenset({"motor_voltage"}),
-    "shaft_torque": frozenset({"spin_angle", "spin_rate", "motor_current"}),
-    "winding_voltage": frozenset({"spin_angle", "spin_rate", "motor_current", "motor_voltage"}),
-    "encoder_angle": frozenset({"spin_angle"}),
+    "shaft_torque": frozenset({"spin_angle", _RIPPLE, "spin_rate", "motor_current"}),
+    "winding_voltage": frozenset({"spin_angle", _RIPPLE, "spin_rate", "motor_current", "motor_voltage"}),
+    "encoder_angle": frozenset({"spin_angle", WITHIN_TURN}),
 }
 _COILS = frozenset({"coil_voltage_x", "coil_voltage_y"})
 
@@ -172,4 +178,21 @@ def measurable(channel: Channel, absent: Set[str]) -> tuple[str, ...]:
         return channel.rows
     if channel.group == "average":
         return tuple(row for row in channel.rows if f"coil_voltage_{row[-1]}" not in absent)
-    return () if absent & (_COILS | {"spin_angle"}) else channel.rows
+    return () if absent & (_COILS | {"spin_angle", _PHASE.format(channel.order)}) else channel.rows
+
+
+def unphased(pulses: int, ripple: float) -> frozenset[str]:
+    """Return what an angle does not show that is known by equal pulses, in the words of `measurable`.
+
+    By n pulses a turn it is known but for whole parts of a turn, 2 pi / n. What happens a multiple of n times a turn
+    has the same phase in each of them; all else has none.
+
+    Parameters
+    ----------
+    pulses : int
+        Pulses a turn.
+    ripple : float
+        Periods a turn of the motor's ripple.
+    """
+    lost = {WITHIN_TURN, *(_PHASE.format(c.order) for c in CHANNELS.values() if c.order % pulses)}
+    return frozenset(lost | ({_RIPPLE} if ripple % pulses else set()))

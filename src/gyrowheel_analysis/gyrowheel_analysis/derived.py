@@ -7,7 +7,7 @@ A reading that is derived says nothing new: what compares it with the readings t
 from __future__ import annotations
 
 import math
-from collections.abc import Set
+from collections.abc import Iterable, Mapping, Set
 from typing import Final
 
 import numpy as np
@@ -43,14 +43,33 @@ def unmeasured(readings: Readings) -> frozenset[str]:
     return frozenset(name for name in _WORDS if not np.isfinite(readings[name]).any())
 
 
-def assumed(readings: Readings) -> frozenset[str]:
-    """Return the readings of `ASSUMED` of which none is a number."""
-    return frozenset(name for name in ASSUMED if not np.isfinite(readings[name]).any())
+def assumed_errors(readings: Readings, stated: Mapping[str, float]) -> dict[str, float]:
+    """Return how far off what is assumed for some readings of `ASSUMED` may be [SI, 1 sigma], by reading.
+
+    Parameters
+    ----------
+    readings : Readings
+        The readings; for those of which none is a number something is assumed.
+    stated : mapping of str to float
+        The same of readings that are a value which somebody gave.
+    """
+    never = {name: size for name, (_, size) in ASSUMED.items() if not np.isfinite(readings[name]).any()}
+    return never | {name: size for name, size in stated.items() if name in ASSUMED and size > 0.0}
 
 
-def assumed_errors(names: Set[str]) -> dict[str, float]:
-    """Return how far off what is assumed for some readings may be [SI, 1 sigma], by parameter of the bench."""
-    return {parameter: size for name, (parameter, size) in ASSUMED.items() if name in names}
+def largest_errors(recordings: Iterable[Mapping[str, float]]) -> dict[str, float]:
+    """Return the largest of what `assumed_errors` returns for recordings, by parameter of the bench [SI]."""
+    result: dict[str, float] = {}
+    for sizes in recordings:
+        for name, size in sizes.items():
+            parameter = ASSUMED[name][0]
+            result[parameter] = max(size, result.get(parameter, 0.0))
+    return result
+
+
+def shares(sizes: Mapping[str, float], largest: Mapping[str, float]) -> dict[str, float]:
+    """Return which part of the error of a parameter, as large as `largest_errors` says, each reading may have."""
+    return {name: size / largest[ASSUMED[name][0]] for name, size in sizes.items()}
 
 
 def lacking(readings: Readings) -> list[str]:

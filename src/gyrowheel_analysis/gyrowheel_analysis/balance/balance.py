@@ -67,9 +67,11 @@ class Balance:
         Whether there are rows of what happens within a revolution, or of the averages alone.
     absent : set of str
         Readings that were never taken; what compares them has no rows (`channels.measurable`).
-    assumed : set of str
+    assumed : mapping of str to float
         Temperatures and pressure that were never taken: the static errors of their instruments are those of what is
-        assumed for them (`Motion`).
+        assumed for them, by the part that each has of them (`Motion`).
+    phase_error : float
+        How far off the angle may be from window to window [rad].
 
     Attributes
     ----------
@@ -89,12 +91,14 @@ class Balance:
         clean: bool = True,
         harmonics: bool = True,
         absent: Set[str] = frozenset(),
-        assumed: Set[str] = frozenset(),
+        assumed: Mapping[str, float] | None = None,
+        phase_error: float = 0.0,
     ) -> None:
         self.bench = bench
         self.windows = without_noise(windows) if clean else windows
         self._uncleaned = windows if clean else None
-        self.harmonics, self.absent, self.assumed = harmonics, frozenset(absent), frozenset(assumed)
+        self.harmonics, self.absent, self.assumed = harmonics, frozenset(absent), dict(assumed or {})
+        self.phase_error = phase_error
         every = in_groups(*(GROUPS if harmonics else ("average",)))
         self._channels = tuple(channel for channel in every if measurable(channel, absent))
         self.rows = tuple(row for channel in self._channels for row in measurable(channel, absent))

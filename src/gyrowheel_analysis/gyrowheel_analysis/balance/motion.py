@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Mapping, Set
+from collections.abc import Mapping
 from copy import copy
 from typing import Any
 
@@ -28,9 +28,9 @@ class Motion:
         The windows.
     bench : Bench
         The model's bench.
-    assumed : set of str
-        Temperatures and pressure that were never taken. Of these the static error that the bench has for their
-        instruments counts; of what was measured it is far below what any effect shows.
+    assumed : mapping of str to float
+        Temperatures and pressure that were never taken, each with the part that it has of the static error of the
+        bench for its instrument. Of what was measured that error is far below what any effect shows.
 
     Attributes
     ----------
@@ -64,9 +64,9 @@ class Motion:
         Rate of the table about the vertical [rad/s].
     """
 
-    def __init__(self, windows: Windows, bench: Bench, assumed: Set[str] = frozenset()) -> None:
+    def __init__(self, windows: Windows, bench: Bench, assumed: Mapping[str, float] | None = None) -> None:
         w = self._windows = windows
-        self._bench, self._assumed = bench, assumed
+        self._bench, self._assumed = bench, dict(assumed or {})
         half = 0.5 * w.duration[:, None]
         ripple_order = self._ripple_order = bench.value("motor_ripple_order")
         # enough of them that the ripple is not mistaken for its mirror image
@@ -206,14 +206,15 @@ class Motion:
         warmer, denser = (
             values[name] - self._bench.value(name) for name in ("temperature_bias", "pressure_bias")
         )
-        if warmer and "coil_temperature" in self._assumed:
-            q["T_coil"] = q["T_coil"] - warmer
-        if warmer and "air_temperature" in self._assumed:
-            q["rho"] = q["rho"] * (q["T_air"] / (q["T_air"] - warmer))
-            q["T_air"] = q["T_air"] - warmer
-        if denser and "air_pressure" in self._assumed:
+        part = self._assumed.get
+        if coils := warmer * part("coil_temperature", 0.0):
+            q["T_coil"] = q["T_coil"] - coils
+        if air := warmer * part("air_temperature", 0.0):
+            q["rho"] = q["rho"] * (q["T_air"] / (q["T_air"] - air))
+            q["T_air"] = q["T_air"] - air
+        if pressure := denser * part("air_pressure", 0.0):
             # a part of it, so that a vacuum stays one
-            q["rho"] = q["rho"] * (1.0 - denser / self._bench.value("air_pressure"))
+            q["rho"] = q["rho"] * (1.0 - pressure / self._bench.value("air_pressure"))
         return q
 
     def harmonics_of(self, values: Any) -> Any:

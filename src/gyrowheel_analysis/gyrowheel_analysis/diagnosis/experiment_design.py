@@ -97,7 +97,7 @@ def planned(problem: Problem, name: str) -> tuple[Problem, float] | None:
         return None
     harmonics = all(b.harmonics for b in problem.balances)
     absent = frozenset[str]().union(*(b.absent for b in problem.balances))
-    assumed = frozenset[str]().union(*(b.assumed for b in problem.balances))
+    assumed = {name: part for b in problem.balances for name, part in b.assumed.items()}
     windows = planned_windows(plan, bench)
     balance = Balance(windows, bench, harmonics=harmonics, absent=absent, assumed=assumed)
     other = Problem.of([balance], problem.unknowns).with_scales(problem.noise.scales)

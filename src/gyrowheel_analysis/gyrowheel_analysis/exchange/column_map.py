@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from gyrowheel_analysis.exchange.map_file import KEEP, CsvSettings, MapFile, Source, read_group
+from gyrowheel_analysis.recording import Origin
 from gyrowheel_core.files import read_text
 from gyrowheel_core.schema import check
 from gyrowheel_core.yaml_text import read_yaml
@@ -38,6 +39,8 @@ class ColumnMap:
         How a CSV file is written; None where it is to be seen.
     clocks : dict of str to float
         What is added to the times of further clocks [s].
+    readings : dict of str to Origin
+        What an exported table says of readings that no instrument of their own took.
     """
 
     origin: str
@@ -51,6 +54,7 @@ class ColumnMap:
     environment: tuple[Environment, ...]
     csv: CsvSettings | None
     clocks: dict[str, float]
+    readings: dict[str, Origin]
 
     @classmethod
     def load(cls, file: str | Path) -> ColumnMap:
@@ -80,6 +84,7 @@ class ColumnMap:
             environment=tuple(entry.in_si() for entry in content.environment),
             csv=content.csv,
             clocks=content.clocks,
+            readings={name: Origin(own.uncertainty, own.pulses) for name, own in content.readings.items()},
         )
 
     @property

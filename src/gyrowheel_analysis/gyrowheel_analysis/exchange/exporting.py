@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
@@ -204,4 +205,6 @@ def _map_text(recording: Recording, groups: dict[str, dict[str, str]]) -> str:
             | ({"machine": event.machine} if event.machine else {})
             for event in recording.environment
         ]
+    if recording.origins:
+        content["readings"] = {name: asdict(own) for name, own in recording.origins.items()}
     return _MAP_HEAD + yaml.safe_dump(content, sort_keys=False, default_flow_style=None)

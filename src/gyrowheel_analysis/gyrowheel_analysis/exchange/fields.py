@@ -13,7 +13,7 @@ class Reading:
     """A field of a message.
 
     SI unit, plausible range, whether a constant is allowed in place of a column, whether it may be missing, and another
-    unit that a resistance turns into its own.
+    unit that a resistance turns into its own; whether pulses may stand for it.
     """
 
     unit: str
@@ -22,6 +22,7 @@ class Reading:
     constant: bool = False
     optional: bool = False
     current: bool = False
+    pulsed: bool = False
 
 
 _VOLTAGE = Reading("V", -1000.0, 1000.0)
@@ -30,7 +31,7 @@ _SLOW = {"constant": True, "optional": True}
 READINGS: Final = {
     "tilt_x": Reading("rad", -0.2, 0.2),
     "tilt_y": Reading("rad", -0.2, 0.2),
-    "spin_angle": Reading("rad", -1e9, 1e9, optional=True),
+    "spin_angle": Reading("rad", -1e9, 1e9, optional=True, pulsed=True),
     "spin_rate": Reading("rad/s", -2000.0, 2000.0, optional=True),
     "coil_voltage_x": _COIL,
     "coil_voltage_y": _COIL,

@@ -10,14 +10,18 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_analysis.exchange.clock import Clock
 from gyrowheel_analysis.exchange.column_map import ColumnMap
 from gyrowheel_analysis.exchange.fields import COMMANDS, READINGS, SETPOINTS
+from gyrowheel_analysis.exchange.map_file import Source
+from gyrowheel_analysis.exchange.pulses import PulseError, Turned, turned
 from gyrowheel_analysis.exchange.table import Table
-from gyrowheel_analysis.recording import RecordingWriter
+from gyrowheel_analysis.recording import Origin, RecordingWriter, described
 from gyrowheel_analysis.tables import Grid
 from gyrowheel_control.plans.plan import SETPOINT_PERIOD
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.units import DEG, conversion
 from gyrowheel_sim import environment as environments
 
 #: Turning between two samples beyond which an angle does not show how far it was [rad].
@@ -79,7 +83,7 @@ def import_table(
     for name in READINGS:
         source = column_map.columns.get(name)
         readings[name] = math.nan
-        if source is not None:
+        if source is not None and not source.pulses:
             try:
                 readings[name] = table.values(
                     source, READINGS[name], f"columns.{name}", missing=column_map.keep_missing
@@ -89,9 +93,17 @@ def import_table(
     if wrong:  # all at once
         raise InputError("; ".join([wrong[0], *(text.removeprefix(f"{table.path}: ") for text in wrong[1:])]))
     remarks = [*clock.remarks, *table.remarks]
-    if {"spin_angle", "spin_rate"} <= column_map.columns.keys():
+    origins = _assumed(column_map)
+    pulses = column_map.columns["spin_angle"] if _pulsed(column_map) else None
+    if pulses is not None:
+        found = _turned(table, pulses, readings, clock)
+        readings["spin_angle"] = found.angle
+        origins["spin_angle"] = Origin(found.uncertainty, pulses.pulses)
+        remarks += [f"spin_angle: {text}" for text in found.remarks]
+        remarks.append(f"spin_angle is known to {found.uncertainty / DEG:.2g} deg")
+    elif {"spin_angle", "spin_rate"} <= column_map.columns.keys():
         _check_spin(table, readings, np.asarray(stamps * 1e-9, dtype=np.float64))
-    if "spin_angle" in column_map.columns:
+    if "spin_angle" in column_map.columns and pulses is None:
         fastest = _fastest(readings, clock.period)
         if fastest * clock.period > _TURNS:
             readings["spin_angle"] = math.nan
@@ -108,7 +120,7 @@ def import_table(
 
     columns: list[tuple[topics.Topic, NDArray[np.int64], Any]] = []
     first = np.zeros(1, dtype=np.int64)
-    columns.append((topics.BENCH, first, [wire.pack_text(bench.describe())]))
+    columns.append((topics.BENCH, first, [wire.pack_text(described(bench.describe(), origins))]))
     if column_map.environment:
         text = environments.to_json(column_map.environment)
         columns.append((topics.ENVIRONMENT, first, [wire.pack_text(text)]))
@@ -121,6 +133,36 @@ def import_table(
         writer.write_columns(columns)
     length = float(stamps[-1]) / wire.SECOND
     return Imported(len(sequence), length, 1.0 / clock.period, tuple(remarks))
+
+
+def _pulsed(column_map: ColumnMap) -> bool:
+    source = column_map.columns.get("spin_angle")
+    return source is not None and source.pulses > 0
+
+
+def _assumed(column_map: ColumnMap) -> dict[str, Origin]:
+    """Return how far off the values are that stand for readings, where the map says it."""
+    return column_map.readings | {
+        name: Origin(source.uncertainty * conversion(source.unit, READINGS[name].unit)[1])
+        for name, source in column_map.columns.items()
+        if source.uncertainty
+    }
+
+
+def _turned(table: Table, source: Source, readings: NDArray[Any], clock: Clock) -> Turned:
+    """Return the angle by its pulses."""
+    even = clock.period * clock.sequence.astype(np.float64)
+    rate = readings["spin_rate"]
+    try:
+        return turned(
+            even,
+            rate if np.isfinite(rate).any() else None,
+            table.edges(source, even),
+            source.pulses,
+            at=source.edge_angle_deg * DEG,
+        )
+    except PulseError as error:
+        raise InputError(f"{table.path}: column '{source.column}': {error}") from None
 
 
 def _fastest(readings: NDArray[Any], period: float) -> float:

@@ -8,9 +8,9 @@ import math
 from collections.abc import Mapping
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import AfterValidator, Field, create_model, model_validator
+from pydantic import AfterValidator, Field, create_model, field_validator, model_validator
 
-from gyrowheel_analysis.exchange.fields import GROUPS, Reading
+from gyrowheel_analysis.exchange.fields import GROUPS, READINGS, Reading
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.schema import Name, Number, Section, Text, Whole, check, refuse, shown
 from gyrowheel_core.units import DEG, conversion
@@ -22,6 +22,10 @@ TIMESTAMP: Final = "timestamp"
 #: What is done with readings that are missing: nothing is imported, or they stay missing in the recording.
 REFUSE: Final = "refuse"
 KEEP: Final = "keep"
+#: Unit of a running count of pulses.
+COUNT: Final = "count"
+#: Most pulses a turn; what has more is read as an angle.
+MOST_PULSES: Final = 10_000
 
 
 class Source(Section):
@@ -44,6 +48,15 @@ class Source(Section):
         For a voltage whose current was measured: what the current is multiplied by [ohm]; 0 where it is a voltage.
     missing : float
         A number in the table that says that there is no reading; NaN for none.
+    uncertainty : float
+        Of a constant: how far off it may be (1 sigma), in the unit; 0 where it counts as measured.
+    pulses : int
+        Of an angle: rising edges a turn of what the column holds; 0 where it holds the angle itself. By the unit they
+        are a level (none, or one of any signal), a running ``count``, or the times of the edges.
+    level : float
+        Of pulses: the level whose crossing is an edge; the middle between high and low where it is not a number.
+    edge_angle_deg : float
+        Of pulses: the angle at an edge [deg].
     """
 
     column: Text = ""
@@ -51,20 +64,39 @@ class Source(Section):
     scale: Number = 1.0
     offset: Number = 0.0
     value: Number = math.nan
+    uncertainty: Annotated[Number, Field(ge=0.0)] = 0.0
     clock: Text = ""
     resistance: Annotated[Number, Field(ge=0.0)] = 0.0
     missing: Number = math.nan
+    pulses: Annotated[Whole, Field(ge=0, le=MOST_PULSES)] = 0
+    level: Number = math.nan
+    edge_angle_deg: Annotated[Number, Field(ge=-360.0, le=360.0)] = 0.0
 
     @model_validator(mode="after")
     def _column_or_value(self) -> Source:
         given = self.model_fields_set
         if ("column" in given) == ("value" in given):
             refuse("either column or value must be given")
-        if "value" in given and given & {"scale", "offset", "clock", "resistance", "missing"}:
-            refuse("scale, offset, clock, resistance and missing belong to a column, not to a value")
+        if "value" in given and given & {"scale", "offset", "clock", "resistance", "missing", "pulses"}:
+            refuse("scale, offset, clock, resistance, missing and pulses belong to a column, not to a value")
+        if "column" in given and "uncertainty" in given:
+            refuse("belongs to a value, not to a column", "uncertainty")
+        if not self.pulses and given & {"level", "edge_angle_deg"}:
+            refuse(
+                "level and edge_angle_deg belong to pulses; allowed: with `pulses:`, how many there are a turn"
+            )
         if self.scale == 0.0:
             refuse("0 is out of range; allowed: any other number", "scale")
         return self
+
+
+def is_time(unit: str) -> bool:
+    """Whether a unit is one of time."""
+    try:
+        conversion(unit, "s")
+    except InputError:
+        return False
+    return bool(unit)
 
 
 def _fitting(source: Source, reading: Reading) -> Source:
@@ -74,6 +106,10 @@ def _fitting(source: Source, reading: Reading) -> Source:
     if not reading.unit:
         if source.unit:
             refuse(f"{shown(source.unit)} is not allowed here; allowed: no unit", "unit")
+        return source
+    if source.pulses:
+        if not reading.pulsed:
+            refuse("are for the angle of the shaft", "pulses")
         return source
     if not source.unit:
         refuse(f"missing; allowed: such as {reading.unit}", "unit")
@@ -206,6 +242,13 @@ class CsvSettings(Section):
         return self
 
 
+class ReadingEntry(Section):
+    """How far off a reading may be that no instrument took [SI], and by how many pulses a turn an angle is known."""
+
+    uncertainty: Annotated[Number, Field(ge=0.0)]
+    pulses: Annotated[Whole, Field(ge=0, le=MOST_PULSES)] = 0
+
+
 class MapFile(Section):
     """A map file."""
 
@@ -220,3 +263,14 @@ class MapFile(Section):
     environment: Annotated[list[EnvironmentEntry], AfterValidator(_ascending)] = Field(default_factory=list)
     csv: CsvSettings | None = None
     clocks: dict[Name, Number] = Field(default_factory=dict)
+    readings: dict[Name, ReadingEntry] = Field(default_factory=dict)
+
+    @field_validator("readings")
+    @classmethod
+    def _known(cls, given: dict[str, ReadingEntry]) -> dict[str, ReadingEntry]:
+        for name in given:
+            reading = READINGS.get(name)
+            if reading is None or not (reading.constant or reading.pulsed):
+                allowed = [own for own, its in READINGS.items() if its.constant or its.pulsed]
+                refuse(f"'{name}' is not known; allowed: {', '.join(allowed)}")
+        return given

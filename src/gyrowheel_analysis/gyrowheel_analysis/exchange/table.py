@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from gyrowheel_analysis.exchange.clock import Clock, ClockError, clock_of
 from gyrowheel_analysis.exchange.column_map import ColumnMap
 from gyrowheel_analysis.exchange.fields import Reading
-from gyrowheel_analysis.exchange.map_file import TIMESTAMP, CsvSettings, Source
+from gyrowheel_analysis.exchange.map_file import COUNT, TIMESTAMP, CsvSettings, Source, is_time
+from gyrowheel_analysis.exchange.pulses import Edges, edges_of_count, edges_of_level, edges_of_times
 from gyrowheel_analysis.tables import EMPTY, Column, Grid, TextForm, form_of, format_of, read_grid, text_of
 from gyrowheel_analysis.tables.text import GZIP, ZSTD, plain_rows
 from gyrowheel_core.errors import InputError, one_line
@@ -55,6 +56,9 @@ class Table:
         self.remarks: list[str] = []
         self._map = column_map
         self._first = 0
+        self._pulses: dict[
+            str, tuple[Array, Array]
+        ] = {}  # times and values of those with a clock of their own
         form = format_of(path) if grid is None else None
         self._csv = form is not None and form.name == "text"
         self._settings = self._text_settings() if self._csv else CsvSettings()
@@ -220,6 +224,11 @@ class Table:
         own = self._map.time.column
         time, start = self._seconds(own)
         others = {name: clock for name, clock in clocks.items() if clock and clock != own}
+        pulses = {source.column: source for source in self._map.sources if source.pulses}
+        for name, source in pulses.items():
+            if is_time(source.unit):
+                self._pulses[name] = self._edge_times(source, start), np.zeros(0)
+                others.pop(name, None)
         rows = slice(0, len(time))
         for clock in dict.fromkeys(others.values()):
             there, _ = self._seconds(clock, start)
@@ -234,6 +243,9 @@ class Table:
             names = [name for name, other in others.items() if other == clock]
             for name in names:
                 values = self._numbers(name, missing=True)
+                if name in pulses and len(values) == len(there):
+                    self._pulses[name] = there, values
+                    continue
                 known = np.isfinite(values)
                 if len(values) != len(there) or not known.any():
                     raise InputError(f"{self.path}: column '{name}': has not the rows of its clock '{clock}'")
@@ -245,7 +257,7 @@ class Table:
                 self.remarks.append(f"{', '.join(names)}: interpolated to the clock '{own}'")
         lengths = {name: len(column) for name, column in self._columns.items()}
         for name, length in lengths.items():
-            if length != len(time) and name not in others.values():
+            if length != len(time) and name not in others.values() and name not in self._pulses:
                 raise InputError(
                     f"{self.path}: column '{name}': {length} rows, '{own}' has {len(time)}; allowed: as many, or a "
                     "clock of its own (`clock:` names the column with its times)"
@@ -263,7 +275,38 @@ class Table:
             for name, column in self._columns.items()
             if len(column) == len(time)
         }
-        self._time = time[rows] - time[rows][0]
+        begin = time[rows][0]
+        self._time = time[rows] - begin
+        self._pulses = {name: (when - begin, values) for name, (when, values) in self._pulses.items()}
+
+    def _edge_times(self, source: Source, start: Any) -> Array:
+        """Return the times that a counter took of edges [s], from the start of the map's clock."""
+        values = self._numbers(source.column, missing=True)
+        passed = (
+            values - (0.0 if self._map.time.unit == TIMESTAMP else start)
+        ) * source.scale + source.offset
+        return to_si(passed, source.unit, Reading("s", -math.inf, math.inf))
+
+    def edges(self, source: Source, even: Array) -> Edges:
+        """Return the edges of pulses, at times from the first row on [s].
+
+        Parameters
+        ----------
+        source : Source
+            The source of an angle with `pulses`.
+        even : ndarray (n,)
+            Times of the rows without their jitter [s].
+        """
+        times, values = self._pulses.get(source.column, (even, None))
+        if is_time(source.unit):
+            return edges_of_times(times)
+        raw = self._numbers(source.column, missing=True) if values is None else values
+        if math.isfinite(source.missing):
+            raw = np.where(raw == source.missing, np.nan, raw)
+        signal = raw * source.scale + source.offset
+        if source.unit == COUNT:
+            return edges_of_count(times, signal)
+        return edges_of_level(times, signal, source.level)
 
     def _column(self, name: str, rows: NDArray[np.int64] | None = None, *, missing: bool = False) -> Any:
         column = self._columns[name]

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from gyrowheel_analysis.balance.balance import Balance
-from gyrowheel_analysis.derived import assumed, assumed_errors, lacking, unmeasured
+from gyrowheel_analysis.channels import unphased
+from gyrowheel_analysis.derived import assumed_errors, lacking, largest_errors, shares, unmeasured
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.fitting.unknowns import Unknowns
@@ -48,6 +49,8 @@ _DISTINGUISHING = (
     "sample_period",
 )
 _FACTOR = 2.0
+#: Parameter of the bench that is the error of an angle from pulses, the same in all windows.
+_PHASE = "encoder_zero"
 
 
 def too_few_windows(windows: int, coverage: Coverage) -> str:
@@ -162,6 +165,7 @@ def samples_of(recording: Recording, *, incomplete: bool = False) -> Samples:
         sequence=recording.measurement["sequence"],
         commanded=_commanded(recording),
         absent=absent,
+        origins=recording.origins,
     )
 
 
@@ -218,17 +222,22 @@ def prepare(
     """
     if not recordings:
         raise InputError("no recording given")
-    balances, coverage, shown = _reduced(recordings, model, harmonics, progress)
+    errors = largest_errors(_assumed(own) for own in (*recordings, *validate))
+    balances, coverage, shown = _reduced(recordings, model, harmonics, errors, progress)
     names, count = [r.name for r in recordings], sum(len(b.windows) for b in balances)
     if count < FEWEST_WINDOWS:
         raise TooFewWindowsError(names, count, coverage)
     validation = None
     others: list[Balance] = []
     if validate:
-        others, other_coverage, other_shown = _reduced(validate, model, harmonics, progress, shown)
-    guessed = frozenset[str]().union(*(b.assumed for b in (*balances, *others)))
+        others, other_coverage, other_shown = _reduced(validate, model, harmonics, errors, progress, shown)
+    phase = max((b.phase_error for b in (*balances, *others)), default=0.0)
     unknowns = Unknowns(
-        model.reference_bench, model.effects, model.effect_errors, model.declared, assumed_errors(guessed)
+        model.reference_bench,
+        model.effects,
+        model.effect_errors,
+        model.declared,
+        errors | ({_PHASE: phase} if phase else {}),
     )
     if windows := sum(len(b.windows) for b in others):
         validation = Prepared(
@@ -252,21 +261,23 @@ def _reduced(
     recordings: Sequence[Recording],
     model: Model,
     harmonics: bool,
+    errors: Mapping[str, float],
     progress: Progress | None,
     elsewhere: Sequence[Shown] = (),
 ) -> tuple[list[Balance], Coverage, list[Shown]]:
     """Return the balance of every recording, how much of them all lies in windows, and what their samples show.
 
-    The noise of each counts hum that any of them shows, or others `elsewhere`.
+    The noise of each counts hum that any of them shows, or others `elsewhere`. `errors` are what `largest_errors`
+    returns for all recordings of the fit.
     """
     require_one_bench(recordings, model)
     bench = model.reference_bench
-    reduced, coverages, shown, lacks = [], [], [], []
+    reduced, coverages, shown, absent = [], [], [], []
     for recording in recordings:
         if progress:
             progress(f"reducing {recording.name}")
         samples = samples_of(recording, incomplete=True)
-        lacks.append((samples.absent, assumed(samples.readings)))
+        absent.append(samples.absent | _unphased(recording, bench))
         windows, coverage = reduce_and_account(samples, bench)
         _check(windows, bench, str(recording.path))
         coverages.append(coverage)
@@ -274,10 +285,37 @@ def _reduced(
         reduced.append(windows)
     every = [*shown, *elsewhere]
     balances = [
-        Balance(own.weighed(windows, every), bench, harmonics=harmonics, absent=absent, assumed=guessed)
-        for own, windows, (absent, guessed) in zip(shown, reduced, lacks, strict=True)
+        Balance(
+            own.weighed(windows, every),
+            bench,
+            harmonics=harmonics,
+            absent=lacks,
+            assumed=shares(_assumed(recording), errors),
+            phase_error=_phase_error(recording),
+        )
+        for recording, own, windows, lacks in zip(recordings, shown, reduced, absent, strict=True)
     ]
     return balances, Coverage.of(coverages), shown
+
+
+def _assumed(recording: Recording) -> dict[str, float]:
+    """Return how far off what is assumed for readings of a recording may be [SI, 1 sigma], by reading."""
+    stated = {name: own.uncertainty for name, own in recording.origins.items() if not own.pulses}
+    return assumed_errors(recording.readings, stated)
+
+
+def _phase_error(recording: Recording) -> float:
+    """Return how far off an angle from pulses may be [rad, 1 sigma]; 0 for one that was read."""
+    origin = recording.origins.get("spin_angle")
+    return origin.uncertainty if origin is not None and origin.pulses else 0.0
+
+
+def _unphased(recording: Recording, bench: Bench) -> frozenset[str]:
+    """Return what an angle from pulses does not show (`channels.unphased`)."""
+    origin = recording.origins.get("spin_angle")
+    if origin is None or not origin.pulses:
+        return frozenset()
+    return unphased(origin.pulses, bench.value("motor_ripple_order"))
 
 
 def require_one_bench(recordings: Sequence[Recording], model: Model) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
@@ -63,7 +64,7 @@ class Unknowns:
         Declarations of effects that are not registered.
     assumed : dict of str to float
         Static errors of instruments that were not there, whose readings are assumed: how far off they may be [SI], by
-        parameter of the bench.
+        parameter of the bench. One that is fitted along anyway may be off by that beside what is stated.
 
     Attributes
     ----------
@@ -102,11 +103,19 @@ class Unknowns:
             if name in self.known and error > 0.0
         ]
         groups = bench.groups()
+        wider = {
+            name: replace(p, uncertainty=math.hypot(p.uncertainty, self.assumed[name]))
+            for name, p in bench.parameters.items()
+            if name in self.assumed and p.group in NUISANCE_GROUPS
+        }
         self.nuisances: list[tuple[str, list[Parameter]]] = [
-            (g, groups[g]) for g in NUISANCE_GROUPS if g in groups
+            (g, [wider.get(p.name, p) for p in groups[g]]) for g in NUISANCE_GROUPS if g in groups
         ]
+        there = {group for group, _ in self.nuisances}
         self.nuisances += [
-            (name, [replace(bench.parameters[name], uncertainty=size)]) for name, size in self.assumed.items()
+            (name, [replace(bench.parameters[name], uncertainty=size)])
+            for name, size in self.assumed.items()
+            if name not in there
         ]
         self.count = len(self.nuisances) + len(self.loose)
         self.of_instruments = frozenset(

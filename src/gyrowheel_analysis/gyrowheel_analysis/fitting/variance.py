@@ -68,6 +68,9 @@ def amplitude_variance(
     """
     size = np.hypot(*(predicted[balance.row(row)] for row in channel.rows))
     variance = np.asarray(_AMPLITUDES[channel.quantity](balance, bench, size, channel.order))
+    if balance.phase_error:
+        turns = channel.order or bench.value("motor_ripple_order")
+        variance = variance + (turns * balance.phase_error * size) ** 2
     if not lateness or channel.quantity != "coil_torque":
         return variance
     w, order = balance.windows, channel.order

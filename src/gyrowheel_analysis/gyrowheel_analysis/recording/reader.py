@@ -15,6 +15,7 @@ from gyrowheel_analysis.recording.bags import read_bag
 from gyrowheel_analysis.recording.columns import STALL, columns, is_earlier, texts, wanted
 from gyrowheel_analysis.recording.mcap.reader import Want
 from gyrowheel_analysis.recording.namespace import AnyNamespace, bench_in
+from gyrowheel_analysis.recording.origins import Origin, origins_in
 from gyrowheel_analysis.recording.part import WHOLE, parted
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
@@ -185,6 +186,11 @@ class Recording:
         except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError):
             return None
         return (name, values) if isinstance(name, str) else None
+
+    @cached_property
+    def origins(self) -> dict[str, Origin]:
+        """Where readings come from that no instrument of their own took, by reading."""
+        return origins_in(self.bench_text)
 
     @cached_property
     def time(self) -> npt.NDArray[np.float64]:

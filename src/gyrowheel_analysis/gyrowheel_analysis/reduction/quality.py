@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.derived import ASSUMED, completed, in_words
+from gyrowheel_analysis.recording.origins import origins_in_words
 from gyrowheel_analysis.reduction.instants import even_times
 from gyrowheel_analysis.reduction.samples import Array, Samples
 from gyrowheel_analysis.reduction.taper import taper
@@ -70,9 +71,10 @@ def readable(data: Samples, bench: Bench) -> tuple[Samples, Array, tuple[str, ..
         Quantities that were never measured, and what is assumed instead.
     """
     finite = np.isfinite(data.readings.array)
-    if finite.all():
-        return data, np.zeros(0), ()
-    if "spin_angle" in data.absent:
+    said = origins_in_words(data.origins)
+    if finite.all() and not data.summed:
+        return data, np.zeros(0), said
+    if data.summed:
         # what is summed up from the speed says nothing of the instants: jitter counts as that of the stamps
         data = replace(data, time=even_times(data.time, data.period(bench.sample_period)))
     readings, assumed = completed(data.time, data.readings, data.absent, bench).copy(), []
@@ -105,7 +107,7 @@ def readable(data: Samples, bench: Bench) -> tuple[Samples, Array, tuple[str, ..
         sequence=None if data.sequence is None else data.sequence[whole],
         commanded=None if data.commanded is None else data.commanded[whole],
     )
-    return read, data.time[~whole], (*in_words(data.absent), *assumed)
+    return read, data.time[~whole], (*in_words(data.absent), *said, *assumed)
 
 
 def reading_noise(data: Samples, bench: Bench) -> Array:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_analysis.recording.origins import Origin
 from gyrowheel_core.readings import Readings
 from gyrowheel_sim.environment import Environment
 
@@ -43,6 +44,8 @@ class Samples:
         Coil voltages that were commanded for the interval that ends with each sample [V]; None where unknown.
     absent : frozenset of str
         Readings that were never taken; `derived` says what stands for them.
+    origins : mapping of str to Origin
+        Where readings come from that no instrument of their own took.
     """
 
     time: Array
@@ -54,6 +57,13 @@ class Samples:
     sequence: NDArray[np.integer] | None = None
     commanded: Array | None = None
     absent: frozenset[str] = frozenset()
+    origins: Mapping[str, Origin] = field(default_factory=dict)
+
+    @property
+    def summed(self) -> bool:
+        """Whether the angle is a sum of the speed, with or without pulses that say where it is once in a while."""
+        origin = self.origins.get("spin_angle")
+        return "spin_angle" in self.absent or (origin is not None and origin.pulses > 0)
 
     def period(self, stated: float) -> float:
         """Return the sampling period of the recording [s].

@@ -138,7 +138,7 @@ def fit_window(
     slope = np.array([k * (k + 1) * (1 - k % 2) for k in range(smooth)]) * 2.0 / duration**2
     slope_variance = float(slope @ turning_gram[:smooth, :smooth] @ slope) * angle_noise**2
     spin = np.asarray(np.polynomial.legendre.legder(turned[0, :smooth]), dtype=np.float64) * 2.0 / duration
-    if "spin_angle" in data.absent:
+    if data.summed and "spin_rate" not in data.absent:
         # the sum of the speed walks at random by its noise: the polynomial is fitted to the speed itself
         spin, slope_variance = _of_speed(readings[:, _SPIN].real, legendre[:, :-1], waves, duration)
         slope_variance *= noise[READING_NOISES.index("spin_rate_noise")] ** 2

@@ -10,6 +10,7 @@ import numpy as np
 
 from gyrowheel_analysis.exchange.map_file import TIMESTAMP
 from gyrowheel_analysis.exchange.naming import SEQUENCE, TEMPERATURE, TIME, UNITS, Named, named
+from gyrowheel_analysis.exchange.suggesting.pulses import has_levels, pulsed_angle
 from gyrowheel_analysis.exchange.suggesting.records import Problem, Proposal
 from gyrowheel_analysis.exchange.suggesting.sizes import SOME, angle_unit, guessed
 from gyrowheel_analysis.exchange.suggesting.suspicious import odd_cells
@@ -73,6 +74,10 @@ def assigned(grid: Grid, bench: Bench, problems: list[Problem]) -> dict[str, Pro
                 taken.add(name)
     if TIME not in found:
         _time_by_values(grid, names, taken, found, bench)
+    if "spin_angle" not in found:
+        pulsed = pulsed_angle(grid, found, taken, problems)
+        if pulsed is not None:
+            found["spin_angle"] = pulsed
     if TIME in found:  # those with a clock of their own
         own = found[TIME].column
         for key, item in found.items():
@@ -111,6 +116,8 @@ def _likely(column: Column, own: str, what: Named) -> float:
             and bool(np.all(steps >= 1.0))
             else -9.0
         )
+    if own in ("spin_rate", "spin_angle") and has_levels(column):
+        return -9.0  # pulses of it
     if own == "spin_angle":
         return 0.5 if len(steps) and np.median(np.abs(steps)) > 0.0 else -1.0
     return -0.5 if rising and own not in ("coil_temperature", "air_temperature") else 0.0

@@ -50,7 +50,9 @@ def map_content(
             own = found.get(name.replace("voltage", "current"))
         if own is None:
             continue
-        entry: dict[str, Any] = {"column": own.column, "unit": own.unit}
+        entry: dict[str, Any] = {"column": own.column} | ({"unit": own.unit} if own.unit else {})
+        if own.pulses:
+            entry["pulses"] = own.pulses
         if own.scale != 1.0:
             entry["scale"] = own.scale
         if own.clock:

@@ -36,6 +36,8 @@ class Proposal:
         Column with the times of its rows, where that is not the map's.
     lowest, highest : float
         Its range, in the unit.
+    pulses : int
+        Of an angle: pulses a turn by which it is known; 0 where the column holds it itself.
     """
 
     field: str
@@ -47,6 +49,7 @@ class Proposal:
     clock: str = ""
     lowest: float = math.nan
     highest: float = math.nan
+    pulses: int = 0
 
 
 @dataclass(frozen=True)

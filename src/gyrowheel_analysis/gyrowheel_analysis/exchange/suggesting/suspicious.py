@@ -87,7 +87,7 @@ def sentinel(own: Proposal, column: Column) -> float:
     It is beyond all that the reading can be, comes again to the last digit, and most other values are possible.
     """
     reading = READINGS.get(own.field)
-    if reading is None or not column.numeric:
+    if reading is None or not column.numeric or own.pulses:
         return math.nan
     values = np.asarray(column.values, dtype=np.float64)
     zero, factor = conversion(own.unit, UNITS[own.field])
