@@ -497,11 +497,16 @@ def test_a_value_with_its_uncertainty_is_said_and_exported(case: Case) -> None:
     ("entry", "words"),
     [
         ({"value": 21.5, "unit": "degC", "uncertainty": -1}, ("air_temperature.uncertainty: -1", "allowed")),
-        ({"column": "Coil [degC]", "unit": "degC", "uncertainty": 1}, ("air_temperature.uncertainty", "value")),
+        (
+            {"column": "Coil [degC]", "unit": "degC", "uncertainty": 1},
+            ("air_temperature.uncertainty", "value"),
+        ),
         ({"value": 21.5, "unit": "degC", "pulses": 1}, ("air_temperature", "belong to a column")),
         ({"column": "Coil [degC]", "unit": "degC", "pulses": 1}, ("air_temperature.pulses", "angle")),
     ],
 )
-def test_what_is_said_of_a_value_must_be_one(case: Case, entry: dict[str, Any], words: tuple[str, ...]) -> None:
+def test_what_is_said_of_a_value_must_be_one(
+    case: Case, entry: dict[str, Any], words: tuple[str, ...]
+) -> None:
     case.map["columns"]["air_temperature"] = entry
     case.refused(*words)

@@ -22,6 +22,7 @@ from gyrowheel_analysis.exchange.fields import Reading
 from gyrowheel_analysis.exchange.map_file import COUNT, TIMESTAMP, CsvSettings, Source, is_time
 from gyrowheel_analysis.exchange.pulses import Edges, edges_of_count, edges_of_level, edges_of_times
 from gyrowheel_analysis.tables import EMPTY, Column, Grid, TextForm, form_of, format_of, read_grid, text_of
+from gyrowheel_analysis.tables.readers.arrow import plain
 from gyrowheel_analysis.tables.text import GZIP, ZSTD, plain_rows
 from gyrowheel_core.errors import InputError, one_line
 from gyrowheel_core.limits import require_room
@@ -74,7 +75,7 @@ class Table:
             self.remarks += content.remarks
         else:
             table = self._read()
-            self._columns = {name: table.column(name) for name in table.column_names}
+            self._columns = {name: plain(table.column(name)) for name in table.column_names}
         if not column_map.time.column:
             raise InputError(f"{column_map.origin}: time: must be a column")
         rows = len(self._columns[column_map.time.column])

@@ -255,9 +255,10 @@ def _smoothed(time: Array, when: Array, left: Array, width: Array) -> tuple[Arra
         low, high = float(np.max(own - wide)), float(np.min(own + wide))
         square = float(np.mean(wide**2)) / 3.0
         if high > low:
-            # no narrower than the interval that so many edges leave on average
-            least = 6.0 * square / ((j - i + 1.0) * (j - i + 2.0))
-            value, variance = 0.5 * (low + high), max((high - low) ** 2 / 12.0, least)
+            # all of it: edges that keep step with the samples are off alike in the next block, too; and no narrower
+            # than so many edges leave it on average
+            least = 18.0 * square / ((j - i + 1.0) * (j - i + 2.0))
+            value, variance = 0.5 * (low + high), max((high - low) ** 2 / 4.0, least)
         else:
             value, variance = float(np.mean(own)), max(float(np.var(own)), square) / (j - i)
         middles.append(float(np.mean(when[i:j])))

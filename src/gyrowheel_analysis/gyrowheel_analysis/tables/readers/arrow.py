@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from gyrowheel_analysis.tables.grid import Column, Grid, require_table
@@ -34,8 +35,20 @@ def of_table(table: Any, where: str) -> Grid:
     for name, values in zip(table.column_names, table.columns, strict=True):
         about = table.schema.field(name).metadata or {}
         unit = about.get(b"unit", b"").decode("utf-8", "replace")
-        columns.append(Column(name, as_numbers(values), "" if unit == "1" else unit))
+        if pa.types.is_duration(values.type):
+            unit = "s"
+        columns.append(Column(name, as_numbers(plain(values)), "" if unit == "1" else unit))
     return Grid.of(where, columns)
+
+
+def plain(values: Any) -> Any:
+    """Return a column of arrow with categories as what they stand for, and durations in seconds."""
+    if pa.types.is_dictionary(values.type):
+        values = values.cast(values.type.value_type)
+    if pa.types.is_duration(values.type):
+        counts = values.cast(pa.duration("ns")).cast(pa.int64()).cast(pa.float64(), safe=False)
+        return pc.divide(counts, 1e9)
+    return values
 
 
 def as_numbers(values: Any) -> Any:
