@@ -26,6 +26,7 @@ from .lab_tables import lab_table
 EVIL = "<img src=x onerror=alert(1)></script><script>alert(2)</script>"
 
 
+@pytest.mark.slow
 @needs_browser
 def test_no_page_has_a_serious_fault_of_accessibility(wheel: Wheel, tmp_path: Path) -> None:
     cases = [judged_case(k, validation=1.0) for k in range(3)]
