@@ -92,6 +92,26 @@ def test_pulses_that_cannot_be_are_refused(
         gw.read_table(file, content)
 
 
+def test_two_files_of_two_loggers_are_one_recording(measurement: Any, tmp_path: Path) -> None:
+    """The motor is logged at half the rate, by a clock that is 0.25 s ahead."""
+    columns, units = lab.lab_columns(measurement)
+    motor = {name: columns[name][::2] for name in ("Time", "Motor voltage", "Motor current")}
+    motor["Time"] = motor["Time"] + 0.25
+    rest = {name: values for name, values in columns.items() if "Motor" not in name}
+    files = [
+        lab.write_text(tmp_path / "wheel.csv", rest, units),
+        lab.write_text(tmp_path / "drive.csv", motor, units),
+    ]
+    suggested = gw.suggest_map(files)
+    assert suggested.settled, suggested.questions
+    (offset,) = suggested.content["clocks"].values()
+    assert offset == pytest.approx(-0.25, abs=0.005)
+    assert suggested.content["columns"]["motor_current"]["clock"] == "drive/Time [s]"
+    rows = gw.read_table(files, suggested).data.measurement
+    assert np.isfinite(rows["motor_current"]).all()
+    assert len(measurement) - len(rows) < 600
+
+
 @pytest.mark.study
 @pytest.mark.parametrize(("every", "pulses"), [(1, 1), (2, 1), (2, 3)])
 def test_what_turns_with_the_rotor_is_found_by_pulses(

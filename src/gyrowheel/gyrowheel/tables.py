@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,8 +27,10 @@ def suggest_map(table: Any, *, bench: str | Path = "gyrowheel") -> TableMap:
 
     Parameters
     ----------
-    table : path, pandas.DataFrame or pyarrow.Table
-        CSV or other text, Parquet, MATLAB, HDF5, TDMS, MDF, a bag of ROS 1 or ROS 2, or a table in memory.
+    table : path, pandas.DataFrame, pyarrow.Table or list of those
+        CSV or other text, Parquet, MATLAB, HDF5, TDMS, MDF, a bag of ROS 1 or ROS 2, or a table in memory. Of
+        several, say of two loggers, columns are called ``file/column``; how far their clocks are apart is found and put
+        into the map.
     bench : str or Path
         The bench that it was measured on.
 
@@ -57,8 +59,9 @@ def read_table(
 
     Parameters
     ----------
-    table : path, pandas.DataFrame or pyarrow.Table
-        CSV or other text, Parquet, MATLAB, HDF5, TDMS, MDF, a bag, or a table in memory; rows in the order of time.
+    table : path, pandas.DataFrame, pyarrow.Table or list of those
+        CSV or other text, Parquet, MATLAB, HDF5, TDMS, MDF, a bag, or a table in memory; rows in the order of time. Of
+        several the columns are called ``file/column``.
     column_map : TableMap, mapping or path, optional
         Which column holds which reading, in which unit: what `suggest_map` returns, its content as a mapping, or a map
         file (docs/exchange.md). What `suggest_map` finds if not given, where that leaves no question.
@@ -112,9 +115,11 @@ def read_bag(
 
 
 def _in_memory(table: Any) -> Grid | None:
-    """Return a table of pandas or arrow; None for a path."""
+    """Return a table of pandas or arrow, or several tables as one; None for a path."""
     if isinstance(table, str | Path):
         return None
+    if isinstance(table, list | tuple):
+        return _joined(table)
     import pyarrow as pa
 
     from gyrowheel_analysis.tables.readers.arrow import of_table
@@ -125,8 +130,26 @@ def _in_memory(table: Any) -> Grid | None:
         named = any(name is not None for name in getattr(table.index, "names", ()))
         return of_table(pa.Table.from_pandas(table, preserve_index=named), _IN_MEMORY)
     raise InputError(
-        f"table: {type(table).__name__} is not allowed; allowed: a path, a pandas or a pyarrow table"
+        f"table: {type(table).__name__} is not allowed; allowed: a path, a pandas or a pyarrow table, or a list of them"
     )
+
+
+def _joined(tables: Sequence[Any]) -> Grid:
+    """Return tables of several loggers as one: each a folder of columns, named like its file, with its own times."""
+    from gyrowheel_analysis.tables import Grid, read_grid
+
+    if not tables:
+        raise InputError("table: an empty list; allowed: one table or more")
+    columns, remarks, names = [], [], list[str]()
+    for table in tables:
+        grid = _in_memory(table) or read_grid(Path(table))
+        own = Path(table).name.partition(".")[0] if isinstance(table, str | Path) else _IN_MEMORY
+        names.append(own if own not in names else f"{own}{len(names) + 1}")
+        for column in grid.columns.values():
+            clock = f"{names[-1]}/{column.clock}" if column.clock else ""
+            columns.append(replace(column, name=f"{names[-1]}/{column.name}", clock=clock))
+        remarks += [f"{names[-1]}: {remark}" for remark in grid.remarks]
+    return Grid.of(_IN_MEMORY, columns, remarks)
 
 
 @dataclass(frozen=True)
