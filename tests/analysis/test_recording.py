@@ -170,9 +170,7 @@ def test_any_messages_come_back(blocks, chunk_size, one_by_one, tmp_path_factory
         topic = found[name]
         assert topic.count == len(pairs)
         times = [int(time) for piece in topic.times for time in piece]
-        messages = [
-            bytes(m) for piece in topic.pieces for m in (piece if isinstance(piece, list) else piece.filled)
-        ]
+        messages = [bytes(m) for piece in topic.pieces for m in piece]
         key = (lambda pair: pair) if not one_by_one else (lambda pair: 0)  # one by one the order stays
         assert sorted(zip(times, messages, strict=True), key=key) == sorted(pairs, key=key)
 

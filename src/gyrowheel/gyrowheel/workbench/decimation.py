@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
-_BLOCK = 256  # samples whose extremes are kept
+from gyrowheel_core.blocks import by_blocks
+
+_BLOCK = 256  # samples whose extremes are kept; `by_blocks` has a whole number of them
 _DIRECT = 2 * _BLOCK  # samples of a stretch from which on the extremes of blocks are used
+
+Array = NDArray[np.float64]
 
 
 class Envelope:
@@ -16,15 +23,15 @@ class Envelope:
     ----------
     values : ndarray (n,)
         The signal; kept as it is. What is not finite is left out of the extremes.
+    extremes : (ndarray, ndarray), optional
+        Those of its blocks, as `envelopes` finds them.
     """
 
-    def __init__(self, values: NDArray[np.float64]) -> None:
+    def __init__(self, values: Array, extremes: tuple[Array, Array] | None = None) -> None:
         self._values = values
-        starts = np.arange(0, len(values), _BLOCK)
-        self._low = np.fmin.reduceat(values, starts) if len(values) else values
-        self._high = np.fmax.reduceat(values, starts) if len(values) else values
+        self._low, self._high = extremes or _extremes([values], len(values))[0]
 
-    def cut(self, first: int, last: int, points: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def cut(self, first: int, last: int, points: int) -> tuple[Array, Array]:
         """Return a part of the signal as a line.
 
         Parameters
@@ -63,3 +70,29 @@ class Envelope:
         width = np.diff(edges)
         places = np.stack([edges[:-1], edges[:-1] + 0.5 * width], axis=1) * float(unit)
         return places.ravel(), ends.ravel()
+
+
+def envelopes(rows: NDArray[Any]) -> dict[str, Envelope]:
+    """Return every column of floats as a signal; one pass finds the extremes of all."""
+    names = [
+        name for name in rows.dtype.names or () if rows.dtype[name].kind == "f" and not rows.dtype[name].shape
+    ]
+    columns = [rows[name] for name in names]
+    found = _extremes(columns, len(rows))
+    return {name: Envelope(rows[name], own) for name, own in zip(names, found, strict=True)}
+
+
+def _extremes(columns: Sequence[Array], count: int) -> list[tuple[Array, Array]]:
+    """Return smallest and largest value of every block of each column."""
+    found = [(np.empty(-(-count // _BLOCK)), np.empty(-(-count // _BLOCK))) for _ in columns]
+
+    def look(first: int, last: int) -> None:
+        starts = np.arange(0, last - first, _BLOCK)
+        to = slice(first // _BLOCK, first // _BLOCK + len(starts))
+        for column, (low, high) in zip(columns, found, strict=True):
+            part = column[first:last]
+            np.fmin.reduceat(part, starts, out=low[to])
+            np.fmax.reduceat(part, starts, out=high[to])
+
+    by_blocks(count, look)
+    return found

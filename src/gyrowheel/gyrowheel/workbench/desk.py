@@ -12,9 +12,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
-
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Literal
 
 from gyrowheel.analysis import compare, diagnose
 from gyrowheel.catalogue import own_effect
@@ -24,7 +22,7 @@ from gyrowheel.model import Model
 from gyrowheel.recording import Recording
 from gyrowheel.workbench import tables
 from gyrowheel.workbench.bench import SimulatedBench
-from gyrowheel.workbench.decimation import Envelope
+from gyrowheel.workbench.decimation import Envelope, envelopes
 from gyrowheel.workbench.live import LiveBenches
 from gyrowheel.workbench.shelf import Shelf
 from gyrowheel_core.errors import InputError, nearest, one_line
@@ -60,8 +58,10 @@ class Opened:
 
     @classmethod
     def of(cls, key: str, recording: Recording, role: Role) -> Opened:
-        """Return a recording made ready."""
-        return cls(key, recording, role, _envelopes(recording.measurement), _envelopes(recording.setpoints))
+        """Return a recording made ready: what the page asks for at once is not waited for by other requests."""
+        own = cls(key, recording, role, envelopes(recording.measurement), envelopes(recording.setpoints))
+        _ = recording.time, recording.info
+        return own
 
 
 @contextlib.contextmanager
@@ -71,11 +71,6 @@ def _removed_at_failure(file: Path) -> Iterator[None]:
     except BaseException:
         file.unlink(missing_ok=True)
         raise
-
-
-def _envelopes(rows: NDArray[Any]) -> dict[str, Envelope]:
-    names = [name for name in rows.dtype.names or () if rows.dtype[name].kind == "f"]
-    return {name: Envelope(rows[name]) for name in names}
 
 
 @dataclass(frozen=True)

@@ -107,11 +107,18 @@ def _block(signals: Mapping[str, Envelope], times: Array, begin: float, end: flo
         if name in signals:
             places, values = signals[name].cut(first, last, points)
             if not parts:
-                at = np.interp(places, np.arange(first, last), times[first:last])
+                at = _between(times, places)
                 parts += [np.array([len(at)], "<f8").tobytes(), at.astype("<f8").tobytes()]
             parts.append((values / size).astype("<f4").tobytes())
     whole = b"".join(parts)
     return whole + bytes(-len(whole) % 8)
+
+
+def _between(times: Array, places: Array) -> Array:
+    """Return the times of places that may lie between samples; behind the last one, that of the last."""
+    low = np.minimum(places.astype(np.int64), len(times) - 1)
+    high = np.minimum(low + 1, len(times) - 1)
+    return times[low] + (places - low) * (times[high] - times[low])
 
 
 def sample(desk: Desk, key: str, time: float) -> dict[str, Any]:

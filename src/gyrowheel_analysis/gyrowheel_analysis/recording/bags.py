@@ -14,8 +14,9 @@ import zstandard
 from rosbags.interfaces import ConnectionExtRosbag2, MessageDefinitionFormat
 from rosbags.rosbag2 import Reader
 
-from gyrowheel_analysis.recording.mcap.reader import TopicData, Wanted, read_mcap
+from gyrowheel_analysis.recording.mcap.reader import read_mcap
 from gyrowheel_analysis.recording.mcap.records import Broken, Damaged
+from gyrowheel_analysis.recording.mcap.topics import TopicData, Wanted
 from gyrowheel_analysis.recording.metadata import METADATA_FILE, Metadata, read_metadata
 from gyrowheel_analysis.recording.unpacking import file_in_memory, unpack
 from gyrowheel_core.errors import InputError, one_line

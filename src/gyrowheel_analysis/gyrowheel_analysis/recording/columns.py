@@ -14,7 +14,7 @@ from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_
 from rosbags.typesys.store import Typestore
 
 from gyrowheel_analysis.recording.definitions import typestore
-from gyrowheel_analysis.recording.mcap.reader import Rows, TopicData, Want
+from gyrowheel_analysis.recording.mcap.topics import TopicData, Want, joined
 from gyrowheel_core import wire
 from gyrowheel_core.errors import InputError, one_line
 from gyrowheel_core.wire import Layout
@@ -43,19 +43,20 @@ def wanted(layout: Layout) -> Want:
     layout : Layout
         The layout.
     """
-    known: dict[int, bool] = {}  # whether a channel has this layout
 
-    def take(topic: TopicData, messages: npt.NDArray[Any]) -> npt.NDArray[Any] | None:
-        if id(topic) not in known:
-            try:
-                known[id(topic)] = _declares(topic, layout, topic.name)
-            except InputError:  # the checksums come first, they may tell why; `columns` raises it again
-                known[id(topic)] = False
-        if not known[id(topic)] or not layout.matches(messages).all():
-            return None
-        return _rows(messages, layout)
+    def fits(topic: TopicData) -> bool:
+        try:
+            return _declares(topic, layout, topic.name)
+        except InputError:  # the checksums come first, they may tell why; `columns` raises it again
+            return False
 
-    return Want(layout.dtype, take)
+    def take(messages: npt.NDArray[Any], rows: npt.NDArray[Any]) -> bool:
+        if not layout.matches(messages).all():
+            return False
+        _put(messages, rows, layout)
+        return True
+
+    return Want(layout.dtype, column_dtype(layout), fits, take)
 
 
 def columns(topic: TopicData | None, layout: Layout, where: str) -> npt.NDArray[Any]:
@@ -87,29 +88,64 @@ def columns(topic: TopicData | None, layout: Layout, where: str) -> npt.NDArray[
     if topic.message_encoding != "cdr":
         raise InputError(f"{where}: messages are encoded as {topic.message_encoding!r}; only cdr is known")
     pieces, topic.pieces = topic.pieces[::-1], []
-    if len(pieces) == 1 and isinstance(pieces[0], Rows):
-        return pieces[0].filled
+    if not any(isinstance(piece, list) for piece in pieces) and (whole := joined(pieces[::-1])) is not None:  # type: ignore[arg-type]
+        return whole
     result = np.empty(topic.count, dtype)
     decode = None
     k = 0
     while pieces:
         piece = pieces.pop()  # so that the data are never in memory twice
-        if isinstance(piece, Rows):
-            rows = piece.filled
-        else:
+        if isinstance(piece, list):
             decode = decode or _decoder(topic, layout, where)
-            rows = decode(piece, k)
-        result[k : k + len(rows)] = rows
-        k += len(rows)
+            piece = decode(piece, k)
+        result[k : k + len(piece)] = piece
+        k += len(piece)
     return result
+
+
+def _put(messages: npt.NDArray[Any], rows: npt.NDArray[Any], layout: Layout) -> None:
+    """Write messages of a layout into rows."""
+    rows["stamp_ns"] = layout.stamps(messages)
+    source, target = _runs(layout)
+    messages, rows = messages.view(source), rows.view(target)
+    for name in source.names or ():
+        rows[name] = messages[name]
 
 
 def _rows(messages: npt.NDArray[Any], layout: Layout) -> npt.NDArray[Any]:
-    result = np.empty(len(messages), column_dtype(layout))
-    result["stamp_ns"] = layout.stamps(messages)
+    rows = np.empty(len(messages), column_dtype(layout))
+    _put(messages, rows, layout)
+    return rows
+
+
+@functools.cache
+def _runs(layout: Layout) -> tuple[np.dtype[Any], np.dtype[Any]]:
+    """Return a message and a row as dtypes of plain bytes: fields that follow one another in both are one."""
+    message, row = layout.dtype, column_dtype(layout)
+    runs: list[tuple[int, int, int]] = []  # place in the message and in the row, bytes
     for name in (*layout.integers, *layout.fields):
-        result[name] = messages[name]
-    return result
+        (kind, here), (_, there) = (dtype.fields[name][:2] for dtype in (message, row) if dtype.fields)
+        last = runs[-1] if runs else (0, 0, -1)
+        if (here, there) == (last[0] + last[2], last[1] + last[2]):
+            runs[-1] = (last[0], last[1], last[2] + kind.itemsize)
+        else:
+            runs.append((here, there, kind.itemsize))
+
+    def dtype(places: list[int], size: int) -> np.dtype[Any]:
+        formats = [f"V{length}" for _, _, length in runs]
+        return np.dtype(
+            {
+                "names": [f"run{k}" for k in range(len(runs))],
+                "formats": formats,
+                "offsets": places,
+                "itemsize": size,
+            }
+        )
+
+    return (
+        dtype([here for here, _, _ in runs], message.itemsize),
+        dtype([there for _, there, _ in runs], row.itemsize),
+    )
 
 
 def texts(topic: TopicData | None, where: str) -> list[str]:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gyrowheel_analysis.recording.metadata import METADATA_FILE, read_metadata
 from gyrowheel_analysis.recording.publishers import ENTRY, Publisher, from_text
 from gyrowheel_analysis.recording.reader import Integrity, Recording
+from gyrowheel_core.blocks import by_blocks
 
 _HOLD = 1  # Setpoint.HOLD
 
@@ -108,7 +111,6 @@ def info(source: str | Path | Recording) -> RecordingInfo:
     recording = source if isinstance(source, Recording) else Recording.open(source)
     samples, faults = recording.measurement, recording.integrity()
     steps = len(samples) - 1 + faults.missing
-    tilt = np.hypot(samples["tilt_x"], samples["tilt_y"])
     holds = _holds(recording)
     path = recording.path
     files = [path] if path.is_file() else [file for file in path.rglob("*") if file.is_file()]
@@ -122,8 +124,8 @@ def info(source: str | Path | Recording) -> RecordingInfo:
         integrity=faults,
         segments=len({hold.segment for hold in holds}),
         holds=holds,
-        spin_rate=_extremes(samples["spin_rate"]),
-        tilt=_extremes(tilt),
+        spin_rate=_extremes(len(samples), lambda part: samples["spin_rate"][part]),
+        tilt=_extremes(len(samples), lambda part: np.hypot(samples["tilt_x"][part], samples["tilt_y"][part])),
         rigs=tuple(dict.fromkeys(event.rig for event in recording.environment)),
         unchecked=recording.unchecked,
         machine=recording.machine,
@@ -166,6 +168,13 @@ def _holds(recording: Recording) -> tuple[Hold, ...]:
     return tuple(holds)
 
 
-def _extremes(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> tuple[float, float]:
-    finite = values[np.isfinite(values)]
-    return (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 0.0)
+def _extremes(count: int, values: Callable[[slice], NDArray[np.float64]]) -> tuple[float, float]:
+    """Return the smallest and the largest finite value; both 0 where there is none."""
+
+    def look(first: int, last: int) -> list[float]:
+        own = values(slice(first, last))
+        finite = own[np.isfinite(own)]
+        return [float(finite.min()), float(finite.max())] if len(finite) else []
+
+    found = [value for pair in by_blocks(count, look) for value in pair]
+    return (min(found), max(found)) if found else (0.0, 0.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,11 +14,12 @@ import numpy.typing as npt
 
 from gyrowheel_analysis.recording.bags import read_bag
 from gyrowheel_analysis.recording.columns import STALL, columns, is_earlier, texts, wanted
-from gyrowheel_analysis.recording.mcap.reader import Want
+from gyrowheel_analysis.recording.mcap.topics import Want
 from gyrowheel_analysis.recording.namespace import AnyNamespace, bench_in
 from gyrowheel_analysis.recording.origins import Origin, origins_in
 from gyrowheel_analysis.recording.part import WHOLE, parted
 from gyrowheel_core import topics, wire
+from gyrowheel_core.blocks import by_blocks
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.readings import READINGS, Readings
 from gyrowheel_sim import environment as environments
@@ -215,11 +217,57 @@ class Recording:
 
 def _in_order(samples: npt.NDArray[Any], where: str) -> tuple[npt.NDArray[Any], Integrity]:
     """Return the samples sorted and without copies, and what was found on the way."""
-    sequence = samples["sequence"].astype(np.int64)
-    late = int(np.count_nonzero(sequence[1:] < np.maximum.accumulate(sequence)[:-1]))
-    total = len(samples)
-    if np.any(np.diff(samples["stamp_ns"]) <= 0):
-        samples = _without_copies(samples[np.lexsort((sequence, samples["stamp_ns"]))])
+    total, late = len(samples), 0
+    looked = by_blocks(len(samples), lambda first, last: _Look.at(samples, first, last))
+    if not all(look.ascending for look in looked):
+        sequence = samples["sequence"].astype(np.int64)
+        late = int(np.count_nonzero(sequence[1:] < np.maximum.accumulate(sequence)[:-1]))
+        if np.any(np.diff(samples["stamp_ns"]) <= 0):
+            samples = _without_copies(samples[np.lexsort((sequence, samples["stamp_ns"]))])
+        _require_ascending(samples, where)
+        looked = by_blocks(len(samples), lambda first, last: _Look.at(samples, first, last))
+    gaps = [gap for look in looked for gap in look.gaps]
+    return samples, Integrity(
+        samples=len(samples),
+        missing=sum(count for _, count in gaps),
+        gaps=tuple(gaps),
+        duplicates=total - len(samples),
+        out_of_order=late,
+        not_finite=sum(look.not_finite for look in looked),
+        stalls=_stalls(samples, looked),
+    )
+
+
+@dataclass(frozen=True)
+class _Look:
+    """What is found in a block of samples, and in the steps from each of them to the next one."""
+
+    ascending: bool
+    gaps: list[tuple[int, int]]
+    shortest: int  # of the steps [ns]
+    longest: int
+    not_finite: int
+
+    @classmethod
+    def at(cls, samples: npt.NDArray[Any], first: int, last: int) -> _Look:
+        """Look at the samples from `first` to before `last`."""
+        block = samples[first : last + 1]
+        sequence = block["sequence"].astype(np.int64)
+        steps, between = np.diff(sequence), np.diff(block["stamp_ns"])
+        holes = np.flatnonzero(steps > 1)
+        finite = np.ones(last - first, dtype=bool)
+        for name in READINGS:
+            finite &= np.isfinite(samples[name][first:last])
+        return cls(
+            ascending=bool(np.all(steps > 0) and np.all(between > 0)),
+            gaps=list(zip((sequence[holes] + 1).tolist(), (steps[holes] - 1).tolist(), strict=True)),
+            shortest=int(between.min(initial=np.iinfo(np.int64).max)),
+            longest=int(between.max(initial=0)),
+            not_finite=int(np.count_nonzero(~finite)),
+        )
+
+
+def _require_ascending(samples: npt.NDArray[Any], where: str) -> None:
     steps = np.diff(samples["sequence"].astype(np.int64))
     wrong = np.flatnonzero((steps <= 0) | (np.diff(samples["stamp_ns"]) <= 0))
     if len(wrong):
@@ -229,25 +277,18 @@ def _in_order(samples: npt.NDArray[Any], where: str) -> tuple[npt.NDArray[Any], 
             f"{where}: {topics.MEASUREMENT.name}: sequence {was} is followed by {then}; both must ascend,"
             " as they do in a recording of one run"
         )
-    holes = np.flatnonzero(steps > 1)
-    gaps = [(int(samples["sequence"][k]) + 1, int(steps[k]) - 1) for k in holes]
+
+
+def _stalls(samples: npt.NDArray[Any], looked: Sequence[_Look]) -> tuple[tuple[float, float], ...]:
+    """Return where the bench stood still; the samples ascend."""
+    # the usual step is no shorter than the shortest one
+    if max(look.longest for look in looked) <= STALL * min(look.shortest for look in looked):
+        return ()
     stamps: npt.NDArray[np.int64] = samples["stamp_ns"].astype(np.int64)
-    between = stamps[1:] - stamps[:-1]
-    period = float(np.median(between)) if len(between) else 0.0
-    stood = np.flatnonzero((steps == 1) & (between > STALL * period))
-    start = int(stamps[0]) if len(stamps) else 0
-    finite = np.ones(len(samples), dtype=bool)
-    for name in READINGS:
-        finite &= np.isfinite(samples[name])
-    return samples, Integrity(
-        samples=len(samples),
-        missing=sum(count for _, count in gaps),
-        gaps=tuple(gaps),
-        duplicates=total - len(samples),
-        out_of_order=late,
-        not_finite=int(np.count_nonzero(~finite)),
-        stalls=tuple(((int(stamps[k]) - start) * 1e-9, (float(between[k]) - period) * 1e-9) for k in stood),
-    )
+    between, start = np.diff(stamps), int(stamps[0])
+    period = float(np.median(between))
+    stood = np.flatnonzero((np.diff(samples["sequence"].astype(np.int64)) == 1) & (between > STALL * period))
+    return tuple(((int(stamps[k]) - start) * 1e-9, (float(between[k]) - period) * 1e-9) for k in stood)
 
 
 def _by_stamp(rows: npt.NDArray[Any]) -> npt.NDArray[Any]:

@@ -26,8 +26,20 @@ from gyrowheel_core.errors import InputError
 
 _HEAD: Final = MESSAGE_HEAD_DTYPE.itemsize
 _LIMIT: Final = 1 << 29  # bytes in a chunk; a larger number counts as damage and is never allocated
-_INDEX_HEAD: Final = struct.Struct("<HI")  # channel, and length of what follows
-_CHUNK_HEAD: Final = struct.Struct("<QQQI")  # first and last time, length of the records, their checksum
+_INDEX_HEAD: Final = np.dtype([("channel", "<u2"), ("length", "<u4")])  # length of what follows
+#: Head of a chunk: first and last time, length of the records, their checksum.
+CHUNK_HEAD: Final = struct.Struct("<QQQI")
+#: The same up to the records, where they are not compressed.
+_PLAIN: Final = np.dtype(
+    [
+        ("start", "<u8"),
+        ("end", "<u8"),
+        ("size", "<u8"),
+        ("checksum", "<u4"),
+        ("name", "<u4"),
+        ("stored", "<u8"),
+    ]
+)
 _ENTRY: Final = np.dtype([("time", "<i8"), ("place", "<i8")])  # of an index
 #: A part of a file, copied or not.
 Bytes: TypeAlias = bytes | memoryview
@@ -70,7 +82,7 @@ def open_chunk(contents: memoryview, where: str) -> Chunk:
         If they contradict what the record states; the message names `where`.
     """
     fields = Fields(contents)
-    start, end, size, checksum = fields.numbers(_CHUNK_HEAD)
+    start, end, size, checksum = fields.numbers(CHUNK_HEAD)
     compression = fields.text()
     if size > _LIMIT:
         raise Damaged(f"damaged: {where} claims {size} bytes")
@@ -80,6 +92,35 @@ def open_chunk(contents: memoryview, where: str) -> Chunk:
     if checksum and zlib.crc32(records) != checksum:
         raise Damaged(f"damaged: the checksum of {where} is wrong")
     return Chunk(start, end, records, checksum != 0)
+
+
+def plain_chunks(data: memoryview, chunks: npt.NDArray[np.int64]) -> npt.NDArray[np.int64] | None:
+    """Return where the records of chunks are that are not compressed and whose checksums are right.
+
+    Parameters
+    ----------
+    data : memoryview
+        Holds the chunks.
+    chunks : ndarray of int64, shape (n, 2)
+        Begin and end of the contents of each chunk record.
+
+    Returns
+    -------
+    ndarray of int64, shape (n, 2), or None
+        Begin and end of the records of each; None if one of them has to be opened by itself, by `open_chunk`.
+    """
+    begins, ends = chunks.T
+    if np.any(ends - begins < _PLAIN.itemsize):
+        return None
+    heads = gathered(data, begins, _PLAIN)
+    sizes = heads["size"]
+    begins = begins + _PLAIN.itemsize
+    plain = (heads["name"] == 0) & (heads["stored"] == sizes) & (sizes <= (ends - begins).astype(np.uint64))
+    if not np.all(plain & (sizes <= _LIMIT) & (heads["checksum"] != 0)):
+        return None
+    spans = np.stack([begins, begins + sizes.astype(np.int64)], axis=1)
+    found = [zlib.crc32(data[a:b]) for a, b in spans.tolist()]
+    return spans if np.array_equal(found, heads["checksum"]) else None
 
 
 @dataclass(frozen=True)
@@ -104,6 +145,28 @@ class Found:
     others: list[tuple[int, memoryview]]
 
 
+@dataclass(frozen=True)
+class Indexed:
+    """Chunks, and the index records of each.
+
+    Attributes
+    ----------
+    records : memoryview
+        Holds the records of all chunks.
+    spans : ndarray of int64, shape (n, 2)
+        Begin and end of the records of each chunk, ascending.
+    index : memoryview
+        Holds the index records.
+    parts : ndarray of int64, shape (m, 3)
+        Chunk, begin and length of the contents of each index record.
+    """
+
+    records: memoryview
+    spans: npt.NDArray[np.int64]
+    index: memoryview
+    parts: npt.NDArray[np.int64]
+
+
 def find_messages(chunks: Sequence[tuple[memoryview, Sequence[Bytes]]], where: str) -> Found:
     """Find the messages in chunks by their index, and all records between them.
 
@@ -120,25 +183,29 @@ def find_messages(chunks: Sequence[tuple[memoryview, Sequence[Bytes]]], where: s
         If an index does not fit, or a record is cut off.
     """
     records = chunks[0][0] if len(chunks) == 1 else memoryview(b"".join(part for part, _ in chunks))
-    starts = np.cumsum([0, *(len(part) for part, _ in chunks)])
-    channels, times, places = _index(
-        [(part, *starts[k : k + 2].tolist()) for k, (_, index) in enumerate(chunks) for part in index], where
+    stops = np.cumsum([len(part) for part, _ in chunks])
+    spans = np.stack([np.concatenate([[0], stops[:-1]]), stops], axis=1)
+    owned = [(k, part) for k, (_, index) in enumerate(chunks) for part in index]
+    sizes = np.array([len(part) for _, part in owned], dtype=np.int64)
+    parts = np.stack(
+        [np.array([k for k, _ in owned], dtype=np.int64), np.cumsum(sizes) - sizes, sizes], axis=1
     )
+    return find(Indexed(records, spans, memoryview(b"".join(part for _, part in owned)), parts), where)
+
+
+def find(chunks: Indexed, where: str) -> Found:
+    """Find the messages in chunks as `find_messages` does."""
+    records = chunks.records
+    channels, times, places = _index(chunks, where)
     heads = heads_at(records, places, where)
     if not np.array_equal(heads["channel"], channels) or not np.array_equal(heads["log_time"], times):
         raise Damaged(f"damaged: {where} and its index differ")
-    begins = np.concatenate([[0], places + RECORD_HEAD.size + heads["length"].astype(np.int64)])
-    ends = np.concatenate([places, [len(records)]])
-    # the last message before each chunk begins
-    crossing = begins[np.searchsorted(places, starts[1:-1])] > starts[1:-1]
-    if np.any(begins > ends) or np.any(crossing):
-        raise Damaged(f"damaged: messages overlap in {where}")
+    stops = places + RECORD_HEAD.size + heads["length"].astype(np.int64)
     further: list[int] = []
     others: list[tuple[int, memoryview]] = []
-    for gap in np.flatnonzero(begins < ends):
-        position = int(begins[gap])
-        while position < ends[gap]:
-            opcode, start, stop = record_at(records, position, int(ends[gap]))
+    for position, end in _gaps(chunks.spans, places, stops, where):
+        while position < end:
+            opcode, start, stop = record_at(records, position, end)
             if opcode == MESSAGE:
                 further.append(position)
             else:
@@ -148,6 +215,26 @@ def find_messages(chunks: Sequence[tuple[memoryview, Sequence[Bytes]]], where: s
         places = np.sort(np.concatenate([places, np.array(further)]))
         heads = heads_at(records, places, where)
     return Found(records, places, heads, others)
+
+
+def _gaps(
+    spans: npt.NDArray[np.int64], places: npt.NDArray[np.int64], stops: npt.NDArray[np.int64], where: str
+) -> list[tuple[int, int]]:
+    """Return what of chunks is in no message; the messages are ascending, each begins in a chunk."""
+    first = np.searchsorted(places, spans[:, 0])
+    last = np.append(first[1:], len(places))  # behind the last one of a chunk
+    filled = last > first
+    apart = np.append(stops[:-1] != places[1:], False) if len(places) else np.zeros(0, dtype=bool)
+    apart[last[filled] - 1] = False
+    before = np.flatnonzero(apart)
+    until = spans[:, 1].copy()  # the first message, or the end of a chunk that has none
+    until[filled] = places[first[filled]]
+    begins = np.concatenate([stops[before], spans[:, 0], stops[last[filled] - 1]])
+    ends = np.concatenate([places[before + 1], until, spans[filled, 1]])
+    if np.any(begins > ends):
+        raise Damaged(f"damaged: messages overlap in {where}")
+    gaps = np.flatnonzero(begins < ends)
+    return sorted(zip(begins[gaps].tolist(), ends[gaps].tolist(), strict=True))
 
 
 class Fields:
@@ -195,40 +282,35 @@ def record_at(data: memoryview, position: int, end: int) -> tuple[int, int, int]
 
 
 def _index(
-    parts: Sequence[tuple[Bytes, int, int]], where: str
+    chunks: Indexed, where: str
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return channels, times and places from index records, in the order of places.
-
-    Each part is an index record with the begin and end of its chunk.
-    """
-    heads, starts, rooms, lists = [], [], [], []
-    for part, start, end in parts:
-        if len(part) < _INDEX_HEAD.size:
-            raise Damaged("damaged: a record ends within a field")
-        channel, length = _INDEX_HEAD.unpack_from(part)
-        if length > len(part) - _INDEX_HEAD.size:
-            raise Damaged("damaged: a record ends within a field")
-        if length % _ENTRY.itemsize:
-            raise Damaged(f"damaged: the index of {where}")
-        heads.append((channel, length // _ENTRY.itemsize))
-        starts.append(start)
-        rooms.append(end - start)
-        lists.append(part[_INDEX_HEAD.size : _INDEX_HEAD.size + length])
-    entries = np.frombuffer(b"".join(lists), _ENTRY)
-    channels, counts = np.array(heads, dtype=np.int64).reshape(-1, 2).T
+    """Return channels, times and places from index records, in the order of places."""
+    owner, starts, sizes = chunks.parts.T
+    if np.any(sizes < _INDEX_HEAD.itemsize):
+        raise Damaged("damaged: a record ends within a field")
+    heads = gathered(chunks.index, starts, _INDEX_HEAD)
+    lengths = heads["length"].astype(np.int64)
+    if np.any(lengths > sizes - _INDEX_HEAD.itemsize):
+        raise Damaged("damaged: a record ends within a field")
+    if np.any(lengths % _ENTRY.itemsize):
+        raise Damaged(f"damaged: the index of {where}")
+    counts = lengths // _ENTRY.itemsize
+    begins = starts + _INDEX_HEAD.itemsize - (np.cumsum(lengths) - lengths)
+    total = np.arange(int(counts.sum())) * _ENTRY.itemsize
+    entries = gathered(chunks.index, np.repeat(begins, counts) + total, _ENTRY)
     places = entries["place"]
-    if np.any(places < 0) or np.any(places >= np.repeat(np.array(rooms, dtype=np.int64), counts)):
+    spans = chunks.spans[owner]
+    if np.any(places < 0) or np.any(places >= np.repeat(spans[:, 1] - spans[:, 0], counts)):
         raise Damaged(f"damaged: the index of {where} points outside it")
-    places = places + np.repeat(np.array(starts, dtype=np.int64), counts)
+    places = places + np.repeat(spans[:, 0], counts)
     order = np.argsort(places, kind="stable")
-    return np.repeat(channels, counts)[order], entries["time"][order], places[order]
+    channels = np.repeat(heads["channel"], counts)
+    return channels[order], entries["time"][order], places[order]
 
 
 def heads_at(records: memoryview, places: npt.NDArray[np.int64], where: str) -> npt.NDArray[Any]:
     """Return the heads of the messages at ascending `places`, checked."""
-    if len(places) == 0:
-        return np.empty(0, MESSAGE_HEAD_DTYPE)
-    if places[0] < 0 or places[-1] > len(records) - _HEAD:
+    if len(places) and (places[0] < 0 or places[-1] > len(records) - _HEAD):
         raise Damaged(f"damaged: the index of {where} points outside it")
     heads = gathered(records, places, MESSAGE_HEAD_DTYPE)
     space = (len(records) - RECORD_HEAD.size - places).astype(np.uint64)
@@ -240,6 +322,8 @@ def heads_at(records: memoryview, places: npt.NDArray[np.int64], where: str) -> 
 
 def gathered(records: memoryview, places: npt.NDArray[np.int64], dtype: np.dtype[Any]) -> npt.NDArray[Any]:
     """Return what is at `places`, one element of `dtype` each."""
+    if len(places) == 0:
+        return np.empty(0, dtype)
     size = dtype.itemsize
     # One element at every byte, so that numpy's indexing copies the wanted ones.
     everywhere = np.ndarray((len(records) - size + 1,), dtype=f"V{size}", buffer=records, strides=(1,))

@@ -1,0 +1,134 @@
+"""The messages of a topic as they are read: as rows where their layout is the wanted one, else serialized."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from gyrowheel_core.limits import largest
+
+_BLOCK: Final = 48 << 20  # bytes of rows that are laid out at a time where their number is not known
+
+Rows: TypeAlias = npt.NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Want:
+    """How to make rows of the messages of a topic.
+
+    Attributes
+    ----------
+    dtype : dtype
+        Of one serialized message; its itemsize is the required length of a message.
+    row : dtype
+        Of a row.
+    fits : callable
+        Whether rows can be made of the messages of a topic, by what is declared of it.
+    take : callable
+        Writes such messages into as many rows; returns False if they are not as declared.
+    """
+
+    dtype: np.dtype[Any]
+    row: np.dtype[Any]
+    fits: Callable[[TopicData], bool]
+    take: Callable[[npt.NDArray[Any], Rows], bool]
+
+
+#: Topics to read, by name; None: as serialized messages.
+Wanted: TypeAlias = Mapping[str, Want | None]
+
+
+@dataclass
+class TopicData:
+    """The messages of one topic.
+
+    Attributes
+    ----------
+    name, type_name : str
+        Name of the topic and type of its messages.
+    message_encoding : str
+        Serialization format, ``cdr`` in ROS 2.
+    definition_encoding, definition : str
+        Definition of the type and its encoding, ``ros2msg`` or ``ros2idl``; empty where there is none.
+    count : int
+        Number of messages.
+    unchecked : int
+        Messages that no checksum covers.
+    times : list of ndarray of int64
+        Log times [ns] in the order of the file; only of topics that were requested as serialized messages.
+    pieces : list of ndarray or list of bytes
+        The messages in the order of the file: as rows where possible, else serialized.
+    expected : int
+        How many messages the file states; nothing relies on it.
+    """
+
+    name: str
+    type_name: str
+    message_encoding: str = "cdr"
+    definition_encoding: str = ""
+    definition: str = ""
+    count: int = 0
+    unchecked: int = 0
+    times: list[npt.NDArray[np.int64]] = field(default_factory=list)
+    pieces: list[Rows | list[bytes]] = field(default_factory=list)
+    expected: int = 0
+    _fits: bool | None = None
+    _block: Rows | None = None
+    _used: int = 0  # rows of it
+
+    def fits(self, want: Want) -> bool:
+        """Whether its messages are declared to be the wanted ones."""
+        if self._fits is None:
+            self._fits = want.fits(self)
+        return self._fits
+
+    def add(self, want: Want | None, messages: list[bytes]) -> None:
+        """Append messages, as rows where possible."""
+        self.pieces.append(self.made(want, messages))
+
+    def made(self, want: Want | None, messages: list[bytes]) -> Rows | list[bytes]:
+        """Return messages as rows where possible."""
+        if (
+            want is None
+            or not self.fits(want)
+            or any(len(message) != want.dtype.itemsize for message in messages)
+        ):
+            return messages
+        rows = np.empty(len(messages), want.row)
+        return rows if want.take(np.frombuffer(b"".join(messages), want.dtype), rows) else messages
+
+    def reserve(self, want: Want, count: int) -> Rows:
+        """Append rows that are to be written; those of one topic follow one another in memory, if they can."""
+        if self._block is None or self._used + count > len(self._block):
+            self._block, self._used = self._new_block(want.row, count), 0
+        rows = self._block[self._used : self._used + count]
+        self._used += count
+        self.pieces.append(rows)
+        return rows
+
+    def _new_block(self, row: np.dtype[Any], count: int) -> Rows:
+        if self._block is None:
+            # only what is written takes memory, so that a false number costs nothing
+            stated = min(self.expected, largest() // row.itemsize)
+            try:
+                return np.empty(max(stated, count), row)
+            except MemoryError:
+                pass
+        return np.empty(max(_BLOCK // row.itemsize, count), row)
+
+
+def joined(pieces: list[Rows]) -> Rows | None:
+    """Return rows that follow one another in memory as one array; None if they do not."""
+    block = pieces[0].base
+    if not isinstance(block, np.ndarray) or any(piece.base is not block for piece in pieces):
+        return None
+    places = [piece.__array_interface__["data"][0] for piece in pieces]
+    if any(b - a != piece.nbytes for a, b, piece in zip(places, places[1:], pieces, strict=False)):
+        return None
+    first = (places[0] - block.__array_interface__["data"][0]) // block.itemsize
+    result: Rows = block[first : first + sum(map(len, pieces))]
+    return result
