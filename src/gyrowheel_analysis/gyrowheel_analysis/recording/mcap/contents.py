@@ -122,10 +122,10 @@ def _together(
     """Yield what chunks that follow one another hold: small chunks are faster together than one by one."""
     parts = [opened[k].records for k in group]
     records = parts[0] if len(parts) == 1 else memoryview(b"".join(parts))
-    sizes = np.array([len(part) for part in parts])
+    sizes = np.array([len(part) for part in parts], dtype=np.int64)
     stops = np.cumsum(sizes)
     spans = np.stack([stops - sizes, stops], axis=1)
-    own = index[(index[:, 0] >= group[0]) & (index[:, 0] <= group[-1])] - [group[0], 0, 0]
+    own = index[(index[:, 0] >= group[0]) & (index[:, 0] <= group[-1])] - np.array([group[0], 0, 0])
     where = _name(batch, batch.chunks[group[0]][0]) if len(group) == 1 else ""
     try:
         found = find(Indexed(records, spans, batch.data, own), where)

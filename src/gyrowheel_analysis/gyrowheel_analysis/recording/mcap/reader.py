@@ -132,9 +132,14 @@ class _File:
         others = [threading.Thread(target=self._work, daemon=True) for _ in range(threads - 1)]
         for other in others:
             other.start()
-        self._work()
-        for other in others:
-            other.join()
+        try:
+            self._work()
+            for other in others:
+                other.join()
+        except BaseException as error:  # an interrupt: the file is closed when no thread reads it any more
+            self._fail(-1, error)
+            for other in others:
+                other.join()
         if self._errors:
             raise min(self._errors, key=lambda item: item[0])[1]
         self._check_summary(tail)
@@ -171,9 +176,12 @@ class _File:
                 for job in jobs:
                     job.do(self._unpack)
         except BaseException as error:
-            with self._turn:
-                self._errors.append((number if isinstance(error, Exception) else -1, error))
-                self._turn.notify_all()
+            self._fail(number if isinstance(error, Exception) else -1, error)
+
+    def _fail(self, number: int, error: BaseException) -> None:
+        with self._turn:
+            self._errors.append((number, error))
+            self._turn.notify_all()
 
     def _comes(self, number: int) -> bool:
         """Wait for the turn of a batch; return False if one before it has failed."""

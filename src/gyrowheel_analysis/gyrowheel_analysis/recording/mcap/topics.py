@@ -123,6 +123,8 @@ class TopicData:
 
 def joined(pieces: list[Rows]) -> Rows | None:
     """Return rows that follow one another in memory as one array; None if they do not."""
+    if len(pieces) == 1:
+        return pieces[0]
     block = pieces[0].base
     if not isinstance(block, np.ndarray) or any(piece.base is not block for piece in pieces):
         return None
