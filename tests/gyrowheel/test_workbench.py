@@ -18,7 +18,7 @@ import gyrowheel as gw
 from gyrowheel.origins import note_machine
 from gyrowheel.workbench import gate, pictures
 from gyrowheel.workbench.bench import SimulatedBench
-from gyrowheel.workbench.decimation import Envelope
+from gyrowheel.workbench.decimation import Envelope, envelopes
 from gyrowheel.workbench.desk import Desk
 from gyrowheel.workbench.server import Server
 from gyrowheel.workbench.shelf import Shelf
@@ -64,6 +64,30 @@ def test_no_spike_is_lost_and_few_samples_are_all_shown() -> None:
     places, found = line.cut(5, 105, 400)
     assert np.array_equal(found, values[5:105])
     assert np.array_equal(places, np.arange(5, 105))
+
+
+def test_signals_of_all_columns_are_those_of_each() -> None:
+    """Also of more rows than one block has, and the last block cut."""
+    rng = np.random.default_rng(2)
+    rows = np.zeros(100_001, [("stamp_ns", "i8"), ("a", "f8"), ("b", "f8")])
+    rows["a"], rows["b"] = rng.normal(size=(2, len(rows)))
+    rows["b"][70_000:70_600] = np.nan
+    found = envelopes(rows)
+    assert found.keys() == {"a", "b"}
+    for name, line in found.items():
+        for own, alone in zip(
+            line.cut(0, len(rows), 100), Envelope(rows[name]).cut(0, len(rows), 100), strict=True
+        ):
+            np.testing.assert_array_equal(own, alone)
+    assert envelopes(rows[:0])["a"].cut(0, 0, 100)[1].size == 0
+
+
+def test_places_between_samples_have_times_between() -> None:
+    times = np.cumsum(np.random.default_rng(3).random(50))
+    places = np.array([0.0, 0.5, 7.25, 48.5, 49.0, 49.5])
+    np.testing.assert_allclose(
+        pictures._between(times, places), np.interp(places, np.arange(50), times), rtol=1e-15
+    )
 
 
 def test_only_recordings_of_the_chosen_folders_can_be_named(wheel: Wheel, tmp_path: Path) -> None:

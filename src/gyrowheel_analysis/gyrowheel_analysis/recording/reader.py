@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -208,7 +208,13 @@ class Recording:
 
     def seconds(self, stamp_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
         """Return stamps [ns] as times from the start of the recording [s]."""
-        return np.multiply(stamp_ns - self.start_ns, 1e-9, dtype=np.float64)
+        start, times = self.start_ns, np.empty(len(stamp_ns))
+
+        def put(first: int, last: int) -> None:
+            np.multiply(stamp_ns[first:last] - start, 1e-9, out=times[first:last])
+
+        by_blocks(len(times), put)
+        return times
 
     def integrity(self) -> Integrity:
         """Return which samples are missing or faulty."""
@@ -293,18 +299,28 @@ def _stalls(samples: npt.NDArray[Any], looked: Sequence[_Look]) -> tuple[tuple[f
 
 def _by_stamp(rows: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Return messages in the order of their stamps, and of several that are the same to the byte one."""
-    if np.any(np.diff(rows["stamp_ns"]) < 0):
+    if _any_step(rows, lambda steps: steps < 0):
         rows = rows[np.argsort(rows["stamp_ns"], kind="stable")]
     return _without_copies(rows)
 
 
 def _without_copies(rows: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Return rows in the order of their stamps without those that repeat the one before."""
-    if not np.any(np.diff(rows["stamp_ns"]) == 0):
+    if not _any_step(rows, lambda steps: steps == 0):
         return rows
     # compared as bytes, so that NaN equals itself
     own = np.ascontiguousarray(rows).view(np.uint8).reshape(len(rows), -1)
     return rows[np.r_[True, np.any(own[1:] != own[:-1], axis=1)]]
+
+
+def _any_step(
+    rows: npt.NDArray[Any], which: Callable[[npt.NDArray[np.int64]], npt.NDArray[np.bool_]]
+) -> bool:
+    """Whether there is such a step from one stamp to the next."""
+    stamps = rows["stamp_ns"]
+    return any(
+        by_blocks(len(rows), lambda first, last: bool(np.any(which(np.diff(stamps[first : last + 1])))))
+    )
 
 
 def _environment(messages: list[str], start_ns: int, where: str) -> list[Environment]:

@@ -31,7 +31,10 @@ export async function showSignals() {
   );
   press();
   at("readout").hidden = at("keys").hidden = !signals.length;
-  if (!signals.length) {
+  if (!signals.length && now.state.job?.title.startsWith("opening ")) {
+    if (!figures.length) draw(); // while a recording is read: its lines are to come soon
+    at("span").textContent = "";
+  } else if (!signals.length) {
     put("plots", null);
     figures = [];
     cursor = null;
