@@ -13,7 +13,7 @@ from gyrowheel_analysis.drag import Estimate
 from gyrowheel_analysis.drag_stream import BLOCK, DragStream
 from gyrowheel_analysis.model import Model
 from gyrowheel_core import topics, wire
-from gyrowheel_core.node import BenchNode, Diagnosis, Inbox, Param, run_node
+from gyrowheel_core.node import PRIORITY, BenchNode, Diagnosis, Inbox, Param, run_node
 
 #: Period at which arrived messages are taken [s, wall-clock time].
 TAKE_PERIOD = 0.02
@@ -27,6 +27,7 @@ class DragEstimatorNode(BenchNode):
         Param("bench", "gyrowheel", "Bench of a new model: shipped name, or path of a file"),
         Param("model", "", "File of the believed model; empty: the bench without effects"),
         Param("wait_for_subscribers", 0, "Subscribers needed to take the first sample", low=0, high=100),
+        PRIORITY,
     )
 
     def configure(self) -> None:
@@ -45,6 +46,7 @@ class DragEstimatorNode(BenchNode):
 
     def activate(self) -> None:
         """Take samples."""
+        self.prioritise()
         self.drain()  # messages that arrived while the node was inactive are dropped
         self._active = True
         self._taking = self.wall_timer(TAKE_PERIOD, self._take)

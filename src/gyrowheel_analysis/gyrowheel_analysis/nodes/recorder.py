@@ -14,7 +14,7 @@ from rclpy.serialization import deserialize_message
 from gyrowheel_analysis.recording.live import LiveRecording
 from gyrowheel_core import namespaces, topics
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.node import BenchNode, Diagnosis, Inbox, Param, run_node
+from gyrowheel_core.node import PRIORITY, BenchNode, Diagnosis, Inbox, Param, run_node
 from gyrowheel_core.topics import Topic
 
 SERVICES: Final = "gyrowheel/recorder"
@@ -48,6 +48,7 @@ class RecorderNode(BenchNode):
             "Bench time after which the next file begins [s]; 0: no limit",
             low=0.0,
         ),
+        PRIORITY,
     )
     #: Messages in transit when the other nodes end still arrive.
     LINGER = 0.5
@@ -74,6 +75,7 @@ class RecorderNode(BenchNode):
 
     def activate(self) -> None:
         """Start recording if a directory was given; activated again, wait for the service start."""
+        self.prioritise()
         self._flushing = self.wall_timer(FLUSH_PERIOD, self._flush)
         self._taking = self.wall_timer(TAKE_PERIOD, self.drain)
         if self.parameter("directory") and not self._begun:

@@ -24,6 +24,9 @@ EXECUTABLES: Mapping[str, tuple[str, str]] = {
 
 #: Priority of the nodes of the loop in real time, where the system allows it.
 REALTIME_PRIORITY = 10
+#: Of those that only listen: they must get along beside other work on the computer, too. One that falls behind asks for
+#: its messages again and again, and the loop spends its time on sending them.
+LISTENER_PRIORITY = 5
 #: Time by which the setpoints precede their samples [s].
 LOCKSTEP_LEAD, REALTIME_LEAD = 0.5, 1.0
 
@@ -64,7 +67,7 @@ def node_parameters(
         Name of the machine in its recordings; empty: unknown.
     """
     events = [] if plan is None else [event for event in plan.environment() if event.time == 0.0]
-    priority = REALTIME_PRIORITY if realtime else 0
+    priority, of_listeners = (REALTIME_PRIORITY, LISTENER_PRIORITY) if realtime else (0, 0)
     recorders = int("recorder" in nodes and bool(record))
     estimators = int("drag_estimator" in nodes)
     return {
@@ -86,11 +89,12 @@ def node_parameters(
             "priority": priority,
             "wait_for_subscribers": 1 + recorders + estimators,
         },
-        "recorder": {"directory": record},
+        "recorder": {"directory": record, "priority": of_listeners},
         "drag_estimator": {
             "bench": bench,
             "model": model and str(Path(model).absolute()),
             "wait_for_subscribers": recorders,
+            "priority": of_listeners,
         },
     }
 
