@@ -12,6 +12,7 @@ import pytest
 import gyrowheel as gw
 
 from . import lab_tables as lab
+from .helpers import Shell
 
 pytestmark = pytest.mark.slow
 
@@ -92,7 +93,9 @@ def test_pulses_that_cannot_be_are_refused(
         gw.read_table(file, content)
 
 
-def test_two_files_of_two_loggers_are_one_recording(measurement: Any, tmp_path: Path) -> None:
+def test_two_files_of_two_loggers_are_one_recording(
+    measurement: Any, tmp_path: Path, gyrowheel: Shell
+) -> None:
     """The motor is logged at half the rate, by a clock that is 0.25 s ahead."""
     columns, units = lab.lab_columns(measurement)
     motor = {name: columns[name][::2] for name in ("Time", "Motor voltage", "Motor current")}
@@ -102,6 +105,8 @@ def test_two_files_of_two_loggers_are_one_recording(measurement: Any, tmp_path: 
         lab.write_text(tmp_path / "wheel.csv", rest, units),
         lab.write_text(tmp_path / "drive.csv", motor, units),
     ]
+    names, made = [str(file) for file in files], tmp_path / "loggers.yaml"
+    assert gyrowheel.good("import", *names, "--suggest", "-o", str(made))
     suggested = gw.suggest_map(files)
     assert suggested.settled, suggested.questions
     (offset,) = suggested.content["clocks"].values()
@@ -110,6 +115,8 @@ def test_two_files_of_two_loggers_are_one_recording(measurement: Any, tmp_path: 
     rows = gw.read_table(files, suggested).data.measurement
     assert np.isfinite(rows["motor_current"]).all()
     assert len(measurement) - len(rows) < 600
+    assert gyrowheel.good("import", *names, "--map", str(made), "-o", str(tmp_path / "run"))
+    assert (gw.Recording.open(tmp_path / "run").data.measurement == rows).all()
 
 
 @pytest.mark.study

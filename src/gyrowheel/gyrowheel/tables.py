@@ -45,7 +45,7 @@ def suggest_map(table: Any, *, bench: str | Path = "gyrowheel") -> TableMap:
 
     grid = _in_memory(table)
     own = "" if str(bench) == "gyrowheel" else str(bench)
-    return TableMap(suggest(_IN_MEMORY if grid else table, Bench.load(bench), bench_name=own, grid=grid))
+    return TableMap(suggest(_file(table), Bench.load(bench), bench_name=own, grid=grid))
 
 
 def read_table(
@@ -89,7 +89,7 @@ def read_table(
         import_table(table, given, folder)
         return Recording.made(Path(folder))
     scratch = tempfile.TemporaryDirectory(prefix="gyrowheel-")
-    place = Path(scratch.name) / (_IN_MEMORY if _in_memory(table) else Path(table).name.partition(".")[0])
+    place = Path(scratch.name) / _name(table)
     import_table(table, given, place)
     return Recording.made(place, scratch)
 
@@ -143,13 +143,27 @@ def _joined(tables: Sequence[Any]) -> Grid:
     columns, remarks, names = [], [], list[str]()
     for table in tables:
         grid = _in_memory(table) or read_grid(Path(table))
-        own = Path(table).name.partition(".")[0] if isinstance(table, str | Path) else _IN_MEMORY
+        own = _name(table)
         names.append(own if own not in names else f"{own}{len(names) + 1}")
         for column in grid.columns.values():
             clock = f"{names[-1]}/{column.clock}" if column.clock else ""
             columns.append(replace(column, name=f"{names[-1]}/{column.name}", clock=clock))
         remarks += [f"{names[-1]}: {remark}" for remark in grid.remarks]
-    return Grid.of(_IN_MEMORY, columns, remarks)
+    return Grid.of(_file(tables), columns, remarks)
+
+
+def _name(table: Any) -> str:
+    """Return what a table is called: the name of its file without endings, of several those of all."""
+    if isinstance(table, list | tuple):
+        return "_".join(dict.fromkeys(map(_name, table)))
+    return Path(table).name.partition(".")[0] if isinstance(table, str | Path) else _IN_MEMORY
+
+
+def _file(table: Any) -> str:
+    """Return how errors and pages name a table."""
+    if isinstance(table, list | tuple):
+        return " and ".join(map(_file, table))
+    return str(table) if isinstance(table, str | Path) else _IN_MEMORY
 
 
 @dataclass(frozen=True)
@@ -205,7 +219,7 @@ def import_table(
         loaded = ColumnMap.load(column_map)
     grid = _in_memory(table)
     with new_directory(Path(folder)) as place:
-        made = write_recording(_IN_MEMORY if grid else table, loaded, place, grid=grid)
+        made = write_recording(_file(table), loaded, place, grid=grid)
     asked = _questions(Path(folder), loaded.bench) if question else ()
     return Imported(loaded.bench.name, made.samples, made.seconds, made.rate, made.remarks, asked)
 

@@ -22,11 +22,11 @@ def register(app: typer.Typer) -> None:
 
 
 def import_(
-    file: Annotated[
-        Path,
+    files: Annotated[
+        list[Path],
         typer.Argument(
-            metavar="FILE",
-            help="Text (CSV), Parquet, MATLAB, HDF5, TDMS, MDF, or a bag.",
+            metavar="FILE...",
+            help="Text (CSV), Parquet, MATLAB, HDF5, TDMS, MDF, or a bag; of several loggers one each.",
             show_default=False,
         ),
     ],
@@ -70,10 +70,11 @@ def import_(
     A map says which column holds which reading, in which unit. --suggest proposes
     one: it looks at names, units and ranges, asks the laws of the wheel, and tells
     at once all that is doubtful or missing, each with its cure.
+    Files of several loggers become one recording: their clocks are put together.
     docs/exchange.md shows maps, and a lab's recording in ten minutes.
     """
     if suggest:
-        _suggest(file, column_map, output, picture, bench, json)
+        _suggest(files, column_map, output, picture, bench, json)
         return
     if column_map is None:
         raise InputError(
@@ -85,14 +86,16 @@ def import_(
     from gyrowheel.tables import import_table
     from gyrowheel.text.layout import heading, sentences
 
-    with working(f"reading {file}"):
-        made = import_table(file, column_map, output, question=True)
+    table = files if len(files) > 1 else files[0]
+    names = " and ".join(map(str, files))
+    with working(f"reading {names}"):
+        made = import_table(table, column_map, output, question=True)
     if json is not None:
         put_json(
             json,
             {
                 "schema": 1,
-                "table": str(file),
+                "table": names,
                 "recording": str(output),
                 "bench": made.bench,
                 "samples": made.samples,
@@ -113,7 +116,7 @@ def import_(
 
 
 def _suggest(
-    file: Path,
+    files: list[Path],
     column_map: Path | None,
     output: Path | None,
     picture: Path | None,
@@ -130,8 +133,8 @@ def _suggest(
         raise InputError("--map: is not allowed beside --suggest, which proposes one")
     if output is not None and output.exists() and not is_suggested_map(output):
         raise InputError(f"-o: {output} exists and is not an earlier suggested map; name a new file")
-    with working(f"looking at {file}"):
-        found = suggest_map(file, bench=bench)
+    with working(f"looking at {' and '.join(map(str, files))}"):
+        found = suggest_map(files if len(files) > 1 else files[0], bench=bench)
     if output is not None:
         found.save(output)
     if json is not None:
@@ -140,8 +143,13 @@ def _suggest(
         put_text(suggestion_page(found))
         if output is not None:
             out().print(f"map: {output}", soft_wrap=True)
+            names = " ".join(map(str, files))
             put_text(
-                [command(f"gyrowheel import {file} --map {output} -o runs/{file.name.partition('.')[0]}")]
+                [
+                    command(
+                        f"gyrowheel import {names} --map {output} -o runs/{files[0].name.partition('.')[0]}"
+                    )
+                ]
             )
     put_picture(picture, found.plot, quiet=json == "-")
 
