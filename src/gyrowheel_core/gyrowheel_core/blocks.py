@@ -32,12 +32,7 @@ def by_blocks(count: int, work: Callable[[int, int], _T], rows: int = ROWS) -> l
         What the calls returned, in the order of the rows.
     """
     firsts = range(0, count, rows)
-
-    def one(first: int) -> _T:
-        return work(first, min(first + rows, count))
-
-    threads = min(_MOST_THREADS, len(os.sched_getaffinity(0)), len(firsts))
-    if threads < 2:
-        return [one(first) for first in firsts]
+    lasts = [min(first + rows, count) for first in firsts]
+    threads = min(_MOST_THREADS, len(os.sched_getaffinity(0)), max(len(firsts), 1))
     with ThreadPoolExecutor(threads) as pool:
-        return list(pool.map(one, firsts))
+        return list(pool.map(work, firsts, lasts))

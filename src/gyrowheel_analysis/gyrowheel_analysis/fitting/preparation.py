@@ -222,7 +222,7 @@ def prepare(
     """
     if not recordings:
         raise InputError("no recording given")
-    errors = largest_errors(_assumed(own) for own in (*recordings, *validate))
+    errors = largest_errors([_assumed(own) for own in (*recordings, *validate)])
     balances, coverage, shown = _reduced(recordings, model, harmonics, errors, progress)
     names, count = [r.name for r in recordings], sum(len(b.windows) for b in balances)
     if count < FEWEST_WINDOWS:
