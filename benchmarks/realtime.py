@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.graph import PLAN
 from benchmarks.results import Bar, Figure, Report
 from benchmarks.timing import processor_time
 from gyrowheel_analysis.recording import info
@@ -21,13 +22,6 @@ MINUTES = 10.0
 WATCHDOG_S = 2.0  # longer than usual, for a computer that does other things meanwhile
 #: Allowed growth of the memory of a node in an hour [MiB].
 GROWTH = 5.0
-PLAN = """\
-schema: 1
-name: pace
-hold_s: 2.0
-segments:
-  - {spin_rpm: 3500, tilt_deg: [[0, 0], [1, 0], [0, 1], [-1, 0], [0, -1]], repeat: REPEAT}
-"""
 _SEGMENTS_S = 10.8  # of one repetition of it
 _SETTLED_S = 60.0  # after which the memory of a node counts
 _DOMAIN = 62
