@@ -39,6 +39,10 @@ def test_a_shipped_bench_is_found_by_its_name(name):
 def test_an_unknown_bench_is_refused_with_the_nearest_name():
     with pytest.raises(InputError, match="bench 'dtgg': no such shipped bench or file; did you mean dtg"):
         Bench.load("dtgg")
+    with pytest.raises(
+        InputError, match="bench: Bench is not allowed; allowed: the name of a shipped bench, or"
+    ):
+        Bench.load(Bench.load("dtg"))  # type: ignore[arg-type]
     with pytest.raises(InputError, match="shipped: gyrowheel, dtg"):
         Bench.load("xyz")
 

@@ -38,7 +38,8 @@ class Model:
     """
 
     def __init__(self, bench: str | Path = "gyrowheel") -> None:
-        self._details = Details.new(str(bench))
+        # what is neither would become the name of a file that is not there
+        self._details = Details.new(str(bench) if isinstance(bench, Path) else bench)
         self._added: Addition | None = None
 
     @classmethod

@@ -68,9 +68,14 @@ class Bench:
         Raises
         ------
         InputError
-            If the file is missing, is no YAML, or a field of it is missing, unknown, out of range or in a unit of
-            another kind.
+            If the source is neither, or the file is missing, is no YAML, or a field of it is missing, unknown, out
+            of range or in a unit of another kind.
         """
+        if not isinstance(source, str | Path):
+            raise InputError(
+                f"bench: {type(source).__name__} is not allowed; allowed: the name of a shipped bench, or the path "
+                "of a bench file"
+            )
         if str(source) in _SHIPPED:
             name = _SHIPPED[str(source)]
             file = resources.files("gyrowheel_sim").joinpath(f"config/{name}")
