@@ -155,7 +155,9 @@ def test_in_real_time_the_motor_is_brought_down_when_the_controller_dies(tmp_pat
     said = diagnoses(directory, "plant")
     assert said[-1]["state"] == "inactive"
     lost = [entry for entry in said if entry.get("guard") == "controller_lost"]
-    assert re.match(r"controller_lost: no valid command for 8000 samples.*; coils off", lost[0]["message"])
+    # a computer that is busy for long may learn that the killed one is gone before the time for its commands is over
+    silence = r"controller_lost: no (valid command for 8000|controller for 20000) samples.*; coils off"
+    assert re.match(silence, lost[0]["message"])
     assert lost[-1]["outputs"] == "off"
     # what the recording shows of it
     measurement = Recording.open(directory).measurement

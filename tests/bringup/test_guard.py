@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 import math
+from collections.abc import Callable
 
 import pytest
 from hypothesis import given
@@ -14,6 +16,7 @@ from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.plant.guard import NONSENSE, STOP_SAMPLES, Guard, GuardLimits, GuardState, Refusal
 from gyrowheel_sim.plant.machine import Plant
 from gyrowheel_sim.plant.pacing import Pacer, Statistics
+from gyrowheel_sim.plant.real_time import RealTime
 from gyrowheel_sim.plant.scenario import Scenario
 
 LIMITS = GuardLimits(
@@ -304,3 +307,45 @@ def test_a_controller_that_leaves_in_order_is_waited_for():
     assert guard.state is GuardState.CONTROLLER_LOST
     assert guard.reason == "no controller for 30 samples"
     assert not guard.release()
+
+
+class Surroundings:
+    """What a plant is to its pace: controllers come and go as a test says."""
+
+    def __init__(self) -> None:
+        self.epoch = self.there = self.told = 0
+        self.look: Callable[[], None] = lambda: None
+
+    def step(self) -> None:
+        raise AssertionError("no sample is due")
+
+    def controllers(self) -> int:
+        return self.there
+
+    def announce(self) -> None:
+        self.told += 1
+
+    def get_logger(self) -> logging.Logger:
+        return logging.getLogger("plant")
+
+    def wall_timer(self, period: float, callback: Callable[[], None]) -> None:
+        self.look = callback
+
+    def destroy_timer(self, timer: object) -> None:
+        pass
+
+
+def test_a_controller_has_left_only_where_it_was_seen():
+    """Its first command may be taken before the middleware counts it."""
+    guard, bench = started(), Surroundings()
+    pace = RealTime(bench, Plant(Bench.load(), Scenario(), initial_spin_rate=200.0), guard, 500_000)
+    pace.watch()
+    guard.take(0, 0, 3.0, 4.0, 10.0)
+    bench.look()
+    assert (guard.state, bench.told) == (GuardState.NORMAL, 0)
+    bench.there = 1
+    bench.look()
+    bench.there = 0
+    for _ in range(2):
+        bench.look()
+    assert (guard.state, bench.told) == (GuardState.RELEASED, 1)

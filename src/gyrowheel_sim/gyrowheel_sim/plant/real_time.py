@@ -76,6 +76,7 @@ class RealTime:
     def __init__(self, node: Paced, plant: Plant, guard: Guard, period_ns: int) -> None:
         self._node, self._plant, self._guard, self._period_ns = node, plant, guard, period_ns
         self._watch: Any = None  # looks for a controller, as long as the node is active
+        self._seen = False  # a controller was there at the last look
         self._ticks: Any = None  # makes the samples that are due
         self._pacer: Pacer | None = None
         self._period, self._execution = Statistics(), Statistics()  # of the ticks
@@ -88,6 +89,7 @@ class RealTime:
 
     def watch(self) -> None:
         """Take commands, and look whether a controller is there."""
+        self._seen = False
         self._watch = self._node.wall_timer(LOOK, self._look_for_controller)
 
     def start(self) -> None:
@@ -136,7 +138,9 @@ class RealTime:
 
     def _look_for_controller(self) -> None:
         """Wait for another controller where the last one has left in order; one that was killed is still known."""
-        if self._node.controllers() == 0 and self._guard.release():
+        # the first command of a controller may come before the middleware counts it
+        left, self._seen = self._seen, self._node.controllers() > 0
+        if left and not self._seen and self._guard.release():
             self._node.get_logger().info(RELEASED)
             self._node.announce()
 
