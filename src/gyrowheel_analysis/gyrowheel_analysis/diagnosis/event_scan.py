@@ -63,9 +63,7 @@ class Candidate:
 class _Bursts(Profiles):
     """Bursts from one window to another; their products are differences of cumulative sums."""
 
-    def __init__(
-        self, edges: Sequence[tuple[float, ...]], first: NDArray[np.int64], last: NDArray[np.int64]
-    ) -> None:
+    def __init__(self, edges: Array, first: NDArray[np.int64], last: NDArray[np.int64]) -> None:
         super().__init__("burst", edges, np.zeros((0, 0)))
         self._first, self._last = first, last
 
@@ -87,16 +85,13 @@ def _profiles(start: Array, duration: Array) -> list[Profiles]:
     stop = start + duration
     # between two windows, if not somewhere in the second one
     between = 0.5 * (stop[:-1] + start[1:])
-    result = [
-        Profiles("step", [(float(t),) for t in between], (np.arange(n) >= steps[:, None]).astype(np.float64))
-    ]
+    result = [Profiles("step", between[:, None], (np.arange(n) >= steps[:, None]).astype(np.float64))]
     first, last = (part + 1 for part in np.triu_indices(n - 1, k=1))
     # a burst with hardly anything before or after it is a step
     within = (first >= _BESIDE) & (last <= n - _BESIDE)
     first, last = first[within], last[within]
     if len(first):
-        edges = [(float(between[a - 1]), float(between[b - 1])) for a, b in zip(first, last, strict=True)]
-        result.append(_Bursts(edges, first, last))
+        result.append(_Bursts(np.column_stack([between[first - 1], between[last - 1]]), first, last))
     breaks = np.unique(np.r_[start[:: max(n // _BREAKS, 1)], stop[-1]])
     spans = [
         (float(a), float(b))
@@ -170,9 +165,9 @@ def _best(
 ) -> Candidate:
     """Return the best of some profiles."""
     k = int(np.argmax(gains))
-    gain = float(gains[k])
-    events = tuple(Event(recording, name, profiles.kind, *profiles.edges[k]) for name in quantities)
-    return Candidate(events, gain, gain - price, _spans(profiles.edges, gains > gain - _LIKELY))
+    gain, edges = float(gains[k]), profiles.edges[k].tolist()
+    events = tuple(Event(recording, name, profiles.kind, *edges) for name in quantities)
+    return Candidate(events, gain, gain - price, _spans(profiles, gains > gain - _LIKELY))
 
 
 def _after_tilt(evidence: Evidence, recording: int, lag: float) -> Candidate:
@@ -186,11 +181,10 @@ def _after_tilt(evidence: Evidence, recording: int, lag: float) -> Candidate:
     return Candidate((event,), gain, gain - chance("after_tilt", number), ((lag, lag),))
 
 
-def _spans(edges: Sequence[tuple[float, ...]], likely: NDArray[np.bool_]) -> tuple[tuple[float, float], ...]:
+def _spans(profiles: Profiles, likely: NDArray[np.bool_]) -> tuple[tuple[float, float], ...]:
     """Return between which times each edge is about as likely, to the next one that is less so."""
     result = []
-    for times in np.array(edges, dtype=np.float64).T:
-        tried, own = np.unique(times), times[likely]
+    for tried, own in zip(profiles.tried, profiles.edges[likely].T, strict=True):
         low, high = np.searchsorted(tried, (own.min(), own.max()))
         result.append((float(tried[max(low - 1, 0)]), float(tried[min(high + 1, len(tried) - 1)])))
     return tuple(result)

@@ -10,12 +10,13 @@ projected out. These are sums over the products of single windows, which are for
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import solve_triangular
 
 from gyrowheel_analysis.balance.balance import Balance
@@ -40,10 +41,25 @@ _CLEARLY = 2.0  # standard errors by which a scatter must exceed what is known o
 
 
 class Profiles:
-    """The course of many events of one kind over the windows of a recording (events, n)."""
+    """The courses of many events of one kind over the windows of a recording.
 
-    def __init__(self, kind: Kind, edges: Sequence[tuple[float, ...]], weights: Array) -> None:
-        self.kind, self.edges, self._weights = kind, edges, weights
+    Parameters
+    ----------
+    kind : str
+        The kind of the events.
+    edges : ndarray (events, edges of the kind)
+        Edges of every event, as an `Event` takes them.
+    weights : ndarray (events, n)
+        Courses over the windows.
+    """
+
+    def __init__(self, kind: Kind, edges: ArrayLike, weights: Array) -> None:
+        self.kind, self.edges, self._weights = kind, np.asarray(edges, dtype=np.float64), weights
+
+    @functools.cached_property
+    def tried(self) -> list[Array]:
+        """All values that each of the edges takes, in order."""
+        return [np.unique(times) for times in self.edges.T]
 
     def __len__(self) -> int:
         return len(self.edges)
