@@ -17,7 +17,7 @@ from lifecycle_msgs.srv import ChangeState
 from rclpy.action import ActionClient
 
 from gyrowheel_analysis.drag import Estimate
-from gyrowheel_analysis.nodes.recorder import ENDED
+from gyrowheel_analysis.nodes.recorder import ENDED, TAKE_PERIOD
 from gyrowheel_bringup.graph.nodes import EXECUTABLES
 from gyrowheel_bringup.graph.own_node import own_node
 from gyrowheel_bringup.graph.processes import Processes
@@ -32,6 +32,7 @@ _FINISH_TIMEOUT = 120.0  # time for the recorder to complete its files [s]
 _EXPLAIN = 3.0  # time for a node to end, or to report why a plan was aborted [s]
 _WIND_DOWN = 60.0  # time for the guard to stop the motor [s]
 _ACTIVATE = 10.0  # time for a node to say that it is active [s]
+_NOTICED = 2.0 * TAKE_PERIOD  # after a plan, the recorder has seen by then how it ended [s]
 _LAST = 0.1  # time to take what has arrived [s]
 
 
@@ -86,6 +87,7 @@ class Link:
         self.estimates: list[Estimate] = []
         self._said: dict[str, str] = {}  # message of the last diagnosis
         self._told: dict[str, float] = {}  # when it was made [s of the system's clock]
+        self._walked = 0.0  # when the last plan ended [s of the system's clock]
         self._states: dict[str, str] = {}  # state of the lifecycle, in it
         self._troubles: set[tuple[str, str]] = set()
         self._alarm: GraphError | None = None  # guards that have tripped
@@ -148,17 +150,19 @@ class Link:
     def require_active(self, *, recorded: bool) -> None:
         """Raise if a node of the graph is not active, and does not say within a moment that it is.
 
-        With `recorded` the recorder must record, too.
+        With `recorded` the recorder must record, too, by what it says after the last plan: that plan may have ended
+        because the plant was started again, which ends a recording.
         """
         end = time.monotonic() + _ACTIVATE
         while True:
             fault, idle = "not_active", [n for n in self._names if self._states.get(n) != "active"]
             values = self.values.get("recorder", {})
-            if not idle and recorded and "directory" not in values:
+            old = self._told.get("recorder", 0.0) <= self._walked + _NOTICED
+            if not idle and recorded and (old or "directory" not in values):
                 fault, idle = "not_recorded", ["recorder"]
             if not idle:
                 return
-            if time.monotonic() > end or (fault == "not_recorded" and ENDED in values):
+            if time.monotonic() > end or (fault == "not_recorded" and ENDED in values and not old):
                 raise GraphError(fault, f"no plan can run: {self.states(idle)}; start the graph anew")
             self.spin()
 
@@ -174,14 +178,17 @@ class Link:
         """
         while not self._plans.server_is_ready():
             self.spin()
-        result = walked(
-            self._plans,
-            plan,
-            spin=self.spin,
-            stalled=lambda what: GraphError("stalled", f"{what} ({self.states()})"),
-            patience=stall_timeout,
-            progress=progress,
-        )
+        try:
+            result = walked(
+                self._plans,
+                plan,
+                spin=self.spin,
+                stalled=lambda what: GraphError("stalled", f"{what} ({self.states()})"),
+                patience=stall_timeout,
+                progress=progress,
+            )
+        finally:
+            self._walked = time.time()
         assert result is not None  # nothing else ends it
         if not result.success:
             self._explain(plan, result.message)

@@ -18,6 +18,7 @@ from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import PARENT_VARIABLE, ExitCode
 
 _STOP_TIMEOUT = 20.0  # time for a node to end by itself [s]
+_UNLOCKED = 2.0  # by then Fast DDS has replaced shared memory that a killed process had locked [s]
 
 
 class Processes:
@@ -131,7 +132,11 @@ class Processes:
                 child.process.wait()
 
     def clear(self) -> set[str]:
-        """Kill what still runs, and forget all; return the shared memory that killed ones may have left."""
+        """Kill what still runs, and forget all; return the shared memory that killed ones may have left.
+
+        A process may have been killed while it held a lock on shared memory. After a second Fast DDS replaces that
+        memory, under the feet of whoever is closing its node at this moment: that is waited for.
+        """
         for child in self.children.values():
             if child.process.poll() is None:
                 child.process.kill()
@@ -139,6 +144,8 @@ class Processes:
         self.show()
         killed = [child for child in self.children.values() if (child.process.returncode or 0) < 0]
         self.children.clear()
+        if killed:
+            time.sleep(_UNLOCKED)
         return {name for child in killed for name in child.memory}
 
 
