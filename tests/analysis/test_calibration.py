@@ -146,6 +146,7 @@ def test_a_calibrated_model_has_no_wrong_constants_any_more(
     assert again.constants["coil_constant"].before == found.constants["coil_constant"].after
 
 
+@pytest.mark.study  # test_a_calibrated_model_has_no_wrong_constants_any_more shows the like
 def test_a_parameter_error_that_was_added_is_not_found_again(tmp_path: Path):
     machine = hidden_machine(6, {})
     wrong = Scenario({**machine.values, "coil_constant": 0.024}, {}, 6)

@@ -39,7 +39,6 @@ LARGE: EffectValues = {
 AGAIN = (
     "aero_cross",
     "bearing_viscous",
-    "coil_tilt",
     "runout",
 )
 #: What these plans cannot show; most have tests of their own.

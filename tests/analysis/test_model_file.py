@@ -363,6 +363,7 @@ def test_differences_are_named(tmp_path: Path) -> None:
 # --- effects of one's own in the loop ------------------------------------------------------------------------------
 
 
+@pytest.mark.study  # tests/gyrowheel/test_front_door.py does the same
 def test_an_effect_of_ones_own_is_added_fitted_and_used(own: Effect, tmp_path: Path) -> None:
     truth = {"stator_pull": {"k": 0.025}}
     drawn = hidden_machine(21, {})

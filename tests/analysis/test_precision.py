@@ -13,6 +13,7 @@ from gyrowheel_analysis.model import Model
 from .machines import hidden_machine, record
 
 
+@pytest.mark.study  # precision of every campaign is compared by benchmarks
 @pytest.mark.slow
 def test_the_test_named_sharpens_as_it_was_said(tmp_path: Path):
     # just above its detection limit, so that its size is known badly

@@ -34,6 +34,7 @@ from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import prepare_environment
 
+from ..bringup.helpers import end_process
 from ..domains import next_domain
 
 PERIOD_NS = 500_000
@@ -384,9 +385,7 @@ class Graph:
         return self
 
     def __exit__(self, *_):
-        if self.process.poll() is None:
-            self.process.kill()
-        self.process.wait()
+        end_process(self.process)
         self.words.close()
         self.executor.shutdown()
         self.node.destroy_node()

@@ -35,6 +35,4 @@ def start_node(domain: int, tmp_path: Path) -> Iterator[Callable[..., NodeProces
 
     yield start
     for node in started:
-        if not node.ended():
-            node.process.kill()
-            node.process.wait()
+        node.end()

@@ -61,6 +61,22 @@ def wait_for(condition: Callable[[], Any]) -> Any:
     return value
 
 
+def end_process(process: subprocess.Popen[Any]) -> None:
+    """End a node's process if it still runs, in the usual way.
+
+    One that is killed may hold a lock on shared memory, and Fast DDS crashes whoever closes a node while it replaces
+    that memory, a second later.
+    """
+    if process.poll() is None:
+        process.send_signal(signal.SIGTERM)
+    try:
+        process.wait(20.0)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+        time.sleep(2.0)
+
+
 class Bystander:
     """A node in the test's own process that talks to the node under test."""
 
@@ -136,6 +152,10 @@ class NodeProcess:
 
     def ended(self) -> bool:
         return self.process.poll() is not None
+
+    def end(self) -> None:
+        """End the process if it still runs."""
+        end_process(self.process)
 
     def interrupt(self) -> int:
         """Send Ctrl-C, which may well come twice; return the exit code."""

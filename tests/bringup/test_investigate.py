@@ -38,6 +38,7 @@ def investigated(folder: Path, *arguments: str) -> tuple[dict[str, Any], str]:
     return result, done.stdout
 
 
+@pytest.mark.study  # tests/gyrowheel/test_investigate.py goes the same way without nodes
 @pytest.mark.graph
 def test_an_investigation_records_with_the_nodes_and_names_what_is_hidden(tmp_path: Path):
     """The loop that the simulation goes, too; the recordings are those of the running bench."""

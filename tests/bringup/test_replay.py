@@ -26,7 +26,7 @@ from gyrowheel_core import topics, wire
 from gyrowheel_core.node import PARENT_VARIABLE
 
 from ..domains import next_domain
-from .helpers import Bystander, NodeProcess
+from .helpers import Bystander, NodeProcess, end_process
 
 pytestmark = pytest.mark.graph
 
@@ -135,9 +135,8 @@ class Replay:
 def replay(bystander: Bystander, domain: int, tmp_path: Path) -> Iterator[Replay]:
     result = Replay(bystander, domain, tmp_path / "replay.log")
     yield result
-    if result.process is not None and result.process.poll() is None:
-        result.process.kill()
-        result.process.wait()
+    if result.process is not None:
+        end_process(result.process)
 
 
 @pytest.mark.parametrize("rate", [0.0, pytest.param(1.0, marks=pytest.mark.study)])

@@ -455,6 +455,7 @@ def test_add_takes_several_effects_and_tells_what_it_did(gyrowheel: Shell, wheel
     assert_shape(result["error"], {"unit": str, "before": ROW, "after": ROW, "noise_floor": ROW})
 
 
+@pytest.mark.study  # tests/test_recipes.py does the same
 def test_a_formula_is_added_and_is_the_truth_of_a_machine(gyrowheel: Shell, wheel: Wheel, tmp_path: Path):
     model, plan = tmp_path / "model.yaml", write(tmp_path / "plan.yaml", SHORT_PLAN)
     shutil.copy(wheel.model, model)

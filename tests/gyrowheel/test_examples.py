@@ -43,7 +43,7 @@ def test_page_has_the_cells_of_its_script(name: str) -> None:
     "name",
     [
         # a notebook of its own below; what `test_campaign` shows of a cluster
-        pytest.param(name, marks=[pytest.mark.study] if name in ("loop", "cluster") else [])
+        pytest.param(name, marks=[pytest.mark.study] if name in ("loop", "own_effect", "cluster") else [])
         for name in OUTCOMES
     ],
 )

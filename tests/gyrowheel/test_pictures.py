@@ -50,6 +50,7 @@ def test_diagnose_and_add_draw_the_error_before_and_after(
     assert found.read_bytes() != added.read_bytes()
 
 
+@pytest.mark.study  # diagnose and add draw the same pictures
 def test_investigate_ends_with_the_table_and_draws_the_last_diagnosis(
     gyrowheel: Shell, wheel: Wheel, tmp_path: Path
 ) -> None:

@@ -68,6 +68,7 @@ def test_instruments_are_wrong_in_turn_and_within_reach(measure: Yardstick) -> N
         )
 
 
+@pytest.mark.study  # tests/analysis/test_events.py finds and dates events
 @pytest.mark.parametrize("name", events())
 def test_an_event_happens_when_it_should_and_once(name: str, measure: Yardstick, tmp_path: Path) -> None:
     quiet = {n: 0.0 for n in CAMPAIGN.bench.parameters if n.endswith(("_noise", "_drift"))}

@@ -94,6 +94,7 @@ def test_mix_of_machines_is_refused_unless_asked_for(gyrowheel: Shell, machines:
     gyrowheel.good("compare", one, other, "--model", model, "--mixed")
 
 
+@pytest.mark.study  # test_investigate.py goes on with what a diagnosis proposes
 @pytest.mark.slow
 def test_next_goes_on_with_the_same_machine_and_settles_the_tie(gyrowheel: Shell, tmp_path: Path) -> None:
     effect = "gravity_offset:G=0.02"

@@ -67,6 +67,7 @@ def test_up_and_simulate_give_the_same_samples(gyrowheel: Shell, tmp_path: Path)
     assert graph.environment == simulated.environment
 
 
+@pytest.mark.study  # tests/bringup/test_replay.py and test_drag.py compare them
 def test_up_ends_with_the_holds_and_drag_and_replay_say_the_same(gyrowheel: Shell, tmp_path: Path):
     plan = write(
         tmp_path / "plan.yaml",

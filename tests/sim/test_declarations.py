@@ -216,6 +216,7 @@ def test_a_scenario_keeps_its_declarations(tmp_path: Path) -> None:
 # --- they run as any other
 
 
+@pytest.mark.study  # test_effects.py compares compiled and declared laws
 def test_a_declared_effect_runs_as_the_same_registered_one() -> None:
     values = {"k": 0.02, "n": 2.05}
     text = "own: torque = -k*(Ω/Ω₀)ⁿ·(ρ/ρ₀)ⁿ⁻¹·z; k = 0.02 [N*m/rad]; n = 2.05 ± 0.03 [1]"

@@ -49,14 +49,15 @@ def test_damaged_code_is_compiled_anew(tmp_path: Path) -> None:
     entries = sorted(place for place in folder.iterdir() if place.name.startswith("code_"))
     whole = [place.read_bytes() for place in entries]
     draw = random.Random(3)
-    for round_ in range(4):
-        for place, content in zip(entries, whole, strict=True):
+    for round_ in range(2):
+        for at, (place, content) in enumerate(zip(entries, whole, strict=True)):
             damaged = bytearray(content)
-            if round_ == 0:
+            kind = (2 * round_ + at) % 4
+            if kind == 0:
                 damaged[draw.randrange(len(damaged))] ^= 1 << draw.randrange(8)
-            elif round_ == 1:
+            elif kind == 1:
                 del damaged[draw.randrange(len(damaged)) :]
-            elif round_ == 2:
+            elif kind == 2:
                 damaged = bytearray(whole[0] if content != whole[0] else whole[-1])
             else:
                 damaged = bytearray(b"cos\nsystem\n(S'exit 1'\ntR.")

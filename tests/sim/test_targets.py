@@ -166,6 +166,7 @@ print(json.dumps({
 """
 
 
+@pytest.mark.study  # tests/test_recipes.py does the same by the page
 @pytest.mark.slow
 def test_a_target_and_an_effect_take_one_file_each(tmp_path: Path) -> None:
     """In a copy of the package: entries in the table, and a module in the library. All else follows."""
