@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from gyrowheel_analysis.diagnosis.selection import threshold
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.fitting.terms import Term
+from gyrowheel_analysis.fitting.unknowns import Unknowns
 from gyrowheel_analysis.reduction import planned_windows
 from gyrowheel_control.plans.fitting import plan_for
 from gyrowheel_control.plans.plan import Plan
@@ -51,6 +53,7 @@ VARIED_PLANS = tuple(
 _CLEARLY = 1.5
 #: A separation that settles a tie.
 SETTLED = 25.0
+_KEPT = 64  # plans, those of two or three benches
 
 
 @dataclass(frozen=True)
@@ -85,23 +88,59 @@ def _best(found: Sequence[Separation]) -> Separation | None:
     return max(found, key=lambda s: s.expected, default=None)
 
 
+@dataclass(frozen=True)
+class _Asked:
+    """A plan that is asked for, and all that decides what it would give for a model without effects."""
+
+    plan: str
+    stated: tuple[object, ...]
+    harmonics: bool
+    absent: frozenset[str]
+    assumed: tuple[tuple[str, float], ...]
+    wider: tuple[tuple[str, float], ...]
+    unknowns: Unknowns = field(compare=False)
+
+
 def planned(problem: Problem, name: str) -> tuple[Problem, float] | None:
     """Return the problem that a plan would give with the drifts as they are, and the plan's length in minutes.
 
     It is None where this bench cannot run the plan.
     """
-    bench = problem.bench
+    bench, unknowns = problem.bench, problem.unknowns
+    asked = _Asked(
+        name,
+        (bench.name, bench.spin_loop, bench.gains, *bench.parameters.values()),
+        all(b.harmonics for b in problem.balances),
+        frozenset[str]().union(*(b.absent for b in problem.balances)),
+        tuple({name: part for b in problem.balances for name, part in b.assumed.items()}.items()),
+        tuple(unknowns.assumed.items()),
+        unknowns,
+    )
+    # what a model has already acts in the plan as well, and its declarations have no name that tells them apart
+    plain = not (unknowns.known or unknowns.declared)
+    found = _planned(asked) if plain else _planned.__wrapped__(asked)
+    if found is None:
+        return None
+    kept, minutes = found
+    return kept.for_unknowns(unknowns).with_scales(problem.noise.scales), minutes
+
+
+@functools.lru_cache(maxsize=_KEPT)
+def _planned(asked: _Asked) -> tuple[Problem, float] | None:
+    """Return the problem of a plan with the drifts as stated; nearly every diagnosis on a bench asks for the same."""
+    bench = asked.unknowns.bench
     try:
-        plan = plan_for(name, bench)
+        plan = plan_for(asked.plan, bench)
     except InputError:
         return None
-    harmonics = all(b.harmonics for b in problem.balances)
-    absent = frozenset[str]().union(*(b.absent for b in problem.balances))
-    assumed = {name: part for b in problem.balances for name, part in b.assumed.items()}
-    windows = planned_windows(plan, bench)
-    balance = Balance(windows, bench, harmonics=harmonics, absent=absent, assumed=assumed)
-    other = Problem.of([balance], problem.unknowns).with_scales(problem.noise.scales)
-    return other, plan.duration / 60.0
+    balance = Balance(
+        planned_windows(plan, bench),
+        bench,
+        harmonics=asked.harmonics,
+        absent=asked.absent,
+        assumed=dict(asked.assumed),
+    )
+    return Problem.of([balance], asked.unknowns), plan.duration / 60.0
 
 
 class Planner:

@@ -50,6 +50,12 @@ class Prediction:
         result.balances, result._states = tuple(balances), self._states.copy()
         return result
 
+    def for_unknowns(self, unknowns: Unknowns) -> Prediction:
+        """Return the same prediction for unknowns that have the same nuisances, with states of its own."""
+        result = copy(self)
+        result.unknowns, result._states = unknowns, OrderedDict()
+        return result
+
     def split(self, rows: Array) -> list[Array]:
         """Return rows recording by recording."""
         edges = np.cumsum([len(b) for b in self.balances])[:-1]

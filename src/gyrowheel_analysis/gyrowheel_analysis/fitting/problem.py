@@ -71,6 +71,10 @@ class Problem:
         base, jacobian = prediction.as_stated
         return cls(prediction, Noise.stated(prediction.balances, prediction.split(base)), base, jacobian)
 
+    def for_unknowns(self, unknowns: Unknowns) -> Problem:
+        """Return the same problem for unknowns that have the same nuisances; what one caches the other does not see."""
+        return replace(self, prediction=self.prediction.for_unknowns(unknowns))
+
     @property
     def balances(self) -> tuple[Balance, ...]:
         """The balances, one a recording."""
