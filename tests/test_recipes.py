@@ -90,7 +90,7 @@ def test_an_effect_and_a_channel_are_simulated_shown_and_found(run: Run) -> None
     assert "damping per squared angle" in "\n".join(page)
 
 
-@pytest.mark.slow
+@pytest.mark.study  # the recipe above goes the same way, with more in it
 def test_a_law_acts_on_the_target_and_is_fitted(run: Run) -> None:
     said = run(
         "import gyrowheel as gw\n"

@@ -129,6 +129,7 @@ def test_the_model_takes_the_constants_and_gives_them_back(
     json.dumps(calibration_json(found), allow_nan=False)
 
 
+@pytest.mark.study  # the constants and the model that takes them are tested above
 def test_a_calibrated_model_has_no_wrong_constants_any_more(
     calibrated: tuple[Scenario, list[Recording], Calibration], tmp_path: Path
 ):
@@ -146,7 +147,7 @@ def test_a_calibrated_model_has_no_wrong_constants_any_more(
     assert again.constants["coil_constant"].before == found.constants["coil_constant"].after
 
 
-@pytest.mark.study  # test_a_calibrated_model_has_no_wrong_constants_any_more shows the like
+@pytest.mark.study  # tests/analysis/test_known_effects.py shows the like of effects
 def test_a_parameter_error_that_was_added_is_not_found_again(tmp_path: Path):
     machine = hidden_machine(6, {})
     wrong = Scenario({**machine.values, "coil_constant": 0.024}, {}, 6)

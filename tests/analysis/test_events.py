@@ -145,7 +145,7 @@ def test_event_of_a_short_recording_is_dated(quick, at):
 @pytest.mark.parametrize(
     ("sizes", "channels", "within"),
     [
-        ({"across": TORQUE}, ["torque_x"], 0.3),
+        pytest.param({"across": TORQUE}, ["torque_x"], 0.3, marks=pytest.mark.study),
         ({"spin": TORQUE}, ["spin_torque"], 1.0),
         # the loop makes up for a shift: it is the coils that show it
         ({"shift_x": -1.1e-3, "shift_y": -0.5e-3}, ["tilt_reading_x", "tilt_reading_y"], 0.1),

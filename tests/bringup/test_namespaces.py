@@ -45,6 +45,14 @@ segments:
   - {label: "2500", spin_rpm: 2500, tilt_deg: [[0, 0], [2, 0], [0, 2]]}
   - {label: "3500", spin_rpm: 3500, tilt_deg: [[0, 0], [2, 0], [0, 2]]}
 """
+#: Enough for everything but a verdict.
+BRIEF = """\
+schema: 1
+name: brief
+hold_s: 1.0
+segments:
+  - {label: "2500", spin_rpm: 2500, tilt_deg: [[0, 0], [2, 0]]}
+"""
 GYROWHEEL = [sys.executable, "-c", "from gyrowheel.cli import main; main()"]
 
 
@@ -102,9 +110,10 @@ def _joined(recordings: list[Path], target: Path) -> Path:
 
 @pytest.mark.graph
 @pytest.mark.slow
-def test_two_benches_share_a_domain(domain: int, bystander: Bystander, tmp_path: Path) -> None:
-    plan = tmp_path / "pair.yaml"
-    plan.write_text(PAIR, encoding="utf-8")
+@pytest.mark.parametrize("text", [BRIEF, pytest.param(PAIR, marks=pytest.mark.study)], ids=("brief", "pair"))
+def test_two_benches_share_a_domain(text: str, domain: int, bystander: Bystander, tmp_path: Path) -> None:
+    plan = tmp_path / "plan.yaml"
+    plan.write_text(text, encoding="utf-8")
     one, two = tmp_path / "one", tmp_path / "two"
     up = subprocess.Popen(
         [
@@ -192,6 +201,8 @@ def test_two_benches_share_a_domain(domain: int, bystander: Bystander, tmp_path:
             f"{namespace}/plant"
         }
         assert (f"namespace  {namespace}" in plain_text(info_page(found))) == bool(namespace)
+        if text == BRIEF:
+            continue
         verdict = gw.diagnose(recording, gw.Model("gyrowheel"))
         assert [effect.name for effect in verdict.effects] == list(effects)
         assert verdict.verdict == ("effect" if effects else "nothing_missing")

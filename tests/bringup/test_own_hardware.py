@@ -13,7 +13,7 @@ import pytest
 import gyrowheel as gw
 
 from ..domains import next_domain
-from .test_namespaces import GYROWHEEL, PAIR
+from .test_namespaces import BRIEF, GYROWHEEL, PAIR
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "your_hardware.md"
 #: The driver of a card before a simulated machine with something that nobody knows. Its own drive keeps the machine at
@@ -26,7 +26,7 @@ from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import from_json
 from gyrowheel_sim.plant.machine import Plant
 
-bench, plan = Bench.load(), Plan.load("pair.yaml")
+bench, plan = Bench.load(), Plan.load("plan.yaml")
 plant = Plant(bench, scenario(bench, plan.name, effects=["aero_cross"]), initial_spin_rate=plan.initial_spin_rate)
 readings = plant.measure()
 drive = float(plant.machine.held[2])
@@ -56,19 +56,20 @@ def arrange(text):
 
 @pytest.mark.graph
 @pytest.mark.slow
-def test_a_machine_behind_the_node_of_the_page_is_recorded_and_diagnosed(tmp_path: Path) -> None:
+@pytest.mark.parametrize("text", [BRIEF, pytest.param(PAIR, marks=pytest.mark.study)], ids=("brief", "pair"))
+def test_a_machine_behind_the_node_of_the_page_is_recorded_and_diagnosed(text: str, tmp_path: Path) -> None:
     (code,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     assert len(code.splitlines()) <= 42
     (tmp_path / "acquisition.py").write_text(code, encoding="utf-8")
     (tmp_path / "card.py").write_text(CARD, encoding="utf-8")
-    (tmp_path / "pair.yaml").write_text(PAIR, encoding="utf-8")
+    (tmp_path / "plan.yaml").write_text(text, encoding="utf-8")
     domain = str(next_domain())
     node = subprocess.Popen(
         [sys.executable, "acquisition.py"], env=os.environ | {"ROS_DOMAIN_ID": domain}, cwd=tmp_path
     )
     options = [
         "--plan",
-        "pair.yaml",
+        "plan.yaml",
         "--record",
         "run",
         "--without",
@@ -88,6 +89,9 @@ def test_a_machine_behind_the_node_of_the_page_is_recorded_and_diagnosed(tmp_pat
     assert done.returncode == 0, done.stderr
     assert "none missing" in done.stdout
     run = gw.Recording.open(tmp_path / "run")
+    assert run.duration > 2.0
+    if text == BRIEF:
+        return
     found = gw.diagnose(run, gw.Model("gyrowheel"))
     named = [effect.name for effect in found.effects]
     # where the computer is busy, answers come late: motion that has not settled is left out, and what is left may not

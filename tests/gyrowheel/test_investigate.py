@@ -251,6 +251,7 @@ def settle(gyrowheel: Shell, tmp_path: Path, *arguments: object) -> Any:
     return result
 
 
+@pytest.mark.study  # the next one tells these plans apart, the first ones how a tie is settled
 @pytest.mark.slow
 @pytest.mark.parametrize("hidden", ["aero_restoring"])  # the other one is settled on the graph, by a study
 def test_the_papers_own_plans_and_averages_are_ambiguous_and_a_test_settles_it(
