@@ -23,6 +23,7 @@ from gyrowheel_analysis.reduction import (
 from gyrowheel_analysis.reduction.hum import Line
 from gyrowheel_analysis.reduction.planned import planned_windows
 from gyrowheel_analysis.reduction.shown import Shown
+from gyrowheel_analysis.reduction.windows import RISE
 from gyrowheel_control.loops.controller import Gains
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_sim.plant.scenario import Scenario
@@ -113,6 +114,31 @@ def test_jitter_of_stamps_and_of_instants_changes_no_window(
     noise = windows.noise("spin_angle_noise") / np.sqrt(windows.samples)
     off = np.abs(found.angle_harmonics - windows.angle_harmonics) / noise[:, None]
     assert np.sqrt(np.mean(off**2)) < 0.1
+
+
+def test_a_motion_at_the_edge_of_a_window_counts(samples: Samples) -> None:
+    """Commands that come late push the tilt at any time: its change from end to end is right, or the window goes."""
+    rng = np.random.default_rng(7)
+    time, noise = samples.time, BENCH.value("tilt_noise")
+    off = []
+    for _ in range(12):
+        motion = np.zeros(len(time), dtype=complex)
+        for begin in np.arange(time[0], time[-1], 1.5) + 1.5 * rng.random():
+            size = 10.0 ** rng.uniform(-5.0, -3.0) * np.exp(2j * np.pi * rng.random())
+            lasts, age = 0.02 + rng.exponential(0.01), time - begin
+            back = np.exp(-12.0 * np.maximum(age - lasts, 0.0))  # the tilt loop's
+            motion += size * np.where(age < lasts, np.maximum(age, 0.0) / lasts, back)
+        readings = samples.readings.copy()
+        readings["tilt_x"][:] = motion.real + noise * rng.standard_normal(len(time))
+        readings["tilt_y"][:] = motion.imag + noise * rng.standard_normal(len(time))
+        found = reduce(replace(samples, readings=readings), BENCH)
+        moved = found.tilt @ RISE[: found.tilt.shape[1]]
+        begin, end = (np.interp(found.start + part * found.duration, time, motion) for part in (0, 1))
+        off.append((moved - (end - begin)) / (found.duration * np.sqrt(found.tilt_rate_variance)))
+    sizes = np.abs(np.concatenate(off))
+    assert len(sizes) > 200
+    assert np.sqrt(np.mean(sizes**2) / 2.0) == pytest.approx(1.0, abs=0.15)
+    assert np.mean(sizes > 4.5) < 0.01
 
 
 #: Sizes of spikes [SI], by the reading that they are in.

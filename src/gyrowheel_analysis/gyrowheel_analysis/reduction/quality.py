@@ -48,6 +48,9 @@ _NOISE_RANGE = (0.5, 50.0)  # of the estimated noise over the stated one; estima
 _SPIKE = 8.0  # robust standard deviations
 _MOST_SPIKES = 0.02  # of the samples; if there are more, they are not spikes
 _SPIKE_ROUNDS = 12
+#: More than so many of them, so many samples about one another, are no spikes: what stays off for a while has happened,
+#: as the answer of the loop to a command that came late. A motion at the edge of a window would go with them.
+_MOST_TOGETHER, _TOGETHER = 3, 10
 
 
 def readable(data: Samples, bench: Bench) -> tuple[Samples, Array, tuple[str, ...]]:
@@ -217,24 +220,31 @@ def despiked(readings: Any, design: Array, gram: Array) -> tuple[Any, Any, Any]:
     Returns
     -------
     readings : ndarray (n, columns)
-        The readings, each spike replaced by the value of the fit to all others.
+        The readings, each spike replaced by the value of the fit to all others. A spike has few others beside it.
     fit : ndarray (columns, terms)
         Coefficients of the columns of `design`.
     left : ndarray (n, columns)
         Residuals of the fit.
     """
-    pseudo = gram @ design.T
+    pseudo, as_read = gram @ design.T, readings
     fit, left = _fitted(readings, design, pseudo)
     found = np.zeros(readings.shape, dtype=bool)
+    crowd = found
     # a spike pulls the fit and hides smaller spikes until it is removed
     for _ in range(_SPIKE_ROUNDS):
-        more = _spikes(left) & ~found
+        more = _spikes(left) & ~found & ~crowd
         more &= (found | more).mean(axis=0) <= _MOST_SPIKES
         if not more.any():
             break
-        found |= more
+        found, changed = found | more, more.any(axis=0)
+        if (together := _crowded(found | crowd) & ~crowd).any():
+            # they were taken for spikes as long as only the largest of them stood out
+            crowd, found = crowd | together, found & ~together
+            changed |= together.any(axis=0)
+            readings = np.where(changed, as_read, readings)
+            left = _fitted(readings, design, pseudo)[1]
         readings = readings.copy()
-        for column in np.flatnonzero(more.any(axis=0)):
+        for column in np.flatnonzero(changed):
             rows = np.flatnonzero(found[:, column])
             own = design[rows]
             pulled = np.eye(len(rows)) - own @ gram @ own.T
@@ -261,6 +271,12 @@ def _spikes(left: Any) -> NDArray[np.bool_]:
     # relative to the largest one too: it pulls the fit, so that its neighbours seem far off
     far = size > np.maximum(_SPIKE * scale, 0.3 * size.max(axis=0))
     return np.asarray(far & (far.mean(axis=0) <= _MOST_SPIKES) & (scale > 0.0))
+
+
+def _crowded(found: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which of some samples (n, columns) have many others beside them."""
+    total = np.cumsum(np.pad(found, ((_TOGETHER + 1, _TOGETHER), (0, 0))), axis=0)
+    return np.asarray(found & (total[2 * _TOGETHER + 1 :] - total[: -2 * _TOGETHER - 1] > _MOST_TOGETHER))
 
 
 def without_spikes(values: Array) -> Array:

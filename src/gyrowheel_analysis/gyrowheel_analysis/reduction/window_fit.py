@@ -30,6 +30,12 @@ FEWEST_SAMPLES = 0.7
 #: Mean square of `_FURTHER` more terms of the polynomials, relative to noise, beyond which the motion has not settled.
 _UNSETTLED_TILT, _UNSETTLED_ANGLE = 10.0, 20.0
 _FURTHER = 4
+#: The same, beyond which the further terms are used: left out, the change from end to end would be off by several times
+#: its noise before the limit is reached.
+_TAIL = 2.5
+#: Square of the mean residual of the first or last so many samples, relative to that of as many elsewhere and to noise,
+#: beyond which a motion began or ended there: no polynomial turns so sharply.
+_EDGE, _EDGE_SAMPLES = 7.0, (4, 8, 16)
 #: Residual motor current, relative to noise, beyond which averages do not describe it (a failing supply, say).
 _RESTLESS = 30.0
 #: Columns of what is fitted: tilt, motor current, coil voltages, spin rate, motor voltage.
@@ -126,14 +132,18 @@ def fit_window(
         noise[READING_NOISES.index(name)]
         for name in ("tilt_noise", "spin_angle_noise", "motor_current_noise")
     )
+    tilt, change_variance = fit[_TILT, :degree], float(RISE @ gram[:degree, :degree] @ RISE)
+    tail = _more(x, design, gram, left[:, _TILT], degree) / (2.0 * tilt_noise**2)
     unsettled = (
-        _more(x, design, gram, left[:, _TILT], degree) > 2.0 * _UNSETTLED_TILT * tilt_noise**2
+        tail > _UNSETTLED_TILT
         or _more(x, turning, turning_gram, beside[:, 0], smooth) > _UNSETTLED_ANGLE * angle_noise**2
         or np.mean(np.abs(left[:, _CURRENT]) ** 2) - 2.0 * abs(current_ripple) ** 2
         > (_RESTLESS * current_noise) ** 2
+        or _sharp(left[:, _TILT], tilt_noise)
     )
-    inverse = gram[:degree, :degree]
-    rise = RISE / duration
+    if not unsettled and tail > _TAIL:
+        tilt, change_variance, beyond = _with_tail(x, waves, readings[:, _TILT], degree)
+        unsettled = beyond > 2.0 * _TAIL * tilt_noise**2
     # mean second derivative of the angle: difference between the ends of its slope, which is n (n + 1) / 2 at x = 1
     slope = np.array([k * (k + 1) * (1 - k % 2) for k in range(smooth)]) * 2.0 / duration**2
     slope_variance = float(slope @ turning_gram[:smooth, :smooth] @ slope) * angle_noise**2
@@ -159,7 +169,7 @@ def fit_window(
         "start": begin,
         "duration": duration,
         "samples": float(len(time)),
-        "tilt": fit[_TILT, :degree],
+        "tilt": tilt,
         "tilt_harmonics": harmonics[_TILT],
         "spin": _shortened(spin),
         "current_harmonics": harmonics[_CURRENT],
@@ -179,10 +189,30 @@ def fit_window(
         "current_ripple": current_ripple,
         "voltage_ripple": voltage_ripple * _held(bench.value("motor_ripple_order"), speed * hold),
         **attitude(surroundings),
-        "tilt_rate_variance": float(rise @ inverse @ rise) * tilt_noise**2,
+        "tilt_rate_variance": change_variance * (tilt_noise / duration) ** 2,
         "spin_acceleration_variance": slope_variance,
         "reading_noise": noise,
     }
+
+
+def _with_tail(x: Array, waves: Array, tilt: Any, degree: int) -> tuple[Any, float, float]:
+    """Return the polynomial of a tilt that still moves, the variance of its change, and what is not followed.
+
+    The variance is that for noise of unit variance; what is not followed is what `_more` returns. `_FURTHER` more terms
+    follow the motion. Those of high order go into the last ones that are kept: the mean and the change from end to end
+    are preserved.
+    """
+    legendre = np.polynomial.legendre.legvander(x, degree + _FURTHER - 1)
+    design = np.hstack([legendre, waves])
+    gram = np.linalg.inv(design.T @ design)
+    fit = gram @ (design.T @ tilt)
+    left = _more(x, design, gram, tilt - design @ fit, legendre.shape[1])
+    series = fit[: legendre.shape[1]]
+    rise = 2.0 * (np.arange(len(series)) % 2)
+    variance = float(rise @ gram[: len(series), : len(series)] @ rise)
+    for term in (degree - 2, degree - 1):
+        series[term] += series[term + 2 :: 2].sum()
+    return np.polynomial.legendre.leg2poly(series[:degree]), variance, left
 
 
 def _of_speed(speed: Array, legendre: Any, waves: Array, duration: float) -> tuple[Array, float]:
@@ -241,6 +271,17 @@ def _more(x: Array, design: Array, gram: Array, left: Any, degree: int) -> float
     square = further.T @ further - shared.T @ gram @ shared
     along = further.T @ left
     return float(np.real(along.conj() @ np.linalg.solve(square, along))) / _FURTHER
+
+
+def _sharp(left: Any, noise: float) -> bool:
+    """Whether complex residuals (n,) stay off at an end, as where a motion begins or ends."""
+    for count in _EDGE_SAMPLES:
+        ends, inner = np.array([left[:count], left[-count:]]), left[count:-count]
+        blocks = inner[: len(inner) // count * count].reshape(-1, count)
+        usual, off = (np.abs(part.sum(axis=1)) ** 2 for part in (blocks, ends))
+        if off.max() > _EDGE * max(float(usual.mean()), 2.0 * count * noise**2):
+            return True
+    return False
 
 
 def _held(order: Any, turn: float) -> Any:
