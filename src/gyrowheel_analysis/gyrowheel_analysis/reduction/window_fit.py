@@ -31,11 +31,11 @@ FEWEST_SAMPLES = 0.7
 _UNSETTLED_TILT, _UNSETTLED_ANGLE = 10.0, 20.0
 _FURTHER = 4
 #: The same, beyond which the further terms are used: left out, the change from end to end would be off by several times
-#: its noise before the limit is reached.
-_TAIL = 2.5
+#: its noise before the limit is reached. And beyond which as many terms again show that they do not suffice.
+_TAIL, _BEYOND = 2.5, 4.0
 #: Square of the mean residual of the first or last so many samples, relative to that of as many elsewhere and to noise,
 #: beyond which a motion began or ended there: no polynomial turns so sharply.
-_EDGE, _EDGE_SAMPLES = 7.0, (4, 8, 16)
+_EDGE, _EDGE_SAMPLES = 9.0, (4, 8, 16)
 #: Residual motor current, relative to noise, beyond which averages do not describe it (a failing supply, say).
 _RESTLESS = 30.0
 #: Columns of what is fitted: tilt, motor current, coil voltages, spin rate, motor voltage.
@@ -143,7 +143,7 @@ def fit_window(
     )
     if not unsettled and tail > _TAIL:
         tilt, change_variance, beyond = _with_tail(x, waves, readings[:, _TILT], degree)
-        unsettled = beyond > 2.0 * _TAIL * tilt_noise**2
+        unsettled = beyond > 2.0 * _BEYOND * tilt_noise**2
     # mean second derivative of the angle: difference between the ends of its slope, which is n (n + 1) / 2 at x = 1
     slope = np.array([k * (k + 1) * (1 - k % 2) for k in range(smooth)]) * 2.0 / duration**2
     slope_variance = float(slope @ turning_gram[:smooth, :smooth] @ slope) * angle_noise**2
