@@ -137,6 +137,7 @@ def test_a_verdict_does_not_contradict_itself(name: str, tmp_path: Path) -> None
         assert named == set(EFFECTS[name]), verdict_sentence(found)
 
 
+@pytest.mark.study  # 20 s for one law
 def test_a_torque_that_grows_with_the_square_of_the_speed_is_not_the_earth(tmp_path: Path) -> None:
     found = diagnosed(tmp_path, "torque of the square of the speed, fixed in the case", validate="check")
     consistent(found)

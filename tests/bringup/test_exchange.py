@@ -147,7 +147,7 @@ def test_a_bench_without_a_conductor_ends_by_the_name_of_what_is_missing(
 ) -> None:
     lifecycles = Lifecycles(bystander, "conductor")
     # the controller tells once a second what it waits for
-    patient = {"plant": {"command_timeout": 8.0, "exchange_time": 8.0}}
+    patient = {"plant": {"command_timeout": 4.0, "exchange_time": 4.0}}
     options: dict[str, Any] = {"without": ["recorder", "drag_estimator"], "hold_after_plan": True}
 
     def run() -> None:

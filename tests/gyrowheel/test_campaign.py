@@ -409,6 +409,7 @@ def test_a_case_keeps_what_it_was(alone: tuple[Path, list[Judged]]):
 
 
 @pytest.mark.slow
+@pytest.mark.study  # the cluster below changes nothing either, and the verb's own test runs processes
 def test_processes_change_nothing(alone: tuple[Path, list[Judged]]):
     with workers.judged_cases(cases(CAMPAIGN, 2), jobs=2) as results:
         assert timeless(list(results)) == timeless(alone[1])

@@ -18,24 +18,30 @@ from ..domains import next_domain
 from .helpers import SHORT_PLAN, Shell, write
 from .test_drag import assert_same, recorded
 
-#: A machine with a learned parameter and an effect that its own file declares.
+#: A machine with a learned parameter.
 MODEL = """\
 schema: 1
 bench: gyrowheel
 overrides: {coil_constant: 0.021}
-effects:
+"""
+#: With an effect of the user's own, which is compiled for the plant and for the whole loop.
+OWN = f"""\
+{MODEL}effects:
   pull:
-    declaration: {torque: -k*r*z, coefficients: {k: {unit: N*m/rad}}}
-    k: {value: 0.03, standard_error: 0.001}
+    declaration: {{torque: -k*r*z, coefficients: {{k: {{unit: N*m/rad}}}}}}
+    k: {{value: 0.03, standard_error: 0.001}}
 """
 COMMAND = [sys.executable, "-c", "from gyrowheel.cli import main; main()"]
 
 pytestmark = pytest.mark.graph
 
 
-def test_up_and_simulate_give_the_same_samples(gyrowheel: Shell, tmp_path: Path):
+@pytest.mark.parametrize(
+    "truth", [pytest.param(MODEL, id="known"), pytest.param(OWN, id="own", marks=pytest.mark.study)]
+)
+def test_up_and_simulate_give_the_same_samples(truth: str, gyrowheel: Shell, tmp_path: Path):
     plan = write(tmp_path / "plan.yaml", SHORT_PLAN)
-    model = write(tmp_path / "model.yaml", MODEL)
+    model = write(tmp_path / "model.yaml", truth)
     machine = ["--plan", plan, "--effect", "aero_restoring", "--truth", model, "--machine", 3, "--seed", 8]
     shown = subprocess.run(
         [
@@ -73,7 +79,7 @@ def test_up_ends_with_the_holds_and_drag_and_replay_say_the_same(gyrowheel: Shel
         tmp_path / "plan.yaml",
         "schema: 1\nname: holds\nhold_s: 1.4\nsegments: [{spin_rpm: 3500, tilt_deg: [[0, 0], [2, 0]]}]\n",
     )
-    model = write(tmp_path / "model.yaml", MODEL.replace("0.021", "{value: 0.021, standard_error: 0.0002}"))
+    model = write(tmp_path / "model.yaml", OWN.replace("0.021", "{value: 0.021, standard_error: 0.0002}"))
 
     def run(*arguments: object) -> str:
         done = subprocess.run(
