@@ -148,19 +148,30 @@ def test_how_well_a_value_is_known_counts_in_the_coefficients(original: gw.Recor
         assert sizes[pressure] ** 2 - sizes[0.0] ** 2 == pytest.approx((own * pressure) ** 2, rel=0.1)
 
 
-def test_a_rig_of_5_khz(tmp_path: Path) -> None:
-    """The loop of another rig runs at 5 kHz, and the one who reads its table has the usual bench."""
+def other_rig(folder: Path, period: float, **hidden: Any) -> gw.Recording:
+    """Return what is read from the table of a rig whose loop has another period [s]."""
     text = (Path(gyrowheel_sim.__file__).parent / "config" / "bench.yaml").read_text(encoding="utf-8")
     found_there = re.findall(r"sample_period: \{value: [0-9.e-]+", text)
     assert len(found_there) == 1
-    (tmp_path / "fast.yaml").write_text(
-        text.replace(found_there[0], "sample_period: {value: 2.0e-4"), encoding="utf-8"
+    (folder / "other.yaml").write_text(
+        text.replace(found_there[0], f"sample_period: {{value: {period}"), encoding="utf-8"
     )
-    fast = gw.simulate("check", effects={HIDDEN: {}}, machine=6, bench=tmp_path / "fast.yaml")
-    columns, units = lab.lab_columns(fast.data.measurement)
-    recording = gw.read_table(lab.write_text(tmp_path / "fast.csv", columns, units))
-    assert np.median(np.diff(recording.data.measurement["stamp_ns"])) == pytest.approx(200_000, abs=100)
-    found(recording)
+    run = gw.simulate("check", effects=hidden, machine=6, bench=folder / "other.yaml")
+    columns, units = lab.lab_columns(run.data.measurement)
+    recording = gw.read_table(lab.write_text(folder / "other.csv", columns, units))
+    assert np.median(np.diff(recording.data.measurement["stamp_ns"])) == pytest.approx(1e9 * period, abs=100)
+    return recording
+
+
+def test_a_rig_of_5_khz(tmp_path: Path) -> None:
+    """The loop of another rig runs at 5 kHz, and the one who reads its table has the usual bench."""
+    found(other_rig(tmp_path, 2.0e-4, **{HIDDEN: {}}))
+
+
+def test_nothing_is_invented_for_a_rig_of_500_hz(tmp_path: Path) -> None:
+    """Moves are a large part of its samples; in them the setpoint too changes the voltages that tell its rate."""
+    told = gw.diagnose(other_rig(tmp_path, 2.0e-3), gw.Model("gyrowheel"))
+    assert told.verdict == "nothing_missing", str(told)
 
 
 @pytest.mark.parametrize("ros1", [False, True], ids=["ROS 2", "ROS 1"])

@@ -20,11 +20,12 @@ Array = NDArray[np.float64]
 
 #: Part by which the rate of a recording differs from that of the loop before its samples are others than the loop's.
 _OTHER_RATE = 0.05
-_BLOCK, _MOST = 512, 40  # samples, blocks
+_BLOCK, _MOST = 160, 100  # samples, blocks
 _LAGS = 12  # samples before a voltage whose tilts it may answer
 _ANSWERS = (
     0.9  # part of the changes of a voltage that the recorded tilts explain where every sample is the loop's
 )
+_STEADY = 75.0  # percent of blocks; so many may lie in moves
 _HELD, _AGAIN = (
     6.0,
     0.2,
@@ -60,8 +61,8 @@ def loop_period(data: Samples, period: float, bench: Bench) -> float:
         own[f"{name}_x"][blocks] + 1j * own[f"{name}_y"][blocks] for name in ("tilt", "coil_voltage")
     )
     if period > stated:
-        # block by block: the loop answers otherwise at another speed
-        explained = np.median([_explained(*block) for block in zip(volts, tilt, strict=True)])
+        # block by block: the loop answers otherwise at another speed, and in a move its setpoint as well
+        explained = np.percentile([_explained(*block) for block in zip(volts, tilt, strict=True)], _STEADY)
         return period if explained > _ANSWERS else stated
     near = _HELD * bench.value("coil_voltage_noise")
     steps = np.diff(volts, axis=1)
@@ -80,7 +81,9 @@ def _explained(volts: Any, tilt: Any) -> float:
     if not size > 0.0:
         return 0.0
     fit, *_ = np.linalg.lstsq(design, target, rcond=None)
-    return 1.0 - float(np.linalg.norm(target - design @ fit) ** 2) / size
+    # terms explain a part of anything
+    left = float(np.linalg.norm(target - design @ fit) ** 2) * len(target) / (len(target) - _LAGS)
+    return 1.0 - left / size
 
 
 def unseen_noise(left: Any, noise: float, samples: float) -> float:
