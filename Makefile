@@ -51,7 +51,7 @@ $(DONE)/venv:
 
 $(DONE)/requirements: requirements.lock | $(DONE)/venv
 	$(call say,installing the packages of requirements.lock (about a minute))
-	@$(PIP) install --require-hashes --requirement requirements.lock
+	@$(PIP) install --require-hashes --no-deps --requirement requirements.lock
 	@touch $@
 
 $(DONE)/msgs: $(MSGS_FILES) $(DONE)/requirements

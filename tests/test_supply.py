@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from email.message import Message
 from types import SimpleNamespace
 
@@ -24,6 +26,13 @@ def test_every_package_of_the_lock_file_has_hashes_and_they_are_asked_for() -> N
     )
     assert installs
     assert all("--require-hashes" in line for line in installs)
+    # nothing is looked for beside it: an older pip takes the newest release of what is asked for with an extra
+    assert all("--no-deps" in line for line in installs)
+
+
+def test_the_lock_file_lacks_nothing_that_its_packages_need() -> None:
+    checked = subprocess.run([sys.executable, "-m", "pip", "check"], capture_output=True, text=True)
+    assert checked.returncode == 0, checked.stdout
 
 
 def test_the_lock_file_has_what_the_packages_ask_for() -> None:
