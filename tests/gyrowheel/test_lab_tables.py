@@ -251,6 +251,39 @@ def test_two_rates_and_two_clocks_in_one_file(measurement: Any, tmp_path: Path) 
     assert np.percentile(np.abs(rows["motor_voltage"] - whole["motor_voltage"]), 95) < 0.05
 
 
+def by_two_loggers(measurement: Any, file: Path, *names: str) -> Path:
+    """Write a file in which some columns are of a second logger, called drive, whose clock is 0.25 s ahead."""
+    import h5py
+
+    columns, units = lab.lab_columns(measurement)
+    columns["Time"] = columns["Time"] - columns["Time"][0]
+    with h5py.File(file, "w") as out:
+        for name, values in columns.items():
+            place = f"{'drive' if name in names else 'wheel'}/{name}"
+            out[place], out[place].attrs["unit"] = values, units[name]
+        out["drive/Time"], out["drive/Time"].attrs["unit"] = columns["Time"] + 0.25, "s"
+    return file
+
+
+def test_a_column_is_what_its_own_name_says(measurement: Any, tmp_path: Path) -> None:
+    """The folder says drive, as of a motor; the columns in it are those of the coils."""
+    suggested = gw.suggest_map(
+        by_two_loggers(measurement, tmp_path / "coils.h5", "Coil X", "Coil Y", "Coil temp")
+    )
+    assert suggested.settled, suggested.questions
+    columns = suggested.content["columns"]
+    assert [columns[f"coil_voltage_{axis}"]["column"] for axis in "xy"] == ["drive/Coil X", "drive/Coil Y"]
+    assert suggested.content["clocks"] == {"drive/Time": pytest.approx(-0.25, abs=0.005)}
+
+
+def test_an_offset_that_nothing_shows_is_asked_for(measurement: Any, tmp_path: Path) -> None:
+    still = measurement[3000:4600]  # of a hold
+    file = by_two_loggers(still, tmp_path / "hold.h5", "Motor voltage", "Motor current")
+    suggested = gw.suggest_map(file)
+    assert not suggested.settled
+    assert any("'drive/Time'" in question and "0 for none" in question for question in suggested.questions)
+
+
 def exchanged(one: str, other: str) -> Change:
     def change(columns: dict[str, np.ndarray], units: dict[str, str]) -> None:
         columns[one], columns[other] = columns[other], columns[one]

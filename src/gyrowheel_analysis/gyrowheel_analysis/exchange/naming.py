@@ -181,10 +181,26 @@ def fits(unit: str, field: str) -> bool:
 
 
 def named(name: str, unit: str = "") -> Named:
-    """Return what a name and the unit that a file states say of a column."""
+    """Return what a name and the unit that a file states say of a column.
+
+    Of a path the last part counts most: where it clearly names a channel of an axis, or the path says nothing, it
+    alone counts. Otherwise the folder may hold the word that it lacks.
+    """
+    words, own = _words(name, unit)
+    fields = _fields(words, own)
+    last = name[max(name.rfind("/"), name.rfind(".")) + 1 :]
+    if last and last != name:
+        ends, _ = _words(last, own)
+        clear = _fields(ends, own)
+        if not fields or (set(ends) & (_X | _Y) and 3 in clear.values()):
+            fields = clear
+    return Named(fields, own, bool(_ASKED & set(words)))
+
+
+def _words(name: str, unit: str) -> tuple[list[str], str]:
+    """Return the words of a name, in lower case and taken apart, and the unit in it or beside it."""
     bracket = next((known_unit(found) for found in _IN_BRACKETS.findall(name) if known_unit(found)), "")
     plain = _IN_BRACKETS.sub(" ", name)
-    # of a path the last part counts most, but the folder may hold the word that it lacks
     words = [_GREEK.get(word, word).lower() for word in _TOKENS.findall(plain)]
     own = known_unit(unit) or bracket
     last = re.split(r"[\s_.]+", plain.strip())[-1]
@@ -195,7 +211,7 @@ def named(name: str, unit: str = "") -> Named:
     split: list[str] = []
     for word in words:
         split += _split(word)
-    return Named(_fields(split, own), own, bool(_ASKED & set(split)))
+    return split, own
 
 
 def _split(word: str) -> list[str]:

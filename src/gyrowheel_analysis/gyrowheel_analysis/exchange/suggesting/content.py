@@ -18,6 +18,9 @@ from gyrowheel_analysis.exchange.suggesting.suspicious import sentinel, words_fo
 from gyrowheel_analysis.tables import Grid, TextForm
 from gyrowheel_sim.bench import Bench
 
+#: Readings that change so slowly that no offset between two clocks counts.
+_SLOW = ("coil_temperature", "air_temperature", "air_pressure")
+
 
 def map_content(
     found: Mapping[str, Proposal],
@@ -71,10 +74,20 @@ def map_content(
             other["missing"] = words
         if other:
             content["csv"] = other
-    clocks = {own.clock for own in found.values() if own.clock}
-    for clock in clocks:
+    for clock in sorted({own.clock for own in found.values() if own.clock}):
         late = clock_offset(found, grid, clock, bench)
         if late is None:
+            if fast := [
+                own.column for own in found.values() if own.clock == clock and own.field not in _SLOW
+            ]:
+                problems.append(
+                    Problem(
+                        f"the clock '{clock}' of {', '.join(fast)} shows nothing that '{found[TIME].column}' shows "
+                        "too: what lies between the two is not known.",
+                        f"Put what is to be added to its times into the map, 0 for none: clocks: {{{clock}: 0.0}}.",
+                        asks=True,
+                    )
+                )
             continue
         offset, error = late
         if abs(offset) > 3.0 * error:
