@@ -19,6 +19,7 @@ from gyrowheel_analysis.reduction import (
     reading_noise,
     reduce,
     reduce_and_account,
+    without_noise,
 )
 from gyrowheel_analysis.reduction.hum import Line
 from gyrowheel_analysis.reduction.planned import planned_windows
@@ -275,6 +276,45 @@ def test_no_parameter_multiplies_the_noise_of_an_acceleration(tmp_path: Path) ->
     torque = (BENCH.axial_inertia * noise)[quiet]
     assert np.abs(rows[1] - rows[0]) == pytest.approx(0.0, abs=1.0e-3 * torque.max())
     assert residuals[0] - residuals[1] == pytest.approx(torque, rel=0.02)  # it stays in what was measured
+
+
+def test_no_parameter_multiplies_the_noise_of_what_many_holds_repeat(windows: Windows) -> None:
+    """A hold that is repeated hundreds of times is one motion, but where it differs by more than noise."""
+    rng = np.random.default_rng(1)
+    (hold,) = np.flatnonzero(~windows.moving & (np.abs(windows.mean_tilt) > 0.03))[:1]
+    many = windows.select(np.full(100, hold))
+    noise = many.noise("tilt_noise") / np.sqrt(many.samples)
+    harmonics = many.tilt_harmonics.copy()
+    harmonics[:, :, 0] += noise[:, None] * (rng.normal(size=(100, 4)) + 1j * rng.normal(size=(100, 4)))
+    moved = replace(many, tilt_harmonics=harmonics)
+    kept = without_noise(moved).tilt_harmonics
+    clear = np.any(kept[0] != 0.0, axis=1)
+    assert clear.any()
+    assert np.all(kept == kept[0])
+    mean = harmonics.mean(axis=0)
+    assert kept[0, clear] == pytest.approx(mean[clear], rel=1e-9)
+    # what was left out stays in what was measured, and a parameter moves all holds alike
+    balance, stated = Balance(moved, BENCH), BENCH.values()
+    other = {**stated, "rotor_inertia_x": 1.01 * stated["rotor_inertia_x"]}
+    for row in ("tilt_2n_x", "tilt_2n_y"):
+        rows = balance.row(row)
+        moves = (balance.predicted(other, []) - balance.predicted(stated, []))[rows]
+        assert np.ptp(moves) == pytest.approx(0.0, abs=1e-6 * np.abs(moves).max() + 1e-15)
+        assert np.std(balance.measured[rows]) > 1e-9
+    harmonics[7, np.flatnonzero(clear)[0], 0] += 30.0 * noise[7]
+    found = without_noise(replace(many, tilt_harmonics=harmonics)).tilt_harmonics[7]
+    assert found[clear][0] == pytest.approx(harmonics[7][clear][0])
+
+
+def test_a_rate_of_the_tilt_that_is_noise_is_multiplied_by_nothing(windows: Windows) -> None:
+    hold = windows.select(np.flatnonzero(~windows.moving)[:1])
+    for size, left in ((2.0, 0.0), (50.0, 1.0)):
+        rate = size * np.sqrt(hold.tilt_rate_variance)
+        tilt = hold.tilt.copy()
+        tilt[:, 1] += 0.5 * hold.duration * (rate - hold.mean_tilt_rate)
+        kept = without_noise(replace(hold, tilt=tilt))
+        assert kept.mean_tilt_rate == pytest.approx(left * rate, abs=1e-12)
+        assert kept.mean_tilt == pytest.approx(hold.mean_tilt)
 
 
 def test_hum_that_another_recording_shows_counts_where_the_speed_covers_it() -> None:

@@ -19,6 +19,7 @@ from gyrowheel_analysis.diagnosis.selection import threshold
 from gyrowheel_analysis.fitting.terms import ERRORS, Term
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.recording import Recording
+from gyrowheel_control.plans.plan import Plan
 from gyrowheel_sim.effects import Effect, EffectValues, effect_from_mapping, registry
 from gyrowheel_sim.plant.scenario import Scenario
 
@@ -169,6 +170,16 @@ def test_what_shows_only_in_the_validation_is_not_nothing(tmp_path: Path) -> Non
     assert found.proof is not None
     assert found.proof.proven is False
     assert (found.proof.reason, found.proof.causes) == ("resembles", ("gravity_offset",))
+
+
+@pytest.mark.study
+def test_nothing_is_found_in_a_long_recording_of_the_same_holds(tmp_path: Path) -> None:
+    """So many windows of one tilt and speed weigh more than what is known beforehand: noise must not decide."""
+    holds = "{spin_rpm: 3500, tilt_deg: [[0, 0], [1, 0], [0, 1], [-1, 0], [0, -1]], repeat: 120}"
+    plan = Plan.load(f"schema: 1\nname: long\nhold_s: 2.0\nsegments:\n  - {holds}\n")
+    found = diagnose([record(tmp_path, "long", Scenario(noise_seed=4), plan)], Model.new())
+    consistent(found)
+    assert found.verdict == "nothing_missing"
 
 
 @pytest.mark.study

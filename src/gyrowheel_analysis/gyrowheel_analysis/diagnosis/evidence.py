@@ -13,7 +13,8 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -122,6 +123,7 @@ class Evidence:
         self._states: dict[tuple[float, ...], _State] = {}
         self._units: dict[tuple[str, int, float | None], dict[int, Array]] = {}
         self._loudness = np.ones(len(rows))
+        self._among: dict[tuple[int, float], Array] = {}
         self._loudness = self._louder(self.state(self.scales).left())
         self._states.clear()
 
@@ -129,7 +131,9 @@ class Evidence:
         """Return rows and regressors whitened for scales of the drifts."""
         key = tuple(scales.values())
         if key not in self._states:
-            self._states[key] = _State.of(self._blocks, self._rows, self._columns, scales, self._loudness)
+            self._states[key] = _State.of(
+                self._blocks, self._rows, self._columns, scales, self._loudness, self._among
+            )
         return self._states[key]
 
     def paths(self, drifts: Sequence[str]) -> Iterator[dict[str, float]]:
@@ -267,12 +271,30 @@ def _gained(squares: Sequence[Sequence[Array]], along: Sequence[Array], profiles
     return np.asarray(gained - np.log(determinant))
 
 
+class _Products(NamedTuple):
+    """Products of changes of one unit in the single windows of a block: all that their sizes multiply.
+
+    Attributes
+    ----------
+    among : ndarray (n, n) or (n,)
+        With each other; the diagonal alone where the rows are independent.
+    along : ndarray (n,)
+        With the rows.
+    image : ndarray (p, n)
+        With the regressors.
+    """
+
+    among: Array
+    along: Array
+    image: Array
+
+
 @dataclass(frozen=True)
 class _State:
     """Rows whitened for some scales of the drifts, with what the regressors explain of them.
 
     `images` and `image` give the products of any two columns beside the regressors: their scalar product less that
-    of their images.
+    of their images. `among` has `_Products.among` of all states, by the number of the block and the scale of its drift.
     """
 
     blocks: Sequence[_Block]
@@ -282,6 +304,8 @@ class _State:
     images: Array
     image: Array
     cost: float
+    among: dict[tuple[int, float], Array]
+    known: dict[int, _Products] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -291,6 +315,7 @@ class _State:
         columns: Array,
         scales: Mapping[str, float],
         loudness: Array,
+        among: dict[tuple[int, float], Array],
     ) -> _State:
         parts, at, log_det = [], 0, 0.0
         both = np.column_stack([columns, rows])
@@ -306,7 +331,7 @@ class _State:
         image = images @ target
         log_det += 2.0 * float(np.log(np.diag(root)).sum())
         cost = log_det + float(target @ target - image @ image)
-        return cls(blocks, scales, loudness, target, images, image, cost)
+        return cls(blocks, scales, loudness, target, images, image, cost, among)
 
     def left(self) -> Array:
         """Return what the regressors leave of the rows (N,)."""
@@ -324,19 +349,24 @@ class _State:
         image = [np.zeros((len(self.image), count)) for _ in units]
         at = 0
         for index, block in enumerate(self.blocks):
-            n = len(block.covariance)
-            here = slice(at, at + n)
-            at += n
+            here = slice(at, at + len(block.covariance))
+            at = here.stop
             own = [unit.get(index) for unit in units]
-            pulses = [None if rows is None else self._pulses(block, rows, here) for rows in own]
-            for i, left in enumerate(pulses):
+            if all(rows is None for rows in own):
+                continue
+            known = self._products(index, block, here)
+            for i, left in enumerate(own):
                 if left is None:
                     continue
-                along[i] += left.T @ self.rows[here]
-                image[i] += self.images[:, here] @ left
-                for j, right in enumerate(pulses[i:], i):
-                    if right is not None:
-                        squares[i][j] += left.T @ right
+                along[i] += left * known.along
+                image[i] += left * known.image
+                for j, right in enumerate(own[i:], i):
+                    if right is None:
+                        continue
+                    if known.among.ndim == 1:
+                        np.einsum("nn->n", squares[i][j])[:] += left * known.among * right
+                    else:
+                        squares[i][j] += left[:, None] * known.among * right
         for i, left in enumerate(image):
             along[i] -= left.T @ self.image
             for j, right in enumerate(image[i:], i):
@@ -345,7 +375,17 @@ class _State:
                     squares[j][i] = squares[i][j].T
         return squares, along
 
-    def _pulses(self, block: _Block, rows: Array, here: slice) -> Array:
-        """Return the whitened rows of a block for a change in each single window (n, n)."""
-        white = block.covariance.whiten(np.diag(rows), self.scales.get(block.drift, 1.0))
-        return np.asarray(white / self.loudness[here, None])
+    def _products(self, index: int, block: _Block, here: slice) -> _Products:
+        """Return the products of changes of one unit in the windows of a block."""
+        if index not in self.known:
+            images, rows, loudness = self.images[:, here], self.rows[here], self.loudness[here]
+            if isinstance(block.covariance, _White):
+                weight = 1.0 / (block.covariance.deviation * loudness)
+                self.known[index] = _Products(weight**2, weight * rows, images * weight)
+            else:
+                scale = self.scales.get(block.drift, 1.0)
+                pulses = block.covariance.whiten(np.eye(len(rows)), scale) / loudness[:, None]
+                if (index, scale) not in self.among:
+                    self.among[index, scale] = pulses.T @ pulses
+                self.known[index] = _Products(self.among[index, scale], rows @ pulses, images @ pulses)
+        return self.known[index]

@@ -25,6 +25,7 @@ HARMONICS = (*(-order for order in reversed(FORWARD)), *FORWARD)
 DEGREE = 5  # of the polynomials in time
 MODULATION = 3  # terms of the polynomial in time of a harmonic's amplitude
 _CLEAR = 10.0  # smallest ratio to its noise at which a harmonic or a spin acceleration counts
+_SAME_TILT, _SAME_SPEED = 0.1 * DEG, 0.004  # steps, of the speed relative: holds within one are alike
 
 #: Mean over -1..1, and difference between the ends, of the powers of x.
 MEAN = np.array([1.0 / (k + 1) if k % 2 == 0 else 0.0 for k in range(DEGREE + 1)])
@@ -193,31 +194,47 @@ class Windows:
 
 
 def without_noise(windows: Windows) -> Windows:
-    """Return the windows without the harmonics and accelerations that are not well above the noise of the readings.
+    """Return the windows without harmonics, rates and accelerations that are not well above the noise of the readings.
 
     A torque computed from noise is noise, and whatever multiplies it (a gain, a scale, a damping, a moment of inertia)
     would be fitted to noise. An inertia would be too small by the share of noise in the mean square of the
-    accelerations (errors in variables), and so would all other scales.
+    accelerations (errors in variables), and so would all other scales. Harmonics that are well above it have noise,
+    too: where many holds repeat one tilt and speed, that noise would in the end say more of all that leaves their
+    mean as it is than what is known beforehand. In holds of one tilt and speed they are therefore those of the mean of
+    these holds, unless one differs from it by more than noise.
     """
     v, n = windows.noise, windows.samples
+    alike = _alike(windows)
     modulation = np.array([[MEAN[j + k] for k in range(MODULATION)] for j in range(MODULATION)])
 
     def kept(amplitudes: Any, noise: Array) -> Any:
         """Amplitudes (n, harmonics, terms) that are above the noise of a reading, both parts together."""
-        power = np.einsum("nhj,jk,nhk->nh", amplitudes.conj(), modulation, amplitudes).real
-        clear = power > _CLEAR**2 * 2.0 * (noise**2 / n)[:, None]
-        return np.where(clear[:, :, None], amplitudes, 0.0)
+
+        def clear(of: Any) -> Any:
+            power = np.einsum("nhj,jk,nhk->nh", of.conj(), modulation, of).real
+            return (power > _CLEAR**2 * 2.0 * (noise**2 / n)[:, None])[:, :, None]
+
+        usual = _usual(amplitudes, n, alike)
+        steady = np.where(clear(amplitudes - usual), amplitudes, usual)
+        return np.where(clear(steady), steady, 0.0)
 
     def above(amplitude: Any, noise: Array) -> Any:
-        return np.where(np.abs(amplitude) > _CLEAR * noise / np.sqrt(n), amplitude, 0.0)
+        usual, least = _usual(amplitude, n, alike), _CLEAR * noise / np.sqrt(n)
+        steady = np.where(np.abs(amplitude - usual) > least, amplitude, usual)
+        return np.where(np.abs(steady) > least, steady, 0.0)
 
-    rise = windows.mean_spin_acceleration * windows.duration
-    noisy = rise**2 < (_CLEAR * windows.duration) ** 2 * windows.spin_acceleration_variance
-    spin = windows.spin.copy()
-    spin[:, 1] -= 0.5 * np.where(noisy, rise, 0.0)
+    def level(series: Any, rate: Any, variance: Array) -> Any:
+        """Return a polynomial in time (n, terms) without its change from end to end where that is noise."""
+        result = series.copy()
+        noisy = np.abs(rate) ** 2 < _CLEAR**2 * variance
+        result[:, 1] -= 0.5 * np.where(noisy, rate * windows.duration, 0.0)
+        return result
+
     return replace(
         windows,
-        spin=spin,
+        spin=level(windows.spin, windows.mean_spin_acceleration, windows.spin_acceleration_variance),
+        # both parts together
+        tilt=level(windows.tilt, windows.mean_tilt_rate, 2.0 * windows.tilt_rate_variance),
         tilt_harmonics=kept(windows.tilt_harmonics, v("tilt_noise")),
         # the two signs of a harmonic of a real reading share its noise
         current_harmonics=kept(windows.current_harmonics, math.sqrt(0.5) * v("motor_current_noise")),
@@ -225,6 +242,26 @@ def without_noise(windows: Windows) -> Windows:
         current_ripple=above(windows.current_ripple, v("motor_current_noise")),
         voltage_ripple=above(windows.voltage_ripple, v("motor_voltage_noise")),
     )
+
+
+def _alike(windows: Windows) -> NDArray[np.int64]:
+    """Return a number for every window (n,): that of the holds of its tilt and speed; one of its own if it moves."""
+    tilt = windows.mean_tilt / _SAME_TILT
+    key = np.column_stack(
+        [np.round(tilt.real), np.round(tilt.imag), np.round(np.log(np.abs(windows.mean_spin)) / _SAME_SPEED)]
+    )
+    numbers = np.unique(key, axis=0, return_inverse=True)[1].reshape(-1) if len(key) else np.zeros(0, int)
+    own = len(key) + np.arange(len(key))
+    return np.unique(np.where(windows.moving, own, numbers), return_inverse=True)[1].reshape(-1)
+
+
+def _usual(values: Any, samples: Array, alike: NDArray[np.int64]) -> Any:
+    """Return values (n, ...) as they are on average, by their samples, in the windows that are alike."""
+    flat = np.asarray(values).reshape(len(alike), math.prod(np.shape(values)[1:]))
+    total = np.zeros((int(alike.max(initial=-1)) + 1, flat.shape[1]), dtype=flat.dtype)
+    np.add.at(total, alike, flat * samples[:, None])
+    weight = np.bincount(alike, weights=samples, minlength=len(total))
+    return (total / weight[:, None])[alike].reshape(np.shape(values))
 
 
 def concatenate(parts: Sequence[Windows]) -> Windows:
