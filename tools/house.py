@@ -58,8 +58,8 @@ HOUSE = (
         "gyrowheel_analysis",
         "from a recording to a verdict",
         (
-            ("channels", "derived", "model", "notch", "recording", "tables"),
-            ("setups",),
+            ("channels", "derived", "model", "notch", "recording"),
+            ("setups", "tables"),
             ("exchange", "reduction"),
             ("balance",),
             ("fitting", "torques", "reach"),

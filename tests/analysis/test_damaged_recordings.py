@@ -126,7 +126,7 @@ def test_damaged_metadata_is_refused_or_changes_nothing(run, directory, tmp_path
         (
             "rosbag2_bagfile_information:\n  {relative_file_paths: [], message_count: 7,"
             " storage_identifier: tape}",
-            "cannot be read: ",
+            "metadata.yaml: storage_identifier: 'tape'; allowed: mcap, sqlite3",
         ),
     ],
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from . import nodes, recordings, tables, texts
+from . import formats, nodes, recordings, tables, texts
 from .harness import Kind
 
 KINDS: dict[str, Kind] = {
@@ -15,6 +15,7 @@ KINDS: dict[str, Kind] = {
     "typed": texts.words,
     "csv": tables.csv,
     "parquet": tables.parquet,
+    "format": formats.formats,
     "graph": nodes.graph,
     "heard": nodes.heard,
 }

@@ -133,6 +133,7 @@ def graph(rng: random.Random, folder: Path) -> Iterator[Case]:
             valid = {topic.name: data for topic, data in one_of_each(stamp).items()}
             valid[topics.CLOCK.name] = wire.CLOCK.pack(stamp)
             valid.setdefault(topics.DIAGNOSTICS.name, _diagnostics())
+            valid[topics.JOINT_STATES.name] = _joints(stamp)
             name = rng.choice(heard)
             data = valid[name] if rng.random() < 0.1 else mutated_message(valid[name], rng)
 
@@ -144,6 +145,16 @@ def graph(rng: random.Random, folder: Path) -> Iterator[Case]:
                 return outcome
 
             yield Case(name, data, use)
+
+
+def _joints(stamp_ns: int) -> bytes:
+    from rclpy.serialization import serialize_message
+    from rclpy.time import Time
+    from sensor_msgs.msg import JointState
+
+    message = JointState(name=list(topics.JOINTS), position=[0.01, 0.0, 1.0], velocity=[0.0, 0.0, 300.0])
+    message.header.stamp = Time(nanoseconds=stamp_ns).to_msg()
+    return bytes(serialize_message(message))
 
 
 def _diagnostics() -> bytes:

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import errno
 import os
+import struct
 from pathlib import Path
 
 import mcap.writer
+import numpy as np
 import pytest
 
 from gyrowheel.cli.defects import machine_error
 from gyrowheel_analysis.exchange import ColumnMap, import_table
 from gyrowheel_analysis.recording import Recording, RecordingWriter
 from gyrowheel_analysis.recording.definitions import definition
+from gyrowheel_analysis.tables import read_grid
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import files, topics, wire
 from gyrowheel_core.errors import InputError
@@ -116,3 +119,105 @@ def test_a_bench_of_brackets_or_digits_in_a_recording(text: str, tmp_path: Path)
         for topic, stamp, data in messages(10):
             writer.write(topic, data, stamp)
     assert Recording.open(tmp_path / "run").carried_bench is None
+
+
+# ---- files of measurement programs
+
+
+@pytest.mark.parametrize(
+    ("length", "number", "said"),
+    [
+        (5, 1, ""),
+        (16385, 1, "the text of an attribute is not at byte"),
+        (5, 7, "the text of an attribute is not at byte"),
+    ],
+    ids=["whole", "longer", "another"],
+)
+def test_a_unit_in_hdf5_that_is_not_where_it_should_be(
+    length: int, number: int, said: str, tmp_path: Path
+) -> None:
+    """HDF5 read beyond its memory, and the program ended."""
+    import h5py
+
+    file = tmp_path / "t.h5"
+    with h5py.File(file, "w") as out:
+        out["x"] = np.arange(3.0)
+        out["x"].attrs["unit"] = "deg/s"
+    content = file.read_bytes()
+    heap = content.find(b"GCOL")
+    stored = struct.pack("<IQI", 5, heap, 1)
+    assert content.count(stored) == 1
+    file.write_bytes(content.replace(stored, struct.pack("<IQI", length, heap, number)))
+    if not said:
+        assert read_grid(file).columns["x"].unit == "deg/s"
+        return
+    with pytest.raises(InputError, match=f"damaged: {said}"):
+        read_grid(file)
+
+
+def test_a_heap_of_hdf5_without_an_end(tmp_path: Path) -> None:
+    """HDF5 looked for the end of the heap for ever: what is free in it has no size."""
+    import h5py
+
+    file = tmp_path / "t.h5"
+    with h5py.File(file, "w") as out:
+        out["x"] = np.arange(3.0)
+        out["x"].attrs["unit"] = "deg/s"
+    content = bytearray(file.read_bytes())
+    heap = content.find(b"GCOL")
+    content[heap + 16 : heap + 16 + 24] = bytes(24)
+    file.write_bytes(content)
+    with pytest.raises(InputError, match="damaged: the text of an attribute is not at byte"):
+        read_grid(file)
+
+
+def test_a_type_of_hdf5_that_numpy_does_not_know(tmp_path: Path) -> None:
+    import h5py
+
+    file = tmp_path / "t.h5"
+    with h5py.File(file, "w") as out:
+        out["x"] = np.arange(3.0)
+        h5py.h5d.create(out.id, b"odd", h5py.h5t.UNIX_D32LE, h5py.h5s.create_simple((3,)))
+    grid = read_grid(file)
+    assert list(grid.columns) == ["x"]
+    assert grid.remarks[0].startswith("odd is left out: No NumPy equivalent")
+    with pytest.raises(InputError, match=r"t\.h5: cannot be read: No NumPy equivalent"):
+        read_grid(file, ["odd"])
+
+
+def test_a_sparse_matrix_of_matlab_is_no_column(tmp_path: Path) -> None:
+    """It was looked into without end."""
+    from scipy.io import savemat
+    from scipy.sparse import eye_array
+
+    savemat(
+        tmp_path / "t.mat",
+        {"s": eye_array(5).tocsc(), "run": {"s": eye_array(5).tocsc()}, "x": np.arange(3.0)},
+    )
+    assert list(read_grid(tmp_path / "t.mat").columns) == ["x"]
+
+
+def test_a_damaged_mdf_file_is_told_in_one_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """The library writes a traceback of its own as it lets go of such a file."""
+    asammdf = pytest.importorskip("asammdf")
+    file = tmp_path / "t.mf4"
+    with asammdf.MDF(version="4.10") as out:
+        out.append([asammdf.Signal(np.arange(5.0), np.arange(5.0), name="x")])
+        out.save(file, overwrite=True)
+    file.write_bytes(file.read_bytes().replace(b"##CG", b"##XX"))
+    capfd.readouterr()
+    with pytest.raises(InputError, match=r"t\.mf4: cannot be read: "):
+        read_grid(file)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_tdms_file_that_breaks_off_is_told(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    nptdms = pytest.importorskip("nptdms")
+    file = tmp_path / "t.tdms"
+    with nptdms.TdmsWriter(file) as out:
+        out.write_segment([nptdms.ChannelObject("run", "x", np.arange(50.0))])
+    file.write_bytes(file.read_bytes()[:-80])
+    grid = read_grid(file)
+    assert len(grid.columns["run/x"].values) == 40
+    assert grid.remarks == ("the file breaks off: its last segment is read as far as it goes",)
+    assert capfd.readouterr() == ("", "")

@@ -28,6 +28,7 @@ _COUNTS = {
     "typed": 60,
     "csv": 40,
     "parquet": 40,
+    "format": 60,
 }
 
 

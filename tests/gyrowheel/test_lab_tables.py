@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -17,11 +18,13 @@ from gyrowheel_analysis.fitting.preparation import prepare
 from gyrowheel_analysis.recording import Origin, Recording, described
 
 from . import lab_tables as lab
+from .helpers import Shell
 
 pytestmark = pytest.mark.slow
 
 Change = Callable[[dict[str, np.ndarray], dict[str, str]], None]
 HIDDEN = "windage"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "import.md"
 
 
 @pytest.fixture(scope="module")
@@ -146,6 +149,41 @@ def test_how_well_a_value_is_known_counts_in_the_coefficients(original: gw.Recor
     own = values["w"] * (values["n"] - 1.0) / 101325.0
     for pressure in (500.0, 2000.0):
         assert sizes[pressure] ** 2 - sizes[0.0] ** 2 == pytest.approx((own * pressure) ** 2, rel=0.1)
+
+
+def test_the_page_can_be_followed(
+    measurement: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, gyrowheel: Shell
+) -> None:
+    """The table of the page, its commands up to the recording, and its lines of Python."""
+    columns, units = lab.lab_columns(
+        measurement, every=2, jitter=8e-5, gap=(9000, 9400), without=["spin_angle", "coil_temperature"]
+    )
+    units["Tilt Y"] = "rad"
+    head = ["# Pruefstand 3, 2026-11-12"]
+    lab.write_text(
+        tmp_path / "bench3.csv", columns, units, delimiter=";", decimal=",", units_row=True, head=head
+    )
+    monkeypatch.chdir(tmp_path)
+    page = PAGE.read_text(encoding="utf-8")
+    blocks = [own for _, own in re.findall(r"^```(\w*)\n(.*?)^```", page, re.MULTILINE | re.DOTALL)]
+    starts = ("$ gyrowheel import --suggest bench3.csv", "$ gyrowheel import bench3.csv")
+    suggesting, importing = (
+        own.removeprefix("$ ").partition("\n") for own in blocks if own.startswith(starts)
+    )
+    said = gyrowheel.good(*shlex.split(suggesting[0])[1:])
+    assert said.out.count("•") == suggesting[2].count("•"), said.out
+    made = tmp_path / "bench3.map.yaml"
+    text = made.read_text(encoding="utf-8")
+    right = text.replace("{column: Tilt Y, unit: rad}", "{column: Tilt Y, unit: deg}")
+    made.write_text(right, encoding="utf-8")
+    said = gyrowheel.good(*shlex.split(importing[0])[1:])
+    for line in importing[2].splitlines():
+        assert line in said.out
+    (python,) = (own for own in blocks if own.startswith("import gyrowheel as gw"))
+    names: dict[str, Any] = {}
+    exec(compile(python, "import.md", "exec"), names)  # the page's own code
+    assert len(names["recording"]) == 26185
+    assert len(names["found"].questions) == 1
 
 
 def other_rig(folder: Path, period: float, **hidden: Any) -> gw.Recording:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gyrowheel.recording import Recording
-from gyrowheel_core.errors import InputError
+from gyrowheel_core.errors import InputError, one_line
 
 if TYPE_CHECKING:
     from gyrowheel.results.suggestion import TableMap
@@ -126,12 +126,25 @@ def _in_memory(table: Any) -> Grid | None:
 
     if isinstance(table, pa.Table):
         return of_table(table, _IN_MEMORY)
-    if hasattr(table, "columns") and hasattr(table, "to_numpy"):
-        named = any(name is not None for name in getattr(table.index, "names", ()))
-        return of_table(pa.Table.from_pandas(table, preserve_index=named), _IN_MEMORY)
+    try:
+        if all(hasattr(table, own) for own in ("index", "columns", "to_numpy")):
+            return of_table(pa.Table.from_pandas(table, preserve_index=_is_column(table.index)), _IN_MEMORY)
+        if hasattr(table, "__arrow_c_stream__"):  # polars and others
+            return of_table(pa.table(table), _IN_MEMORY)
+    except InputError:
+        raise
+    except (pa.ArrowException, ValueError, TypeError) as error:
+        raise InputError(f"{_IN_MEMORY}: cannot be read: {one_line(error)}") from None
     raise InputError(
-        f"table: {type(table).__name__} is not allowed; allowed: a path, a pandas or a pyarrow table, or a list of them"
+        f"table: {type(table).__name__} is not allowed; allowed: a path, a table of pandas, pyarrow or polars, or a "
+        "list of them"
     )
+
+
+def _is_column(index: Any) -> bool:
+    """Whether the index of a table of pandas is a column of it: it has a name, or holds times or measured values."""
+    named = any(name is not None for name in getattr(index, "names", ()))
+    return named or getattr(getattr(index, "dtype", None), "kind", "-") in "Mmf"
 
 
 def _joined(tables: Sequence[Any]) -> Grid:
@@ -227,9 +240,12 @@ def import_table(
 def _questions(folder: Path, bench: Bench) -> tuple[str, ...]:
     """Return what the laws of the wheel say against an imported recording, each with what to change in the map."""
     from gyrowheel.text.sentences.setup import problem_and_map
+    from gyrowheel_analysis.exchange.suggesting.laws import broken_laws
     from gyrowheel_analysis.setups.find import wrong_setups
 
-    return tuple(problem_and_map(own) for own in wrong_setups([Recording.open(folder).data], bench))
+    recording = Recording.open(folder).data
+    found = [problem_and_map(own) for own in wrong_setups([recording], bench)]
+    return tuple(found or [f"{own.what} {own.cure}" for own in broken_laws(recording, bench)])
 
 
 def write_table(

@@ -75,7 +75,7 @@ def clock_of(time: Array, numbers: NDArray[np.int64] | None = None) -> Clock:
         If the times go back, repeat without being rounded, or are of no rate that can be meant.
     """
     steps = np.diff(time)
-    period = _period(time) if numbers is None else _slope(time, numbers)
+    period = period_of(time) if numbers is None else _slope(time, numbers)
     scatter = 1.4826 * float(np.median(np.abs(steps - np.median(steps))))
     wrong = np.flatnonzero(steps < -max(_CLEAR * scatter, 0.0))
     if not len(wrong) and scatter < 0.1 * period:
@@ -120,7 +120,7 @@ def clock_of(time: Array, numbers: NDArray[np.int64] | None = None) -> Clock:
     return Clock(period, sequence, stamps, tuple(remarks))
 
 
-def _period(time: Array) -> float:
+def period_of(time: Array) -> float:
     """Return the period by steps over many rows, whose median neither gaps nor jitter move."""
     stride = min(_STRIDE, max((len(time) - 1) // 4, 1))
     return float(np.median(time[stride:] - time[:-stride])) / stride

@@ -95,6 +95,9 @@ def import_table(
     remarks = [*clock.remarks, *table.remarks]
     origins = _assumed(column_map)
     pulses = column_map.columns["spin_angle"] if _pulsed(column_map) else None
+    angle = column_map.columns.get("spin_angle") if pulses is None else None
+    if angle is not None and (step := table.clock_step(angle)) > clock.period:
+        remarks += _hidden_turns(readings, clock.period, step)  # before it is compared with the speed
     if pulses is not None:
         found = _turned(table, pulses, readings, clock)
         readings["spin_angle"] = found.angle
@@ -103,14 +106,8 @@ def import_table(
         remarks.append(f"spin_angle is known to {found.uncertainty / DEG:.2g} deg")
     elif {"spin_angle", "spin_rate"} <= column_map.columns.keys():
         _check_spin(table, readings, np.asarray(stamps * 1e-9, dtype=np.float64))
-    if "spin_angle" in column_map.columns and pulses is None:
-        fastest = _fastest(readings, clock.period)
-        if fastest * clock.period > _TURNS:
-            readings["spin_angle"] = math.nan
-            remarks.append(
-                f"spin_angle is left out: at {fastest / (2.0 * math.pi):.4g} turns a second, {1.0 / clock.period:.4g} "
-                "samples a second do not show how far it turns"
-            )
+    if angle is not None and np.isfinite(readings["spin_angle"]).any():
+        remarks += _hidden_turns(readings, clock.period, clock.period)
     readings["spin_angle"] = np.mod(readings["spin_angle"], 2.0 * math.pi)
     # a remainder may round up to the divisor itself
     readings["spin_angle"][readings["spin_angle"] >= 2.0 * math.pi] = 0.0
@@ -163,6 +160,18 @@ def _turned(table: Table, source: Source, readings: NDArray[Any], clock: Clock) 
         )
     except PulseError as error:
         raise InputError(f"{table.path}: column '{source.column}': {error}") from None
+
+
+def _hidden_turns(readings: NDArray[Any], period: float, step: float) -> list[str]:
+    """Leave an angle out that was read so seldom, every `step` seconds, that it does not show how far it turns."""
+    fastest = _fastest(readings, period)
+    if fastest * step <= _TURNS:
+        return []
+    readings["spin_angle"] = math.nan
+    return [
+        f"spin_angle is left out: at {fastest / (2.0 * math.pi):.4g} turns a second, {1.0 / step:.4g} "
+        "samples a second do not show how far it turns"
+    ]
 
 
 def _fastest(readings: NDArray[Any], period: float) -> float:

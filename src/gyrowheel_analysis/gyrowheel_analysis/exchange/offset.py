@@ -20,6 +20,8 @@ _DRIVEN: Final = (
     ("spin_rate", "motor_current"),
     ("tilt_x", "coil_voltage_y"),
     ("tilt_y", "coil_voltage_x"),
+    ("tilt_x", "coil_current_y"),
+    ("tilt_y", "coil_current_x"),
 )
 _STEP: Final = 2e-3  # s
 _FARTHEST: Final = 60.0  # s
@@ -65,11 +67,15 @@ def clock_offset(
 
 def _series(found: Mapping[str, Any], grid: Grid, name: str) -> tuple[Array, Array] | None:
     own, main = found[name], found["time"]
-    try:
-        factor = conversion(main.unit, "s")[1]
-    except InputError:
-        return None
-    times = np.asarray(grid.columns[own.clock or main.column].values, dtype=np.float64) * factor
+    raw, first = (grid.columns[column].values for column in (own.clock or main.column, main.column))
+    if raw.dtype.kind == "M" and first.dtype.kind == "M":
+        times = (raw - first[0]).astype("timedelta64[ns]").astype(np.float64) * 1e-9
+    else:
+        try:
+            factor = conversion(main.unit, "s")[1]
+        except InputError:
+            return None
+        times = np.asarray(raw, dtype=np.float64) * factor
     values = np.asarray(grid.columns[own.column].values, dtype=np.float64)
     known = np.isfinite(values) & np.isfinite(times)
     return (times[known], values[known]) if known.sum() > 100 else None

@@ -16,17 +16,27 @@ import pyarrow.csv as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.exchange.clock import Clock, ClockError, clock_of
+from gyrowheel_analysis.exchange.clock import Clock, ClockError, clock_of, period_of
 from gyrowheel_analysis.exchange.column_map import ColumnMap
-from gyrowheel_analysis.exchange.fields import Reading
+from gyrowheel_analysis.exchange.fields import READINGS, Reading
 from gyrowheel_analysis.exchange.map_file import COUNT, TIMESTAMP, CsvSettings, Source, is_time
 from gyrowheel_analysis.exchange.pulses import Edges, edges_of_count, edges_of_level, edges_of_times
-from gyrowheel_analysis.tables import EMPTY, Column, Grid, TextForm, form_of, format_of, read_grid, text_of
+from gyrowheel_analysis.tables import (
+    EMPTY,
+    Column,
+    Grid,
+    TextForm,
+    form_of_file,
+    format_of,
+    read_grid,
+    text_of,
+)
+from gyrowheel_analysis.tables.cells import numbers_of
 from gyrowheel_analysis.tables.readers.arrow import plain
-from gyrowheel_analysis.tables.text import GZIP, ZSTD, plain_rows
+from gyrowheel_analysis.tables.text import GZIP, ZSTD, plain_rows, stands_as_it_is
 from gyrowheel_core.errors import InputError, one_line
 from gyrowheel_core.limits import require_room
-from gyrowheel_core.units import unit_registry
+from gyrowheel_core.units import conversion, unit_registry
 
 Array = NDArray[np.float64]
 
@@ -34,7 +44,7 @@ SUFFIXES: Final = (".csv", ".parquet")
 _TEXT_TO_MEMORY: Final = 2.0  # a short number takes more bytes in memory than in a text
 _BYTES_A_VALUE: Final = 16  # as it is read, and as it is converted
 _HEAD: Final = 1 << 16  # bytes by which a text is known
-_SEEN: Final = 1 << 18  # bytes by which is told how a text is written
+_BRIDGED: Final = 4.5  # periods of a clock; over a longer gap only what changes slowly is interpolated
 
 
 def check_suffix(path: Path) -> None:
@@ -57,6 +67,8 @@ class Table:
         self.remarks: list[str] = []
         self._map = column_map
         self._first = 0
+        self._periods: dict[str, float] = {}  # of the clocks of columns that were interpolated [s]
+        self._holed: set[str] = set()  # columns that are NaN within gaps of their clock
         self._pulses: dict[
             str, tuple[Array, Array]
         ] = {}  # times and values of those with a clock of their own
@@ -88,9 +100,7 @@ class Table:
         if self._map.csv is not None:
             return self._map.csv
         try:
-            form = form_of(
-                text_of(self.path, most=_SEEN), str(self.path), whole=self.path.stat().st_size < _SEEN
-            )
+            form = form_of_file(self.path)
         except InputError:  # what is wrong with it is told where it is read
             return CsvSettings()
         except OSError as error:
@@ -143,6 +153,7 @@ class Table:
             constant = to_si(np.array([source.value]), source.unit, field)
             self._check_range(constant, field, lambda _: f"{self._map.origin}: {what}.value", source)
             return np.full(len(self._time), constant[0])
+        missing = missing or source.column in self._holed
         raw = self._numbers(source.column, rows, missing=missing)
         if math.isfinite(source.missing):
             nothing = raw == source.missing
@@ -212,7 +223,8 @@ class Table:
             begin = stamps[0] if start is None else start
             return (stamps - begin) * 1e-9, begin
         # large whole numbers keep their last digits
-        values = column.to_numpy() if pa.types.is_integer(column.type) else self._numbers(name)
+        whole = pa.types.is_integer(column.type)
+        values = column.to_numpy().astype(np.int64) if whole else self._numbers(name)
         begin = values[0] if start is None else start
         passed = (values - begin).astype(np.float64) * source.scale
         return to_si(passed, source.unit, Reading("s", -math.inf, math.inf)), begin
@@ -240,22 +252,31 @@ class Table:
                 )
             first, last = (int(k) for k in np.searchsorted(time, (there[0], there[-1])))
             rows = slice(max(rows.start, first), min(rows.stop, last))
-            rate, step = (1.0 / max(float(np.median(np.diff(x))), 1e-12) for x in (there, time))
+            period, usual = (max(period_of(x), 1e-12) for x in (there, time))
+            rate, step = 1.0 / period, 1.0 / usual
             names = [name for name, other in others.items() if other == clock]
+            empty = 0
             for name in names:
-                values = self._numbers(name, missing=True)
+                values = self._readings(name)
                 if name in pulses and len(values) == len(there):
                     self._pulses[name] = there, values
                     continue
                 known = np.isfinite(values)
                 if len(values) != len(there) or not known.any():
                     raise InputError(f"{self.path}: column '{name}': has not the rows of its clock '{clock}'")
-                self._columns[name] = pa.chunked_array([np.interp(time, there[known], values[known])])
+                between, holes = self._between(name, time, there[known], values[known], period)
+                self._columns[name] = pa.chunked_array([between])
+                self._periods[name] = period
+                empty = max(empty, holes)
             if abs(rate / step - 1.0) > 0.01:
-                lost = f"; what is faster than {0.5 * rate:.4g} Hz is lost" if rate < step else ""
+                lost = f"; what is faster than {0.5 * min(rate, step):.4g} Hz is {'lost' if rate < step else 'folded'}"
                 self.remarks.append(f"{', '.join(names)}: {rate:.4g} samples a second, interpolated{lost}")
             else:
                 self.remarks.append(f"{', '.join(names)}: interpolated to the clock '{own}'")
+            if empty:
+                self.remarks.append(
+                    f"{empty} rows lie in gaps of the clock '{clock}': they count as not measured"
+                )
         lengths = {name: len(column) for name, column in self._columns.items()}
         for name, length in lengths.items():
             if length != len(time) and name not in others.values() and name not in self._pulses:
@@ -279,6 +300,41 @@ class Table:
         begin = time[rows][0]
         self._time = time[rows] - begin
         self._pulses = {name: (when - begin, values) for name, (when, values) in self._pulses.items()}
+
+    def _readings(self, name: str) -> Array:
+        """Return the values in a column; NaN where there is no reading, or what stands for none."""
+        values = self._numbers(name, missing=True)
+        for source in self._map.sources:
+            if source.column == name and math.isfinite(source.missing):
+                values = np.where(values == source.missing, np.nan, values)
+        return values
+
+    def _between(
+        self, name: str, time: Array, there: Array, values: Array, period: float
+    ) -> tuple[Array, int]:
+        """Return what a column of another clock is at the times of the map's, and how many of these lie in its gaps.
+
+        In a gap only what changes slowly is interpolated; all else is NaN there.
+        """
+        readings = {field: own for field, own in self._map.columns.items() if own.column == name}
+        if "spin_angle" in readings:  # it begins anew at every turn, and goes on in between
+            own = readings["spin_angle"]
+            turn = 2.0 * math.pi / abs(conversion(own.unit, "rad")[1] * own.scale)
+            values = np.unwrap(values, period=turn)
+        result = np.interp(time, there, values)
+        if len(there) < 2 or not readings or all(READINGS[field].constant for field in readings):
+            return result, 0
+        after = np.clip(np.searchsorted(there, time), 1, len(there) - 1)
+        before = after - 1
+        inside = (there[before] < time) & (time < there[after])
+        inside &= there[after] - there[before] > _BRIDGED * period
+        if inside.any():
+            self._holed.add(name)
+        return np.where(inside, np.nan, result), int(np.count_nonzero(inside))
+
+    def clock_step(self, source: Source) -> float:
+        """Return the period of the clock of a column that was interpolated [s]; 0 where it is the map's own clock."""
+        return self._periods.get(source.column, 0.0)
 
     def _edge_times(self, source: Source, start: Any) -> Array:
         """Return the times that a counter took of edges [s], from the start of the map's clock."""
@@ -379,8 +435,8 @@ class Table:
             require_room(_BYTES_A_VALUE * rows * len(names), f"{self.path}: its table of {rows} rows")
             return file.read(columns=list(names))
 
-    def _check_text(self) -> None:
-        """Refuse a file whose beginning is no text: the parser would quote what it cannot read."""
+    def _check_text(self) -> str:
+        """Return the beginning of the file; refuse one that is no text: the parser would quote what it cannot read."""
         encoding = self._settings.encoding
         head = text_of(self.path, most=_HEAD)
         try:
@@ -392,16 +448,18 @@ class Table:
                 "another encoding"
             ) from None
         except LookupError:
-            return  # is told where the file is read
+            return ""  # is told where the file is read
         if "\0" in text:
             raise InputError(f"{self.path}: is no text: it has a zero byte near its beginning")
+        return text
 
     def _read_csv(self, names: Sequence[str]) -> Any:
         settings = self._settings
-        self._check_text()
+        beginning = self._check_text()
         with self.path.open("rb") as file:
             packed = file.read(4).startswith((GZIP, ZSTD))
         plain = not (packed or settings.unit_lines or settings.comment or settings.delimiter == " ")
+        plain = plain and stands_as_it_is(beginning, self._form())
         data = b"" if plain else text_of(self.path)
         require_room(_TEXT_TO_MEMORY * (self.path.stat().st_size if plain else len(data)), f"{self.path}: it")
         encoding, skipped = (settings.encoding, settings.skip_lines) if plain else ("utf-8", 0)
@@ -425,11 +483,12 @@ class Table:
             raise
         except LookupError:
             self._unknown_encoding()
+        dates = self._map.time.column if self._map.time.unit == TIMESTAMP else ""
 
-        def options(kind: Any) -> Any:
+        def options(kind: Any, zone: str | None) -> Any:
             types = dict.fromkeys(names, kind)
-            if self._map.time.unit == TIMESTAMP and kind != pa.string():
-                types[self._map.time.column] = pa.timestamp("ns")
+            if dates and kind != pa.string():
+                types[dates] = pa.timestamp("ns", zone)
             return pc.ConvertOptions(
                 include_columns=list(names),
                 column_types=types,
@@ -438,22 +497,24 @@ class Table:
                 strings_can_be_null=True,
             )
 
-        def table(kind: Any) -> Any:
+        def table(kind: Any, zone: str | None = None) -> Any:
             with self._opened() as opened:
                 return pc.read_csv(
-                    opened, read_options=read, parse_options=parse, convert_options=options(kind)
+                    opened, read_options=read, parse_options=parse, convert_options=options(kind, zone)
                 )
 
         try:
             return table(pa.float64())
         except pa.ArrowInvalid:
+            if dates:
+                with contextlib.suppress(pa.ArrowInvalid):
+                    return table(pa.float64(), "UTC")  # dates with a zone
             self._name_the_row(read)
             if plain and self._without_repeated_names():
                 read = pc.ReadOptions()
                 with contextlib.suppress(pa.ArrowInvalid):
                     return table(pa.float64())
-            self._name_the_text(table(pa.string()))
-            raise
+            return self._by_cells(table(pa.string()), dates)
 
     def _form(self) -> TextForm:
         return TextForm(**self._settings.model_dump(exclude={"missing"}))
@@ -494,23 +555,51 @@ class Table:
                 f"allowed: {row.expected_columns}, as in the line of names"
             )
 
-    def _name_the_text(self, table: Any) -> None:
-        """Raise for texts that are no numbers: the first one of each column."""
-        found = []
+    def _by_cells(self, table: Any, dates: str) -> Any:
+        """Return a table of texts as one of numbers, cell by cell: arrow knows neither a sign + nor an exponent D.
+
+        Parameters
+        ----------
+        table : pyarrow.Table
+            The texts.
+        dates : str
+            Name of the column of dates with times; empty if there is none.
+
+        Raises
+        ------
+        InputError
+            For texts that are no numbers: the first one of each column.
+        """
+        found: list[str] = []
+        columns: dict[str, Any] = {}
         for name in table.column_names:
-            if name == self._map.time.column and self._map.time.unit == TIMESTAMP:
+            column = table.column(name)
+            if name == dates:
+                columns[name] = self._dates(name, column)
                 continue
-            for k, text in enumerate(table.column(name).to_pylist()):
-                try:
-                    float((text or "nan").replace(self._settings.decimal, "."))
-                except ValueError:
-                    found.append(f"column '{name}', {self.place(k)}: '{text}' is not allowed")
-                    break
+            numbers, odd = numbers_of(column, self._settings.decimal)
+            if odd:
+                first = min(odd, key=lambda own: own.row)
+                found.append(f"column '{name}', {self.place(first.row)}: '{first.text}' is not allowed")
+            nothing = np.asarray(column.is_null().to_numpy(zero_copy_only=False))
+            columns[name] = pa.array(numbers, mask=nothing)
         if found:
             raise InputError(
                 f"{self.path}: {'; '.join(found)}; allowed: a number, or a word that `csv: {{missing: [...]}}` in the "
                 "map takes for none"
             ) from None
+        return pa.table(columns)
+
+    def _dates(self, name: str, column: Any) -> Any:
+        """Return texts as dates with times."""
+        for zone in (None, "UTC"):
+            with contextlib.suppress(pa.ArrowInvalid):
+                return column.cast(pa.timestamp("ns", zone))
+        text = next((str(own) for own in column.to_pylist() if own), "")
+        raise InputError(
+            f"{self.path}: column '{name}': dates such as '{text[:40]}' cannot be read; allowed: dates with times, as "
+            "2026-05-04T10:00:00.0005, all with a zone behind them or none"
+        ) from None
 
     def _check_columns(self, there: Sequence[str], needed: Sequence[str]) -> None:
         for name in needed:
@@ -539,6 +628,8 @@ def _as_arrow(column: Column) -> Any:
         values = values.astype("datetime64[ns]")
     elif values.dtype.kind == "f":
         values = values.astype(np.float64)
+    elif values.dtype.kind in "iu":  # arrow reads no numbers whose bytes are the other way round
+        values = values.astype(values.dtype.newbyteorder("="))
     elif values.dtype.kind == "b":
         values = values.astype(np.uint8)
     return pa.chunked_array([pa.array(np.ascontiguousarray(values), from_pandas=False)])

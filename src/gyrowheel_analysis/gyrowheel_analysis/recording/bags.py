@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 import contextlib
-import functools
-import sqlite3
+import mmap
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Final
+from typing import BinaryIO, Final
 
-import numpy as np
 import zstandard
-from rosbags.interfaces import ConnectionExtRosbag2, MessageDefinitionFormat
-from rosbags.rosbag2 import Reader
 
 from gyrowheel_analysis.recording.mcap.reader import read_mcap
 from gyrowheel_analysis.recording.mcap.records import Broken, Damaged
 from gyrowheel_analysis.recording.mcap.topics import TopicData, Wanted
 from gyrowheel_analysis.recording.metadata import METADATA_FILE, Metadata, read_metadata
+from gyrowheel_analysis.recording.sqlite import is_database, read_database
 from gyrowheel_analysis.recording.unpacking import file_in_memory, unpack
 from gyrowheel_core.errors import InputError, one_line
 from gyrowheel_core.files import is_file
 
-_BATCH: Final = 1 << 14  # messages parsed together
-_SQLITE: Final = b"SQLite format 3\0"
 _MESSAGE_LIMIT: Final = 1 << 28  # bytes of a decompressed message; more counts as damage
 
 
@@ -55,9 +50,13 @@ def read_bag(path: Path, wanted: Wanted) -> dict[str, TopicData]:
 
 def _read(path: Path, wanted: Wanted) -> dict[str, TopicData]:
     if is_file(path):
-        if path.suffix != ".mcap":
-            _require_database(path)
-        return _merge(path, read_mcap(path, wanted) if path.suffix == ".mcap" else _read_other(path, wanted))
+        if path.suffix == ".mcap":
+            return _merge(path, read_mcap(path, wanted))
+        if path.suffix != ".db3" and not is_database(path):
+            raise InputError(
+                f"{path}: not a recording; allowed: a folder of a bag, or its .mcap or .db3 file"
+            )
+        return _merge(path, read_database(path, wanted))
     if not path.is_dir():
         raise InputError(
             f"{path}: {'is neither a directory nor a file' if path.exists() else 'no such recording'}"
@@ -71,10 +70,8 @@ def _read(path: Path, wanted: Wanted) -> dict[str, TopicData]:
         raise InputError(f"{path}: no {METADATA_FILE}: {what}")
     metadata = read_metadata(file)
     metadata.require_readable(file)
-    if metadata.storage == "mcap":
-        channels = [topic for name in metadata.files for topic in _read_file(path / name, metadata, wanted)]
-    else:
-        channels = _read_other(path, wanted)
+    read = _read_file if metadata.storage == "mcap" else _read_database
+    channels = [topic for name in metadata.files for topic in read(path / name, metadata, wanted)]
     found = sum(topic.count for topic in channels)
     if found != metadata.count:
         kind = Broken if metadata.storage == "mcap" and metadata.compression != "file" else InputError
@@ -93,18 +90,37 @@ def _read_file(file: Path, metadata: Metadata, wanted: Wanted) -> list[TopicData
     return read_mcap(file, wanted, _decompress if metadata.compression == "message" else None)
 
 
+def _read_database(file: Path, metadata: Metadata, wanted: Wanted) -> list[TopicData]:
+    """Read one sqlite3 file of a bag."""
+    if metadata.compression == "file":
+        with file_in_memory(file.stem) as (plain, _):
+            _unpack(file, plain)
+            if not plain.tell():
+                raise InputError(f"{file}: the file is empty")
+            with mmap.mmap(plain.fileno(), 0) as mapped, memoryview(mapped) as content:
+                return read_database(file, wanted, content=content)
+    return read_database(file, wanted, _decompress if metadata.compression == "message" else None)
+
+
 @contextlib.contextmanager
 def _decompressed(file: Path) -> Iterator[Path]:
     """Give a decompressed copy of a file, in memory, that lasts as long as the block."""
     with file_in_memory(file.stem) as (plain, place):
-        try:
-            with file.open("rb") as source:
-                unpack(source, plain, file)
-        except OSError as error:
-            raise InputError(f"{file}: cannot be read: {error.strerror or error}") from None
-        except zstandard.ZstdError as error:
-            raise InputError(f"{file}: damaged: cannot be decompressed ({one_line(error)})") from None
+        _unpack(file, plain)
         yield place
+
+
+def _unpack(file: Path, target: BinaryIO) -> None:
+    """Decompress a file."""
+    try:
+        if file.exists() and not file.is_file():  # a pipe would be waited for
+            raise InputError(f"{file}: is no file")
+        with file.open("rb") as source:
+            unpack(source, target, file)
+    except OSError as error:
+        raise InputError(f"{file}: cannot be read: {error.strerror or error}") from None
+    except zstandard.ZstdError as error:
+        raise InputError(f"{file}: damaged: cannot be decompressed ({one_line(error)})") from None
 
 
 def _decompress(message: bytes) -> bytes:
@@ -114,89 +130,6 @@ def _decompress(message: bytes) -> bytes:
         return zstandard.ZstdDecompressor().decompress(message, max_output_size=_MESSAGE_LIMIT)
     except (zstandard.ZstdError, MemoryError) as error:
         raise Damaged(f"damaged: a message cannot be decompressed ({error})") from None
-
-
-def _read_other(path: Path, wanted: Wanted) -> list[TopicData]:
-    """Read a bag of sqlite3 with rosbags."""
-    encodings = {
-        MessageDefinitionFormat.MSG: "ros2msg",
-        MessageDefinitionFormat.IDL: "ros2idl",
-        MessageDefinitionFormat.NONE: "",
-    }
-    for file in [path] if path.is_file() else sorted(path.glob("*.db3")):
-        _check_database(file)
-    try:
-        with Reader(path) as reader:
-            channels: dict[int, TopicData] = {}
-            for connection in reader.connections:
-                assert isinstance(connection.ext, ConnectionExtRosbag2)
-                channels[connection.id] = TopicData(
-                    connection.topic,
-                    connection.msgtype,
-                    connection.ext.serialization_format,
-                    encodings[connection.msgdef.format],
-                    connection.msgdef.data,
-                    connection.msgcount,
-                    connection.msgcount,
-                )
-            read = [connection for connection in reader.connections if connection.topic in wanted]
-            messages: dict[int, list[bytes]] = {connection.id: [] for connection in read}
-            times: dict[int, list[int]] = {connection.id: [] for connection in read}
-            counts = dict.fromkeys(messages, 0)
-
-            def hand_over(number: int) -> None:
-                topic, batch = channels[number], messages[number]
-                want = wanted[topic.name]
-                if batch:
-                    topic.add(want, batch)
-                    if want is None:
-                        topic.times.append(np.array(times[number], dtype=np.int64))
-                messages[number], times[number] = [], []
-
-            for connection, time, data in reader.messages(read) if read else ():
-                number = connection.id
-                messages[number].append(bytes(data))
-                times[number].append(time)
-                counts[number] += 1
-                if len(messages[number]) >= _BATCH:
-                    hand_over(number)
-            for number in messages:
-                hand_over(number)
-    except InputError:
-        raise
-    except Exception as error:  # on damaged files rosbags passes on whatever its parsers and sqlite3 raise
-        raise InputError(f"{path}: cannot be read: {one_line(error)}") from None
-    for number, count in counts.items():
-        topic = channels[number]
-        if count != topic.count:
-            raise InputError(f"{path}: {topic.name} has {count} messages where {topic.count} are counted")
-    return list(channels.values())
-
-
-def _require_database(file: Path) -> None:
-    """Refuse a file that is no database by its name or first bytes."""
-    try:
-        with file.open("rb") as stream:
-            head = stream.read(len(_SQLITE))
-    except OSError as error:
-        raise InputError(f"{file}: cannot be read: {error.strerror or error}") from None
-    if file.suffix != ".db3" and head != _SQLITE:
-        raise InputError(f"{file}: not a recording; allowed: a folder of a bag, or its .mcap or .db3 file")
-
-
-def _check_database(file: Path) -> None:
-    """Let SQLite check for damage: its files have no checksums, but their structure reveals most damage."""
-    try:
-        with contextlib.closing(sqlite3.connect(f"{file.absolute().as_uri()}?mode=ro", uri=True)) as database:
-            # its report quotes damaged bytes
-            database.text_factory = functools.partial(str, encoding="utf-8", errors="replace")
-            found = [str(row[0]) for row in database.execute("PRAGMA integrity_check(1)")]
-    except sqlite3.Error as error:
-        raise InputError(f"{file}: cannot be read: {one_line(error)}") from None
-    except UnicodeDecodeError:  # an SQLite error that quotes damaged bytes
-        raise InputError(f"{file}: damaged: its description of the tables is not text") from None
-    if found != ["ok"]:
-        raise InputError(f"{file}: damaged: {' '.join(' '.join(found).split())}")
 
 
 def _merge(path: Path, channels: Iterable[TopicData]) -> dict[str, TopicData]:

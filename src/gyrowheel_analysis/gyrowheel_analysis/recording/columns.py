@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import FieldDesc, Typesdict
-from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from gyrowheel_analysis.recording.definitions import typestore
@@ -20,6 +21,16 @@ from gyrowheel_core.errors import InputError, one_line
 from gyrowheel_core.wire import Layout
 
 _SEPARATOR = "=" * 80 + "\n"
+#: Characters of a definition; the parser takes seconds for as many, and no type has a tenth of them.
+_LONGEST_DEFINITION = 200_000
+#: Elements of arrays of texts or messages in a definition; rosbags makes code for each of them.
+_MOST_ELEMENTS = 10_000
+#: Types within types; brackets within brackets, which the parser of IDL reads twice or more at each of them.
+_DEEPEST_TYPE, _DEEPEST_BRACKET = 50, 2
+#: What is no code in IDL, as rosbags reads it.
+_NO_CODE = re.compile(r'"(?:\\"|[^"])*"|//[^\n]*|/\*.*?(?:\*/|\Z)', re.DOTALL)
+_LONGEST_TEXT = 1_000_000  # bytes of a description of bench or environment
+_LONGEST_SAID = 200  # characters of what a parser says
 
 #: A step of the stamps beyond this many periods, where no sample is missing, is no jitter: the bench stood still.
 STALL = 5.0
@@ -154,19 +165,18 @@ def texts(topic: TopicData | None, where: str) -> list[str]:
     Raises
     ------
     InputError
-        If they are of another type, or damaged.
+        If they are of another type, far longer than any, or damaged.
     """
     if topic is None:
         return []
     if topic.type_name != "std_msgs/msg/String":
         raise InputError(f"{where}: {topic.name}: type {topic.type_name}; std_msgs/msg/String is expected")
+    messages = [message for piece in topic.pieces if isinstance(piece, list) for message in piece]
+    longest = max(map(len, messages), default=0)
+    if longest > _LONGEST_TEXT:
+        raise InputError(f"{where}: {topic.name}: a text of {longest} bytes; allowed: up to {_LONGEST_TEXT}")
     try:
-        return [
-            wire.unpack_text(message)
-            for piece in topic.pieces
-            if isinstance(piece, list)
-            for message in piece
-        ]
+        return [wire.unpack_text(message) for message in messages]
     except ValueError as error:
         raise InputError(f"{where}: {topic.name}: {error}") from None
 
@@ -207,7 +217,7 @@ def is_earlier(topic: TopicData | None, layout: Layout, where: str) -> bool:
 
 def _decoder(topic: TopicData, layout: Layout, where: str) -> Callable[[list[bytes], int], npt.NDArray[Any]]:
     """Return a function that decodes messages by the definition of their topic, given the number of the first."""
-    store = _store(topic, where)
+    store = checked_store(topic, where)
     names = (*layout.integers, *layout.fields)
 
     def decode(messages: list[bytes], first: int) -> npt.NDArray[Any]:
@@ -242,34 +252,75 @@ def _declared(type_name: str, encoding: str, definition: str, where: str) -> dic
 
 
 def _types(topic: TopicData, where: str) -> Typesdict:
-    """Return the types that the definition of a topic declares."""
+    """Return the types that the definition of a topic declares, if they are such as a recording may have.
+
+    rosbags parses by trial and error and makes code of the types. What would take it minutes or the memory is refused.
+    """
+    what = f"{where}: the definition of {topic.type_name}"
+    if len(topic.definition) > _LONGEST_DEFINITION:
+        raise InputError(
+            f"{what} has {len(topic.definition)} characters; allowed: up to {_LONGEST_DEFINITION}"
+        )
     try:
         if topic.definition_encoding == "ros2msg":
-            return get_types_from_msg(topic.definition, topic.type_name)
-        if topic.definition_encoding == "ros2idl":
-            types: Typesdict = {}
-            parts = topic.definition.split(_SEPARATOR)
-            for part in parts[1:] if len(parts) > 1 else parts:
-                types.update(
-                    get_types_from_idl(part.partition("\n")[2] if part.startswith("IDL: ") else part)
-                )
-            return types
+            types = get_types_from_msg(topic.definition, topic.type_name)
+        elif topic.definition_encoding == "ros2idl":
+            types = _types_from_idl(topic.definition, what)
+        else:
+            raise InputError(f"{where}: message definition of encoding {topic.definition_encoding!r}")
+    except InputError:
+        raise
     except Exception as error:  # on damaged text rosbags passes on whatever its parser raises
-        raise InputError(
-            f"{where}: the definition of {topic.type_name} cannot be read ({one_line(error)})"
-        ) from None
-    raise InputError(f"{where}: message definition of encoding {topic.definition_encoding!r}")
+        raise InputError(f"{what} cannot be read ({one_line(error)[:_LONGEST_SAID]})") from None
+    elements = sum(_elements(field) for _, fields in types.values() for _, field in fields)
+    if elements > _MOST_ELEMENTS:
+        raise InputError(f"{what} has arrays of {elements} elements; allowed: up to {_MOST_ELEMENTS}")
+    return types
 
 
-def _store(topic: TopicData, where: str) -> Typestore:
+def _types_from_idl(definition: str, what: str) -> Typesdict:
+    code = _NO_CODE.sub(" ", definition)
+    if "<<" in code or max(_depth(code, "()"), _depth(code, "<>")) > _DEEPEST_BRACKET:
+        raise InputError(f"{what} cannot be read: it has expressions as none of ROS has")
+    types: Typesdict = {}
+    parts = definition.split(_SEPARATOR)
+    for part in parts[1:] if len(parts) > 1 else parts:
+        types.update(get_types_from_idl(part.partition("\n")[2] if part.startswith("IDL: ") else part))
+    return types
+
+
+def _depth(text: str, brackets: str) -> int:
+    """Return how many of these brackets are open at a time, at most; such as close nothing do not count."""
+    deepest = depth = 0
+    for sign in text:
+        if sign == brackets[0]:
+            depth += 1
+            deepest = max(deepest, depth)
+        elif sign == brackets[1]:
+            depth = max(depth - 1, 0)
+    return deepest
+
+
+def _elements(field: FieldDesc) -> int:
+    """Return for how many elements of an array code is made; numbers are read all at once."""
+    if field[0] != Nodetype.ARRAY:
+        return 0
+    element, count = field[1]
+    return 0 if element[0] == Nodetype.BASE and element[1][0] != "string" else max(count, 0)
+
+
+def checked_store(topic: TopicData, where: str) -> Typestore:
     """Return a store that knows the type of a topic."""
     store = get_typestore(Stores.EMPTY) if topic.definition else typestore()
     if topic.definition:
         try:
             store.register(_types(topic, where))
-        except TypesysError as error:  # it declares a type of ROS itself, and otherwise
+        except InputError:
+            raise
+        except Exception as error:  # it declares a type of ROS otherwise, or what is no name in Python
             raise InputError(
-                f"{where}: the definition of {topic.type_name} cannot be read ({one_line(error)})"
+                f"{where}: the definition of {topic.type_name} cannot be read"
+                f" ({one_line(error)[:_LONGEST_SAID]})"
             ) from None
     if topic.type_name not in store.fielddefs:
         raise InputError(
@@ -278,15 +329,17 @@ def _store(topic: TopicData, where: str) -> Typestore:
     return store
 
 
-def _declaration(types: Typesdict, type_name: str) -> dict[str, str] | None:
+def _declaration(types: Typesdict, type_name: str, depth: int = 0) -> dict[str, str] | None:
     """Return the fields of a type as a layout declares them, flattened; None if a layout cannot declare one of them."""
+    if depth > _DEEPEST_TYPE:  # it contains itself
+        return None
     result: dict[str, str] = {}
     for name, description in types[type_name][1] if type_name in types else ():
         kind = _kind(description)
         if kind is not None:
             result[name] = kind
             continue
-        inner = _declaration(types, description[1]) if isinstance(description[1], str) else None
+        inner = _declaration(types, description[1], depth + 1) if isinstance(description[1], str) else None
         if inner is None or inner.keys() & result.keys():
             return None
         result |= inner

@@ -10,16 +10,18 @@ from typing import Any, Final
 import yaml
 
 from gyrowheel_core.errors import InputError, one_line
-from gyrowheel_core.files import write_text
+from gyrowheel_core.files import read_text, write_text
 from gyrowheel_core.topics import Topic
 from gyrowheel_core.yaml_text import read_yaml
 
 #: Name of the file; it is written last.
 METADATA_FILE: Final = "metadata.yaml"
-_HEADING: Final = "rosbag2_bagfile_information"
+#: The one key of the file.
+HEADING: Final = "rosbag2_bagfile_information"
 _VERSION: Final = 9  # of rosbag2's metadata in Jazzy
 _FOREVER: Final = {"sec": 9223372036, "nsec": 854775807}
 _COMPRESSIONS: Final = ("none", "file", "message", "storage")
+_STORAGES: Final = ("mcap", "sqlite3")
 
 
 @dataclass(frozen=True)
@@ -58,10 +60,13 @@ class Metadata:
         Raises
         ------
         InputError
-            If a file is named twice, or the compression is not known.
+            If a file is named twice, or the storage or the compression is not known.
         """
         if len(set(self.files)) != len(self.files):
             raise InputError(f"{file}: relative_file_paths: a file is named twice")
+        if self.storage not in _STORAGES:
+            allowed = ", ".join(_STORAGES)
+            raise InputError(f"{file}: storage_identifier: {self.storage[:60]!r}; allowed: {allowed}")
         if self.compression not in _COMPRESSIONS:
             allowed = ", ".join(_COMPRESSIONS)
             raise InputError(f"{file}: compression_mode: {self.compression!r}; allowed: {allowed}")
@@ -78,7 +83,7 @@ def read_metadata(file: Path) -> Metadata:
         If it cannot be read, or is not the metadata of a recording.
     """
     try:
-        content = read_yaml(file.read_text(encoding="utf-8"), str(file))[_HEADING]
+        content = read_yaml(read_text(file), str(file))[HEADING]
         return Metadata(
             files=[PurePath(name).name for name in content["relative_file_paths"]],
             count=int(content["message_count"]),
@@ -88,8 +93,6 @@ def read_metadata(file: Path) -> Metadata:
             compression_format=str(content.get("compression_format") or ""),
             custom={str(key): str(value) for key, value in dict(content.get("custom_data") or {}).items()},
         )
-    except OSError as error:
-        raise InputError(f"{file}: cannot be read: {error.strerror or error}") from None
     except InputError:
         raise
     except KeyError as error:
@@ -183,7 +186,7 @@ def write_metadata(directory: Path, metadata: dict[str, Any]) -> None:
     InputError
         If the disk refuses it.
     """
-    write_text(directory / METADATA_FILE, metadata_text({_HEADING: metadata}))
+    write_text(directory / METADATA_FILE, metadata_text({HEADING: metadata}))
 
 
 def qos_profiles(topic: Topic) -> list[dict[str, Any]]:

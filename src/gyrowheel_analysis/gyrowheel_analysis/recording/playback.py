@@ -1,7 +1,7 @@
 """Playback of a recording: its messages in the order in which they are due, and the pace. Needs no ROS.
 
-Messages of any storage are read when they are due, and yielded as the bytes that were recorded. The node ``replay``
-(`nodes.replay`) publishes them.
+Messages of any storage are yielded as the bytes that were recorded (`stored`). The node ``replay`` (`nodes.replay`)
+publishes them.
 """
 
 from __future__ import annotations
@@ -13,15 +13,14 @@ from collections.abc import Collection, Iterable, Iterator
 from operator import itemgetter
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Self
-
-from rosbags.interfaces import ConnectionExtRosbag2, Qos, QosDurability
-from rosbags.rosbag2 import Reader
+from typing import Final, Self
 
 from gyrowheel_analysis.recording.bags import read_bag
+from gyrowheel_analysis.recording.metadata import METADATA_FILE
 from gyrowheel_analysis.recording.namespace import bench_in
+from gyrowheel_analysis.recording.stored import Described, stored
 from gyrowheel_core import topics, wire
-from gyrowheel_core.errors import InputError, one_line
+from gyrowheel_core.errors import InputError
 from gyrowheel_core.topics import Topic
 
 #: One message: when it is due on the clock of the recording [ns], its topic, its bytes.
@@ -84,7 +83,7 @@ class Tape:
         self.path = Path(directory)
         if not start < end:
             raise InputError(f"{self.path}: from {start:g} s to {end:g} s: the end must lie behind the start")
-        # counts messages, and checks every length and checksum of the files, which rosbags does not
+        # counts messages, and checks every length and checksum of the files
         counts = {name: data.count for name, data in read_bag(self.path, {}).items() if data.count}
         bench = bench_in(counts, str(self.path))
         known = {topic.within(bench): topic for topic in topics.TOPICS}
@@ -98,12 +97,15 @@ class Tape:
         names = [name for name in sorted(counts) if (not only or name in only) and name not in without]
         if not names:
             raise InputError(f"{self.path}: no topic is left to replay")
-        self._reader = _opened(self.path)
+        self._stored = stored(self.path, counts)
         try:
-            connections = [c for c in self._reader.connections if c.topic in names]
-            found = {c.topic: known.get(c.topic) or _foreign(c) for c in connections}
-            for connection in connections:
-                _check_type(self.path, connection, found[connection.topic])
+            for name in names:
+                if name not in self._stored.topics:
+                    raise InputError(f"{self.path}: {METADATA_FILE} does not name the topic {name}")
+            described = {name: self._stored.topics[name] for name in names}
+            found = {name: known.get(name) or _foreign(name, own) for name, own in described.items()}
+            for name, own in described.items():
+                _check_type(self.path, own, found[name])
             self.topics = {found[name]: counts[name] for name in names}
             self._bench = bench
             self._lead_ns = round(setpoint_lead * wire.SECOND)
@@ -155,8 +157,7 @@ class Tape:
 
     def close(self) -> None:
         """Close the files."""
-        if self._reader.is_open:
-            self._reader.close()
+        self._stored.close()
 
     def __enter__(self) -> Self:
         return self
@@ -167,11 +168,8 @@ class Tape:
         self.close()
 
     def _set_range(self, start: float, end: float) -> None:
-        first, last = int(self._reader.start_time), int(self._reader.end_time) - 1
-        measurements = [
-            c for c in self._reader.connections if c.topic == topics.MEASUREMENT.within(self._bench)
-        ]
-        sample = next(iter(self._read([topics.MEASUREMENT], first, last)), None) if measurements else None
+        first, last = self._stored.start_ns, self._stored.end_ns
+        sample = next(iter(self._read([topics.MEASUREMENT], first, last)), None)
         self.zero_ns = first if sample is None else sample[0]
         if self.zero_ns + start * wire.SECOND > last:
             raise InputError(f"{self.path}: nothing from {start:g} s on; it lasts {self.seconds(last):.4f} s")
@@ -181,7 +179,7 @@ class Tape:
 
     def _held(self, chosen: Collection[Topic]) -> Iterator[Message]:
         """Yield what held at the start of the range."""
-        begin, start = int(self._reader.start_time), self.start_ns
+        begin, start = self._stored.start_ns, self.start_ns
         if start <= begin:
             return
         latched = [topic for topic in chosen if topic.latched]
@@ -200,14 +198,8 @@ class Tape:
     def _read(self, chosen: Iterable[Topic], start_ns: int, end_ns: int) -> Iterator[Message]:
         """Yield the messages of topics by time, both ends included."""
         by_name = {topic.within(self._bench): topic for topic in chosen}
-        connections = [c for c in self._reader.connections if c.topic in by_name]
-        if not connections:  # rosbags would take an empty list for all topics
-            return
-        try:
-            for connection, time, data in self._reader.messages(connections, start_ns, end_ns + 1):
-                yield time, by_name[connection.topic], bytes(data)
-        except Exception as error:  # on damaged files rosbags passes on whatever its parsers raise
-            raise InputError(f"{self.path}: cannot be read: {one_line(error)}") from None
+        for time, name, data in self._stored.messages(by_name.keys(), start_ns, end_ns):
+            yield time, by_name[name], data
 
 
 class Pace:
@@ -277,30 +269,15 @@ def parse_names(text: str) -> tuple[str, ...]:
     return tuple(text.replace(",", " ").split())
 
 
-def _opened(path: Path) -> Reader:
-    try:
-        reader = Reader(path)
-        reader.open()
-    except Exception as error:  # on damaged files rosbags passes on whatever its parsers and sqlite3 raise
-        raise InputError(f"{path}: cannot be read: {one_line(error)}") from None
-    return reader
-
-
-def _foreign(connection: Any) -> Topic:
+def _foreign(name: str, described: Described) -> Topic:
     """Return a topic that is not of the bench, with its recorded durability."""
-    extension = connection.ext
-    assert isinstance(extension, ConnectionExtRosbag2)
-    profiles: list[Qos] = extension.offered_qos_profiles
-    latched = any(profile.durability is QosDurability.TRANSIENT_LOCAL for profile in profiles)
-    return Topic(connection.topic, connection.msgtype, _DEPTH, latched=latched, fixed=True)
+    return Topic(name, described.type_name, _DEPTH, latched=described.latched, fixed=True)
 
 
-def _check_type(path: Path, connection: Any, topic: Topic) -> None:
-    if connection.msgtype != topic.type_name:
+def _check_type(path: Path, described: Described, topic: Topic) -> None:
+    if described.type_name != topic.type_name:
         raise InputError(
-            f"{path}: {topic.name}: type {connection.msgtype}; allowed: {topic.type_name}, or leave the topic out"
+            f"{path}: {topic.name}: type {described.type_name}; allowed: {topic.type_name}, or leave the topic out"
         )
-    if connection.ext.serialization_format != "cdr":
-        raise InputError(
-            f"{path}: {topic.name}: encoded as '{connection.ext.serialization_format}'; allowed: cdr"
-        )
+    if described.encoding != "cdr":
+        raise InputError(f"{path}: {topic.name}: encoded as '{described.encoding}'; allowed: cdr")

@@ -43,6 +43,7 @@ from gyrowheel_analysis.recording.unpacking import file_in_memory, unpack
 from gyrowheel_analysis.recording.writer import being_written
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import is_file, new_directory, require_new
+from gyrowheel_core.limits import require_room
 from gyrowheel_core.wire import SECOND
 from gyrowheel_core.yaml_text import read_yaml
 
@@ -184,6 +185,9 @@ def _sources(source: Path, every_file: bool) -> tuple[list[Path], Metadata | Non
     if not found:
         what = "only MCAP files can be salvaged" if any(map(_is_other, source.iterdir())) else "no MCAP file"
         raise InputError(f"{source}: {what}")
+    for file in found.values():  # a pipe would be waited for
+        if file.exists() and not (file.is_file() or file.is_dir()):
+            raise InputError(f"{file}: is no file")
     stated = None
     with contextlib.suppress(InputError):
         stated = read_metadata(source / METADATA_FILE)
@@ -252,7 +256,7 @@ class _Job:
         for number, file in enumerate(files):
             share = number / len(files), 1.0 / len(files)
             with _opened(file) as (stream, whole):
-                survey = take_survey(stream, self._part(share[0], 0.5 * share[1]))
+                survey = take_survey(stream, str(file), self._part(share[0], 0.5 * share[1]))
                 if not whole:
                     survey.notes.append("it cannot be decompressed to its end")
                     survey.ended = False
@@ -349,6 +353,7 @@ class _Job:
         schemas, channels = _usable(survey.declared)
         name = f"{self._target.name}_{len(self._files)}.mcap"
         writer = McapWriter(self._target / name, chunk_size=LOOSE)
+        grown = 0  # bytes, by unpacking
         try:
             writer.adopt(schemas, channels)
             for number, piece in enumerate(survey.pieces):
@@ -365,6 +370,8 @@ class _Job:
                         )
                     )
                     records, found = _only(records, found, known)
+                grown += len(records) - piece.size
+                require_room(grown, f"{self._source}: what {source} is unpacked to beyond its size")
                 for part, messages in _divided(records, found):
                     writer.append_chunk(part, _new_index(messages))
                 self._unchecked += 0 if checked else len(found.places)

@@ -10,12 +10,11 @@ from typing import BinaryIO
 
 import zstandard
 
+from gyrowheel_analysis.recording.mcap.records import MOST_COMPRESSED
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.limits import largest, require_room
 
 _BLOCK = 1 << 20  # bytes
-#: What signals and messages can be compressed by, generously; only a file made to fill a memory reaches more.
-_MOST_COMPRESSED = 1000
 
 
 @contextlib.contextmanager
@@ -51,8 +50,8 @@ def unpack(source: BinaryIO, target: BinaryIO, name: Path) -> None:
             written += len(block)
             if written > limit:
                 require_room(float("inf"), f"{name}: unpacked it")
-            if written > _MOST_COMPRESSED * max(source.tell(), _BLOCK):
+            if written > MOST_COMPRESSED * max(source.tell(), _BLOCK):
                 raise InputError(
-                    f"{name}: unpacks to more than {_MOST_COMPRESSED} times its size, as no recording does"
+                    f"{name}: unpacks to more than {MOST_COMPRESSED} times its size, as no recording does"
                 )
             target.write(block)

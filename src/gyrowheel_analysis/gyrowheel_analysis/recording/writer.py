@@ -104,10 +104,10 @@ class RecordingWriter:
         self._channels: dict[str, int] = {}  # of the current file, by topic
         self._files: list[BagFile] = []  # completed
         self._written: dict[str, int] = {}  # messages in them, by topic
-        if self.path.exists() and not (self.path.is_dir() and not any(self.path.iterdir())):
-            other = "another recorder is writing into it" if being_written(self.path) else "exists"
-            raise InputError(f"{self.path}: {other}; a recording needs a new directory")
         with _disk_errors(self.path):
+            if self.path.exists() and not (self.path.is_dir() and not any(self.path.iterdir())):
+                other = "another recorder is writing into it" if being_written(self.path) else "exists"
+                raise InputError(f"{self.path}: {other}; a recording needs a new directory")
             self.path.mkdir(parents=True, exist_ok=True)
         self._open()
 
@@ -268,7 +268,8 @@ class RecordingWriter:
 
     def _drop_reserve(self) -> None:
         if self._reserved > 0:
-            (self.path / _RESERVE_FILE).unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                (self.path / _RESERVE_FILE).unlink()
             self._reserved = -1
 
     @property
@@ -329,12 +330,17 @@ def being_written(path: Path) -> bool:
     files = path.glob("*.mcap") if path.is_dir() else [path]
     for file in files:
         try:
-            with file.open("rb") as stream:
-                fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            opened = os.open(file, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # a pipe would be waited for
+        except OSError:  # the file cannot be read
+            continue
+        try:
+            fcntl.flock(opened, fcntl.LOCK_SH | fcntl.LOCK_NB)
         except BlockingIOError:
             return True
-        except OSError:  # the file cannot be read, or the file system has no locks
+        except OSError:  # the file system has no locks
             continue
+        finally:
+            os.close(opened)
     return False
 
 

@@ -6,7 +6,7 @@ it.
 
 from gyrowheel_analysis.tables.formats import READABLE, Format, format_of, read_grid
 from gyrowheel_analysis.tables.grid import Column, Grid
-from gyrowheel_analysis.tables.text import EMPTY, TextForm, form_of, text_of
+from gyrowheel_analysis.tables.text import EMPTY, TextForm, form_of_file, text_of
 
 __all__ = [
     "EMPTY",
@@ -15,7 +15,7 @@ __all__ = [
     "Format",
     "Grid",
     "TextForm",
-    "form_of",
+    "form_of_file",
     "format_of",
     "read_grid",
     "text_of",

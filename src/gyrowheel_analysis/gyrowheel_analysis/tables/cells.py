@@ -10,6 +10,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from gyrowheel_analysis.tables.text import EMPTY
+
 #: What a cell may be beside a number: one with the other decimal sign, with signs between thousands, with its unit
 #: behind it, a time of day or a date, or any other text.
 Kind = Literal["decimal", "thousands", "unit", "clock", "text"]
@@ -37,6 +39,10 @@ class Odd:
     row: int
 
 
+#: Around a number; other characters that show as nothing are no part of it.
+_BLANKS: Final = " \t\r\n\u00a0\u2009\u202f"
+
+
 def numbers_of(values: Any, decimal: str) -> tuple[NDArray[np.float64], tuple[Odd, ...]]:
     """Return a column of texts as numbers, NaN where a cell is none, and what stands in the odd cells.
 
@@ -49,9 +55,10 @@ def numbers_of(values: Any, decimal: str) -> tuple[NDArray[np.float64], tuple[Od
     decimal : str
         The decimal sign.
     """
-    texts = pc.utf8_trim_whitespace(values.cast(pa.string())).combine_chunks()
+    texts = pc.utf8_trim(values.cast(pa.string()), characters=_BLANKS).combine_chunks()
     result = np.full(len(texts), np.nan)
-    left = ~np.asarray(texts.is_null().to_numpy(zero_copy_only=False))
+    empty = pc.or_(texts.is_null(), pc.is_in(texts, pa.array(list(EMPTY))))
+    left = ~np.asarray(empty.to_numpy(zero_copy_only=False))
     odd: list[Odd] = []
     for kind, pattern, change in _readings(decimal):
         found = left & np.asarray(
@@ -65,7 +72,7 @@ def numbers_of(values: Any, decimal: str) -> tuple[NDArray[np.float64], tuple[Od
             own = texts.take(pa.array(rows))
             for old, new in change:
                 own = pc.replace_substring_regex(own, old, new)
-            result[rows] = own.cast(pa.float64()).to_numpy(zero_copy_only=False)
+            result[rows] = _floats(own)
         if kind:
             odd.append(Odd(kind, str(texts[int(rows[0])]), len(rows), int(rows[0])))
     rest = np.flatnonzero(left)
@@ -77,23 +84,35 @@ def numbers_of(values: Any, decimal: str) -> tuple[NDArray[np.float64], tuple[Od
     return result, tuple(odd)
 
 
+def _floats(texts: Any) -> NDArray[np.float64]:
+    """Return texts of plain numbers as such; one beyond all numbers is infinite."""
+    try:
+        return np.asarray(texts.cast(pa.float64()).to_numpy(zero_copy_only=False))
+    except pa.ArrowInvalid:
+        return np.array([float(text) for text in texts.to_pylist()])
+
+
 def _readings(decimal: str) -> list[tuple[Any, str, list[tuple[str, str]]]]:
     """Return the ways to read a cell, the plain one first: its kind, its pattern, and what makes it a plain number."""
     other = "," if decimal == "." else "."
     own, foreign = (rf"[-+]?(\d+[{sign}]?\d*|[{sign}]\d+){_EXPONENT}" for sign in (decimal, other))
-    exponent = ("[dD]", "e")
+    exponent, plus = ("[dD]", "e"), (r"^\+", "")  # neither is known to arrow
     return [
-        ("", f"^{own}$", [(rf"[{decimal}]", "."), exponent]),
+        ("", f"^{own}$", [(rf"[{decimal}]", "."), exponent, plus]),
         (
             "thousands",
             rf"^[-+]?(\d{{1,3}}([{other}' ]\d{{3}})+[{decimal}]\d*|\d{{1,3}}([' ]\d{{3}})+)$",
-            [(rf"[{other}' ]", ""), (rf"[{decimal}]", ".")],
+            [(rf"[{other}' ]", ""), (rf"[{decimal}]", "."), plus],
         ),
-        ("decimal", f"^{foreign}$", [(rf"[{other}]", "."), exponent]),
+        ("decimal", f"^{foreign}$", [(rf"[{other}]", "."), exponent, plus]),
         (
             "unit",
             rf"^{own}\s*[A-Za-zµμ°Ω%/]+$",
-            [(r"\s*[A-Za-zµμ°Ω%/]+$", ""), (rf"[{decimal}]", "."), exponent],
+            [(r"\s*[A-Za-zµμ°Ω%/]+$", ""), (rf"[{decimal}]", "."), exponent, plus],
         ),
-        ("clock", r"^(\d{1,4}[-./]\d{1,2}[-./]\d{1,4}[ T,;]*)?\d{1,2}:\d{2}(:\d{2}([.,:]\d+)?)?$", []),
+        (
+            "clock",
+            r"^(\d{1,4}[-./]\d{1,2}[-./]\d{1,4}[ T,;]*)?\d{1,2}:\d{2}(:\d{2}([.,:]\d+)?)?(Z|[-+]\d{2}(:?\d{2})?)?$",
+            [],
+        ),
     ]

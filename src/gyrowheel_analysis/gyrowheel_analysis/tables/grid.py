@@ -46,6 +46,11 @@ class Column:
         """Whether it holds numbers."""
         return self.values.dtype.kind in "biuf"
 
+    @property
+    def dated(self) -> bool:
+        """Whether it holds dates with times."""
+        return self.values.dtype.kind == "M"
+
 
 @dataclass(frozen=True)
 class Grid:
@@ -85,9 +90,12 @@ class Grid:
             raise InputError(f"{name}: has no columns of numbers")
         return cls(name, found, tuple(remarks))
 
-    def cut(self, rows: slice) -> Grid:
-        """Return some rows; all columns must be of one clock."""
-        own = {name: replace(column, values=column.values[rows]) for name, column in self.columns.items()}
+    def cut(self, rows: Any) -> Grid:
+        """Return some rows, a slice or their numbers; all columns must be of one clock. Those of texts stay."""
+        own = {
+            name: replace(column, values=column.values[rows]) if column.numeric or column.dated else column
+            for name, column in self.columns.items()
+        }
         return replace(self, columns=own)
 
     @property

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import codecs
+import contextlib
+import csv
 import gzip
 import itertools
 import re
@@ -21,13 +24,14 @@ from gyrowheel_core.limits import largest, require_room
 GZIP: Final = b"\x1f\x8b"
 ZSTD: Final = b"\x28\xb5\x2f\xfd"
 _PIECE: Final = 1 << 20
+_SEEN: Final = 1 << 18  # bytes by which is told how a text is written
 _LOOKED_AT: Final = 200  # lines
 _DELIMITERS: Final = ("\t", ";", ",", "|", " ")
 _COMMENTS: Final = ("#", "%", "//", ";", "!", '"#')
 _NUMBER: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eEdD][-+]?\d+)?|nan|[-+]?inf|", re.IGNORECASE)
 #: A date with a time, a time of day, or a number with its unit behind it: cells of rows, too.
 _OTHER: Final = re.compile(
-    r"(\d{1,4}[-./]\d{1,2}[-./]\d{1,4}[T ,;]*)?\d{1,2}:\d\d(:\d\d([.,:]\d+)?)?Z?"
+    r"(\d{1,4}[-./]\d{1,2}[-./]\d{1,4}[T ,;]*)?\d{1,2}:\d\d(:\d\d([.,:]\d+)?)?(Z|[-+]\d\d(:?\d\d)?)?"
     r"|[-+]?\d+([.,]\d+)*([eE][-+]?\d+)?\s*[A-Za-zµμ°Ω%/]{1,6}"
     r"|[-+]?\d{1,3}([,.' ]\d{3})+[.,]\d*|[-+]?\d{1,3}([' ]\d{3})+"
 )
@@ -36,6 +40,10 @@ EMPTY: Final = (
     "", "nan", "NaN", "NAN", "-nan", "-NaN", "NA", "N/A", "n/a", "#N/A", "#N/A N/A", "#NA", "#NV", "NULL", "null",
     "None", "none", "-", "--", "---", "1.#IND", "-1.#IND", "1.#QNAN", "-1.#QNAN",
 )  # fmt: skip
+#: What separates names that have blanks in them, and the last name of a table whose rows may leave its cell out.
+_APART: Final = re.compile(r"\s{2,}|\t")
+_REMARKS: Final = ("", "comment", "comments", "remark", "remarks", "note", "notes", "kommentar", "bemerkung")
+_NOTHING: Final = frozenset(EMPTY)
 _ENCODINGS: Final = (
     (b"\xef\xbb\xbf", "utf-8-sig"),
     (b"\xff\xfe", "utf-16"),
@@ -142,7 +150,8 @@ def form_of(data: bytes, where: str, *, whole: bool = True) -> TextForm:
     """
     encoding = next((name for mark, name in _ENCODINGS if data.startswith(mark)), "utf-8")
     try:
-        text = data.decode(encoding, errors="strict" if whole else "ignore")
+        # a letter may be cut in two at the end
+        text = codecs.getincrementaldecoder(encoding)().decode(data, whole)
     except UnicodeDecodeError:
         encoding = "latin-1"
         text = data.decode(encoding)
@@ -161,31 +170,47 @@ def form_of(data: bytes, where: str, *, whole: bool = True) -> TextForm:
             best = found
     if best is None:
         raise InputError(
-            f"{where}: no rows of numbers found near its beginning; allowed: a table, one row a sample"
+            f"{where}: no rows of numbers found near its beginning; allowed: a table, one row a sample, most of its "
+            "columns numbers"
         )
     return best[2]
 
 
+def form_of_file(path: Path) -> TextForm:
+    """Look at the beginning of a file, plain or compressed, and return how its table is written (see `form_of`)."""
+    data = text_of(path, most=_SEEN)
+    return form_of(data, str(path), whole=len(data) < _SEEN)
+
+
 def cells_of(line: str, delimiter: str) -> list[str]:
-    """Return the cells of a line."""
+    """Return the cells of a line; a delimiter in quotes is none."""
+    if '"' in line:
+        plain = " ".join(line.split()) if delimiter == " " else line
+        with contextlib.suppress(csv.Error, StopIteration):
+            return [
+                cell.strip() for cell in next(csv.reader([plain], delimiter=delimiter, skipinitialspace=True))
+            ]
     parts = line.split() if delimiter == " " else line.split(delimiter)
     return [part.strip().strip('"').strip() for part in parts]
 
 
-def _is_row(cells: Sequence[str], decimal: str) -> bool:
-    filled = [cell for cell in cells if cell not in EMPTY]
-    return len(filled) > 0.5 * len(cells) and _without_words(cells, decimal)
+def _words(cells: Sequence[str], decimal: str) -> set[int]:
+    """Return which cells are neither numbers, nor times, nor empty."""
+    foreign = "," if decimal == "." else "."
+    return {
+        at
+        for at, cell in enumerate(cells)
+        if not (
+            (foreign not in cell and _NUMBER.fullmatch(cell.replace(decimal, ".")))
+            or _OTHER.fullmatch(cell)
+            or cell in _NOTHING
+        )
+    }
 
 
 def _without_words(cells: Sequence[str], decimal: str) -> bool:
     """Whether all cells are numbers, times, or empty."""
-    foreign = "," if decimal == "." else "."
-    return all(
-        (foreign not in cell and _NUMBER.fullmatch(cell.replace(decimal, ".")))
-        or _OTHER.fullmatch(cell)
-        or cell in EMPTY
-        for cell in cells
-    )
+    return not _words(cells, decimal)
 
 
 def _tried(
@@ -193,13 +218,26 @@ def _tried(
 ) -> tuple[int, int, TextForm] | None:
     """Return how many cells are numbers, how many columns there are, and the form, if lines are read this way."""
     rows = [cells_of(line, delimiter) for line in lines]
-    numeric = [len(cells) > 1 and _is_row(cells, decimal) for cells in rows]
+    words = [_words(cells, decimal) for cells in rows]
+    numbers = [
+        sum(cell not in _NOTHING for cell in cells) - len(own) for cells, own in zip(rows, words, strict=True)
+    ]
+    numeric = [
+        len(cells) > 1 and count > 0.5 * len(cells) for cells, count in zip(rows, numbers, strict=True)
+    ]
     if not any(numeric):
         return None
     widths = Counter(len(cells) for cells, own in zip(rows, numeric, strict=True) if own)
     width = widths.most_common(1)[0][0]
-    good = [k for k, own in enumerate(numeric) if own and len(rows[k]) == width]
+    likely = [k for k, own in enumerate(numeric) if own and len(rows[k]) == width]
+    # a column of texts has a word in most rows; elsewhere a word is that of a name, or an odd cell
+    often = Counter(at for k in likely for at in words[k])
+    texts = {at for at, count in often.items() if 2 * count > len(likely)}
+    good = [k for k in likely if words[k] <= texts]
+    if not good:
+        return None
     first = good[0]
+    open_end = all(not rows[k][-1] for k in good)
     comment = ""
     for k in range(first, min(len(lines), first + 10 * _LOOKED_AT)):
         mark = next((m for m in _COMMENTS if lines[k].lstrip().startswith(m)), "")
@@ -208,25 +246,51 @@ def _tried(
             break
     above = [k for k in range(first) if lines[k].strip()]
     # the names stand in the nearest line above that has as many cells; a line of units may stand between them
-    named = [
+    worded = [
         k
         for k in above
-        if (len(rows[k]) == width or len(_uncommented(rows[k], lines[k], delimiter)) == width)
-        and not _without_words(rows[k], decimal)
+        if _head(lines[k], delimiter, width, open_end=open_end) and not _without_words(rows[k], decimal)
     ]
-    units: tuple[str, ...] = ()
+    # names may be numbers but for one, and so may a row be that has an odd cell
+    named = [k for k in worded if not numeric[k]] or worded
+    size = sum(numbers[k] for k in good)
     if not named:
         names = tuple(str(k + 1) for k in range(width))
         form = TextForm(delimiter, decimal, first, 0, comment, encoding, names, (), named=False)
-        return len(good) * width, width, form
+        return size, width, form
     at = named[-1]
-    below = 0
-    if len(named) > 1 and named[-2] == at - 1 and _looks_like_units(rows[at]):
-        units, at, below = tuple(rows[at]), at - 1, first - at
-    elif first - at > 1 and not all(_without_words(rows[k], decimal) for k in range(at + 1, first)):
-        below = first - at - 1
-    names = tuple(rows[at] if len(rows[at]) == width else _uncommented(rows[at], lines[at], delimiter))
-    return len(good) * width, width, TextForm(delimiter, decimal, at, below, comment, encoding, names, units)
+    found = _head(lines[at], delimiter, width, open_end=open_end)
+    units: list[str] = []
+    if len(named) > 1 and named[-2] == at - 1 and _looks_like_units(found):
+        units, at = found, at - 1
+        found = _head(lines[at], delimiter, width, open_end=open_end)
+        units = [*units, *[""] * len(found)][: len(found)]
+    # up to the last line of words; a row with an odd cell is a row
+    below = max((k - at for k in range(at + 1, first) if words[k] and not numeric[k]), default=0)
+    form = TextForm(delimiter, decimal, at, below, comment, encoding, tuple(found), tuple(units))
+    return size, width, form
+
+
+def _head(line: str, delimiter: str, width: int, *, open_end: bool) -> list[str]:
+    """Return the names in a line above rows of so many cells; nothing where it has another number of them.
+
+    It may stand behind a comment sign, and its names be apart by several blanks. The last name may be that of remarks,
+    which rows leave out; where every row ends with a delimiter, the last column may lack a name.
+    """
+    cells = cells_of(line, delimiter)
+    bare = _uncommented(cells, line, delimiter)
+    apart = [part.strip() for part in _APART.split(line.strip())] if delimiter == " " else []
+    for own in (cells, bare, apart):
+        if len(own) == width:
+            return own
+    if delimiter == " ":  # nothing can stand between two blanks
+        return []
+    for own in (cells, bare):
+        if len(own) == width + 1 and own[-1].lower() in _REMARKS:
+            return own
+        if len(own) == width - 1 and open_end:
+            return [*own, ""]
+    return []
 
 
 def _uncommented(cells: Sequence[str], line: str, delimiter: str) -> list[str]:
@@ -314,12 +378,40 @@ def _looks_like_units(cells: Sequence[str]) -> bool:
     return len(known) > 0 and len(known) + sum(cell == "" for cell in own) >= 0.6 * len(cells)
 
 
+def _usual(rows: Sequence[str], delimiter: str) -> tuple[int, bool]:
+    """Return how many cells most rows have, and whether all of those end with an empty one; 0 where there are none."""
+    seen = [cells_of(line, delimiter) for line in rows[:_LOOKED_AT]]
+    if not seen:
+        return 0, False
+    width = Counter(map(len, seen)).most_common(1)[0][0]
+    return width, all(not cells[-1] for cells in seen if len(cells) == width)
+
+
+def stands_as_it_is(beginning: str, form: TextForm) -> bool:
+    """Whether a reader of comma-separated values sees the names in a text as `plain_rows` does.
+
+    Parameters
+    ----------
+    beginning : str
+        The beginning of the text; its last line may be cut.
+    form : TextForm
+        How it is written.
+    """
+    lines = beginning.splitlines()[form.skip_lines :]
+    rows = [line for line in lines[1:-1] if line.strip()]
+    if not rows:
+        return True
+    raw = lines[0].removeprefix("\ufeff").split(form.delimiter)
+    blank = any(cell != cell.strip() or cell.strip('"') != cell.strip('"').strip() for cell in raw)
+    return not blank and len(raw) == _usual(rows, form.delimiter)[0]
+
+
 def plain_rows(data: bytes, form: TextForm) -> bytes:
     """Return a text without the lines and blanks that a reader of comma-separated values does not know.
 
     Comments are taken out, runs of blanks become one, lines between names and numbers go, and so do lines that repeat
     the names; the line of names is the first one. What needs nothing of that comes back as it is, from its line of
-    names on.
+    names on. Rows that leave the last cell out get an empty one.
     """
     text = data.decode(form.encoding)
     lines = text.splitlines()
@@ -332,7 +424,14 @@ def plain_rows(data: bytes, form: TextForm) -> bytes:
         rows = [line for line in rows if line != head[0]]
     if form.delimiter == " ":
         rows = [" ".join(line.split()) for line in rows]
-    quoted = form.delimiter.join(
-        f'"{name.replace(chr(34), "")}"' for name in (form.names or cells_of(head[0], form.delimiter))
-    )
-    return "\n".join([quoted, *(line for line in rows if line.strip())]).encode() + b"\n"
+    rows = [line for line in rows if line.strip()]
+    width, open_end = _usual(rows, form.delimiter)
+    names = list(form.names)
+    if not names and head:
+        names = _head(head[0], form.delimiter, width, open_end=open_end) or cells_of(head[0], form.delimiter)
+    if len(names) == width + 1 and form.delimiter != " " and names[-1].lower() in _REMARKS:
+        rows = [
+            line + form.delimiter if len(cells_of(line, form.delimiter)) == width else line for line in rows
+        ]
+    quoted = form.delimiter.join(f'"{name.replace(chr(34), "")}"' for name in names)
+    return "\n".join([quoted, *rows]).encode() + b"\n"

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
+from gyrowheel_analysis.exchange.fields import READINGS
 from gyrowheel_analysis.exchange.map_file import TIMESTAMP
 from gyrowheel_analysis.exchange.naming import SEQUENCE, TEMPERATURE, TIME, UNITS, Named, named
-from gyrowheel_analysis.exchange.suggesting.pulses import has_levels, pulsed_angle
+from gyrowheel_analysis.exchange.suggesting.pulses import counted_angle, has_levels, pulsed_angle
 from gyrowheel_analysis.exchange.suggesting.records import Problem, Proposal
 from gyrowheel_analysis.exchange.suggesting.sizes import SOME, angle_unit, guessed
 from gyrowheel_analysis.exchange.suggesting.suspicious import odd_cells
@@ -18,34 +21,16 @@ from gyrowheel_analysis.tables import Column, Grid
 from gyrowheel_sim.bench import Bench
 
 _FEWEST: Final = 0.02  # of the rows; a column with fewer values is not used
+#: Readings that change slowly.
+_SLOW: Final = frozenset(["coil_temperature", "air_temperature", "air_pressure", TEMPERATURE])
+#: A name with a number in it: what stands before the last one, and behind it.
+_NUMBER: Final = re.compile(r"^(.*?)(\d+)(\D*)$", re.DOTALL)
 
 
 def assigned(grid: Grid, bench: Bench, problems: list[Problem]) -> dict[str, Proposal]:
     """Return which column is which field: the clearest names first, each column once."""
-    names = {name: named(name, column.unit) for name, column in grid.columns.items() if _usable(column)}
-    for name, column in grid.columns.items():
-        if name in names:
-            continue
-        what = named(name, column.unit)
-        if max(what.fields.values(), default=0) >= 2 and not what.asked:
-            if column.odd:
-                problems += odd_cells(max(what.fields, key=lambda own: what.fields[own]), name, column)
-            elif column.numeric:
-                known = int(np.isfinite(np.asarray(column.values, dtype=np.float64)).sum())
-                problems.append(
-                    Problem(
-                        f"column '{name}' has values in {known} of {len(column.values)} rows; it is not used.",
-                        "See whether its sensor was connected; take the column out where it was not.",
-                    )
-                )
-            else:
-                text = next((str(value) for value in column.values if str(value)), "")
-                problems.append(
-                    Problem(
-                        f"column '{name}' holds text, such as '{text[:20]}'.",
-                        "Write numbers in every row; leave a cell empty where there is none.",
-                    )
-                )
+    every = {name: named(_from_one(name, grid), column.unit) for name, column in grid.columns.items()}
+    names = {name: what for name, what in every.items() if _usable(grid.columns[name], what)}
     claims: list[tuple[float, int, str, str]] = []
     for order, (name, what) in enumerate(names.items()):
         column = grid.columns[name]
@@ -65,16 +50,15 @@ def assigned(grid: Grid, bench: Bench, problems: list[Problem]) -> dict[str, Pro
             continue
         found[own] = proposal
         taken.add(name)
-    for name, what in names.items():  # a thermometer that does not say of what
-        if TEMPERATURE in what.fields and name not in taken and not what.asked:
-            free = [f for f in ("air_temperature", "coil_temperature") if f not in found]
-            proposal = _proposed(free[0], grid.columns[name], what, bench) if free else None
-            if proposal is not None:
-                found[free[0]] = replace(proposal, reason=f"{proposal.reason}; of what is not said")
-                taken.add(name)
+    _thermometers(grid, names, taken, found, bench, problems)
     if TIME not in found:
         _time_by_values(grid, names, taken, found, bench)
-    if "spin_angle" not in found:
+    for name in [own for own in every if own not in names]:
+        problems += _unread(grid.columns[name], every[name], found)
+    problems += _rivals(claims, found, taken)
+    if "spin_angle" in found:
+        found["spin_angle"] = counted_angle(found["spin_angle"], grid, found, problems)
+    else:
         pulsed = pulsed_angle(grid, found, taken, problems)
         if pulsed is not None:
             found["spin_angle"] = pulsed
@@ -86,25 +70,117 @@ def assigned(grid: Grid, bench: Bench, problems: list[Problem]) -> dict[str, Pro
     return {name: found[name] for name in (*UNITS, SEQUENCE) if name in found}
 
 
-def _usable(column: Column) -> bool:
-    if column.values.dtype.kind == "M":
+def _from_one(name: str, grid: Grid) -> str:
+    """Return a name whose number counts from one, where the numbers of its neighbours count from zero."""
+    found = _NUMBER.search(name)
+    if found is None or f"{found[1]}0{found[3]}" not in grid.columns:
+        return name
+    return f"{found[1]}{int(found[2]) + 1}{found[3]}"
+
+
+def _thermometers(
+    grid: Grid,
+    names: Mapping[str, Named],
+    taken: set[str],
+    found: dict[str, Proposal],
+    bench: Bench,
+    problems: list[Problem],
+) -> None:
+    """Take thermometers that do not say of what for those that are missing; of several it is asked which is which."""
+    guesses = []
+    for name, what in names.items():
+        if TEMPERATURE in what.fields and name not in taken and not what.asked:
+            free = [f for f in ("air_temperature", "coil_temperature") if f not in found]
+            proposal = _proposed(free[0], grid.columns[name], what, bench) if free else None
+            if proposal is not None:
+                found[free[0]] = replace(proposal, reason=f"{proposal.reason}; of what is not said")
+                taken.add(name)
+                guesses.append(f"{free[0]}: '{name}'")
+    if len(guesses) > 1:
+        problems.append(
+            Problem(
+                f"{', '.join(guesses)} are taken so; of what they are the temperatures is not said.",
+                "Name the right column for each in the map, or leave it out.",
+            )
+        )
+
+
+def _unread(column: Column, what: Named, found: Mapping[str, Proposal]) -> list[Problem]:
+    """Return what is to be said of a column that cannot be used, where nothing else holds what its name promises."""
+    own = max(what.fields, key=lambda field: what.fields[field], default="")
+    if what.fields.get(own, 0) < 2 or what.asked or (own in found and own != TIME):
+        return []
+    if column.odd:
+        return odd_cells(own, column.name, column)
+    if column.numeric:
+        known = int(np.isfinite(np.asarray(column.values, dtype=np.float64)).sum())
+        return [
+            Problem(
+                f"column '{column.name}' has values in {known} of {len(column.values)} rows; it is not used.",
+                "See whether its sensor was connected; take the column out where it was not.",
+            )
+        ]
+    text = next((str(value) for value in column.values if str(value)), "")
+    return [
+        Problem(
+            f"column '{column.name}' holds text, such as '{text[:20]}'.",
+            "Write numbers in every row; leave a cell empty where there is none.",
+        )
+    ]
+
+
+def _rivals(
+    claims: Sequence[tuple[float, int, str, str]], found: Mapping[str, Proposal], taken: Collection[str]
+) -> list[Problem]:
+    """Return the readings for which several columns are named alike, of which the first is taken."""
+    scores = {(name, own): score for score, _, name, own in claims}
+    problems = []
+    for own, proposal in found.items():
+        best = scores.get((proposal.column, own))
+        if best is None or own in (TIME, SEQUENCE):
+            continue
+        others = [
+            name
+            for (name, field), score in scores.items()
+            if field == own and name not in taken and score <= best
+        ]
+        if others:
+            reading = READINGS.get(own)
+            problems.append(
+                Problem(
+                    f"{own}: '{proposal.column}' is taken; {', '.join(repr(name) for name in others)} "
+                    f"{'is' if len(others) == 1 else 'are'} named as clearly.",
+                    "See which is the right one, and name it in the map.",
+                    asks=reading is None or not reading.constant,
+                )
+            )
+    return problems
+
+
+def _usable(column: Column, what: Named) -> bool:
+    if column.dated:
         return True
     if not column.numeric:
         return False
-    some = np.asarray(column.values[: SOME * 10], dtype=np.float64)
-    return bool(np.isfinite(some).mean() > _FEWEST)
+    some = np.isfinite(np.asarray(column.values[: SOME * 10], dtype=np.float64))
+    if what.fields.keys() & _SLOW and int(some.sum()) >= 2:
+        return True  # a few values of what changes slowly are enough
+    return bool(some.mean() > _FEWEST)
 
 
 def _likely(column: Column, own: str, what: Named) -> float:
     """Return how well the values of a column go with a field, beside its name."""
     if column.values.dtype.kind == "M":
-        return 2.0 if own == TIME else -9.0
+        if own != TIME:
+            return -9.0
+        # dates to whole seconds are no clock of samples where there is another one
+        return 2.0 if _moves(np.diff(column.values[:SOME]).astype(np.int64)) else -2.0
     values = np.asarray(column.values, dtype=np.float64)
     values = values[np.isfinite(values)]
     steps = np.diff(values[:SOME])
     rising = bool(len(steps)) and bool(np.mean(steps >= 0.0) > 0.999) and float(steps.sum()) > 0.0
     if own == TIME:
-        if rising and column.clock in ("", column.name):
+        if rising and _moves(steps) and column.clock in ("", column.name):
             return 1.0
         # one that is clearly called so, and is disordered, is questioned (`order`)
         return -1.0 if what.fields[own] > 2 and not column.clock else -4.0
@@ -114,6 +190,7 @@ def _likely(column: Column, own: str, what: Named) -> float:
             if rising
             and bool(np.all(values[:SOME] == np.round(values[:SOME])))
             and bool(np.all(steps >= 1.0))
+            and float(np.median(steps)) == 1.0  # others count something else than the rows
             else -9.0
         )
     if own in ("spin_rate", "spin_angle") and has_levels(column):
@@ -121,6 +198,11 @@ def _likely(column: Column, own: str, what: Named) -> float:
     if own == "spin_angle":
         return 0.5 if len(steps) and np.median(np.abs(steps)) > 0.0 else -1.0
     return -0.5 if rising and own not in ("coil_temperature", "air_temperature") else 0.0
+
+
+def _moves(steps: NDArray[Any]) -> bool:
+    """Whether a clock goes on from most rows to the next."""
+    return len(steps) == 0 or float(np.mean(steps != 0)) > 0.5
 
 
 def _time_by_values(

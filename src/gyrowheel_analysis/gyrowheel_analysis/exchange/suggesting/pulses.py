@@ -5,17 +5,18 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.exchange.map_file import COUNT, MOST_PULSES, TIMESTAMP
-from gyrowheel_analysis.exchange.naming import TIME
+from gyrowheel_analysis.exchange.naming import TIME, named
 from gyrowheel_analysis.exchange.pulses import edges_of_count, edges_of_level
 from gyrowheel_analysis.exchange.pulses.edges import levels
 from gyrowheel_analysis.exchange.suggesting.records import Problem, Proposal
-from gyrowheel_analysis.exchange.suggesting.sizes import SOME, in_si
+from gyrowheel_analysis.exchange.suggesting.sizes import SOME, begins_anew, in_si
 from gyrowheel_analysis.tables import Column, Grid
 
 Array = NDArray[np.float64]
@@ -29,6 +30,14 @@ _AT_LEVELS: Final = 0.9  # part of the samples of pulses that are at one of two 
 _NEAR: Final = 0.1  # part of the height that is at a level
 _SWING: Final = 0.2  # least height of pulses, over the level
 _WHOLE: Final = 0.05  # part by which the pulses a turn may differ from a whole number
+#: Counts a turn of usual encoders, by which part the speed may be off, and over how many turns it is compared.
+_COUNTS: Final = sorted(
+    {2.0**k for k in range(6, 25)}
+    | {m * 10.0**k for k in range(1, 6) for m in (1.0, 1.2, 1.8, 2.0, 2.4, 2.5, 3.6, 4.0, 5.0, 7.2, 8.0)}
+    | {4.0 * 360.0, 4.0 * 2500.0, 4.0 * 1250.0}
+)
+_NEAR_TURN, _NEAR_RANGE = 0.01, 0.03
+_FEWEST_TURNS: Final = 3.0
 
 
 def has_levels(column: Column) -> bool:
@@ -97,6 +106,70 @@ def pulsed_angle(
     if best is not None:
         _told(best, problems)
     return best
+
+
+def counted_angle(
+    own: Proposal, grid: Grid, found: Mapping[str, Proposal], problems: list[Problem]
+) -> Proposal:
+    """Return the angle of a counter with its counts a turn, where they do not show where it begins anew.
+
+    A counter may run on, or begin anew after several turns; the speed tells how many counts there are in one.
+
+    Parameters
+    ----------
+    own : Proposal
+        The angle, as its column alone shows it.
+    grid : Grid
+        The table.
+    found : mapping of str to Proposal
+        What the other columns are.
+    problems : list of Problem
+        To which is added that it cannot be told.
+    """
+    column = grid.columns[own.column]
+    values = np.asarray(column.values, dtype=np.float64)
+    known = np.isfinite(values)
+    counts = values[known]
+    stated = named(column.name, column.unit).unit
+    if stated not in ("", COUNT) or len(counts) < 2 or np.any(counts != np.round(counts)):
+        return own
+    anew = begins_anew(counts)
+    if anew and own.unit != "turn":  # degrees
+        return own
+    steps, span = np.diff(counts), float(np.ptp(counts))
+    on = np.abs(steps) <= 0.5 * span if anew else np.ones(len(steps), dtype=bool)
+    turning = _turning(grid, found)
+    a_turn = 0.0
+    if turning is not None and len(turning[0]) == len(values):
+        turned = float(np.diff(turning[1][known])[on].sum())
+        a_turn = abs(float(steps[on].sum())) / turned if turned > _FEWEST_TURNS else 0.0
+    likely = [
+        count for count in _COUNTS if abs(count - a_turn) < (_NEAR_RANGE if anew else _NEAR_TURN) * count
+    ]
+    likely.sort(key=lambda count: abs(count - a_turn))
+    if anew:  # of one that counts several turns, so many of them are its range, of which the last step may be missing
+        step = float(np.abs(steps[on]).max(initial=1.0))
+        likely = [
+            count
+            for count in likely
+            if (several := math.ceil((span + 1.0) / count)) > 1 and several * count - span - 1.0 <= 1.5 * step
+        ]
+    if not likely:
+        if not anew:
+            problems.append(_uncounted(own, a_turn))
+        return own
+    number = likely[0]
+    return replace(
+        own, unit="turn", scale=1.0 / number, reason=f"{own.reason}; by the speed {number:g} counts a turn"
+    )
+
+
+def _uncounted(own: Proposal, a_turn: float) -> Problem:
+    seen = f"; by the speed they are {a_turn:.6g}" if a_turn else ""
+    return Problem(
+        f"spin_angle: '{own.column}' counts on, and how many counts there are a turn is not to be seen{seen}.",
+        "Set `unit: turn` in the map, and `scale:` to one over the counts a turn.",
+    )
 
 
 def _told(own: Proposal, problems: list[Problem]) -> None:

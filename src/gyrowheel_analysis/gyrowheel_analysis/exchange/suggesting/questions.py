@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Final
 
 import numpy as np
 
@@ -15,6 +16,9 @@ from gyrowheel_analysis.exchange.suggesting.suspicious import merged, odd_cells,
 from gyrowheel_analysis.tables import Grid
 from gyrowheel_core.units import conversion
 from gyrowheel_sim.bench import Bench
+
+#: The next finer unit of time, in which a slow table may be a fast one.
+_FINER: Final = {"s": "ms", "ms": "us", "us": "ns"}
 
 
 def questions(
@@ -47,7 +51,7 @@ def questions(
                     asks=False,
                 )
             )
-        if not own.stated and (unit := unknown_unit(own.column)):
+        if not own.stated and (unit := unknown_unit(own.column, column.unit)):
             problems.append(
                 Problem(
                     f"{own.field}: the unit '{unit}' of '{own.column}' is not known; {own.unit} is taken.",
@@ -95,6 +99,14 @@ def questions(
             if step > LONGEST:
                 cure += f" Fewer than {1.0 / LONGEST:g} samples a second show nothing of the wheel."
             problems.append(Problem(f"time: a row every {step:.4g} s in '{own.column}'.", cure))
+        elif not own.stated and own.unit in _FINER and 1e-3 * step >= 2.0 * SHORTEST:
+            problems.append(
+                Problem(
+                    f"time: '{own.column}' does not say its unit: in {own.unit} it has {1.0 / step:.4g} rows a second, "
+                    f"in {_FINER[own.unit]} {1e3 / step:.4g}.",
+                    "Set `unit:` in the map to the right one.",
+                )
+            )
     problems += merged(found, grid)
     _missing(found, problems)
     return likelier

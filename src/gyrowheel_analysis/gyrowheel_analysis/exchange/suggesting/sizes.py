@@ -35,20 +35,20 @@ _GUESSES: Final[dict[str, tuple[str, ...]]] = {
     "air_pressure": ("Pa", "hPa", "kPa", "bar", "mmHg"),
     TIME: ("s", "ms", "us", "ns", "min", "h", "day"),
 }
-
-
+#: Where an angle begins anew: a turn in its units, and counts of usual encoders. Decimal counts are beside binary ones:
+#: the next larger one is meant.
 _WHOLE_TURNS: Final = (
     360.0,
     2.0 * math.pi,
     1.0,
-    3600.0,
-    36000.0,
-    4000.0,
-    10000.0,
     *(2.0**k for k in range(8, 25)),
+    *(
+        m * 10.0**k
+        for k in range(2, 6)
+        for m in (1.0, 1.2, 1.25, 1.44, 1.5, 1.6, 1.8, 2.0, 2.4, 2.5, 3.0, 3.2, 3.6)
+    ),
+    *(m * 10.0**k for k in range(2, 6) for m in (4.0, 5.0, 6.0, 6.4, 7.2, 8.0, 9.0)),
 )
-
-
 _SERIAL: Final = (2e4, 8e4)  # days from 1900 to the years of loggers
 _NEAR: Final = 0.03  # part by which a range may fall short of a whole turn
 
@@ -98,21 +98,25 @@ def angle_unit(values: Array, unit: str) -> tuple[str, float, str]:
     """Return the unit of an angle, its scale, and why."""
     if unit and unit != "count":
         return unit, 1.0, f"unit {unit} stated"
-    low, high = float(values.min()), float(values.max())
-    wraps = bool(np.any(np.diff(values) < -0.5 * (high - low))) or bool(
-        np.any(np.diff(values) > 0.5 * (high - low))
-    )
-    span = high - low
-    if wraps:
-        whole = next((w for w in sorted(_WHOLE_TURNS) if (1.0 - _NEAR) * w <= span <= w * (1.0 + 1e-9)), 0.0)
-        if whole == 360.0:
-            return "deg", 1.0, "begins anew every 360"
-        if whole and abs(whole - 2.0 * math.pi) < 1e-9:
-            return "rad", 1.0, "begins anew every 2 pi"
-        if whole:
-            return "turn", 1.0 / whole, f"begins anew every {whole:g}"
-        return "turn", 1.0 / (span * (1.0 + 1.0 / max(len(values), 1))), f"begins anew every {span:g}"
-    return ("turn" if unit == "count" else "rad"), 1.0, "goes on without beginning anew"
+    if not begins_anew(values):
+        return ("turn" if unit == "count" else "rad"), 1.0, "goes on without beginning anew"
+    span = float(np.ptp(values))
+    whole = next((w for w in sorted(_WHOLE_TURNS) if (1.0 - _NEAR) * w <= span <= w * (1.0 + 1e-9)), 0.0)
+    if whole == 360.0:
+        return "deg", 1.0, "begins anew every 360"
+    if whole and abs(whole - 2.0 * math.pi) < 1e-9:
+        return "rad", 1.0, "begins anew every 2 pi"
+    if not whole and np.array_equal(values, np.round(values)):
+        whole = span + 1.0
+    if whole:
+        return "turn", 1.0 / whole, f"begins anew every {whole:g}"
+    return "turn", 1.0 / (span * (1.0 + 1.0 / max(len(values), 1))), f"begins anew every {span:g}"
+
+
+def begins_anew(values: Array) -> bool:
+    """Whether an angle jumps from the end of its range to the other one."""
+    steps, span = np.diff(values), float(np.ptp(values))
+    return bool(np.any(np.abs(steps) > 0.5 * span))
 
 
 def holes(column: Column) -> int:

@@ -20,17 +20,17 @@ from gyrowheel_analysis.exchange.importing import import_table
 from gyrowheel_analysis.exchange.naming import TIME, UNITS, known_unit
 from gyrowheel_analysis.exchange.suggesting.columns import assigned
 from gyrowheel_analysis.exchange.suggesting.content import map_content
+from gyrowheel_analysis.exchange.suggesting.laws import broken_laws
 from gyrowheel_analysis.exchange.suggesting.order import rows_in_order
 from gyrowheel_analysis.exchange.suggesting.questions import questions
 from gyrowheel_analysis.exchange.suggesting.records import Problem, Proposal, Suggestion
 from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.setups.cures import WrongSetup
 from gyrowheel_analysis.setups.find import wrong_setups
-from gyrowheel_analysis.tables import Grid, TextForm, form_of, format_of, read_grid, text_of
+from gyrowheel_analysis.tables import Grid, TextForm, form_of_file, format_of, read_grid
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
 
-_SEEN: Final = 1 << 18  # bytes by which is told how a text is written
 _TRIALS: Final = 6  # imports by the map, each without what the last one refused
 
 
@@ -60,7 +60,7 @@ def suggest(file: str | Path, bench: Bench, *, bench_name: str = "", grid: Grid 
         format_ = format_of(path)
         kind = format_.title
         if format_.name == "text":
-            form = form_of(text_of(path, most=_SEEN), str(path), whole=path.stat().st_size < _SEEN)
+            form = form_of_file(path)
         grid = read_grid(path)
         content_grid = None
     else:
@@ -78,7 +78,12 @@ def suggest(file: str | Path, bench: Bench, *, bench_name: str = "", grid: Grid 
             problems.append(Problem(f"{count} columns are called '{name}'.", "Give each a name of its own."))
     if grid.remarks:
         problems += [
-            Problem(f"{remark}.", "See whether the file is whole.", asks=False) for remark in grid.remarks
+            Problem(
+                f"{remark}.",
+                "See whether the file is whole." if remark.endswith("left out") else "It is not used.",
+                asks=False,
+            )
+            for remark in grid.remarks
         ]
     found = assigned(grid, bench, problems)
     content = map_content(found, grid, form, bench_name, bench, problems)
@@ -124,6 +129,8 @@ def suggest(file: str | Path, bench: Bench, *, bench_name: str = "", grid: Grid 
             break
         found = changed
         content = map_content(found, grid, form, bench_name, bench, [])
+    if recording is not None and not setups and not any(problem.asks for problem in problems):
+        problems += broken_laws(recording, bench)
     if dropped or units or ordered:
         recording, remarks = None, ()  # not what the map makes of the table
     return Suggestion(
@@ -143,7 +150,7 @@ def _in_order(grid: Grid, column: str, problems: list[Problem]) -> tuple[bool, A
     else:
         values = np.asarray(times, dtype=np.float64)
         known = np.isfinite(values)
-    lengths = {len(own.values) for own in grid.columns.values()}
+    lengths = {len(own.values) for own in grid.columns.values() if own.numeric or own.dated}
     if len(lengths) > 1 or not known.any():
         return False, every
     rows = np.flatnonzero(known)

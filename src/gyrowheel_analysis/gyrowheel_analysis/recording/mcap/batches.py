@@ -10,6 +10,7 @@ import numpy as np
 
 from gyrowheel_analysis.recording.mcap.format import CHUNK, DATA_END, MAGIC, MESSAGE_INDEX, RECORD_HEAD
 from gyrowheel_analysis.recording.mcap.records import CHUNK_HEAD, Damaged, Fields
+from gyrowheel_core.limits import require_room
 
 #: Bytes of a batch, read or unpacked; a chunk that is larger is a batch of its own.
 SIZE: Final = 1 << 22
@@ -70,10 +71,13 @@ class Batches:
         Of the file.
     end : int
         Where its footer begins.
+    name : str
+        What the file is called, for an error.
     """
 
-    def __init__(self, descriptor: int, end: int) -> None:
+    def __init__(self, descriptor: int, end: int, name: str) -> None:
         self._descriptor = descriptor
+        self._name = name
         self._end = end
         self._ended = False
         #: Of the next batch.
@@ -88,6 +92,8 @@ class Batches:
         ------
         Damaged
             If the file has no record where one must be, or has become shorter.
+        InputError
+            If a record claims more memory than is allowed.
         """
         if self._ended:
             return None
@@ -108,6 +114,8 @@ class Batches:
             if begin <= size:
                 opcode, length = unpack(data, at)
                 stop += length
+                if opcode == 0:
+                    raise Damaged(f"damaged: no record at byte {place + at}")
                 if opcode != MESSAGE_INDEX:
                     whole = at
                     if unpacked > SIZE:
@@ -122,6 +130,7 @@ class Batches:
                         else f"damaged: the record at byte {place + at} is cut off"
                     )
                 before, size = size, min(max(stop, 2 * size), left)
+                require_room(size, f"{self._name}: what belongs together at byte {place + whole}")
                 data = buffer.room(size)
                 self._read(data[before:size], place + before)
                 continue

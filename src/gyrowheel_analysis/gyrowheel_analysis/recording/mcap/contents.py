@@ -13,10 +13,12 @@ import numpy.typing as npt
 
 from gyrowheel_analysis.recording.mcap.batches import Batch
 from gyrowheel_analysis.recording.mcap.format import (
+    CHANNEL,
     MESSAGE,
     MESSAGE_HEAD_DTYPE,
     MESSAGE_OVERHEAD,
     RECORD_HEAD,
+    SCHEMA,
 )
 from gyrowheel_analysis.recording.mcap.records import (
     Chunk,
@@ -66,7 +68,7 @@ class Contents:
     Attributes
     ----------
     declarations : list of (int, memoryview)
-        Opcode and contents of the records that are no messages.
+        Opcode and contents of the schemas and channels.
     shares : list of Share
         The messages.
     checksum : int
@@ -87,7 +89,7 @@ def contents(batch: Batch) -> Contents:
         If something contradicts what the file states of it.
     """
     data = batch.data
-    declarations = [(opcode, data[a:b]) for opcode, a, b in batch.others if opcode != MESSAGE]
+    declarations = [(opcode, data[a:b]) for opcode, a, b in batch.others if opcode in (SCHEMA, CHANNEL)]
     places = [begin - RECORD_HEAD.size for opcode, begin, _ in batch.others if opcode == MESSAGE]
     shares: list[Share] = []
     if places:

@@ -109,10 +109,10 @@ class _File:
         self._schemas: dict[int, tuple[str, str, str]] = {}  # type, encoding and text by number
         self._topics: dict[int, TopicData] = {}  # by channel
         self._stated: dict[int, int] = {}  # number of messages by channel, as the summary has it
-        self._kept = 0  # bytes of the messages that were asked for
+        self._kept = 0  # bytes of the messages that were asked for, and of what declares topics
         self._outside: list[tuple[TopicData, int]] = []  # how many messages were in no chunk
         self._crc = 0  # of the data so far
-        self._batches = Batches(file.fileno(), size - FOOTER_FORM.size)
+        self._batches = Batches(file.fileno(), size - FOOTER_FORM.size, str(file.name))
         self._reading = threading.Lock()
         self._turn = threading.Condition()
         self._settled = 0  # batches
@@ -174,9 +174,18 @@ class _File:
                     self._settled += 1
                     self._turn.notify_all()
                 for job in jobs:
-                    job.do(self._unpack)
+                    job.do(None if self._unpack is None else self._plain)
         except BaseException as error:
             self._fail(number if isinstance(error, Exception) else -1, error)
+
+    def _plain(self, message: bytes) -> bytes:
+        """Decompress a message; what it has grown to counts."""
+        assert self._unpack is not None
+        plain = self._unpack(message)
+        with self._turn:
+            self._kept += len(plain)
+            require_room(self._kept, f"{self._file.name}: what its messages are unpacked to")
+        return plain
 
     def _fail(self, number: int, error: BaseException) -> None:
         with self._turn:
@@ -209,15 +218,27 @@ class _File:
         fields = Fields(contents)
         if opcode == SCHEMA:
             number = fields.number("<H")
-            self._schemas[number] = (fields.text(), fields.text(), fields.text())
+            schema = fields.text(), fields.text(), fields.text()
+            known = self._schemas.get(number)
+            if known is None:
+                self._keep_declaration(contents)
+                self._schemas[number] = schema
+            elif known != schema:
+                raise Damaged(f"damaged: schema {number} is declared in two ways")
         elif opcode == CHANNEL:
-            number, schema = fields.number("<H"), fields.number("<H")
-            type_name, encoding, text = self._schemas.get(schema, ("", "", ""))
+            number, of = fields.number("<H"), fields.number("<H")
+            type_name, encoding, text = self._schemas.get(of, ("", "", ""))
             topic = TopicData(fields.text(), type_name, fields.text(), encoding, text)
             topic.expected = self._stated.get(number, 0)
-            known = self._topics.setdefault(number, topic)
-            if (known.name, known.type_name) != (topic.name, topic.type_name):
-                raise Damaged(f"damaged: channel {number} is both {known.name} and {topic.name}")
+            if number not in self._topics:
+                self._keep_declaration(contents)
+            before = self._topics.setdefault(number, topic)
+            if (before.name, before.type_name) != (topic.name, topic.type_name):
+                raise Damaged(f"damaged: channel {number} is both {before.name} and {topic.name}")
+
+    def _keep_declaration(self, contents: memoryview) -> None:
+        self._kept += len(contents)
+        require_room(self._kept, f"{self._file.name}: what declares its topics")
 
     def _take(self, share: Share) -> Iterator[_Job]:
         """Count messages, and yield what makes them those of their topic, if it is wanted."""
@@ -252,6 +273,7 @@ class _File:
             return
         if start != self._batches.position:
             raise Damaged(f"damaged: the summary is said to begin at byte {start}")
+        require_room(self._size - start, f"{self._file.name}: its summary")
         summary = memoryview(self._part(start, self._size - start))
         if len(summary) < self._size - start:
             raise Damaged("the file has become shorter while it was read")

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final, TypeAlias
@@ -17,15 +18,22 @@ import numpy.typing as npt
 import zstandard
 
 from gyrowheel_analysis.recording.mcap.format import (
+    CHANNEL,
     MESSAGE,
     MESSAGE_HEAD_DTYPE,
     MESSAGE_OVERHEAD,
     RECORD_HEAD,
+    SCHEMA,
 )
 from gyrowheel_core.errors import InputError
 
+#: What signals and messages can be compressed by, generously; only a file made to fill a memory reaches more.
+MOST_COMPRESSED: Final = 1000
 _HEAD: Final = MESSAGE_HEAD_DTYPE.itemsize
-_LIMIT: Final = 1 << 29  # bytes in a chunk; a larger number counts as damage and is never allocated
+#: Bytes in a chunk; a larger number counts as damage and is never allocated.
+LARGEST: Final = 1 << 29
+_SMALL: Final = 1 << 24  # bytes in a chunk, however much they are compressed
+_MOST_DECLARED: Final = 1 << 17  # schemas and channels in a chunk: as many as there are numbers for them
 _INDEX_HEAD: Final = np.dtype([("channel", "<u2"), ("length", "<u4")])  # length of what follows
 #: Head of a chunk: first and last time, length of the records, their checksum.
 CHUNK_HEAD: Final = struct.Struct("<QQQI")
@@ -84,9 +92,12 @@ def open_chunk(contents: memoryview, where: str) -> Chunk:
     fields = Fields(contents)
     start, end, size, checksum = fields.numbers(CHUNK_HEAD)
     compression = fields.text()
-    if size > _LIMIT:
+    if size > LARGEST:
         raise Damaged(f"damaged: {where} claims {size} bytes")
-    records = _decompress(fields.data(fields.number("<Q")), compression, size, where)
+    stored = fields.data(fields.number("<Q"))
+    if size > max(_SMALL, MOST_COMPRESSED * len(stored)):
+        raise Damaged(f"damaged: {where} claims {size} bytes in {len(stored)}, as none of a recording does")
+    records = _decompress(stored, compression, size, where)
     if len(records) != size:
         raise Damaged(f"damaged: {where} has {len(records)} bytes instead of {size}")
     if checksum and zlib.crc32(records) != checksum:
@@ -116,7 +127,7 @@ def plain_chunks(data: memoryview, chunks: npt.NDArray[np.int64]) -> npt.NDArray
     sizes = heads["size"]
     begins = begins + _PLAIN.itemsize
     plain = (heads["name"] == 0) & (heads["stored"] == sizes) & (sizes <= (ends - begins).astype(np.uint64))
-    if not np.all(plain & (sizes <= _LIMIT) & (heads["checksum"] != 0)):
+    if not np.all(plain & (sizes <= LARGEST) & (heads["checksum"] != 0)):
         return None
     spans = np.stack([begins, begins + sizes.astype(np.int64)], axis=1)
     found = [zlib.crc32(data[a:b]) for a, b in spans.tolist()]
@@ -136,7 +147,7 @@ class Found:
     heads : structured ndarray, shape (n,)
         Their heads, `MESSAGE_HEAD_DTYPE`.
     others : list of (int, memoryview)
-        Opcode and contents of the other records.
+        Opcode and contents of schemas and channels; nothing else in a chunk means anything.
     """
 
     records: memoryview
@@ -201,18 +212,22 @@ def find(chunks: Indexed, where: str) -> Found:
     if not np.array_equal(heads["channel"], channels) or not np.array_equal(heads["log_time"], times):
         raise Damaged(f"damaged: {where} and its index differ")
     stops = places + RECORD_HEAD.size + heads["length"].astype(np.int64)
-    further: list[int] = []
+    further: array[int] = array("q")
     others: list[tuple[int, memoryview]] = []
     for position, end in _gaps(chunks.spans, places, stops, where):
         while position < end:
             opcode, start, stop = record_at(records, position, end)
             if opcode == MESSAGE:
                 further.append(position)
-            else:
+            elif opcode in (SCHEMA, CHANNEL):
                 others.append((opcode, records[start:stop]))
+                if len(others) > _MOST_DECLARED:
+                    raise Damaged(f"damaged: {where} declares more than there are numbers for")
+            elif opcode == 0:
+                raise Damaged(f"damaged: no record at byte {position} of {where}")
             position = stop
     if further:
-        places = np.sort(np.concatenate([places, np.array(further)]))
+        places = np.sort(np.concatenate([places, np.array(further, dtype=np.int64)]))
         heads = heads_at(records, places, where)
     return Found(records, places, heads, others)
 

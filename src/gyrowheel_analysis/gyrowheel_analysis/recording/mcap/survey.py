@@ -30,10 +30,23 @@ from gyrowheel_analysis.recording.mcap.format import (
     STATISTICS,
     SUMMARY_OFFSET,
 )
-from gyrowheel_analysis.recording.mcap.records import Chunk, Damaged, Fields, Found, find_messages, open_chunk
+from gyrowheel_analysis.recording.mcap.records import (
+    LARGEST,
+    Chunk,
+    Damaged,
+    Fields,
+    Found,
+    find_messages,
+    open_chunk,
+)
+from gyrowheel_core.limits import require_room
 from gyrowheel_core.wire import SECOND
 
 _WINDOW: Final = 1 << 22  # bytes searched at a time
+_LONGEST: Final = 2 * LARGEST  # bytes of a record; a larger number counts as damage
+#: Bytes that are examined where the next chunk is searched: as many times those of the file, and how many at least.
+_SEARCHED: Final = 100
+_SEARCHED_AT_LEAST: Final = 1 << 28
 LOOSE: Final = 1 << 16  # bytes of loose messages that become one chunk
 # the begin of a chunk; found with a look-ahead, so that a false match hides no real chunk
 _CHUNK: Final = re.compile(
@@ -68,6 +81,7 @@ class Piece:
 class Survey:
     """What the first pass finds in a file."""
 
+    name: str
     pieces: list[Piece] = field(default_factory=list)
     gaps: list[Gap] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
@@ -77,12 +91,17 @@ class Survey:
     data_checked: bool = False
     count: int | None = None  # of messages, stated by the summary
     end: int | None = None  # largest log time, stated by the summary [ns]
+    declared_size: int = 0  # bytes of what declares topics
 
     def declare(self, opcode: int, contents: memoryview, *, sure: bool) -> None:
         """Note a schema or a channel."""
         if opcode in (SCHEMA, CHANNEL) and len(contents) >= 2:
             (number,) = struct.unpack_from("<H", contents)
-            (self.sure if sure else self.unsure).setdefault((opcode, number), bytes(contents))
+            kept = self.sure if sure else self.unsure
+            if (opcode, number) not in kept:
+                self.declared_size += len(contents)
+                require_room(self.declared_size, f"{self.name}: what declares its topics")
+                kept[opcode, number] = bytes(contents)
 
     @property
     def declared(self) -> dict[tuple[int, int], bytes]:
@@ -90,17 +109,24 @@ class Survey:
         return self.unsure | self.sure
 
 
-def take_survey(stream: BinaryIO, progress: Callable[[float], None]) -> Survey:
+def take_survey(stream: BinaryIO, name: str, progress: Callable[[float], None]) -> Survey:
     """Survey a file.
 
     Parameters
     ----------
     stream : binary file
         The file, in any state.
+    name : str
+        What it is called, for an error.
     progress : callable
         Called with the fraction done.
+
+    Raises
+    ------
+    InputError
+        If a part of it claims more memory than is allowed.
     """
-    return _Walk(stream, progress).run()
+    return _Walk(stream, name, progress).run()
 
 
 def load_piece(stream: BinaryIO, piece: Piece) -> tuple[memoryview, Found, bool]:
@@ -118,11 +144,13 @@ def load_piece(stream: BinaryIO, piece: Piece) -> tuple[memoryview, Found, bool]
 class _Walk:
     """The first pass through a file."""
 
-    def __init__(self, stream: BinaryIO, progress: Callable[[float], None]) -> None:
+    def __init__(self, stream: BinaryIO, name: str, progress: Callable[[float], None]) -> None:
         self._stream = stream
+        self._name = name
         self._progress = progress
         self._size = stream.seek(0, os.SEEK_END)
-        self._survey = Survey()
+        self._survey = Survey(name)
+        self._to_examine = _SEARCHED * self._size + _SEARCHED_AT_LEAST
         self._crc = 0
         self._steady = True  # no damage so far: the checksum of the data can still match
         # place, length and contents of the chunk whose index is being read
@@ -148,6 +176,7 @@ class _Walk:
         return survey
 
     def _read(self, position: int, length: int) -> bytes:
+        require_room(min(length, self._size - position), f"{self._name}: what is at byte {position}")
         self._stream.seek(position)
         return self._stream.read(length)
 
@@ -156,7 +185,7 @@ class _Walk:
         head = self._read(position, RECORD_HEAD.size)
         opcode, length = RECORD_HEAD.unpack(head) if len(head) == RECORD_HEAD.size else (0, 0)
         stop = position + RECORD_HEAD.size + length
-        if not (HEADER <= opcode <= DATA_END and opcode != FOOTER) or stop > self._size:
+        if not (HEADER <= opcode <= DATA_END and opcode != FOOTER) or stop > self._size or length > _LONGEST:
             return self._lose(position, opcode, length)
         body = self._read(position + RECORD_HEAD.size, length)
         if opcode == MESSAGE_INDEX:
@@ -280,6 +309,12 @@ class _Walk:
                     continue
                 if place + RECORD_HEAD.size + length > self._size:
                     continue
+                if size > LARGEST:
+                    continue
+                self._to_examine -= length + size
+                if self._to_examine < 0:  # only in a file that was made for it
+                    self._survey.notes.append("too much of it only looks like chunks: not read to its end")
+                    return None
                 body = self._read(place + RECORD_HEAD.size, length)
                 with contextlib.suppress(Damaged):
                     _examine(body, [], "")

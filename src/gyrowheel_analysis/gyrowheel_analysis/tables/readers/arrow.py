@@ -56,6 +56,8 @@ def as_numbers(values: Any) -> Any:
     kind = values.type
     if pa.types.is_timestamp(kind):
         return values.cast(pa.timestamp("ns")).to_numpy()
+    if pa.types.is_null(kind):
+        return np.full(len(values), np.nan)
     if pa.types.is_integer(kind) and not values.null_count:
         return values.to_numpy()
     if (

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -31,6 +32,12 @@ def read(path: Path, names: Sequence[str] | None) -> Grid:
         raise InputError(f"{path}: cannot be read: {error.strerror or one_line(error)}") from None
     require_room(_TEXT_TO_MEMORY * len(data), f"{path}: it")
     form = form_of(data[:_HEAD], str(path), whole=len(data) <= _HEAD)
+    try:
+        data.decode(form.encoding)
+    except UnicodeDecodeError as error:  # further down than was looked at
+        if form.encoding != "utf-8":
+            raise InputError(f"{path}: cannot be read: {one_line(error)}") from None
+        form = replace(form, encoding="latin-1")
     return rows_of(data, form, str(path), names)
 
 
@@ -101,8 +108,9 @@ def _column(name: str, values: Any, unit: str, decimal: str) -> Column:
     clock = sum(own.count for own in odd if own.kind == "clock")
     known = len(values) - values.null_count
     if clock == known > 0:
-        with contextlib.suppress(pa.ArrowException):
-            return Column(name, values.cast(pa.timestamp("ns")).to_numpy(), unit)
+        for kind in (pa.timestamp("ns"), pa.timestamp("ns", "UTC")):  # without and with a zone
+            with contextlib.suppress(pa.ArrowException):
+                return Column(name, as_numbers(values.cast(kind)), unit)
     if 2 * (int(np.isfinite(numbers).sum()) + clock) > known:
         return Column(name, numbers, unit, odd=odd)
     return Column(name, as_numbers(values), unit)

@@ -1,0 +1,106 @@
+"""Files of measurement programs, and bags of others: damaged ones are refused in one line, or read."""
+
+from __future__ import annotations
+
+import functools
+import random
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import asammdf
+import h5py
+import nptdms
+import numpy as np
+import scipy.io
+from rosbags import rosbag1, rosbag2
+from rosbags.typesys import Stores, get_typestore
+
+from gyrowheel_analysis.tables.formats import read_grid
+
+from .damage import mutated
+from .harness import Case
+from .tables import columns
+
+
+def formats(rng: random.Random, folder: Path) -> Iterator[Case]:
+    """Damage a file of one of the formats, and read its table."""
+    whole = _whole(folder)
+    for name, content in whole:
+        if _use(folder / name, content) != "read":
+            raise AssertionError
+    while True:
+        name, content = rng.choice(whole)
+        yield Case(name, mutated(content, rng), functools.partial(_use, folder / name))
+
+
+def _use(file: Path, data: bytes) -> str:
+    file.write_bytes(data)
+    read_grid(file)
+    return "read"
+
+
+def _whole(folder: Path) -> list[tuple[str, bytes]]:
+    """Return small files of every format as it is usually written, by name."""
+    table = columns()
+    time = table["t_ms"] * 1e-3
+    within = {"run": {"signals": table, "names": np.array(["a", "b"], dtype=object)}}
+    scipy.io.savemat(folder / "plain.mat", table)
+    scipy.io.savemat(folder / "packed.mat", within, do_compression=True)
+    scipy.io.savemat(folder / "old.mat", table, format="4")
+    packings: list[tuple[str, dict[str, Any]]] = [
+        ("plain.h5", {}),
+        ("packed.h5", {"compression": "gzip", "chunks": (8,)}),
+    ]
+    for name, options in packings:
+        with h5py.File(folder / name, "w") as file:
+            for column, values in table.items():
+                file.create_dataset(f"run/{column}", data=values, **options).attrs["unit"] = "V"
+    with nptdms.TdmsWriter(folder / "run.tdms") as writer:
+        waveform = {"wf_increment": 0.0005, "unit_string": "V"}
+        writer.write_segment(
+            [nptdms.ChannelObject("run", column, values, waveform) for column, values in table.items()]
+        )
+    for name, packed in (("plain.mf4", 0), ("packed.mf4", 2)):
+        with asammdf.MDF(version="4.10") as measured:
+            measured.append(
+                [asammdf.Signal(values, time, name=column, unit="V") for column, values in table.items()]
+            )
+            measured.save(folder / name, overwrite=True, compression=packed)
+    _bags(folder, table)
+    return [(file.name, file.read_bytes()) for file in sorted(folder.iterdir())]
+
+
+def _bags(folder: Path, table: dict[str, np.ndarray]) -> None:
+    """Write small bags of ROS 1, packed in each way, and of ROS 2."""
+    names = {"plain.bag": None, "bz2.bag": rosbag1.Writer.CompressionFormat.BZ2}
+    names["lz4.bag"] = rosbag1.Writer.CompressionFormat.LZ4
+    for name, packed in names.items():
+        writer: Any = rosbag1.Writer(folder / name)
+        if packed:
+            writer.set_compression(packed)
+        _write(writer, Stores.ROS1_NOETIC, table)
+    for plugin in rosbag2.StoragePlugin:
+        _write(rosbag2.Writer(folder / "bag", version=9, storage_plugin=plugin), Stores.ROS2_JAZZY, table)
+        (file,) = (own for own in (folder / "bag").iterdir() if own.suffix != ".yaml")
+        file.rename(folder / file.name)
+        shutil.rmtree(folder / "bag")
+
+
+def _write(writer: Any, kind: Stores, table: dict[str, np.ndarray]) -> None:
+    store = get_typestore(kind)
+    joints, header, when = (
+        store.types[name]
+        for name in ("sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
+    )
+    ros1 = kind == Stores.ROS1_NOETIC
+    names, columns = list(table), np.column_stack(list(table.values()))
+    with writer:
+        connection = writer.add_connection("/joints", joints.__msgtype__, typestore=store)
+        for k, row in enumerate(columns):
+            stamp = when(100, 1000 * k)
+            head = header(k, stamp, "") if ros1 else header(stamp, "")
+            message = joints(head, names, row, np.zeros(0), np.zeros(0))
+            packed = (store.serialize_ros1 if ros1 else store.serialize_cdr)(message, joints.__msgtype__)
+            writer.write(connection, 10**18 + k, packed)
