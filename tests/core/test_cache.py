@@ -175,3 +175,28 @@ def test_never_fails(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert cache.folder() is None
     cache.write("entry", b"content")
     assert cache.read("entry") is None
+
+
+def test_no_folder_for_temporary_files(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where Python finds no such folder at all there is no cache, and no error."""
+
+    def none() -> str:
+        raise FileNotFoundError(2, "No usable temporary directory found")
+
+    monkeypatch.setenv(cache.VARIABLE, "/proc/no/such/place")
+    monkeypatch.setattr("tempfile.gettempdir", none)
+    assert cache.folder() is None
+    assert _kept_or_made("entry") == b"entry" * 20
+
+
+def test_what_a_killed_process_left_goes(folder: Path) -> None:
+    """An entry half-written an hour ago is removed; one that may still be on its way and what is no entry stay."""
+    cache.write("entry", b"content")
+    for name, old in ((f".{'0' * 16}", True), (f".{'1' * 16}", False), (".0123", True), ("matplotlib", True)):
+        (folder / name).write_bytes(b"half")
+        if old:
+            os.utime(folder / name, (1.0, 1.0))
+    cache.write("other", b"content")
+    assert {place.name for place in folder.iterdir()} == {
+        "entry", "other", f".{'1' * 16}", ".0123", "matplotlib",
+    }  # fmt: skip

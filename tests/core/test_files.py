@@ -10,7 +10,15 @@ from pathlib import Path
 import pytest
 
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.files import new_directory, new_file, read_json, require_writable, write_bytes, write_text
+from gyrowheel_core.files import (
+    new_directory,
+    new_file,
+    read_json,
+    read_text,
+    require_writable,
+    write_bytes,
+    write_text,
+)
 
 
 @pytest.fixture(params=[0o022, 0o077, 0o002])
@@ -62,6 +70,52 @@ def test_a_file_that_is_there_keeps_its_permissions_and_its_links(tmp_path: Path
         os.chown(shared / "trap", 65534, 65534, follow_symlinks=False)
         write_text(shared / "trap", "mine")
         assert (own.read_text(), (shared / "trap").is_symlink()) == ("new", False)
+
+
+def test_a_file_that_is_there_keeps_its_owner_and_its_group(tmp_path: Path) -> None:
+    own = tmp_path / "wheel.yaml"
+    own.write_text("old")
+    own.chmod(0o640)
+    groups = [12345] if os.geteuid() == 0 else [group for group in os.getgroups() if group != os.getegid()]
+    if not groups:
+        pytest.skip("the user is in one group only")
+    os.chown(own, 12345 if os.geteuid() == 0 else -1, groups[0])
+    before = own.stat()
+    write_text(own, "new")
+    after = own.stat()
+    assert own.read_text() == "new"
+    assert (after.st_uid, after.st_gid, mode(own)) == (before.st_uid, before.st_gid, 0o640)
+
+
+def test_a_link_to_an_empty_folder_stays(tmp_path: Path) -> None:
+    """The folder that it leads to is taken; what nothing can take the place of is refused before the work."""
+    far, link = tmp_path / "disk" / "far", tmp_path / "run"
+    far.mkdir(parents=True)
+    link.symlink_to(far)
+    with new_directory(link) as place:
+        place.mkdir()
+        (place / "a").write_text("x")
+    assert link.is_symlink()
+    assert [file.name for file in far.iterdir()] == ["a"]
+    assert [folder.name for folder in far.parent.iterdir()] == ["far"]
+
+
+def test_the_root_of_a_file_system_is_refused_before_the_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "mounted").mkdir()
+    monkeypatch.setattr("os.path.ismount", lambda path: Path(path).name == "mounted")
+    with (
+        pytest.raises(InputError, match="mounted: is the root of a file system; name a new folder in it"),
+        new_directory(tmp_path / "mounted"),
+    ):
+        pytest.fail("the work has begun")
+
+
+@pytest.mark.parametrize("name", ["a\0b", "\ud800"])
+def test_a_name_that_no_file_can_have_is_no_file(name: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be read: "):
+        read_text(tmp_path / name)
 
 
 @pytest.mark.parametrize("check", [require_writable, lambda file: write_text(file, "new")])

@@ -129,3 +129,13 @@ def test_a_folder_in_use_is_refused(tmp_path: Path):
     with journal(tmp_path / "new", WORK), refused, journal(tmp_path / "new", WORK, resume=True):
         pass
     assert not (tmp_path / "new" / ".lock").exists()
+
+
+def test_a_name_with_bytes_that_are_no_text(tmp_path: Path):
+    """As the shell may give one: it is kept as it is, and gone on with."""
+    work = WORK.model_copy(update={"settings": {"model": os.fsdecode(b"wheel \xff.yaml")}})
+    with journal(tmp_path, work) as kept:
+        kept.finish("one", 1)
+    assert begun(tmp_path, "campaign") == work
+    with journal(tmp_path, work, resume=True) as kept:
+        assert kept.finished() == {"one": 1}

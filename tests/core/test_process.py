@@ -5,13 +5,16 @@ from __future__ import annotations
 import os
 import re
 import signal
+import subprocess
+import sys
+import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.node import BenchNode, ExitCode, StopSignals, prepare_environment, run_node
+from gyrowheel_core.node import BenchNode, ExitCode, StopSignals, prepare_environment, priority, run_node
 from gyrowheel_core.node.priority import raise_priority
 
 RANGE, PROFILES = "ROS_AUTOMATIC_DISCOVERY_RANGE", "FASTRTPS_DEFAULT_PROFILES_FILE"
@@ -115,9 +118,53 @@ def test_a_priority_that_the_system_refuses_is_said(monkeypatch: pytest.MonkeyPa
     assert not raise_priority(10)
 
 
+def test_a_refused_priority_stands_in_the_diagnosis(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(priority, "raise_priority", lambda level: level < 30)
+    monkeypatch.setattr(priority, "lock_memory", lambda: False)
+    assert priority.keep_pace(0) == {}
+    assert priority.keep_pace(20)["priority"] == "20"
+    values = priority.keep_pace(30)
+    assert priority.is_refused(values)
+    assert values["memory_locked"].startswith("not allowed")
+
+
+def test_memory_is_locked_only_without_a_limit() -> None:
+    """Below one the next allocation would fail; the process goes on in either case."""
+    lines = """
+        import resource
+        from pathlib import Path
+        from gyrowheel_core.node import priority
+
+        if {limited}:
+            resource.setrlimit(resource.RLIMIT_MEMLOCK, (1 << 16, 1 << 16))
+            priority._has_capability = lambda number: False
+        locked = priority.lock_memory()
+        block = bytearray(1 << 25)
+        kept = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmLck"))
+        print(locked, int(kept.split()[1]) > 0)
+    """
+    found = []
+    for limited in (True, False):
+        code = textwrap.dedent(lines).replace("{limited}", str(limited))
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+        found.append(done.stdout.strip())
+    assert found[0] == "False False"
+    assert found[1] in ("True True", "False False")  # as the system allows
+
+
 @pytest.mark.parametrize("domain", ["abc", "-1", "233", "9" * 400, "٣", "1.0"])
 def test_a_domain_that_is_none(domain: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The middleware would end the process, with the exit code of a finding."""
     monkeypatch.setenv("ROS_DOMAIN_ID", domain)
     with pytest.raises(InputError, match=r"^ROS_DOMAIN_ID: .* is not allowed; allowed: 0 \.\. 232$"):
         prepare_environment()
+
+
+def test_no_end_of_a_node_can_be_taken_for_a_finding_or_an_interruption() -> None:
+    shell = pytest.importorskip("gyrowheel.cli.shell")
+    assert {shell.FINDING, shell.INTERRUPTED}.isdisjoint({int(code) for code in ExitCode})
+    assert (ExitCode.BAD_INPUT, ExitCode.FAULT, ExitCode.CRASH) == (
+        shell.BAD_INPUT,
+        shell.NODE_FAILED,
+        shell.DEFECT,
+    )

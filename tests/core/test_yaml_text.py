@@ -22,8 +22,13 @@ def test_content_and_anchors_are_read() -> None:
         ("a: &a [0, 0, 0, 0, 0, 0, 0, 0, 0, 0]\n"
          + "".join(f"{n}: &{n} [{', '.join([f'*{o}'] * 10)}]\n" for o, n in zip("abcdef", "bcdefg", strict=True)),
          "its anchors repeat too much"),
+        ("a: &a {x: 1}\n"
+         + "".join(f"{n}: &{n} {{<<: [{f'*{o}, ' * 10}]}}\n" for o, n in zip("abcdefg", "bcdefgh", strict=True))
+         + "<<: *h\n",
+         "its anchors repeat too much"),
+        ("a: 1" + ":1" * 2000 + "\n", "a number of 4001 characters"),
     ],
-    ids=["key twice", "cut off", "endless", "deep", "no date", "too many"],
+    ids=["key twice", "cut off", "endless", "deep", "no date", "too many", "merged", "base 60"],
 )  # fmt: skip
 def test_what_is_no_sound_yaml_is_refused_in_one_line(text: str, why: str) -> None:
     with pytest.raises(InputError) as caught:

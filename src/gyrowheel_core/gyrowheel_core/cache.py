@@ -9,20 +9,25 @@ import contextlib
 import functools
 import hashlib
 import os
+import re
 import secrets
 import stat
 import tempfile
+import time
 from pathlib import Path
 
 #: Environment variable that names the folder.
 VARIABLE = "GYROWHEEL_CACHE"
 _WRITABLE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
 _DIGEST = hashlib.sha256
+_TOKEN = 8  # bytes in the name of an entry on its way
+_HALF = re.compile(rf"\.[0-9a-f]{{{2 * _TOKEN}}}")
+_OLD = 3600.0  # s; no entry takes so long to write
 
 
 def digest(*texts: str) -> str:
     """Return a short name of texts: another one where any of them differs."""
-    return _DIGEST("\0".join(texts).encode()).hexdigest()[:20]
+    return _DIGEST("\0".join(texts).encode("utf-8", "surrogatepass")).hexdigest()[:20]
 
 
 def folder() -> Path | None:
@@ -34,8 +39,16 @@ def folder() -> Path | None:
     return _folder(
         os.environ.get(VARIABLE, ""),
         os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"),
-        tempfile.gettempdir(),
+        _temporary(),
     )
+
+
+def _temporary() -> str:
+    """Return the folder for temporary files; empty where there is none that can be written to."""
+    try:
+        return tempfile.gettempdir()
+    except OSError:
+        return ""
 
 
 @functools.cache
@@ -92,7 +105,8 @@ def write(name: str, content: bytes) -> None:
     place = folder()
     if place is None:
         return
-    written = place / f".{secrets.token_hex(8)}"
+    _sweep(place)
+    written = place / f".{secrets.token_hex(_TOKEN)}"
     try:
         opened = os.open(written, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600)
         with os.fdopen(opened, "wb") as file:
@@ -101,6 +115,15 @@ def write(name: str, content: bytes) -> None:
     except OSError:
         with contextlib.suppress(OSError):
             written.unlink(missing_ok=True)
+
+
+def _sweep(place: Path) -> None:
+    """Remove entries that killed processes left half-written, long ago."""
+    before = time.time() - _OLD
+    with contextlib.suppress(OSError):
+        for entry in list(os.scandir(place)):
+            if _HALF.fullmatch(entry.name) and entry.stat(follow_symlinks=False).st_mtime < before:
+                os.unlink(entry.path)
 
 
 def _checksum(name: str, content: bytes) -> bytes:

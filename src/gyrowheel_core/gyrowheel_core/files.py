@@ -50,8 +50,10 @@ def new_directory(directory: Path) -> Iterator[Path]:
         If the directory exists and is not empty, or its parent cannot be written to.
     """
     require_new(directory)
-    target = directory.absolute()
-    with disk_errors(target):
+    with disk_errors(directory):
+        target = _led_to(directory).absolute()
+        if os.path.ismount(target):  # nothing can take its place
+            raise InputError(f"{directory}: is the root of a file system; name a new folder in it")
         target.parent.mkdir(parents=True, exist_ok=True)
     with contextlib.ExitStack() as stack:
         with disk_errors(target):
@@ -143,7 +145,8 @@ def read_json(file: Path) -> Any:
 def new_file(file: Path, *, private: bool = False) -> Iterator[Path]:
     """Yield a temporary file; it replaces `file` when the block ends without an error, and is removed otherwise.
 
-    A file that is there keeps its permissions; where a link stands, the file that it leads to is replaced.
+    A file that is there keeps its permissions and, as far as the user may give it away, its owner and group; where a
+    link stands, the file that it leads to is replaced.
 
     Parameters
     ----------
@@ -169,6 +172,7 @@ def new_file(file: Path, *, private: bool = False) -> Iterator[Path]:
         with on_its_way(target, mode=0o600 if private or mode is not None else 0o666) as (place, opened):
             yield place
             if mode is not None and not private:
+                _keep_owner(opened, target)
                 os.fchmod(opened, mode)
             os.fsync(opened)  # else a power failure may leave an empty file under the name of the old one
             os.replace(place, target)
@@ -188,6 +192,14 @@ def _mode(target: Path, file: Path) -> int | None:
     if stat.S_ISREG(found) and not os.access(target, os.W_OK):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
     return stat.S_IMODE(found) & 0o777 if stat.S_ISREG(found) else None
+
+
+def _keep_owner(opened: int, target: Path) -> None:
+    """Give a new file the owner and the group of the one that it replaces, as far as the user may."""
+    before = target.stat()
+    for owner, group in ((before.st_uid, -1), (-1, before.st_gid)):
+        with contextlib.suppress(OSError):
+            os.fchown(opened, owner, group)
 
 
 def _led_to(file: Path) -> Path:
@@ -257,6 +269,8 @@ def read_errors(path: Path) -> Iterator[None]:
         raise
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or one_line(error)}") from None
+    except ValueError as error:  # a name with a zero byte, or of characters that no file name can have
+        raise InputError(f"{path}: cannot be read: {one_line(error)}") from None
 
 
 @contextlib.contextmanager

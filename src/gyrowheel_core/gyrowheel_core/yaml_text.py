@@ -14,17 +14,46 @@ _MOST: Final = 1_000_000
 _LONGEST: Final = 200  # characters of the parser's message
 #: Characters that a text may have; the parser takes six seconds for as many.
 LARGEST: Final = 1_000_000
+_MERGE: Final = "tag:yaml.org,2002:merge"
+_DIGITS: Final = 1000  # characters of a whole number; YAML reads 1:1:1 in base 60, one part after the other
 
 
 # The loader in C is faster, but deep nesting crashes it.
 class _Loader(yaml.SafeLoader):
     """A loader that refuses a repeated key in a mapping; YAML libraries keep the last one."""
 
+    def __init__(self, stream: str) -> None:
+        super().__init__(stream)
+        self._merged = 0  # keys that came from other mappings
+
+    def flatten_mapping(self, node: yaml.MappingNode) -> None:
+        """Write out the mappings that are merged into one, unless they are too many: each may have others in it."""
+        for key, value in node.value:
+            if key.tag != _MERGE:
+                continue
+            for part in value.value if isinstance(value, yaml.SequenceNode) else [value]:
+                if isinstance(part, yaml.MappingNode):
+                    self.flatten_mapping(part)
+                    self._merged += len(part.value)
+                if self._merged > _MOST:
+                    raise yaml.constructor.ConstructorError(
+                        None, None, "its anchors repeat too much", key.start_mark
+                    )
+        super().flatten_mapping(node)
+
+    def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
+        """Return a whole number, unless it is far longer than any."""
+        if len(node.value) > _DIGITS:
+            raise yaml.constructor.ConstructorError(
+                None, None, f"a number of {len(node.value)} characters", node.start_mark
+            )
+        return super().construct_yaml_int(node)
+
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         result = super().construct_mapping(node, deep)
         seen: set[Hashable] = set()
         for key_node, _ in node.value:
-            if key_node.tag == "tag:yaml.org,2002:merge":
+            if key_node.tag == _MERGE:
                 continue
             key = self.construct_object(key_node, deep=True)
             if key in seen:
@@ -33,6 +62,9 @@ class _Loader(yaml.SafeLoader):
                 )
             seen.add(key)
         return result
+
+
+_Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_yaml_int)
 
 
 def read_yaml(text: str, origin: str) -> Any:

@@ -49,7 +49,7 @@ from gyrowheel_core.node.base import PARENT_VARIABLE, SURPLUS, WAITS_FOR, WARN, 
 from gyrowheel_core.node.inbox import Inbox
 from gyrowheel_core.node.newcomers import Newcomers
 from gyrowheel_core.node.parameters import AUTOSTART, Param
-from gyrowheel_core.node.priority import PRIORITY
+from gyrowheel_core.node.priority import PRIORITY, is_refused
 from gyrowheel_core.node.process import (
     ExitCode,
     StopSignals,
@@ -74,6 +74,7 @@ __all__ = [
     "Newcomers",
     "Param",
     "StopSignals",
+    "is_refused",
     "make_executor",
     "parameter_help",
     "prepare_environment",

@@ -24,7 +24,7 @@ from gyrowheel_core import namespaces, topics
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.node.inbox import Inbox
 from gyrowheel_core.node.parameters import AUTOSTART, Param
-from gyrowheel_core.node.priority import PRIORITY, raise_priority
+from gyrowheel_core.node.priority import PRIORITY, is_refused, keep_pace
 from gyrowheel_core.node.publishers import PublisherWatch
 
 #: Environment variable with the process id of the process that a node ends with (see `BenchNode`).
@@ -105,6 +105,7 @@ class BenchNode(LifecycleNode):
         #: Who publishes what this node reads.
         self.watch = PublisherWatch(self)
         self._surplus: dict[str, str] = {}  # as it was last said
+        self._granted: dict[str, str] = {}  # priority and memory, where they were asked for
         super().__init__(self.NODE_NAME, automatically_declare_parameters_from_overrides=True)
         self._service_change_state.callback = self._change_state(self._service_change_state.callback)
         self._service_get_state.callback = self._answer_when_drained(self._service_get_state.callback)
@@ -243,12 +244,10 @@ class BenchNode(LifecycleNode):
         return self.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def prioritise(self) -> None:
-        """Set the priority that the parameter `PRIORITY` requests; warn if the system does not allow it."""
-        wanted = self.parameter(PRIORITY.name)
-        if not raise_priority(wanted):
-            self.get_logger().warning(
-                f"priority {wanted} is not allowed on this system; the process keeps its own"
-            )
+        """Set the priority that the parameter `PRIORITY` requests, and tell if the system does not allow it."""
+        self._granted = keep_pace(self.parameter(PRIORITY.name))
+        if is_refused(self._granted):
+            self.get_logger().warning(f"real-time priority {self._granted[PRIORITY.name]}")
 
     def stop(self) -> None:
         """End the process, exit code 0, after the current callback."""
@@ -455,7 +454,7 @@ class BenchNode(LifecycleNode):
             self.announce()
 
     def _publish_diagnosis(self, diagnosis: Diagnosis) -> None:
-        values = {**diagnosis.values, "state": self.state, "pid": os.getpid()}
+        values = {**diagnosis.values, **self._granted, "state": self.state, "pid": os.getpid()}
         level, text = diagnosis.level, diagnosis.message
         self.watch.look()
         if surplus := self.watch.surplus():

@@ -1,12 +1,21 @@
-"""Real-time priority of a process, for nodes that keep pace with wall-clock time."""
+"""Real-time priority and memory of a process, for nodes that keep pace with wall-clock time."""
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
 import os
+import resource
 from pathlib import Path
+from typing import Final
 
 from gyrowheel_core.node.parameters import Param
 
+_REFUSED: Final = "not allowed"
+#: Of mlockall(2): pages that are there, pages to come, each as it is used. Without the last one every process would
+#: take all the memory that its libraries have only reserved.
+_CURRENT, _FUTURE, _ON_FAULT = 1, 2, 4
+_CAP_IPC_LOCK = 14
 #: For nodes that have to keep pace with wall-clock time.
 PRIORITY = Param(
     "priority",
@@ -33,3 +42,44 @@ def raise_priority(level: int) -> bool:
     except OSError:
         return False
     return True
+
+
+def lock_memory() -> bool:
+    """Keep the memory of this process from being swapped out; return whether the system allows it.
+
+    Only where it allows so without limit: below one, every later allocation might fail.
+    """
+    unlimited = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY
+    if not unlimited and not _has_capability(_CAP_IPC_LOCK):
+        return False
+    with contextlib.suppress(OSError, AttributeError):  # another C library, or none
+        return ctypes.CDLL(None, use_errno=True).mlockall(_CURRENT | _FUTURE | _ON_FAULT) == 0
+    return False
+
+
+def keep_pace(level: int) -> dict[str, str]:
+    """Raise the priority and lock the memory as far as the system allows; return what came of it, for a diagnosis.
+
+    Parameters
+    ----------
+    level : int
+        Real-time priority, 1 .. 99; 0 changes nothing and tells nothing.
+    """
+    if level == 0:
+        return {}
+    told = str(level) if raise_priority(level) else f"{_REFUSED}: {level} (ulimit -r, or CAP_SYS_NICE)"
+    locked = "yes" if lock_memory() else f"{_REFUSED} (ulimit -l unlimited, or CAP_IPC_LOCK)"
+    return {PRIORITY.name: told, "memory_locked": locked}
+
+
+def is_refused(values: dict[str, str]) -> bool:
+    """Whether the values of a diagnosis tell that the system refuses a real-time priority."""
+    return values.get(PRIORITY.name, "").startswith(_REFUSED)
+
+
+def _has_capability(number: int) -> bool:
+    with contextlib.suppress(OSError, ValueError, StopIteration):
+        lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
+        held = int(next(line.split()[1] for line in lines if line.startswith("CapEff:")), 16)
+        return bool(held >> number & 1)
+    return False

@@ -19,7 +19,7 @@ from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from gyrowheel_core.errors import InputError, one_line
+from gyrowheel_core.errors import InputError, one_line, printable
 from gyrowheel_core.node.base import BenchNode, Fault
 from gyrowheel_core.node.parameters import AUTOSTART
 
@@ -30,12 +30,12 @@ _ANSWER = 0.3  # how long a node that was shut down stays, so that its answer ar
 
 
 class ExitCode(enum.IntEnum):
-    """Exit codes of a node's process."""
+    """Exit codes of a node's process: those of the command line, in which 1 is a finding."""
 
     OK = 0
-    CRASH = 1
     BAD_INPUT = 2
     FAULT = 3
+    CRASH = 70
 
 
 def prepare_environment() -> None:
@@ -162,7 +162,7 @@ def run_node(node_class: type[BenchNode], arguments: Sequence[str] | None = None
     if failure is None:
         return ExitCode.OK
     if isinstance(failure, InputError | Fault):
-        print(f"{node_class.NODE_NAME}: {failure}", file=sys.stderr, flush=True)
+        print(f"{node_class.NODE_NAME}: {printable(str(failure))}", file=sys.stderr, flush=True)
         return ExitCode.FAULT if isinstance(failure, Fault) else ExitCode.BAD_INPUT
     traceback.print_exception(failure)
     return ExitCode.CRASH
