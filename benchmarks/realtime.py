@@ -60,7 +60,7 @@ def run(directory: Path, minutes: float, progress: Callable[[float], None]) -> R
             record=directory,
             realtime=True,
             parameters=parameters,
-            domain_id=int(os.environ.get("ROS_DOMAIN_ID", _DOMAIN)),
+            domain_id=int(os.environ.get("ROS_DOMAIN_ID") or _DOMAIN),
         ) as graph:
             result = graph.run(progress=note)
     except (GraphError, InputError) as error:

@@ -39,7 +39,7 @@ PLAN, HIDDEN = "quick", "aero_cross"
 
 
 class _Ear:
-    """Hears what the plant tells of stalls."""
+    """Hears what plant and recorder tell of stalls."""
 
     def __init__(self, domain: int) -> None:
         self._context = Context()
@@ -50,6 +50,9 @@ class _Ear:
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         self.told: list[float] = []
+        self.recorded: dict[
+            str, float
+        ] = {}  # length of each stall by what the recorder says of it, more than once
         self.offset = float("nan")
         topic = topics.DIAGNOSTICS
         self._node.create_subscription(topic.message_class, topic.relative, self._hear, topic.qos)
@@ -69,6 +72,10 @@ class _Ear:
                     self.told.append(float(found[1]))
                 values = {pair.key: pair.value for pair in status.values}
                 self.offset = float(values.get("clock_offset_s", "nan"))
+            elif status.name == "recorder":
+                found = re.search(r"stood still ([\d.]+) s at [\d.]+ s", status.message)
+                if found:
+                    self.recorded[found[0]] = float(found[1])
 
     def close(self) -> None:
         self._end.set()
@@ -98,7 +105,7 @@ def measure(progress: Callable[[float], None]) -> list[Report]:
                 stopper.join()
         finally:
             ear.close()
-        return [_report(record, ear.told, ear.offset), _verdicts(record, beside)]
+        return [_report(record, ear), _verdicts(record, beside)]
 
 
 def _stop_and_go(pid: int, progress: Callable[[float], None]) -> None:
@@ -111,23 +118,26 @@ def _stop_and_go(pid: int, progress: Callable[[float], None]) -> None:
         progress(0.5 + 0.5 * (number + 1) / COUNT)
 
 
-def _report(record: Path, told: list[float], offset: float) -> Report:
+def _report(record: Path, ear: _Ear) -> Report:
     stamps = Recording.open(record).measurement["stamp_ns"]
     steps = (stamps[1:] - stamps[:-1]) * 1e-9
     period = 5e-4
     gaps = [float(step) - period for step in steps if step > _GAP * period]
     found = [length for _, length in info(record).integrity.stalls if length > _GAP * period]
-    loud = [length for length in told if length > _GAP * period]
+    loud = [length for length in ear.told if length > _GAP * period]
+    recorded = [length for length in ear.recorded.values() if length > _GAP * period]
     if len(gaps) < COUNT:
         raise MeasurementError(f"the recording shows {len(gaps)} stalls of {COUNT}")
     reports = []
-    for who, lengths in (("diagnostics", loud), ("info", found)):
+    for who, lengths in (("diagnostics", loud), ("the recorder", recorded), ("info", found)):
         worst = max((abs(a - b) for a, b in zip(gaps, lengths, strict=False)), default=float("nan"))
         reports += [
             Figure(f"told by {who}", float(len(lengths)), f"of {len(gaps)}", bar=Bar(">=", float(len(gaps)))),
             Figure(f"error of the length, {who}, worst", 1e3 * worst, "ms", bar=Bar("<=", 5.0)),
         ]
-    reports.append(Figure("stamps beside the clock after all", 1e3 * abs(offset), "ms", bar=Bar("<=", 2.0)))
+    reports.append(
+        Figure("stamps beside the clock after all", 1e3 * abs(ear.offset), "ms", bar=Bar("<=", 2.0))
+    )
     return Report(
         "Stalls",
         reports,

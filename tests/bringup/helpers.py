@@ -8,6 +8,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Callable
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,15 @@ name: long
 segments:
   - {label: level, spin_rpm: 2000, tilt_deg: [0, 0], hold_s: 2000}
 """
+
+
+def odd_bench(folder: Path) -> Path:
+    """Write the file of a bench that is sampled every 0.3 ms, of which 10 ms of the clock are no multiple."""
+    text = resources.files("gyrowheel_sim").joinpath("config/bench.yaml").read_text(encoding="utf-8")
+    usual, file = "sample_period: {value: 5.0e-4", folder / "odd.yaml"
+    assert text.count(usual) == 1
+    file.write_text(text.replace(usual, usual.replace("5.0", "3.0")), encoding="utf-8")
+    return file
 
 
 def alive(pid: int) -> bool:

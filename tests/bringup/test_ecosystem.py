@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from gyrowheel_analysis.recording.definitions import typestore
 from gyrowheel_bringup.graph import EXECUTABLES, Graph, find_executable, node_parameters
 from gyrowheel_bringup.viewers import robot_description, rviz_config, share_file
+from gyrowheel_control.plans.fitting import plan_for
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import topics
 from gyrowheel_core.errors import InputError
@@ -41,7 +42,7 @@ from gyrowheel_sim.plant.scenario import Scenario
 from tools import workspace
 
 from ..domains import next_domain
-from .helpers import SHORT_PLAN, Bystander
+from .helpers import SHORT_PLAN, Bystander, wait_for
 
 ROOT = Path(__file__).resolve().parents[2]
 SRC = ROOT / "src"
@@ -67,8 +68,10 @@ class Stub:
 class Context:
     """The values of launch arguments."""
 
-    def __init__(self, values: dict[str, str]) -> None:
+    def __init__(self, values: dict[str, str], pushed: str = "") -> None:
         self.values = values
+        # that of a launch file which includes this one in a namespace
+        self.launch_configurations = {"ros_namespace": pushed} if pushed else {}
 
 
 class Configuration(Stub):
@@ -96,8 +99,8 @@ def stubs(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setitem(sys.modules, name, module)
 
 
-def launched(name: str, **given: str) -> list[Any]:
-    """Return the actions of a launch file with these arguments."""
+def launched(name: str, *, pushed: str = "", **given: str) -> list[Any]:
+    """Return the actions of a launch file with these arguments, included in a namespace."""
     description = runpy.run_path(str(SRC / "gyrowheel_bringup" / "launch" / name))[
         "generate_launch_description"
     ]()
@@ -105,7 +108,7 @@ def launched(name: str, **given: str) -> list[Any]:
     values = {argument.args[0]: argument.options["default_value"] for argument in arguments}
     assert all(argument.options["description"] for argument in arguments)
     assert set(given) <= set(values)
-    return list(opaque.options["function"](Context(values | given)))
+    return list(opaque.options["function"](Context(values | given, pushed)))
 
 
 def parameters_of(action: Any) -> dict[str, Any]:
@@ -160,12 +163,32 @@ def test_launch_refuses_before_anything_starts(
     monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
     with pytest.raises(InputError, match="no such shipped plan"):
         launched("ground_test.launch.py", plan="quik")
+    # a misspelt word must not start the other bench
+    with pytest.raises(InputError, match=r"^realtime: 'ture' is not allowed; allowed: true, false$"):
+        launched("ground_test.launch.py", realtime="ture")
+    with pytest.raises(InputError, match="exists; a recording needs a new directory"):
+        launched("ground_test.launch.py", record=str(SRC))
+    wide = SHORT_PLAN.replace("[1.0, 0.5]", "[3.5, 0.5]")
+    with pytest.raises(InputError, match=r"is beyond the tilt limit of 3\.00 deg"):
+        launched("ground_test.launch.py", plan=wide)
     with pytest.raises(InputError, match="package 'robot_state_publisher' is not installed"):
         launched("ground_test.launch.py")
     other = rclpy.create_node("plant", context=bystander.context, use_global_arguments=False)
     refused = rf"ROS domain {domain} has a bench already \(nodes plant\): end it, or choose another namespace"
-    with pytest.raises(InputError, match=refused):
-        launched("ground_test.launch.py", viewable="false")
+
+    def refusal() -> str:
+        try:
+            launched("ground_test.launch.py", viewable="false")
+        except InputError as error:
+            return str(error)
+        return ""  # it was not heard of yet
+
+    assert re.search(refused, wait_for(refusal))
+    with pytest.raises(InputError, match=r"^without: 'camera': no such node; allowed: plant, controller, "):
+        launched("ground_test.launch.py", without="camera")
+    # one of somebody's own has its name
+    mine = launched("ground_test.launch.py", viewable="false", without="plant, recorder")
+    assert [action.options["name"] for action in mine] == ["controller", "conductor", "drag_estimator"]
     other.destroy_node()
     assert [
         action.options["executable"] for action in launched("ground_test.launch.py", viewable="false")
@@ -198,7 +221,27 @@ def test_the_client_of_a_launch_walks_a_plan_and_ends_with_it(domain: int, tmp_p
     assert "segments:" not in said[0].stderr  # the plan itself is not in the log
 
 
-@pytest.mark.usefixtures("stubs")
+@pytest.mark.study  # the same as above with another bench
+@pytest.mark.graph
+def test_the_client_of_a_launch_walks_a_shipped_plan_within_the_limits_of_another_bench(domain: int) -> None:
+    spin = plan_for("check", Bench.load("dtg")).initial_spin_rate
+    without = ["drag_estimator", "recorder"]
+    with Graph(bench="dtg", domain_id=domain, hold_after_plan=False, initial_spin_rate=spin, without=without):
+        said = subprocess.run(
+            [
+                str(find_executable("gyrowheel_bringup", "plan_client_node")),
+                *("--ros-args", "-p", "plan:=check"),
+            ],
+            env=os.environ | {"ROS_DOMAIN_ID": str(domain)},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+    assert said.returncode == 0, said.stderr
+    assert "completed" in said.stderr.splitlines()[-1]
+
+
+@pytest.mark.usefixtures("stubs", "viewers")
 def test_launch_of_a_replay_has_parameters_that_the_node_takes() -> None:
     from gyrowheel_analysis.nodes.replay import ReplayNode
 
@@ -213,6 +256,39 @@ def test_launch_of_a_replay_has_parameters_that_the_node_takes() -> None:
     assert found["directory"] == "runs/monday"
     for name, value in found.items():
         known[name].check(value)
+    # they end with the process of the launch
+    assert {actions[k].options["additional_env"][PARENT_VARIABLE] for k in (0, 1)} == {str(os.getpid())}
+
+
+@pytest.mark.usefixtures("stubs")
+def test_launch_of_a_replay_refuses_before_anything_starts() -> None:
+    with pytest.raises(InputError, match=r"^rate: 'slow' is not allowed; allowed: a number$"):
+        launched("replay.launch.py", recording="runs/monday", rate="slow")
+    with pytest.raises(InputError, match=r"^loop: 'ture' is not allowed; allowed: true, false$"):
+        launched("replay.launch.py", recording="runs/monday", loop="ture")
+    with pytest.raises(InputError, match="package 'robot_state_publisher' is not installed"):
+        launched("replay.launch.py", recording="runs/monday")
+
+
+@pytest.mark.usefixtures("stubs", "viewers")
+@pytest.mark.parametrize(
+    ("given", "pushed", "wanted"),
+    [
+        ("", "", ""),
+        ("bench2", "", "/bench2"),
+        ("", "/lab", "/lab"),
+        ("bench2", "/lab", "/lab/bench2"),
+        ("/bench2", "/lab", "/bench2"),
+        ("", "/", ""),
+    ],
+)
+def test_launch_files_go_along_with_the_namespace_that_they_are_included_in(
+    given: str, pushed: str, wanted: str
+) -> None:
+    actions = launched("replay.launch.py", pushed=pushed, recording="runs/monday", namespace=given)
+    assert {action.options["namespace"] for action in actions} == {wanted}
+    names = actions[-1].options["remappings"]
+    assert (("/tf", f"{wanted}/tf") in names) == bool(wanted)
 
 
 # --- the model of the wheel

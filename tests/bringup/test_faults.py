@@ -271,15 +271,44 @@ def test_a_runaway_tilt_trips_the_hard_stop(tmp_path: Path, watched: Watched):
     assert any(entry.get("guard") == "tilt_stop" for entry in diagnoses(tmp_path / "recording", "plant"))
 
 
+def test_a_wheel_that_does_not_follow_ends_the_plan(tmp_path: Path, watched: Watched):
+    """With half of its voltage the motor does not reach the speed of the plan: no success is told."""
+    plan = """\
+schema: 1
+name: too_much
+segments:
+  - {label: usual, spin_rpm: 3500, tilt_deg: [0, 0], hold_s: 0.5}
+  - {label: beyond, spin_rpm: 4000, tilt_deg: [0, 0], hold_s: 100}
+"""
+    directory = tmp_path / "recording"
+    with (
+        pytest.raises(GraphError) as caught,
+        Graph(
+            plan,
+            scenario=Scenario(values={"bearing_viscous": 1.4e-4}),
+            record=directory,
+            domain_id=next_domain(),
+            without=["drag_estimator"],
+            parameters={"plant": {"motor_voltage_limit": 0.5 * Bench.load().value("supply_voltage")}},
+        ) as graph,
+    ):
+        watched.note(set(graph.pids.values()))
+        graph.run()
+    assert caught.value.fault == "tracking_lost"
+    told = r"asked 0\.00 deg and 4000 rpm, got 0\.\d\d deg and 3[56]\d\d rpm for 3 s"
+    assert re.search(told, str(caught.value)), caught.value
+    assert info(directory).integrity.missing == 0
+
+
 def test_a_jump_of_the_clock_ends_the_plan(tmp_path: Path, watched: Watched):
     domain, directory = next_domain(), tmp_path / "recording"
     bystander = Bystander(domain)
-    clock = bystander.publisher(topics.CLOCK)
     try:
         with (
             pytest.raises(GraphError) as caught,
             Graph(LONG_PLAN, record=directory, domain_id=domain, without=["drag_estimator"]) as graph,
         ):
+            clock = bystander.publisher(topics.CLOCK)
 
             def jump(progress: Progress) -> None:
                 if progress.elapsed >= 1.0:

@@ -24,7 +24,7 @@ from gyrowheel_sim.effects import registry
 from gyrowheel_sim.plant.scenario import Scenario
 
 from ..domains import next_domain
-from .helpers import LONG_PLAN, PATIENCE, SHORT_PLAN, Bystander, alive, wait_for
+from .helpers import LONG_PLAN, PATIENCE, SHORT_PLAN, Bystander, alive, odd_bench, wait_for
 
 pytestmark = pytest.mark.graph
 
@@ -97,6 +97,21 @@ def test_graph_gives_the_samples_of_the_simulation_bit_for_bit(session: Session)
     command = np.stack([session.recording.command[name] for name in wire.COMMAND.fields], axis=1)
     assert np.array_equal(session.recording.readings.array[:n], run.measurement)
     assert np.array_equal(command[:n], run.command)
+
+
+def test_a_bench_whose_period_is_no_part_of_the_clocks_is_recorded_whole(tmp_path: Path):
+    with Graph(
+        SHORT_PLAN,
+        bench=odd_bench(tmp_path),
+        record=tmp_path / "run",
+        domain_id=next_domain(),
+        without=["drag_estimator"],
+    ) as graph:
+        result = graph.run()
+    end = -(-round(Plan.load(SHORT_PLAN).duration * 1e9) // 10_000_000) * 10_000_000  # [ns], when a plan ends
+    stamps = Recording.open(tmp_path / "run").measurement["stamp_ns"]
+    assert np.array_equal(stamps, np.arange(result.samples) * 300_000)
+    assert stamps[-2] < end <= stamps[-1]
 
 
 def test_steady_holds_are_estimated(session: Session):

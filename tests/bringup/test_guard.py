@@ -13,7 +13,16 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.plant.guard import NONSENSE, STOP_SAMPLES, Guard, GuardLimits, GuardState, Refusal
+from gyrowheel_sim.plant import real_time
+from gyrowheel_sim.plant.guard import (
+    HELD_SHARE,
+    NONSENSE,
+    STOP_SAMPLES,
+    Guard,
+    GuardLimits,
+    GuardState,
+    Refusal,
+)
 from gyrowheel_sim.plant.machine import Plant
 from gyrowheel_sim.plant.pacing import Pacer, Statistics
 from gyrowheel_sim.plant.real_time import RealTime
@@ -83,6 +92,24 @@ def test_voltages_beyond_the_limits_are_held_at_them():
     guard.limits = GuardLimits(coil_voltage=2.0, motor_voltage=5.0, tilt_stop=0.05)
     guard.take(1, 1, 3.0, 0.0, 4.0)
     assert guard.output() == (2.0, 0.0, 4.0)
+
+
+@pytest.mark.parametrize(
+    ("voltage", "state"),
+    [
+        (3.0, GuardState.HOLDING),
+        (12.0, GuardState.VOLTAGE_LIMITED),
+        (math.nan, GuardState.COMMAND_REFUSED),
+    ],
+)
+def test_a_few_samples_that_were_held_hide_nothing_else(voltage: float, state: GuardState) -> None:
+    guard, samples = started(), round(2.0 / HELD_SHARE)
+    for newest in range(samples):
+        if newest != 5:  # one of them has no command
+            guard.take(newest, newest, voltage if newest == 7 else 1.0, 0.0, 1.0)
+        guard.output()
+    assert 0.0 < guard.held_share <= HELD_SHARE
+    assert guard.report() is state
 
 
 def test_late_and_missing_commands_are_counted_and_held():
@@ -349,3 +376,22 @@ def test_a_controller_has_left_only_where_it_was_seen():
     for _ in range(2):
         bench.look()
     assert (guard.state, bench.told) == (GuardState.RELEASED, 1)
+
+
+def test_a_clock_that_is_set_is_told_and_a_late_sample_is_not_taken_for_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    apart = [1_000_000_000_000]
+    monkeypatch.setattr(real_time, "clocks_apart", lambda: apart[0])
+    pace = RealTime(
+        Surroundings(), Plant(Bench.load(), Scenario(), initial_spin_rate=200.0), started(), 500_000
+    )
+    pace.start()
+    assert pace.report()["clock_jump_s"] == "0.000"  # no sample is made, however long this takes
+    apart[0] -= 130_000_000  # as a daemon of the network time sets it
+    assert pace.report()["clock_jump_s"] == "-0.130"
+    assert abs(pace.clock_jump) > real_time.CLOCK_JUMP
+    pace.stop()
+    pace.start()  # the stamps are those of the clock again
+    pace.report()
+    assert pace.clock_jump == 0.0

@@ -8,24 +8,31 @@ import re
 import signal
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticStatus
+import rclpy
+from builtin_interfaces.msg import Time as Stamp
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from gyrowheel_msgs.action import RunPlan
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.srv import SetParameters
 from rclpy.action import ActionClient
+from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import JointState
 
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import topics, wire
+from gyrowheel_core.units import RPM
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import from_json, to_json
 
-from .helpers import LONG_PLAN, PATIENCE, SHORT_PLAN, Bystander, NodeProcess
+from .helpers import LONG_PLAN, PATIENCE, SHORT_PLAN, Bystander, NodeProcess, odd_bench
 
 pytestmark = pytest.mark.graph
 
@@ -182,9 +189,7 @@ def test_setpoints_are_limited_or_refused_and_a_deactivated_controller_lets_go(
     assert commands[-1][2:] == (0.0, 0.0, commands[1][4])
 
 
-def test_without_setpoints_the_controller_holds_and_comes_to_rest_and_a_wheel_that_does_not_follow_is_told(
-    bystander: Bystander, start_node: Start
-):
+def test_without_setpoints_the_controller_holds_and_comes_to_rest(bystander: Bystander, start_node: Start):
     start_node("controller", wait_for_subscribers=1)
     answers: list[tuple[Any, ...]] = []
     bystander.listen(topics.COMMAND, lambda raw: answers.append(wire.COMMAND.unpack(raw)), raw=True)
@@ -225,14 +230,18 @@ def test_without_setpoints_the_controller_holds_and_comes_to_rest_and_a_wheel_th
     send(0.1, 200.0, asked=200.0)
     bystander.spin_until(lambda: bystander.said("controller") == "running")
 
-    send(3.1, 360.0, asked=105.0)
-    bystander.spin_until(lambda: bystander.said("controller").startswith("tracking_lost: "))
-    status = bystander.diagnoses["controller"]
-    assert status.level == DiagnosticStatus.ERROR
-    assert "asked 0.00 deg and 1003 rpm, got 0.00 deg and 3438 rpm" in status.message
-    assert bystander.values("controller")["guard"] == "tracking_lost"
-    send(0.1, 105.0, asked=105.0)
-    bystander.spin_until(lambda: bystander.said("controller") == "running")
+
+def test_samples_of_another_frame_are_told(bystander: Bystander, start_node: Start):
+    start_node("controller")
+    samples = bystander.publisher(topics.MEASUREMENT)
+    bystander.listen(topics.COMMAND, lambda _: None, raw=True)
+    bystander.spin_until(lambda: bystander.said("controller") == "waiting for a sample")
+    bystander.spin_until(samples.get_subscription_count)
+    sample = wire.MEASUREMENT.pack(0, 0, *[0.0] * 11)
+    samples.publish(sample.replace(b"case\0", b"base\0"))
+    wanted = "input_refused: gyrowheel_msgs/msg/Measurement: frame_id is not 'case'"
+    bystander.spin_until(lambda: bystander.said("controller") == wanted)
+    assert bystander.diagnoses["controller"].level == DiagnosticStatus.WARN
 
 
 class Answers:
@@ -292,6 +301,67 @@ def test_plant_publishes_and_counts(bystander: Bystander, start_node: Start):
     assert bystander.values("plant")["ignored_commands"] == "2"
     assert bystander.values("plant")["saturated_commands"] == "1"
     assert answers.samples == list(range(102))
+
+
+def test_a_clock_that_is_told_again_does_not_go_back(bystander: Bystander, start_node: Start, tmp_path: Path):
+    clocks: list[int] = []
+    bystander.listen(topics.CLOCK, lambda raw: clocks.append(wire.CLOCK.unpack(raw)[0]), raw=True)
+    start_node("plant", bench=odd_bench(tmp_path), command_timeout=20.0)
+    answers = Answers(bystander)
+    for wanted in range(1, 37):
+        answers.send(0.0, 0.0, 0.0)
+        bystander.spin_until(lambda wanted=wanted: answers.samples[-1] == wanted)  # type: ignore[misc]
+    bystander.spin_until(lambda: clocks.count(10_200_000) >= 3)
+    assert clocks == sorted(clocks)
+
+
+def test_the_rate_of_the_joint_states_changes_at_once(bystander: Bystander, start_node: Start):
+    stamps: list[int] = []
+    bystander.listen(topics.JOINT_STATES, lambda message: stamps.append(message.header.stamp.nanosec))
+    start_node("plant", command_timeout=3600.0, joint_state_rate=100_000.0)  # at most every sample has one
+    answers = Answers(bystander)
+    client = bystander.node.create_client(SetParameters, "/plant/set_parameters")
+    bystander.spin_until(client.service_is_ready)
+
+    def set_rate(rate: float) -> None:
+        parameter = Parameter("joint_state_rate", value=rate).to_parameter_msg()
+        future = client.call_async(SetParameters.Request(parameters=[parameter]))
+        bystander.spin_until(future.done)
+        assert future.result().results[0].successful
+
+    def go_on(until: int) -> None:
+        for wanted in range(answers.samples[-1] + 1, until + 1):
+            answers.send(0.0, 0.0, 0.0)
+            bystander.spin_until(lambda wanted=wanted: answers.samples[-1] == wanted)  # type: ignore[misc]
+
+    go_on(20)
+    bystander.spin_until(lambda: stamps and stamps[-1] == 10_000_000)
+    set_rate(0.1)
+    go_on(40)
+    set_rate(2000.0)
+    go_on(60)
+    bystander.spin_until(lambda: stamps[-1] == 30_000_000)
+    assert stamps[-21:] == [10_500_000, *range(20_500_000, 30_000_001, 500_000)]
+
+
+def test_commands_that_cannot_reach_the_plant_are_named(bystander: Bystander, start_node: Start):
+    """Best effort, as sensor data is sent, does not match a reader that wants each message."""
+    bystander.node.create_publisher(
+        topics.COMMAND.message_class, topics.COMMAND.name, qos_profile_sensor_data
+    )
+    start_node("plant", wait_for_subscribers=0)
+    wanted = "waiting for a publisher of commands (bystander: best effort, and reliable is needed)"
+    bystander.spin_until(lambda: bystander.said("plant") == wanted)
+
+
+def test_a_plant_that_waits_tells_what_came_instead(bystander: Bystander, start_node: Start):
+    """In lock-step nothing goes on without an answer to sample 0, and a wrong number looks like silence."""
+    start_node("plant")
+    answers = Answers(bystander)
+    answers.send(0.0, 0.0, 5.0, sequence=1)
+    wanted = "waiting for the first command: 1 came, and none answers the sample that waits"
+    bystander.spin_until(lambda: bystander.said("plant") == wanted)
+    assert bystander.diagnoses["plant"].level == DiagnosticStatus.WARN
 
 
 def test_a_silent_controller_is_named(bystander: Bystander, start_node: Start):
@@ -425,15 +495,35 @@ def test_in_real_time_a_stall_is_told_and_the_stamps_stay_true(bystander: Bystan
     assert at == pytest.approx((numbers[gap, 0] - numbers[0, 0]) * 1e-9, abs=0.1)
 
 
+def test_the_recorder_tells_of_a_stall_at_once(bystander: Bystander, start_node: Start, tmp_path: Path):
+    """A shorter one that comes right after does not hide it."""
+    said: list[str] = []
+    bystander.listen(
+        topics.DIAGNOSTICS,
+        lambda message: said.extend(status.message for status in message.status if status.name == "recorder"),
+    )
+    recorder = start_node("recorder", directory=tmp_path / "run")
+    samples = bystander.publisher(topics.MEASUREMENT)
+    bystander.spin_until(samples.get_subscription_count)
+    stamp, stalls = 0, {100: 295_000_000, 110: 4_000_000}
+    for number in range(200):
+        stamp += 500_000 + stalls.get(number, 0)
+        samples.publish(wire.MEASUREMENT.pack(stamp, number, *[0.0] * 11))
+    bystander.spin_until(lambda: bystander.values("recorder").get("stalls") == "2")
+    assert "recording; the bench stood still 0.295 s at 0.0 s" in said
+    assert recorder.interrupt() == 0
+
+
 class Client:
     """Asks the conductor for plans, and moves the clock by hand."""
 
-    def __init__(self, bystander: Bystander) -> None:
+    def __init__(self, bystander: Bystander, *, clock: Node | None = None) -> None:
         self.bystander = bystander
         self.setpoints: list[tuple[Any, ...]] = []
         self.environments: list[str] = []
         self.feedback: list[Any] = []
-        self.clock = bystander.publisher(topics.CLOCK)
+        topic = topics.CLOCK
+        self.clock = (clock or bystander.node).create_publisher(topic.message_class, topic.name, topic.qos)
         bystander.listen(
             topics.SETPOINT, lambda raw: self.setpoints.append(wire.SETPOINT.unpack(raw)), raw=True
         )
@@ -552,3 +642,113 @@ def test_a_plan_ends_where_the_time_stands_or_jumps_and_its_setpoint_is_held(
     bystander.spin_until(lambda: client.setpoints[-1][0] == late + LEAD_NS - 5_000_000)
     last = client.setpoints[-1]
     assert (last[2], last[5:7], last[8]) == (1, (0.0, 0.0), 0.0)
+
+
+def test_a_plan_ends_where_nobody_tells_the_time(bystander: Bystander, start_node: Start):
+    start_node("conductor", clock_timeout=1.0)
+    client = Client(bystander)
+    bystander.node.destroy_publisher(client.clock)
+    message = client.result(client.ask(LONG_PLAN)).message
+    assert message.startswith("aborted: clock_stands: nobody tells the time of the bench")
+    assert not client.setpoints
+
+
+def test_the_clock_of_somebody_else_is_left_alone_where_samples_tell_the_time(
+    bystander: Bystander, start_node: Start
+):
+    """Such as that of a simulation in the same domain, beside a bench in real time."""
+    other = rclpy.create_node("simulator", context=bystander.context, use_global_arguments=False)
+    samples = bystander.publisher(topics.MEASUREMENT)
+    start_node("conductor", lead=LEAD_NS * 1e-9)
+    client = Client(bystander, clock=other)
+    client.clock.publish(wire.CLOCK.pack(5_000_000_000))
+    future = client.ask(LONG_PLAN).get_result_async()
+    begin, now = 100_000_000_000, 100_000_000_000
+
+    def goes_on() -> bool:
+        nonlocal now
+        now += 10_000_000
+        samples.publish(wire.MEASUREMENT.pack(now, now // 10_000_000, *[0.0] * 11))
+        client.clock.publish(wire.CLOCK.pack(now - begin))  # its own time goes on, too
+        stamps = [setpoint[0] for setpoint in client.setpoints]
+        return future.done() or (bool(stamps) and stamps[-1] > stamps[0] + wire.SECOND)
+
+    bystander.spin_until(goes_on)
+    assert not future.done()
+    stamps = [setpoint[0] for setpoint in client.setpoints]
+    assert begin < stamps[0] <= now
+    assert stamps == list(range(stamps[0], stamps[-1] + 1, 5_000_000))
+    other.destroy_node()
+
+
+def test_in_real_time_a_plan_that_no_command_answers_is_no_success(bystander: Bystander, start_node: Start):
+    """Before the first command the plant has nothing to hold, and its watchdog waits."""
+    samples, diagnostics = bystander.publisher(topics.MEASUREMENT), bystander.publisher(topics.DIAGNOSTICS)
+    start_node("conductor", lead=LEAD_NS * 1e-9)
+    client = Client(bystander)
+    bystander.node.destroy_publisher(client.clock)
+    plan = Plan.load(SHORT_PLAN)
+    now, guard = 100_000_000_000, "waiting"
+
+    def goes_on() -> bool:
+        nonlocal now
+        now += 20_000_000
+        samples.publish(wire.MEASUREMENT.pack(now, now // 20_000_000, *[0.0] * 11))
+        said = DiagnosticStatus(
+            name="plant", hardware_id="gyrowheel", values=[KeyValue(key="guard", value=guard)]
+        )
+        diagnostics.publish(DiagnosticArray(status=[said]))
+        return bool(future.done())
+
+    assert plan.duration < 4.0
+    future = client.ask(SHORT_PLAN).get_result_async()
+    bystander.spin_until(goes_on)
+    result = future.result().result
+    assert (result.success, result.message[:27]) == (False, "aborted: controller_silent:")
+    guard = "normal"
+    future = client.ask(SHORT_PLAN).get_result_async()
+    bystander.spin_until(goes_on)
+    assert future.result().result.success
+    stamps = [setpoint[0] for setpoint in client.setpoints]
+    assert stamps == list(range(stamps[0], stamps[-1] + 1, 5_000_000))
+
+
+@pytest.mark.parametrize("by", [topics.JOINT_STATES, topics.MEASUREMENT], ids=["joint_states", "samples"])
+def test_a_wheel_that_does_not_follow_ends_the_plan_whoever_controls_it(
+    bystander: Bystander, start_node: Start, by: topics.Topic
+):
+    """The rotor stays at 3438 rpm, where 1000 are asked for, and then follows."""
+    shown = bystander.publisher(by)
+    start_node("conductor", lead=LEAD_NS * 1e-9, controller="none")
+    client = Client(bystander)
+    if by is topics.MEASUREMENT:  # without a clock: the samples tell the time
+        bystander.node.destroy_publisher(client.clock)
+    plan = "schema: 1\nname: still\nsegments:\n  - {spin_rpm: 1000, tilt_deg: [0, 0], hold_s: 5}\n"
+    now, spin = 0, 360.0
+
+    def goes_on() -> bool:
+        nonlocal now
+        now += 20_000_000
+        if by is topics.MEASUREMENT:
+            shown.publish(wire.MEASUREMENT.pack(now, now // 20_000_000, *[0.0] * 3, spin, *[0.0] * 7))
+        else:
+            client.clock.publish(wire.CLOCK.pack(now))
+            arm = JointState(name=["elbow"], position=[0.5], velocity=[0.0])
+            wheel = JointState(name=[*topics.JOINTS], position=[0.0] * 3, velocity=[0.0, 0.0, spin])
+            for message in (arm, wheel):
+                message.header.stamp = Stamp(sec=now // 10**9, nanosec=now % 10**9)
+                shown.publish(message)
+        return bool(future.done())
+
+    future = client.ask(plan).get_result_async()
+    bystander.spin_until(goes_on)
+    result = future.result().result
+    assert not result.success
+    told = "tracking_lost: the wheel does not follow: asked 0.00 deg and 1000 rpm, got 0.00 deg and 3438 rpm"
+    assert result.message == f"aborted: {told} for 3 s"
+    bystander.spin_until(lambda: bystander.values("conductor").get("guard") == "tracking_lost")
+    assert bystander.diagnoses["conductor"].level == DiagnosticStatus.ERROR
+    spin = 1000.0 * RPM
+    future = client.ask(plan).get_result_async()
+    bystander.spin_until(goes_on)
+    assert future.result().result.success, future.result().result.message

@@ -6,7 +6,9 @@ import math
 import os
 import subprocess
 import threading
+import time
 import xml.etree.ElementTree as ET
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +18,7 @@ from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 
 from gyrowheel_analysis.recording import Recording, info
-from gyrowheel_bringup.graph import Graph, find_executable
+from gyrowheel_bringup.graph import Graph, Progress, find_executable
 from gyrowheel_bringup.viewers import robot_description
 from gyrowheel_control.loops.controller import Controller
 from gyrowheel_control.loops.efforts import Efforts, efforts_of
@@ -24,7 +26,8 @@ from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
 
-from .helpers import SHORT_PLAN, Bystander, wait_for
+from .helpers import SHORT_PLAN, Bystander, NodeProcess, wait_for
+from .test_exchange import Lifecycles
 
 BENCH = Bench.load()
 
@@ -182,3 +185,60 @@ def test_a_controller_of_standard_messages_holds_the_bench_through_a_plan(
     said = manager.diagnoses["joint_commands"].hardware_id
     assert said == "gyrowheel"
     manager.close()
+
+
+@pytest.mark.graph
+def test_efforts_take_the_place_of_the_benchs_controller_and_give_it_back_during_a_plan(
+    domain: int, bystander: Bystander, start_node: Callable[..., NodeProcess], tmp_path: Path
+) -> None:
+    """One is deactivated, the other activated: the plan goes on, nothing trips, and nobody counts as a stranger."""
+    lifecycles = Lifecycles(bystander, "controller", "joint_commands")
+    start_node("controller")
+    adapter = subprocess.Popen(
+        [
+            str(find_executable("gyrowheel_control", "joint_commands_node")),
+            *("--ros-args", "-p", "autostart:=false"),
+        ],
+        env=os.environ | {"ROS_DOMAIN_ID": str(domain)},
+    )
+    efforts = bystander.node.create_publisher(JointState, topics.JOINT_COMMANDS.relative, QoSProfile(depth=1))
+    exchanged = False
+
+    def coasts() -> bool:
+        """Send one more message without torque, which makes one step; return whether there were enough."""
+        time.sleep(0.02)
+        efforts.publish(JointState(name=topics.JOINTS, effort=[0.0, 0.0, 0.0]))
+        return int(bystander.values("joint_commands").get("commands", 0)) >= 10
+
+    def progress(now: Progress) -> None:
+        nonlocal exchanged
+        if now.segment == 1 and not exchanged:
+            exchanged = True
+            assert lifecycles.change("controller", "deactivate")
+            assert lifecycles.change("joint_commands", "activate")
+            bystander.spin_until(coasts)
+            assert lifecycles.change("joint_commands", "deactivate")
+            assert lifecycles.change("controller", "activate")
+
+    # in lock-step the time stands while nobody answers, and these are how long it may
+    patient = {"command_timeout": 100.0, "exchange_time": 200.0}
+    try:
+        with Graph(
+            SHORT_PLAN,
+            record=tmp_path / "run",
+            domain_id=domain,
+            without=["controller"],
+            parameters={"plant": {"wait_for_subscribers": 4, **patient}},
+        ) as graph:
+            assert lifecycles.change("joint_commands", "configure")
+            assert graph.run(progress=progress).segments == 4
+    finally:
+        adapter.terminate()
+        adapter.wait(20.0)
+    assert exchanged
+    found = info(tmp_path / "run")
+    assert found.integrity.complete
+    by_node = {p.node for p in found.publishers if p.topic == topics.COMMAND.name}
+    assert by_node == {"/controller", "/joint_commands"}
+    recording = Recording.open(tmp_path / "run")
+    assert abs(recording.measurement[-1]["spin_rate"] - recording.setpoint[-1]["spin_rate"]) < 5.0

@@ -124,3 +124,17 @@ def test_a_stranger_that_comes_later_and_leaves_is_told_to_everyone(domain: int,
         value.value for status in diagnoses for value in status.values if value.key == "surplus_publishers"
     }
     assert any("/bystander" in text for text in said)
+
+
+def test_a_bench_does_not_start_beside_a_stranger_on_its_topics(domain: int) -> None:
+    """Such as a robot with joint states of its own, or a hand at `ros2 topic pub`."""
+    robot = Bystander(domain)
+    robot.publisher(topics.JOINT_STATES)
+    try:
+        with pytest.raises(GraphError) as error:
+            Graph(domain_id=domain, without=["recorder", "drag_estimator"]).__enter__()
+    finally:
+        robot.close()
+    assert error.value.fault == "strangers"
+    wanted = "/joint_states was also published by others: /bystander: end those nodes, or choose another"
+    assert str(error.value).startswith(wanted)

@@ -114,3 +114,22 @@ def test_a_plan_may_be_refused() -> None:
     with pytest.raises(GraphError, match="refused") as caught:
         Conductor(accepted=False).walk()
     assert caught.value.fault == "plan_refused"
+
+
+@pytest.mark.parametrize(
+    ("message", "fault"),
+    [
+        (
+            "aborted: clock_stands: the time of the bench has stood at 0.200 s for 20 s: it is gone",
+            "clock_stands",
+        ),
+        ("aborted: plant: tilt_stop: tilt 5.02 deg, hard stop at 5.00 deg; coils off", "tilt_stop"),
+        ("aborted: controller: tracking_lost: the wheel does not follow: asked 0.00 deg", "tracking_lost"),
+        ("aborted: plant: running", "plan_aborted"),
+        ("aborted: the conductor was stopped", "plan_aborted"),
+        ("plan wide needs a tilt limit of 4.00 deg: there is no node", "plan_aborted"),
+        ("", "plan_aborted"),
+    ],
+)
+def test_the_fault_of_a_plan_is_that_of_what_ended_it(message: str, fault: str) -> None:
+    assert walking.fault_of(message) == fault

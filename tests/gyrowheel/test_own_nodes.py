@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 import gyrowheel as gw
+from gyrowheel_analysis.recording import Recording
+from gyrowheel_bringup.graph import Graph
 from gyrowheel_control.plans.plan import Plan
 
 from ..domains import next_domain
@@ -54,3 +56,36 @@ def test_the_controller_of_the_page_holds_the_bench_through_a_plan(tmp_path: Pat
     simulated = gw.simulate(Plan.load(SHORT_PLAN), folder=tmp_path / "simulated")
     recorded = gw.Recording(tmp_path / "run").measurement  # the graph ends with the next tick of its clock
     assert np.array_equal(recorded[: len(simulated.measurement)], simulated.measurement)
+
+
+@pytest.mark.study  # a computer with other work is late
+@pytest.mark.graph
+def test_the_controller_of_the_page_holds_the_bench_in_real_time(tmp_path: Path) -> None:
+    """There samples come before the first setpoint, and none of them is waited for."""
+    (code,) = re.findall(r"```python\n(.*?)```", (DOCS / "your_controller.md").read_text(), re.DOTALL)
+    (tmp_path / "mine.py").write_text(code)
+    domain = next_domain()
+    mine = subprocess.Popen(
+        [sys.executable, tmp_path / "mine.py"], env=os.environ | {"ROS_DOMAIN_ID": str(domain)}
+    )
+    try:
+        with Graph(
+            SHORT_PLAN,
+            record=tmp_path / "run",
+            domain_id=domain,
+            realtime=True,
+            without=["controller"],
+            parameters={"plant": {"watchdog": 20.0, "oldest_command": 5.0}},
+        ) as graph:
+            graph.run()
+    finally:
+        mine.terminate()
+        mine.wait(240.0)
+    run = Recording.open(tmp_path / "run")
+    asked, had = run.setpoint[-1], run.measurement[-1]
+    # it was commanded all along, and went where the plan has it
+    answered = run.command["measurement_sequence"]
+    assert len(np.unique(answered)) > 0.8 * (answered[-1] - answered[0])
+    assert answered[-1] - answered[0] > 0.8 * Plan.load(SHORT_PLAN).duration / 0.0005
+    assert abs(had["spin_rate"] - asked["spin_rate"]) < 5.0
+    assert np.hypot(had["tilt_x"] - asked["tilt_x"], had["tilt_y"] - asked["tilt_y"]) < np.radians(0.5)

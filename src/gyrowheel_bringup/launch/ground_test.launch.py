@@ -2,14 +2,13 @@
 
 ros2 launch gyrowheel_bringup ground_test.launch.py plan:=quick record:=runs/monday rviz:=true
 
-Everything is checked before the first process: the plan, the packages, and whether the domain has a bench already. The
-nodes end with the launch, also with one that is killed.
+Everything is checked before the first process: arguments, plan, packages, and whether the domain has a bench already.
+The nodes end with the launch, also with one that is killed.
 """
 
 from __future__ import annotations
 
-import os
-import shutil
+from pathlib import Path
 
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch.substitutions import LaunchConfiguration
@@ -17,10 +16,11 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from gyrowheel_bringup.graph import EXECUTABLES, find_executable, node_parameters, require_free
+from gyrowheel_bringup.graph.launching import ends_too, ends_with_launch, flag, namespace_of, without
 from gyrowheel_bringup.viewers import robot_description, rviz_config, viewer_names
+from gyrowheel_control.loops.limits import plan_tilt_limit, usual_tilt_limit
 from gyrowheel_control.plans.fitting import plan_for
-from gyrowheel_core import namespaces
-from gyrowheel_core.node import PARENT_VARIABLE
+from gyrowheel_core.files import require_new
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.plant.scenario import Scenario
 from launch import LaunchContext, LaunchDescription
@@ -33,6 +33,7 @@ ARGUMENTS = (
     ("scenario", "", "File of the true machine; empty: that of the bench file"),
     ("model", "", "Model file that the drag estimator believes; empty: the bench without effects"),
     ("realtime", "false", "Run the bench in wall-clock time"),
+    ("without", "", "Nodes that are not started, because your own take their places, separated by commas"),
     ("namespace", "", "Namespace of the bench, such as /bench2; empty: the root"),
     ("viewable", "true", "Publish the model of the wheel and its frames for viewers"),
     ("rviz", "false", "Start RViz"),
@@ -49,16 +50,22 @@ def _typed(value: object) -> object:
 
 def _actions(context: LaunchContext) -> list[Node]:
     given = {name: LaunchConfiguration(name).perform(context) for name, _, _ in ARGUMENTS}
-    asked = {name: given[name].lower() in ("true", "1", "yes") for name in ("realtime", "viewable", "rviz")}
+    asked = {name: flag(name, given[name]) for name in ("realtime", "viewable", "rviz")}
+    namespace = namespace_of(given["namespace"], context.launch_configurations.get("ros_namespace", ""))
+    nodes = without("without", given["without"], EXECUTABLES)
     bench = Bench.load(given["bench"])
     plan = plan_for(given["plan"], bench) if given["plan"] else None
+    if plan is not None:
+        plan_tilt_limit(plan, bench, usual_tilt_limit(bench))
     machine = Scenario.load(given["scenario"], bench) if given["scenario"] else Scenario()
+    if given["record"]:
+        require_new(Path(given["record"]))
     viewers = [PUBLISHER] if asked["viewable"] or asked["rviz"] else []
     viewers += [RVIZ] if asked["rviz"] else []
-    for package, executable in (*EXECUTABLES.values(), *([PLAN_CLIENT] if plan else []), *viewers):
+    ours = [EXECUTABLES[node] for node in nodes] + ([PLAN_CLIENT] if plan else [])
+    for package, executable in (*ours, *viewers):
         find_executable(package, executable)
-    namespace = namespaces.checked(given["namespace"])
-    require_free(namespace=namespace)
+    require_free(nodes, namespace=namespace)
     parameters = node_parameters(
         plan,
         bench=given["bench"],
@@ -66,13 +73,10 @@ def _actions(context: LaunchContext) -> list[Node]:
         model=given["model"],
         record=given["record"],
         realtime=asked["realtime"],
+        nodes=nodes,
         machine=machine.identity(bench),
     )
-    ours = {
-        "output": "screen",
-        "additional_env": {PARENT_VARIABLE: str(os.getpid())},
-        "namespace": namespace,
-    }
+    options = ends_with_launch(namespace)
     actions = [
         Node(
             package=package,
@@ -80,12 +84,11 @@ def _actions(context: LaunchContext) -> list[Node]:
             name=node,
             parameters=[{key: _typed(value) for key, value in parameters[node].items()}],
             on_exit=Shutdown(reason=f"{node} has ended"),
-            **ours,
+            **options,
         )
         for node, (package, executable) in EXECUTABLES.items()
+        if node in nodes
     ]
-    # programs that are not of this project end with the launch by the kernel's hand, where it can be asked
-    ends_too = "setpriv --pdeathsig TERM" if shutil.which("setpriv") else None
     clock = {"use_sim_time": not asked["realtime"]}
     for package, executable in viewers:
         description = {"robot_description": _typed(robot_description())} if executable == PUBLISHER[1] else {}
@@ -95,7 +98,7 @@ def _actions(context: LaunchContext) -> list[Node]:
                 executable=executable,
                 arguments=["-d", str(rviz_config())] if executable == RVIZ[1] else [],
                 parameters=[description | clock],
-                prefix=ends_too,
+                prefix=ends_too(),
                 namespace=namespace,
                 remappings=viewer_names(namespace),
             )
@@ -108,7 +111,7 @@ def _actions(context: LaunchContext) -> list[Node]:
                 name="plan_client",
                 parameters=[{"plan": _typed(given["plan"])}],
                 on_exit=Shutdown(reason="the plan has ended"),
-                **ours,
+                **options,
             )
         )
     return actions

@@ -1,6 +1,9 @@
 """Replay of a recording, with the model of the wheel for viewers.
 
 ros2 launch gyrowheel_bringup replay.launch.py recording:=runs/monday rate:=0.5 rviz:=true estimate:=true
+
+Arguments and packages are checked before the first process. The nodes end with the launch, also with one that is
+killed.
 """
 
 from __future__ import annotations
@@ -10,8 +13,9 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
+from gyrowheel_bringup.graph import EXECUTABLES, find_executable
+from gyrowheel_bringup.graph.launching import ends_too, ends_with_launch, flag, namespace_of, number
 from gyrowheel_bringup.viewers import robot_description, rviz_config, viewer_names
-from gyrowheel_core import namespaces
 from launch import LaunchContext, LaunchDescription
 
 #: Name, default and description of the arguments.
@@ -28,50 +32,56 @@ ARGUMENTS = (
     ("viewable", "true", "Publish the model of the wheel and its frames for viewers"),
     ("rviz", "false", "Start RViz"),
 )
+REPLAY = ("gyrowheel_analysis", "replay_node")
+ESTIMATOR = EXECUTABLES["drag_estimator"]
+PUBLISHER = ("robot_state_publisher", "robot_state_publisher")
+RVIZ = ("rviz2", "rviz2")
 
 
 def _actions(context: LaunchContext) -> list[Node]:
     given = {name: LaunchConfiguration(name).perform(context) for name, _, _ in ARGUMENTS}
-    asked = {
-        name: given[name].lower() in ("true", "1", "yes")
-        for name in ("loop", "paused", "estimate", "viewable", "rviz")
-    }
-    namespace = namespaces.checked(given["namespace"])
-    viewer = {"namespace": namespace, "remappings": viewer_names(namespace)}
+    asked = {name: flag(name, given[name]) for name in ("loop", "paused", "estimate", "viewable", "rviz")}
+    numbers = {name: number(name, given[name]) for name in ("rate", "start", "end")}
+    namespace = namespace_of(given["namespace"], context.launch_configurations.get("ros_namespace", ""))
+    shown = asked["viewable"] or asked["rviz"]
+    wanted = {REPLAY: True, ESTIMATOR: asked["estimate"], PUBLISHER: shown, RVIZ: asked["rviz"]}
+    for (package, executable), needed in wanted.items():
+        if needed:
+            find_executable(package, executable)
+    ours = ends_with_launch(namespace)
+    viewer = {"namespace": namespace, "remappings": viewer_names(namespace), "prefix": ends_too()}
     actions = [
         Node(
-            package="gyrowheel_analysis",
-            executable="replay_node",
+            package=REPLAY[0],
+            executable=REPLAY[1],
             name="replay",
-            namespace=namespace,
             parameters=[
                 {
                     "directory": ParameterValue(given["recording"], value_type=str),
-                    **{name: float(given[name]) for name in ("rate", "start", "end")},
+                    **numbers,
                     **{name: asked[name] for name in ("loop", "paused")},
                     "wait_for_subscribers": int(asked["estimate"]),
                 }
             ],
-            output="screen",
             on_exit=Shutdown(reason="the replay has ended"),
+            **ours,
         )
     ]
     if asked["estimate"]:
         actions.append(
             Node(
-                package="gyrowheel_analysis",
-                executable="drag_estimator_node",
+                package=ESTIMATOR[0],
+                executable=ESTIMATOR[1],
                 name="drag_estimator",
-                namespace=namespace,
                 parameters=[{"model": ParameterValue(given["model"], value_type=str)}],
-                output="screen",
+                **ours,
             )
         )
-    if asked["viewable"] or asked["rviz"]:
+    if shown:
         actions.append(
             Node(
-                package="robot_state_publisher",
-                executable="robot_state_publisher",
+                package=PUBLISHER[0],
+                executable=PUBLISHER[1],
                 parameters=[
                     {
                         "robot_description": ParameterValue(robot_description(), value_type=str),
@@ -84,8 +94,8 @@ def _actions(context: LaunchContext) -> list[Node]:
     if asked["rviz"]:
         actions.append(
             Node(
-                package="rviz2",
-                executable="rviz2",
+                package=RVIZ[0],
+                executable=RVIZ[1],
                 arguments=["-d", str(rviz_config())],
                 parameters=[{"use_sim_time": True}],
                 **viewer,

@@ -35,7 +35,8 @@ def counted(record: Path, plan: Plan, sample_period: float, *, exactly: bool) ->
     if exactly:
         end_ns = round(plan.duration * 1e9)
         end_ns += -end_ns % _CLOCK_PERIOD_NS
-        published = end_ns // round(sample_period * 1e9) + 1
+        # the last one is the first at which no setpoint holds any more
+        published = -(-end_ns // round(sample_period * 1e9)) + 1
         if samples != published:
             raise GraphError("samples_lost", f"{record}: {samples} samples recorded of {published} published")
         return dict(found.topics), samples

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import re
 import time
 from collections.abc import Callable, Collection
 from typing import Any, NoReturn
@@ -18,19 +17,20 @@ from rclpy.action import ActionClient
 
 from gyrowheel_analysis.drag import Estimate
 from gyrowheel_analysis.nodes.recorder import ENDED, TAKE_PERIOD
-from gyrowheel_bringup.graph.nodes import EXECUTABLES
 from gyrowheel_bringup.graph.own_node import own_node
 from gyrowheel_bringup.graph.processes import Processes
 from gyrowheel_bringup.graph.results import GraphError, Progress
 from gyrowheel_bringup.graph.strangers import Strangers
-from gyrowheel_bringup.graph.walking import walked
+from gyrowheel_bringup.graph.walking import fault_of, walked
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import namespaces, topics
+from gyrowheel_core.node import PRIORITY, is_refused
 
 _SETTLE_TIMEOUT = 30.0  # time for a node to take what was sent to it [s]
 _FINISH_TIMEOUT = 120.0  # time for the recorder to complete its files [s]
 _EXPLAIN = 3.0  # time for a node to end, or to report why a plan was aborted [s]
-_WIND_DOWN = 60.0  # time for the guard to stop the motor [s]
+_WIND_DOWN = 60.0  # time to stop the motor [s]
+_AT_REST = 30.0  # spin rate of a wheel that the controller has brought to rest [rpm]
 _ACTIVATE = 10.0  # time for a node to say that it is active [s]
 _NOTICED = 2.0 * TAKE_PERIOD  # after a plan, the recorder has seen by then how it ended [s]
 _LAST = 0.1  # time to take what has arrived [s]
@@ -174,9 +174,12 @@ class Link:
         Raises
         ------
         GraphError
-            If it is refused or aborted, makes no progress, or a node fails.
+            If nobody walks plans, it is refused or aborted, makes no progress, or a node fails.
         """
+        end = time.monotonic() + stall_timeout
         while not self._plans.server_is_ready():
+            if time.monotonic() > end:
+                raise GraphError("stalled", f"no node offers the action that walks plans ({self.states()})")
             self.spin()
         try:
             result = walked(
@@ -199,9 +202,7 @@ class Link:
         end = time.monotonic() + _EXPLAIN
         while "aborted" in message and "clock_jump" not in message and time.monotonic() < end:
             self.spin()
-        named = re.match(r"aborted: (\w+): ", message)
-        fault = named[1] if named and named[1] not in EXECUTABLES else "plan_aborted"
-        raise GraphError(fault, f"plan {plan.name}: {message}", node="conductor")
+        raise GraphError(fault_of(message), f"plan {plan.name}: {message}", node="conductor")
 
     # ---- ending
 
@@ -212,9 +213,14 @@ class Link:
             self.spin()
 
     def wind_down(self) -> None:
-        """In real time with a broken loop, let the guard of the plant stop the motor, and record it."""
-        broken = self._alarm or self._processes.ended()
-        if not broken or "plant" not in self.active:
+        """In real time with a broken loop, wait until the wheel is at rest, and so record it.
+
+        Where the plant's guard has tripped or the controller has ended, the guard stops the motor; where the conductor
+        has ended, the controller brings the wheel to rest. After any other end the loop is whole: nobody stops it.
+        """
+        ended = {child.name for child in self._processes.ended()}
+        tripped = "controller" in ended or (self._alarm is not None and self._alarm.node == "plant")
+        if not (tripped or "conductor" in ended) or "plant" not in self.active:
             return
         now, end = time.time(), time.monotonic() + _WIND_DOWN
         while self._processes.runs("plant") and time.monotonic() < end:
@@ -222,6 +228,8 @@ class Link:
             values = self.values.get("plant", {}) if self._told.get("plant", 0.0) > now else {}
             # before the first command nothing is lost, and the motor keeps turning
             if values.get("outputs") == "off" or values.get("guard") in ("waiting", "stopped"):
+                return
+            if not tripped and abs(float(values.get("spin_rate_rpm", "inf"))) < _AT_REST:
                 return
             self._executor.spin_once(timeout_sec=0.05)
 
@@ -278,15 +286,18 @@ class Link:
                 self.active.add(name)
                 self.values[name] = values
                 self._others.note(values)
-                self._note_trouble(name, status)
+                self._note_trouble(name, status, values)
                 if status.level == DiagnosticStatus.ERROR and "guard" in values and self._alarm is None:
                     self._alarm = GraphError(values["guard"], f"{name}: {status.message}", node=name)
 
-    def _note_trouble(self, name: str, status: DiagnosticStatus) -> None:
+    def _note_trouble(self, name: str, status: DiagnosticStatus, values: dict[str, str]) -> None:
         """Pass on the warnings and errors of a node, each kind once."""
-        if status.level == DiagnosticStatus.OK or self._on_trouble is None:
-            return
-        trouble = (name, status.message.partition(":")[0])
-        if trouble not in self._troubles:
+        if is_refused(values):  # to one as to all
+            self._pass_on(name, ("", PRIORITY.name), f"real-time priority {values[PRIORITY.name]}")
+        if status.level != DiagnosticStatus.OK:
+            self._pass_on(name, (name, status.message.partition(":")[0]), status.message)
+
+    def _pass_on(self, name: str, trouble: tuple[str, str], text: str) -> None:
+        if trouble not in self._troubles and self._on_trouble is not None:
             self._troubles.add(trouble)
-            self._on_trouble(name, status.message)
+            self._on_trouble(name, text)

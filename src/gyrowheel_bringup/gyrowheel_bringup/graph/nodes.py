@@ -88,6 +88,8 @@ def node_parameters(
             "lead": REALTIME_LEAD if realtime else LOCKSTEP_LEAD,
             "priority": priority,
             "wait_for_subscribers": 1 + recorders + estimators,
+            # one of somebody's own has no limit that could be set
+            **({} if "controller" in nodes else {"controller": "none"}),
         },
         "recorder": {"directory": record, "priority": of_listeners},
         "drag_estimator": {

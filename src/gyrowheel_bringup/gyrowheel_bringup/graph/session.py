@@ -317,8 +317,6 @@ class Graph:
             result["drag_estimator"]["wait_for_subscribers"] = 1 + int(
                 "recorder" in self._names and self._record is not None
             )  # this process reads the estimates too
-        if "controller" not in self._names:
-            result["conductor"]["controller"] = "none"
         if self._initial_spin_rate is not None:
             result["plant"]["initial_spin_rate"] = float(self._initial_spin_rate)
         for name, values in self._parameters.items():
@@ -334,6 +332,10 @@ class Graph:
             # listen for a while before the namespace counts as free
             if not waiting and time.monotonic() - began > _LISTEN:
                 link.starting = False
+                if found := link.others():
+                    raise GraphError(
+                        "strangers", f"{found}: end those nodes, or choose another domain or namespace"
+                    )
                 share_core(self._pids, link.domain + zlib.crc32(self._namespace.encode()))
                 return
             link.spin()

@@ -62,8 +62,10 @@ class Strangers:
             return
         self._due = time.monotonic() + _PERIOD
         for topic, own in self._own.items():
-            others = sorted({name for name in self._names(topic) if name != f"{self._namespace}/{own}"})
-            if others:
+            mine, found = f"{self._namespace}/{own}", set(self._names(topic))
+            if topic is topics.CLOCK and mine not in found:
+                continue  # a bench in real time has none, and does not listen to one
+            if others := sorted(found - {mine}):
                 self._found.setdefault(topic.within(self._namespace), ", ".join(others))
 
     def text(self) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 from gyrowheel_msgs.action import RunPlan
 from rclpy.action import ActionClient
 
+from gyrowheel_bringup.graph.nodes import EXECUTABLES
 from gyrowheel_bringup.graph.results import GraphError, Progress
 from gyrowheel_control.plans.plan import Plan
 
@@ -106,3 +108,23 @@ def walked(
         return found.result
     finally:
         walking = False
+
+
+def fault_of(message: str) -> str:
+    """Return the name of the fault for which a conductor has ended a plan: that of a guard, or its own.
+
+    Parameters
+    ----------
+    message : str
+        Of the result, such as ``aborted: plant: tilt_stop: tilt 5.02 deg, hard stop at 5.00 deg; ...``.
+
+    Returns
+    -------
+    str
+        As ``tilt_stop``; ``plan_aborted`` where it names none.
+    """
+    if not message.startswith("aborted: "):
+        return "plan_aborted"
+    named = (word for word in message.split(": ")[1:-1] if word not in EXECUTABLES)
+    name = next(named, "")
+    return name if re.fullmatch(r"[a-z_]+", name) else "plan_aborted"

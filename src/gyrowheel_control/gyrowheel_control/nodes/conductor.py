@@ -2,16 +2,20 @@
 
 It publishes the setpoints of a plan ahead of the time of the bench, and before them what the operator changes
 on the rig. That time comes from ``/clock`` where somebody publishes it, as the plant does in lock-step. Elsewhere it
-comes from the stamps of the samples, or of the joint states where the same node publishes these, which are few. A plan
-starts at the time at which it was asked for, so at 0 in a lock-step graph that was just started.
+comes from the stamps of the samples, or of the joint states where the same node publishes these, which are few; a clock
+of somebody who publishes no samples, such as a simulation beside a bench in real time, is left alone. A plan starts at
+the time at which it was asked for, so at 0 in a lock-step graph that was just started.
 
-A plan ends early, and says why, when the clock jumps or stands, or a node of the bench reports an error, such as a
-guard that has tripped; its last setpoint is then held. Where the conductor itself is deactivated, the controller does
-so, and brings the wheel to rest. The tilt limit that a plan needs is set in the controller before it starts.
+A plan ends early, and says why, when the clock jumps or stands, a node of the bench reports an error, such as a
+guard that has tripped, or the wheel does not follow: whoever controls it, the joint states, or where there are none the
+samples, show whether it comes to a setpoint that stands still (`Tracking`). The last setpoint is then held. Where the
+conductor itself is deactivated, the controller does so, and brings the wheel to rest. The tilt limit that a plan needs
+is set in the controller before it starts.
 """
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from collections.abc import Callable, Mapping
@@ -27,9 +31,12 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.client import Client
 from rclpy.parameter import Parameter as RosParameter
+from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
+from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
+from gyrowheel_control.loops.following import Tracking
 from gyrowheel_control.loops.limits import plan_tilt_limit, tilt_limit
 from gyrowheel_control.plans.fitting import plan_for
 from gyrowheel_control.plans.plan import HOLD, RAMP, SETPOINT_PERIOD, Plan
@@ -55,8 +62,18 @@ ASK_AGAIN = 2.0
 CLOCK_TIMEOUT = 0.5
 #: How long a clock of somebody else that is there may be silent before it counts as standing at 0 [s].
 CLOCK_SILENCE = 2.5
+#: How long in real time a plan goes on without any command [ns].
+COMMANDLESS_NS = 5_000_000_000
+#: How long it stays known whose the clock is [s].
+WHOSE_TIME = 1.0
 #: A step of the clock beyond this is a jump [ns].
 JUMP_NS = 1_000_000_000
+#: How often it is looked whether the wheel follows [ns].
+LOOK_PERIOD_NS = 10_000_000
+#: Name of the guard.
+TRACKING_LOST = "tracking_lost"
+#: In the name of a node, until it has arrived.
+_UNKNOWN = "UNKNOWN"
 _MOTION = ("tilt_rate_x", "tilt_rate_y", "spin_acceleration")
 
 
@@ -74,6 +91,9 @@ class Walk:
     asked_at: float = 0.0  # by the clock of `time.monotonic`
     start_ns: int | None = None  # set once somebody listens
     deadline: float = 0.0  # for that, by the clock of `time.monotonic`
+    timeless: float | None = (
+        None  # since when nothing but the time of the bench is missing, by the same clock
+    )
     told: tuple[int, int] = (-1, -1)  # segment and second of the last feedback
 
 
@@ -123,6 +143,16 @@ class ConductorNode(BenchNode):
             "controller",
             "Node that is given the tilt limit of each plan; none: no node has a limit to be set",
         ),
+        Param(
+            "tracking_tilt",
+            math.radians(0.5),
+            "Tilt error that ends a plan where it lasts although the setpoint stands still [rad]",
+            low=1e-6,
+            high=1.0,
+            live=True,
+        ),
+        Param("tracking_spin", 20.0, "The same for the spin rate [rad/s]", low=1e-3, high=2000.0, live=True),
+        Param("tracking_time", 3.0, "How long such an error may last [s]", low=0.01, high=600.0, live=True),
         PRIORITY,
     )
 
@@ -138,21 +168,29 @@ class ConductorNode(BenchNode):
         self._released = (
             False  # whether the plant said that the controller has left, and another one may come
         )
+        self._commandless = False  # whether the plant said, in real time, that no command has come yet
         self._plant_seen = False  # whether one has said anything
         self._plant_stopped = False  # whether the plant said that it is not active
         self._samples: Subscription | None = None  # tell the time where there is no clock
+        self._foreign = (
+            0.0,
+            False,
+        )  # when it was looked whose the clock is, and whether it is somebody else's
         self._samples_due = 0  # time from which on the next sample does [ns]
         self._walk: Walk | None = None
         self._reserved = False  # a goal was accepted and has not begun yet
         self._held: NDArray[Any] | None = None  # one setpoint, published after the plan
         self._next = 0  # stamp of the next setpoint to publish [ns]
         self._moved = True  # whether the time has gone on since the last poll
+        self._tracking = self._new_tracking()
+        self._look_due = 0  # time from which on it is looked again whether the wheel follows [ns]
         self._setpoints = self.publisher(topics.SETPOINT)
         self._newcomers = Newcomers(self, topics.SETPOINT)
         self._environment = self.publisher(topics.ENVIRONMENT)
         self._inputs = [
             self.subscription(topics.CLOCK, self._on_clock, raw=True),
             self.subscription(topics.DIAGNOSTICS, self._on_diagnostics),
+            self.subscription(topics.JOINT_STATES, self._on_joints, raw=True),
         ]
         controller = self.parameter("controller")
         self._controller = namespaces.local_name(controller.strip("/"), self.namespace)
@@ -199,8 +237,9 @@ class ConductorNode(BenchNode):
         self._limit(values["tilt_limit"])
 
     def tune(self) -> None:
-        """Take over the tilt limit, for the next plan."""
+        """Take over the tilt limit, for the next plan, and what counts as not following."""
         self._tilt_limit = self._limit(self.parameter("tilt_limit"))
+        self._tracking = self._new_tracking()
 
     def diagnose(self) -> Diagnosis:
         """Return what is being walked."""
@@ -210,6 +249,9 @@ class ConductorNode(BenchNode):
             "time_from": "samples" if self._samples is not None else "clock",
             "tilt_limit_deg": f"{math.degrees(limit):g}",
         }
+        if self._tracking.lost:
+            values["guard"] = TRACKING_LOST
+            return Diagnosis(f"{TRACKING_LOST}: {self._tracking.lost}", values, DiagnosticStatus.ERROR)
         if self._walk is None:
             return Diagnosis("holding" if self._held is not None else "waiting for a plan", values)
         values["plan"] = self._walk.plan.name
@@ -269,6 +311,12 @@ class ConductorNode(BenchNode):
                     walk.waits_for = "the controller to take the tilt limit"
                 elif not self._time_is_known(walk):
                     walk.waits_for = "the time of the bench"
+                    walk.timeless = walk.timeless or now
+                    # a clock that is silent is taken to stand at 0 sooner than that
+                    if now - walk.timeless > max(self.parameter("clock_timeout"), 2.0 * CLOCK_SILENCE):
+                        self._finish(
+                            "aborted: clock_stands: nobody tells the time of the bench: neither a clock, nor samples"
+                        )
                 else:
                     self._start(walk)
             elif time.monotonic() > walk.deadline:
@@ -333,24 +381,51 @@ class ConductorNode(BenchNode):
     def _time_is_known(self, walk: Walk) -> bool:
         """Return whether there is a time to start from: that of the clock, or else of the samples."""
         waited = time.monotonic() - walk.deadline + MATCHING_TIMEOUT
+        if self._samples is None:
+            foreign = self._clock_is_foreign()
+            if foreign is None:
+                return False
+            if foreign:
+                self._told_time, self._now = False, 0
+                self._samples = self._time_of_samples()
         if self._told_time:
             return True
-        if self.count_publishers(topics.CLOCK.relative):
+        if self._samples is None and self.count_publishers(topics.CLOCK.relative):
             # our plant says the time again and again while it stands; another clock that is silent stands at 0
             return waited > (self.parameter("clock_timeout") if self._plant_seen else CLOCK_SILENCE)
         if self._samples is None and waited > CLOCK_TIMEOUT:
-            self._samples = self.subscription(self._slowest_stamps(), self._on_sample, raw=True)
+            self._samples = self._time_of_samples()
         return False
+
+    def _sources(self, topic: topics.Topic) -> set[str]:
+        """Return the nodes that publish a topic, by their full names."""
+        found = self.get_publishers_info_by_topic(topic.relative)
+        return {f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in found}
 
     def _slowest_stamps(self) -> topics.Topic:
         """Return the topic that tells the time of the samples: one of few messages, if the same node publishes it."""
+        slow = self._sources(topics.JOINT_STATES)
+        return (
+            topics.JOINT_STATES if slow and slow == self._sources(topics.MEASUREMENT) else topics.MEASUREMENT
+        )
 
-        def sources(topic: topics.Topic) -> set[tuple[str, str]]:
-            found = self.get_publishers_info_by_topic(topic.relative)
-            return {(info.node_namespace, info.node_name) for info in found}
+    def _time_of_samples(self) -> Subscription:
+        """Return what tells the time from now on, in the place of a clock."""
+        topic = self._slowest_stamps()
+        heard = self._on_sample if topic is topics.MEASUREMENT else self._on_stamp
+        return self.subscription(topic, heard, raw=True)
 
-        slow = sources(topics.JOINT_STATES)
-        return topics.JOINT_STATES if slow and slow == sources(topics.MEASUREMENT) else topics.MEASUREMENT
+    def _clock_is_foreign(self) -> bool | None:
+        """Return whether samples are published, and the clock only by nodes that publish none; None if not known."""
+        looked, foreign = self._foreign
+        now = time.monotonic()
+        if now - looked > WHOSE_TIME:
+            clocks, samples = self._sources(topics.CLOCK), self._sources(topics.MEASUREMENT)
+            if any(_UNKNOWN in name for name in clocks | samples):
+                return None
+            foreign = bool(clocks and samples) and not clocks & samples
+            self._foreign = now, foreign
+        return foreign
 
     def _start(self, walk: Walk) -> None:
         start = self._now if self._held is None else max(self._now, self._next)
@@ -367,6 +442,7 @@ class ConductorNode(BenchNode):
         # The plant must have them before the command that the first setpoint brings about.
         self.deliver(self._environment)
         walk.start_ns = self._next = start
+        self._tracking = self._new_tracking()
         self._newcomers.begin()
         self._standing = 0.0
         self.get_logger().info(f"plan {walk.plan.name}: {walk.plan.duration:g} s from {start * 1e-9:g} s on")
@@ -408,9 +484,36 @@ class ConductorNode(BenchNode):
             now = wire.CLOCK.unpack(raw)[0]
         except ValueError:  # from a node that is not of this bench
             return
-        self._advance(now)
+        if self._samples is None or self._clock_is_foreign() is False:
+            self._advance(now)
 
     def _on_sample(self, raw: bytes) -> None:
+        """Take the time from a sample, and look at it if nothing else shows whether the wheel follows."""
+        self._on_stamp(raw)
+        if self._now >= self._look_due:
+            with contextlib.suppress(ValueError):  # from a node that is not of this bench
+                stamp, _, tilt_x, tilt_y, _, spin_rate, *_ = wire.MEASUREMENT.unpack(raw)
+                self._look(stamp, tilt_x, tilt_y, spin_rate)
+
+    def _on_joints(self, raw: bytes) -> None:
+        try:
+            stamp = wire.stamp(raw)
+        except ValueError:
+            return
+        if stamp < self._look_due:
+            return
+        try:
+            message = deserialize_message(raw, JointState)
+        except Exception:  # of damaged bytes; rclpy passes on whatever its type support raises
+            return
+        place, speed = (
+            dict(zip(message.name, values, strict=False)) for values in (message.position, message.velocity)
+        )
+        tilt_x, tilt_y, spin = topics.JOINTS
+        if tilt_x in place and tilt_y in place and spin in speed:  # else they are of another machine
+            self._look(stamp, place[tilt_x], place[tilt_y], speed[spin])
+
+    def _on_stamp(self, raw: bytes) -> None:
         try:
             now = wire.stamp(raw)
         except ValueError:
@@ -425,10 +528,14 @@ class ConductorNode(BenchNode):
             if namespaces.is_of_another(status.hardware_id, self.namespace):
                 continue
             name = namespaces.local_name(status.name, self.namespace)
+            if name == self.get_name():
+                continue
             if name == "plant":
                 self._plant_seen = True
                 self._plant_stopped = status.level == DiagnosticStatus.WARN and status.message == "inactive"
-                self._released = any(p.key == "guard" and p.value == "released" for p in status.values)
+                guard = next((pair.value for pair in status.values if pair.key == "guard"), "")
+                self._released = guard == "released"
+                self._note_commands(waiting=guard == "waiting")
             # such as a guard that has tripped: the wheel no longer is where the plan has it
             names = {pair.key for pair in status.values}
             ended = "fault" in names and name in ("plant", self._controller)
@@ -436,6 +543,43 @@ class ConductorNode(BenchNode):
                 if self._walk is not None:
                     self._hold_here(self._walk)
                 self._finish(f"aborted: {name}: {status.message}")
+
+    def _note_commands(self, *, waiting: bool) -> None:
+        """End a plan in real time that no command answers: the time would go on to its end without the wheel."""
+        walk = self._walk
+        self._commandless = waiting and self._samples is not None  # in lock-step the time stands
+        if not self._commandless or walk is None or walk.start_ns is None:
+            return
+        if self._now - walk.start_ns > COMMANDLESS_NS:
+            self._hold_here(walk)
+            self._finish("aborted: controller_silent: no command has come since the plan began")
+
+    def _look(self, stamp: int, tilt_x: float, tilt_y: float, spin_rate: float) -> None:
+        """End the plan if the wheel does not follow it."""
+        self._look_due = stamp + LOOK_PERIOD_NS
+        asked = self._asked(stamp)
+        if asked is None:
+            self._tracking = self._new_tracking()
+        elif math.isfinite(tilt_x + tilt_y + spin_rate) and self._tracking.observe(
+            stamp, tilt_x, tilt_y, spin_rate, asked
+        ):
+            if self._walk is not None:
+                self._hold_here(self._walk)
+            self._finish(f"aborted: {TRACKING_LOST}: {self._tracking.lost}")
+            self.announce()
+
+    def _asked(self, stamp: int) -> list[float] | None:
+        """Return the setpoint that a reading of a time [ns] is to follow; None where there is none."""
+        walk, rows, row = self._walk, self._held, 0
+        if walk is not None and walk.start_ns is not None:
+            rows = walk.setpoints
+            row = min((stamp - walk.start_ns) // SETPOINT_PERIOD_NS, len(rows) - 1)
+        if rows is None or row < 0 or self._released or self._commandless or self._plant_stopped:
+            return None
+        return [float(rows[name][row]) for name in wire.SETPOINT.fields]
+
+    def _new_tracking(self) -> Tracking:
+        return Tracking(*(self.parameter(f"tracking_{name}") for name in ("tilt", "spin", "time")))
 
     def _advance(self, now: int) -> None:
         """Go on to the time `now` [ns]."""
@@ -447,7 +591,7 @@ class ConductorNode(BenchNode):
                 self._next = now - now % SETPOINT_PERIOD_NS
             else:
                 self._held = None
-            self._now, self._standing = now, 0.0
+            self._now, self._standing, self._look_due = now, 0.0, 0
             if step < 0:
                 reason = "the simulated time went back, the plant was started again"
                 self._finish(f"aborted: clock_jump: {reason} ({then})")
@@ -463,13 +607,16 @@ class ConductorNode(BenchNode):
             self._standing, self._moved = 0.0, True
         self._now = now
         if walk is not None and walk.start_ns is not None:
-            if now >= walk.start_ns + len(walk.setpoints) * SETPOINT_PERIOD_NS:
+            if now < walk.start_ns + len(walk.setpoints) * SETPOINT_PERIOD_NS:
+                self._go_on(walk)
+            elif self._commandless and self.parameter("hold_after_plan"):
+                # it is known by the next diagnosis whether a command has come
+                self._publish_held(self._after(walk.setpoints, walk.plan), now + self._lead_ns)
+            else:
                 self._held = (
                     self._after(walk.setpoints, walk.plan) if self.parameter("hold_after_plan") else None
                 )
                 self._finish()
-            else:
-                self._go_on(walk)
         if self._held is not None:
             self._publish_held(self._held, now + self._lead_ns)
 

@@ -7,9 +7,6 @@ are counted and not answered; setpoints beyond the tilt limit are reduced to it.
 
 Where the samples go on although no setpoint holds, as in real time when the conductor has ended or was deactivated, the
 last one is held, and then brought to rest (`Rest`): the state ``setpoint_lost``. New setpoints take over at once.
-
-A wheel that does not follow a setpoint which stands still (`Tracking`) is ``tracking_lost``, with what was asked and
-what there is; the conductor ends its plan for it.
 """
 
 from __future__ import annotations
@@ -25,7 +22,7 @@ from rclpy.publisher import Publisher
 from rclpy.timer import Timer
 
 from gyrowheel_control.loops.controller import Controller, Gains
-from gyrowheel_control.loops.following import Rest, Tracking
+from gyrowheel_control.loops.following import Rest
 from gyrowheel_control.loops.limits import SetpointGuard, tilt_limit
 from gyrowheel_control.plans.plan import SETPOINT_PERIOD
 from gyrowheel_core import topics, wire
@@ -68,16 +65,6 @@ class ControllerNode(BenchNode):
             high=1.0,
             live=True,
         ),
-        Param(
-            "tracking_tilt",
-            math.radians(0.5),
-            "Tilt error that is a fault where it lasts although the setpoint stands still [rad]",
-            low=1e-6,
-            high=1.0,
-            live=True,
-        ),
-        Param("tracking_spin", 20.0, "The same for the spin rate [rad/s]", low=1e-3, high=2000.0, live=True),
-        Param("tracking_time", 3.0, "How long such an error may last [s]", low=0.01, high=600.0, live=True),
         *GAINS,
         PRIORITY,
     )
@@ -99,8 +86,12 @@ class ControllerNode(BenchNode):
         self._answered = self._skipped = self._malformed = self._refused = 0
         self._motor = 0.0  # voltage of the last answer [V]
         self._rest: Rest | None = None  # where no setpoint holds although the samples go on
-        self._tracking = self._new_tracking()
-        self._told = (0, 0)  # setpoints limited, and messages refused, at the last diagnosis
+        self._told = (
+            0,
+            0,
+            0,
+        )  # setpoints limited, messages refused and malformed ones, at the last diagnosis
+        self._why = ""  # the last message was malformed
         self._ready = False
         self._matching: Timer | None = None
 
@@ -117,7 +108,7 @@ class ControllerNode(BenchNode):
     def activate(self) -> None:
         """Answer samples as soon as enough subscribers listen."""
         self.prioritise()
-        self._rest, self._tracking = None, self._new_tracking()
+        self._rest = None
         if self._commands is None:
             self._commands = self.publisher(topics.COMMAND)
         self._trial, self._proven = None, False
@@ -151,9 +142,8 @@ class ControllerNode(BenchNode):
         self._limit(values["tilt_limit"])
 
     def tune(self) -> None:
-        """Take over gains, tilt limit and what counts as not following."""
+        """Take over gains and tilt limit."""
         self._guard.limit = self._limit(self.parameter("tilt_limit"))
-        self._tracking = self._new_tracking()
         self._controller.tune(self._gains())
 
     def diagnose(self) -> Diagnosis:
@@ -169,16 +159,15 @@ class ControllerNode(BenchNode):
             "refused_setpoints": guard.refused,
             "tilt_limit_deg": f"{math.degrees(guard.limit):g}",
         }
-        limited, refused = self._told
-        self._told = guard.limited, guard.refused + self._refused
+        limited, refused, malformed = self._told
+        self._told = guard.limited, guard.refused + self._refused, self._malformed
         if not self._ready:
             return Diagnosis("waiting for subscribers", values)
-        if self._tracking.lost:
-            values["guard"] = "tracking_lost"
-            return Diagnosis(f"tracking_lost: {self._tracking.lost}", values, DiagnosticStatus.ERROR)
         if self._rest is not None:
             text = "setpoint_lost: no setpoints come; the last one is held, then brought to rest"
             return Diagnosis(text, values, DiagnosticStatus.WARN)
+        if self._malformed > malformed:
+            return Diagnosis(f"input_refused: {self._why}", values, DiagnosticStatus.WARN)
         if guard.refused + self._refused > refused:
             return Diagnosis(
                 "input_refused: samples or setpoints that are no numbers or out of range",
@@ -197,9 +186,6 @@ class ControllerNode(BenchNode):
 
     def _limit(self, wanted: float) -> float:
         return tilt_limit(self._bench, wanted, "parameter tilt_limit")
-
-    def _new_tracking(self) -> Tracking:
-        return Tracking(*(self.parameter(f"tracking_{name}") for name in ("tilt", "spin", "time")))
 
     def _gains(self) -> Gains:
         """Return the gains: of the parameters that were set, else of the bench file."""
@@ -304,9 +290,6 @@ class ControllerNode(BenchNode):
             self._commands.publish(self._command)
         if not self._proven:
             self._trial = self._command if sequence else None
-        if self._rest is None and self._tracking.observe(stamp, tilt_x, tilt_y, spin_rate, self._setpoint):
-            self.get_logger().error(f"tracking_lost: {self._tracking.lost}")
-            self.announce()
 
     def _leave(self) -> None:
         """Give up the topic of the commands, which has one publisher at a time."""
@@ -328,11 +311,12 @@ class ControllerNode(BenchNode):
         self.get_logger().info("samples count from the start again: controller reset")
         self._controller.reset()
         self._since = self._until = -1
-        self._rest, self._tracking = None, self._new_tracking()
+        self._rest = None
         self._last, self._command = -1, b""
 
     def _complain(self, error: ValueError) -> None:
         self._malformed += 1
+        self._why = str(error)
         if self._malformed == 1:
             self.get_logger().error(f"{error}; such messages are ignored")
 

@@ -3,12 +3,13 @@
 It takes efforts as ``sensor_msgs/JointState``, joints ``tilt_x``, ``tilt_y`` and ``spin``, turns them into voltages
 and answers the newest sample that has no answer. Efforts that come while every sample is answered wait for the
 next one; only the newest wait. So a controller closes the loop at any rate; in lock-step one message
-makes one step.
+makes one step. It publishes commands while it is active, so that it and another controller can take each other's place.
 """
 
 from __future__ import annotations
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 
 from gyrowheel_control.loops.efforts import Efforts, efforts_of
@@ -40,10 +41,13 @@ class JointCommandsNode(BenchNode):
             None  # stamp, number and spin rate of one without an answer
         )
         self._waiting: tuple[float, float, float] | None = None  # efforts that wait for a sample
+        self._passed = 0  # samples that have come since
         self._answered = self._refused = self._told = 0
-        self._active = False
         self._why = ""
-        self._commands = self.publisher(topics.COMMAND)
+        self._commands: Publisher | None = None  # while it is active
+        # first command since the start, and the sample that it answers, until another one shows that it arrived
+        self._trial: tuple[int, bytes] | None = None
+        self._proven = False  # whether that has happened
         self._inputs = (
             self.subscription(topics.MEASUREMENT, self._on_measurement, raw=True),
             self.subscription(topics.JOINT_COMMANDS, self._on_efforts),
@@ -52,19 +56,23 @@ class JointCommandsNode(BenchNode):
     def activate(self) -> None:
         """Answer samples as efforts come."""
         self.prioritise()
-        self._waiting = None
-        self._active = True
+        self._commands = self.publisher(topics.COMMAND)
+        self._trial, self._proven = None, False
+        self._repeating = self.wall_timer(1.0, self._repeat)
+        self._answer()
 
     def deactivate(self) -> None:
-        """Answer no more; the plant's guard switches the coils off and brings the motor down."""
-        self._active = False
-        self.deliver(self._commands)
+        """Give up the topic of the commands: the plant switches the coils off and waits for another controller."""
+        self.destroy_timer(self._repeating)
+        if self._commands is not None:
+            self.deliver(self._commands)
+            self.destroy_publisher(self._commands)
+            self._commands = None
 
     def cleanup(self) -> None:
         """Give up the topics."""
         for subscription in self._inputs:
             self.destroy_subscription(subscription)
-        self.destroy_publisher(self._commands)
 
     def diagnose(self) -> Diagnosis:
         """Return counts, and why messages were refused."""
@@ -81,23 +89,36 @@ class JointCommandsNode(BenchNode):
             self._refuse(str(error))
             return
         self._sample = stamp, number, values[3]
+        self._passed += 1
+        if self._commands is None and self._passed > 1:  # another controller answers, and what waits is old
+            self._waiting = None
+        if self._trial is not None and number > self._trial[0]:
+            self._trial, self._proven = None, True
         self._answer()
 
     def _on_efforts(self, message: JointState) -> None:
         try:
-            self._waiting = efforts_of(message.name, message.effort)
+            self._waiting, self._passed = efforts_of(message.name, message.effort), 0
         except InputError as error:
             self._refuse(f"{topics.JOINT_COMMANDS.name}: {error}")
             return
         self._answer()
 
     def _answer(self) -> None:
-        if not self._active or self._sample is None or self._waiting is None:
+        if self._commands is None or self._sample is None or self._waiting is None:
             return
         (stamp, number, spin_rate), efforts = self._sample, self._waiting
         self._sample = self._waiting = None
-        self._commands.publish(wire.COMMAND.pack(stamp, number, *self._efforts.voltages(efforts, spin_rate)))
+        command = wire.COMMAND.pack(stamp, number, *self._efforts.voltages(efforts, spin_rate))
+        self._commands.publish(command)
         self._answered += 1
+        if not self._proven:
+            self._trial = number, command
+
+    def _repeat(self) -> None:
+        """Repeat a first command that no sample has followed: the plant may not have known this node yet."""
+        if self._trial is not None and self._commands is not None:
+            self._commands.publish(self._trial[1])
 
     def _refuse(self, why: str) -> None:
         self._refused += 1

@@ -21,13 +21,15 @@ from gyrowheel_core.errors import InputError
 NONSENSE = 2.0
 #: Consecutive samples beyond the hard stop that trip the guard: one wrong reading does not stop a test.
 STOP_SAMPLES = 4
+#: Share of samples without a new command, or made late, that is a warning: a computer with other work has a few.
+HELD_SHARE = 0.01
 
 
 class GuardState(enum.StrEnum):
     """What the guard is doing.
 
     The states between ``normal`` and ``controller_lost`` tell what happened since the last `Guard.report`; the worst
-    of them counts.
+    of them counts. No more than `HELD_SHARE` of the samples held is the least of them: it must not hide the others.
     """
 
     STOPPED = "stopped"
@@ -234,15 +236,17 @@ class Guard:
             self.held += 1
             self._idle += 1
             if self._idle >= self.limits.watchdog:
-                self._trip(GuardState.CONTROLLER_LOST, self._silence())
+                self._trip(
+                    GuardState.CONTROLLER_LOST,
+                    f"no valid command for {self._idle} samples{self.refusals()}",
+                )
         return self._voltages
 
-    def _silence(self) -> str:
-        """Return for how long no command could be taken, and what has come instead."""
+    def refusals(self) -> str:
+        """Return what has come since the last command that was taken, and why it was refused; empty if nothing was."""
         came = {why: count - self._refused_before[why] for why, count in self.refused.items()}
         kinds = [f"{count} {why.replace('_', ' ')}" for why, count in came.items() if count]
-        refused = f": {sum(came.values())} came and were refused ({', '.join(kinds)})" if kinds else ""
-        return f"no valid command for {self._idle} samples{refused}"
+        return f": {sum(came.values())} came and were refused ({', '.join(kinds)})" if kinds else ""
 
     def observe(self, tilt_x: float, tilt_y: float) -> None:
         """Check the tilt of a sample [rad]; a tilt that is not a number counts as beyond the hard stop."""
@@ -269,11 +273,13 @@ class Guard:
         if self._released:
             return GuardState.RELEASED
         limited, refused, held, _ = self._told
-        if self.held > held:
+        if self.held_share > HELD_SHARE:
             return GuardState.HOLDING
         if sum(self.refused.values()) > refused:
             return GuardState.COMMAND_REFUSED
-        return GuardState.VOLTAGE_LIMITED if self.limited > limited else GuardState.NORMAL
+        if self.limited > limited:
+            return GuardState.VOLTAGE_LIMITED
+        return GuardState.HOLDING if self.held > held else GuardState.NORMAL
 
     @property
     def held_share(self) -> float:

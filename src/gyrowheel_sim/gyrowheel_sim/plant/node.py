@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from numpy.typing import NDArray
+from rclpy.qos import ReliabilityPolicy
 from rclpy.time import Time
 from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
@@ -40,9 +41,9 @@ from gyrowheel_core.node import (
 from gyrowheel_core.units import RPM
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import from_json
-from gyrowheel_sim.plant.guard import Guard, GuardLimits, GuardState, Refusal
+from gyrowheel_sim.plant.guard import HELD_SHARE, Guard, GuardLimits, GuardState, Refusal
 from gyrowheel_sim.plant.machine import Plant
-from gyrowheel_sim.plant.real_time import CLOCK_JUMP, CLOCK_PERIOD_NS, HELD_SHARE, RELEASED, RealTime
+from gyrowheel_sim.plant.real_time import CLOCK_JUMP, CLOCK_PERIOD_NS, RELEASED, RealTime
 from gyrowheel_sim.plant.scenario import Scenario
 
 #: Low-pass of the tilt rates of the joint states: they are derived from the readings [Hz].
@@ -178,6 +179,7 @@ class PlantNode(BenchNode):
         self._sample = b""  # the last one, as it was published
         self._waiting: bytes | None = None  # command that came while the node was inactive
         self._due = self._clock_due = self._joints_due = 0  # times at which the slow topics are due [ns]
+        self._clock_told = 0  # the last one [ns]
         self._joint_period = round(1e9 / self.parameter("joint_state_rate"))
         v = bench.value
         self._constants = v("coil_constant"), v("coil_constant"), v("motor_constant")
@@ -258,6 +260,8 @@ class PlantNode(BenchNode):
     def tune(self) -> None:
         """Take over the limits, and the rate of the joint states."""
         self._joint_period = round(1e9 / self.parameter("joint_state_rate"))
+        self._joints_due = min(self._joints_due, self._plant.time_ns + self._joint_period)
+        self._due = min(self._due, self._joints_due)
         values = {param.name: self.parameter(param.name) for param in self.PARAMETERS if param.live}
         self._guard.limits = self._limits(values)
 
@@ -283,11 +287,11 @@ class PlantNode(BenchNode):
         }
         values |= {f"refused_{why}": count for why, count in guard.refused.items()}
         stall = late = ""
-        offset = 0.0
+        jump = 0.0
         if self._real_time:
             values |= self._real_time.report()
             stall, late = self._real_time.lateness()
-            offset = self._real_time.clock_offset
+            jump = self._real_time.clock_jump
         if self._first is not None and (missing := self._missing()):
             return Diagnosis(f"waiting for {' and '.join(missing)}", values)
         if guard.trip is not None:
@@ -297,17 +301,19 @@ class PlantNode(BenchNode):
         if stall:
             return Diagnosis(stall, values, DiagnosticStatus.WARN)
         if state in (GuardState.WAITING, GuardState.STOPPED):
-            return Diagnosis(_MESSAGES[state], values)
-        if state is GuardState.HOLDING:
-            text = f"holding: {share:.1%} of the samples had no new command, the last one went on acting"
-            return Diagnosis(
-                text, values, DiagnosticStatus.WARN if share > HELD_SHARE else DiagnosticStatus.OK
-            )
-        if state is not GuardState.NORMAL:
+            why = guard.refusals() or self._unheard()
+            if not why and self._ignored:
+                why = f": {self._ignored} came, and none answers the sample that waits"
+            level = DiagnosticStatus.WARN if why else DiagnosticStatus.OK
+            return Diagnosis(f"{_MESSAGES[state]}{why}", values, level)
+        holding = f"holding: {share:.1%} of the samples had no new command, the last one went on acting"
+        if state is GuardState.HOLDING and share > HELD_SHARE:
+            return Diagnosis(holding, values, DiagnosticStatus.WARN)
+        if state not in (GuardState.NORMAL, GuardState.HOLDING):
             return Diagnosis(_MESSAGES[state], values, DiagnosticStatus.WARN)
-        if abs(offset) > CLOCK_JUMP:
+        if abs(jump) > CLOCK_JUMP:
             return Diagnosis(
-                f"clock_jump: the clock of the computer is {offset:+.1f} s from the stamps",
+                f"clock_jump: the clock of the computer was set and is {jump:+.2f} s from the stamps",
                 values,
                 DiagnosticStatus.WARN,
             )
@@ -315,7 +321,7 @@ class PlantNode(BenchNode):
             return Diagnosis(f"late: {late}", values, DiagnosticStatus.WARN)
         if self._ignored or self._late_environments:
             return Diagnosis("running; some input came late or twice", values, DiagnosticStatus.WARN)
-        return Diagnosis("running", values)
+        return Diagnosis(holding if state is GuardState.HOLDING else "running", values)
 
     def _limits(self, values: Mapping[str, Any]) -> GuardLimits:
         """Return the limits of the guard; InputError where one is beyond that of the bench."""
@@ -358,8 +364,15 @@ class PlantNode(BenchNode):
         # Two ends of a line do not know of each other at the same moment: a command from one that this node does not
         # know yet would be lost, and in lock-step nothing goes on without it.
         if not self._real_time and not self.controllers():
-            missing.append("a publisher of commands")
+            missing.append(f"a publisher of commands{self._unheard()}")
         return missing
+
+    def _unheard(self) -> str:
+        """Return who publishes commands in a way that does not reach this node, in words; empty if nobody does."""
+        there = () if self.controllers() else self.get_publishers_info_by_topic(topics.COMMAND.relative)
+        best = ReliabilityPolicy.BEST_EFFORT
+        names = sorted({info.node_name for info in there if info.qos_profile.reliability == best})
+        return f" ({', '.join(names)}: best effort, and reliable is needed)" if names else ""
 
     def _stop_waiting(self) -> None:
         if self._first is not None:
@@ -401,7 +414,7 @@ class PlantNode(BenchNode):
         if self._newcomers.look(goes_on=goes_on, now=now) and self._sample:
             self._measurements.publish(self._sample)
         if self._sample and not goes_on:
-            self._publish_clock(self._clock_due - CLOCK_PERIOD_NS)
+            self._publish_clock(self._clock_told)
         if goes_on or sequence == 0:
             self._watched = (self._plant.sequence, now)
             return
@@ -470,13 +483,14 @@ class PlantNode(BenchNode):
 
     def _publish_slow(self, now: int, values: list[float]) -> None:
         if now >= self._clock_due:
-            self._clock_due += CLOCK_PERIOD_NS
+            self._clock_due = now - now % CLOCK_PERIOD_NS + CLOCK_PERIOD_NS
             self._publish_clock(now)
             if self._truth is not None:
                 truth = {"time": (self.epoch + now) * 1e-9, **self._plant.truth()}
                 self._truth.publish(String(data=json.dumps(truth)))
         if now >= self._joints_due:
-            self._joints_due += self._joint_period
+            # of a rate beyond that of the samples nothing is left to be made up for
+            self._joints_due = max(self._joints_due + self._joint_period, now + 1)
             message = JointState(
                 name=topics.JOINTS,
                 position=values[:3],
@@ -490,6 +504,7 @@ class PlantNode(BenchNode):
         self._due = min(self._clock_due, self._joints_due)
 
     def _publish_clock(self, now: int) -> None:
+        self._clock_told = now
         if self._clock_publisher is not None:
             self._clock_publisher.publish(wire.CLOCK.pack(now))
 
