@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from gyrowheel.campaigns import hiding, workers
 from gyrowheel.campaigns.cases import Campaign, Case, cases
 from gyrowheel.campaigns.hiding import LARGEST, Secret, Yardstick, hide, yardstick
-from gyrowheel.campaigns.job import run_case
+from gyrowheel.campaigns.job import _move, run_case
 from gyrowheel.campaigns.judge import Interval, Judged, judge
 from gyrowheel.campaigns.outside import declared, outside_forms
 from gyrowheel.campaigns.summary import Rate, Summary, covered
@@ -443,6 +443,36 @@ def test_a_finder_that_fails_is_a_case_that_is_not_right(monkeypatch: pytest.Mon
     monkeypatch.setattr("gyrowheel.campaigns.job.find", fail)
     judged = run_case(case_of("none"))
     assert (judged.outcome, judged.error, judged.right) == ("failed", "LinAlgError: singular matrix", False)
+
+
+def test_a_machine_without_memory_is_no_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """The campaign ends, and can go on; the case is not counted as one in which the finder failed."""
+
+    def fail(*_: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr("gyrowheel.campaigns.job.record", lambda *_: None)
+    monkeypatch.setattr("gyrowheel.campaigns.job.find", fail)
+    with pytest.raises(MemoryError):
+        run_case(case_of("none"), scratch=str(tmp_path))
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_worker_that_is_killed_is_told_in_one_line():
+    killed = pytest.importorskip("joblib.externals.loky.process_executor").TerminatedWorkerError
+    with pytest.raises(InputError, match="jobs: a worker was killed"), workers._told():
+        raise killed("a worker process was terminated")
+
+
+def test_what_is_kept_of_a_case_appears_as_a_whole(tmp_path: Path):
+    """In the place of what an interrupted campaign has kept of it; nothing is beside it."""
+    made, kept = tmp_path / "made", tmp_path / "kept" / "case-0001"
+    for folder, name in ((made, "new"), (kept, "old")):
+        folder.mkdir(parents=True)
+        (folder / name).write_text(name)
+    _move(made, kept)
+    assert [place.name for place in kept.iterdir()] == ["new"]
+    assert [place.name for place in kept.parent.iterdir()] == ["case-0001"]
 
 
 # ---- the verb

@@ -108,11 +108,16 @@ _STREAMS = """
     import os, sys
     import typer
     from gyrowheel.cli.shell import out, put_json, run
+    from gyrowheel.errors import InputError
 
     app = typer.Typer()
 
     @app.command()
     def verb(how: str) -> None:
+        if how == "bad":
+            raise InputError("no such recording")
+        if how == "defect":
+            raise KeyError("x")
         with open(sys.argv[2], "wb") as file:
             assert file.fileno() > 2
         for _ in range(100_000 if how != "once" else 1):
@@ -123,7 +128,10 @@ _STREAMS = """
 
 
 def test_streams_that_are_closed_and_readers_that_leave(tmp_path: Path) -> None:
-    """No file takes the place of a closed stream; a reader that has had enough is no finding, and no success."""
+    """No file takes the place of a closed stream; a reader that has had enough is no finding, and no success.
+
+    Nor is an error where standard error takes nothing.
+    """
     script = tmp_path / "verb.py"
     script.write_text(textwrap.dedent(_STREAMS))
     command = f"{sys.executable} {script}"
@@ -132,8 +140,15 @@ def test_streams_that_are_closed_and_readers_that_leave(tmp_path: Path) -> None:
         (f"{command} once {tmp_path}/a <&- >&- 2>&-", 0),
         (f"{command} text {tmp_path}/a | head -1; exit ${{PIPESTATUS[0]}}", 141),
         (f"{command} json {tmp_path}/a | head -1; exit ${{PIPESTATUS[0]}}", 141),
+        # an error that cannot be told is no finding, either
+        (f"{command} bad {tmp_path}/a 2>/dev/full", 2),
+        (f"{command} bad {tmp_path}/a 2>&1 >/dev/null | true; exit ${{PIPESTATUS[0]}}", 2),
+        (f"{command} defect {tmp_path}/a 2>/dev/full", 70),
     ):
-        done = subprocess.run(["bash", "-c", way], capture_output=True, text=True, check=False)
+        environment = {**os.environ, "XDG_STATE_HOME": str(tmp_path)}
+        done = subprocess.run(
+            ["bash", "-c", way], capture_output=True, text=True, check=False, env=environment
+        )
         assert (done.returncode, done.stderr) == (code, ""), way
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from pathlib import Path
 
@@ -200,3 +201,10 @@ def test_an_interruption_before_anything_is_done_writes_and_promises_nothing(
     found = gyrowheel("investigate", "--model", model, "--simulate", "-o", bench / "all")
     assert found.code == 130
     assert "recordings:" not in found.out
+
+
+def test_a_pipe_that_is_called_as_metadata_is_not_waited_for(gyrowheel: Shell, tmp_path: Path):
+    """As anybody may put one into a folder for temporary files."""
+    os.mkfifo(tmp_path / "metadata.yaml")
+    gyrowheel.good("plans", "--json", tmp_path / "plans.json")
+    assert json.loads((tmp_path / "plans.json").read_text(encoding="utf-8"))

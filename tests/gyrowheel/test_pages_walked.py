@@ -8,8 +8,12 @@ import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+import gyrowheel as gw
+
+from .conftest import Wheel
 from .helpers import Shell
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
@@ -28,9 +32,13 @@ def steps(page: Path) -> Iterator[tuple[str, str]]:
 
 
 def verdict(shown: str) -> str:
-    """Return the words in the boxes of an output, without its numbers: another machine rounds otherwise."""
-    lines = re.findall(r"^│ (.*?) *│$", shown, re.MULTILINE)
-    return re.sub(r"−?\d[\d.()]*", "#", " ".join(lines))
+    """Return the words in the boxes of an output, without its numbers."""
+    return words(" ".join(re.findall(r"^│ (.*?) *│$", shown, re.MULTILINE)))
+
+
+def words(shown: str) -> str:
+    """Return an output without its numbers: another machine rounds otherwise."""
+    return re.sub(r"−?\d[\d.()]*", "#", shown)
 
 
 @pytest.mark.parametrize("name", ["tutorial", pytest.param("start", marks=pytest.mark.study)])
@@ -54,3 +62,29 @@ def test_page_can_be_followed(
             assert verdict(said.out) == expected, text
             seen += 1
     assert seen >= 1
+
+
+def test_the_page_of_the_python_api_runs_and_prints_what_it_shows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    place: dict[str, object] = {"__name__": "__main__"}
+    fences = FENCE.findall((DOCS / "python.md").read_text(encoding="utf-8"))
+    assert [language for language, _ in fences] == ["python", "", "python", ""]
+    for (_, code), (_, shown) in zip(fences[::2], fences[1::2], strict=True):
+        exec(compile(code, "python.md", "exec"), place)  # the page's own code
+        assert words(capsys.readouterr().out) == words(shown)
+
+
+def test_the_page_of_tables_can_be_followed(
+    gyrowheel: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wheel: Wheel
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "runs" / "monday").symlink_to(wheel.recording)
+    commands = [shlex.split(text)[1:] for text, _ in steps(DOCS / "exchange.md")]
+    assert [arguments[0] for arguments in commands] == ["export", "import"]
+    for arguments in commands:
+        gyrowheel.good(*arguments)
+    before, after = (gw.Recording.open(f"runs/{name}").measurement for name in ("monday", "again"))
+    assert np.array_equal(before["tilt_x"], after["tilt_x"])

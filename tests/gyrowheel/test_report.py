@@ -6,6 +6,7 @@ import base64
 import hashlib
 import json
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +17,9 @@ import yaml
 import gyrowheel as gw
 from gyrowheel.files import is_report
 from gyrowheel.report import printing
+from gyrowheel.results.diagnosis import Diagnosis
+from gyrowheel_analysis.reduction import Coverage
+from gyrowheel_analysis.reduction.not_as_stated import ReadingFinding, ReadingFindings
 
 from .conftest import Wheel
 from .helpers import Shell, write
@@ -114,16 +118,37 @@ def test_what_a_user_wrote_is_text_and_never_runs(wheel: Wheel, made: gw.Report,
         {"time": "2026-01-01T00:00:00+00:00", "what": evil, "fit": [evil], "error": {"before": 1}}
     ]
     model = gw.Model.load(write(tmp_path / "<b>wheel.yaml", yaml.safe_dump(content)))
+    place = tmp_path / "<img src=x onerror=alert(1)>"
+    shutil.copytree(wheel.recording, place)
     report = replace(
-        made, model=model, fitted=(), unused=(), comparison=None, commands=(evil,), next_command=evil
+        made,
+        model=model,
+        fitted=(gw.Recording.open(place),),
+        unused=(),
+        comparison=None,
+        commands=(evil,),
+        next_command=evil,
     )
     page = Page(report.html())
     assert len([e for e in page.elements if e.tag == "script"]) == 3
     assert page.content["commands"] == [evil]
+    assert place.name in "".join(text for text, _ in page.pieces)
     assert evil in "".join(text for text, _ in page.pieces)
     outside = re.sub(r"^(`{3,})\n.*?^\1$", "", report.markdown(), flags=re.MULTILINE | re.DOTALL)
     assert "Versions" in outside
     assert "<img" not in outside
+
+
+def test_what_was_assumed_and_what_the_samples_show_is_told(made: gw.Report) -> None:
+    clock = ReadingFinding("clock_rate", "clock", "rate_error", 2e-5, 1e-6, 0.0, "1", 400.0, "drag")
+    part = Coverage(60.0, 30.0, {"of a kind": 10.0}, ("air_pressure: that of the bench",))
+    details = replace(made.diagnosis.details, readings=ReadingFindings((clock,)), coverage=part)
+    page = Page(replace(made, diagnosis=Diagnosis(details)).html())
+    assert check_numbers(page) > 100
+    said = "".join(text for text, _ in page.pieces)
+    assert "ppm fast against the count of the samples" in said
+    assert "30 of 40 s of steady motion take part" in said
+    assert "not measured: air_pressure: that of the bench" in said
 
 
 def test_the_verb_writes_a_page_or_markdown(

@@ -313,6 +313,20 @@ def test_two_in_one_folder_are_refused(tmp_path: Path, monkeypatch: pytest.Monke
     assert len(campaign(folder, progress=second).cases) == 12
 
 
+def test_two_that_keep_cases_in_one_folder_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(workers, "run_case", made_up)
+    kept = tmp_path / "kept"
+
+    def second(done: Sequence[Judged], _: int) -> None:
+        if len(done) == 1:
+            with pytest.raises(InputError, match="kept: another campaign works in this folder"):
+                campaign(None, keep=kept)
+
+    assert len(campaign(None, keep=kept, progress=second).cases) == 12
+    assert not list(kept.iterdir())
+    assert len(campaign(tmp_path / "both", keep=tmp_path / "both").cases) == 12
+
+
 def quick(case: Case) -> Judged:
     """Return a case without anything in it, in which nothing was found."""
     seconds = 0.1 * case.index

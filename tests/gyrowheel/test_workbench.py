@@ -4,27 +4,40 @@ from __future__ import annotations
 
 import http.client
 import json
+import os
 import shutil
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 import numpy as np
 import pytest
+import yaml
 
 import gyrowheel as gw
 from gyrowheel.origins import note_machine
-from gyrowheel.workbench import gate, pictures
+from gyrowheel.results.diagnosis import Diagnosis
+from gyrowheel.simulation import record_simulation
+from gyrowheel.workbench import gate, pictures, tables, views
 from gyrowheel.workbench.bench import SimulatedBench
 from gyrowheel.workbench.decimation import Envelope, envelopes
 from gyrowheel.workbench.desk import Desk
-from gyrowheel.workbench.server import Server
+from gyrowheel.workbench.server import Server, _before
 from gyrowheel.workbench.shelf import Shelf
+from gyrowheel_analysis.reduction import Coverage
+from gyrowheel_analysis.reduction.not_as_stated import ReadingFinding, ReadingFindings
+from gyrowheel_analysis.setups.cures import Cure, WrongSetup
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.effects import effect_to_mapping
+from gyrowheel_sim.plant.scenario import Scenario
 
 from .conftest import Wheel
-from .helpers import Shell, ask
+from .findings import UNKNOWN, diagnosis, finding
+from .helpers import SHORT_PLAN, Shell, ask, write
 from .lab_tables import lab_table
 
 
@@ -103,6 +116,46 @@ def test_only_recordings_of_the_chosen_folders_can_be_named(wheel: Wheel, tmp_pa
         Shelf([tmp_path / "none"])
 
 
+def noted(folder: Path, when: float) -> None:
+    """Make what looks like a recording of five seconds, changed at a time."""
+    folder.mkdir(parents=True)
+    text = "rosbag2_bagfile_information:\n  version: 9\n  duration:\n    nanoseconds: 5000000000\n"
+    os.utime(write(folder / "metadata.yaml", text), (when, when))
+
+
+def test_the_latest_recordings_are_listed_and_how_many_are_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for k in range(4):
+        noted(tmp_path / f"day{k}" / "run", 1000.0 + k)
+    monkeypatch.setattr(views, "MOST_LISTED", 2)
+    part = views.state(Desk(Shelf([tmp_path]), gw.Model()))["parts"]["recordings"]
+    places = [part.find(f"in day{k}, ") for k in range(4)]  # folders of one name are told apart
+    assert places[:2] == [-1, -1]
+    assert -1 < places[3] < places[2]
+    assert "5.0 s, " in part
+    assert "2 older ones are not listed" in part
+
+
+def test_a_name_that_is_no_text_ends_neither_the_page_nor_the_opening(wheel: Wheel, tmp_path: Path) -> None:
+    shutil.copytree(wheel.recording, os.fsdecode(os.fsencode(tmp_path) + b"/Me\xdf"))
+    with Server(Desk(Shelf([tmp_path]), gw.Model()), port=0) as server:
+        assert "<b>Me\\xdf</b>" in json.loads(ask(server, "/state")[1])["parts"]["recordings"]
+        assert ask(server, "/do/open", {"key": "0/Me\\xdf", "role": "fitted"})[0] == 200
+        server.desk.wait(240.0)
+        assert server.desk.trouble is None
+        status, body = ask(server, "/state")
+        assert status == 200
+        assert [own["key"] for own in json.loads(body)["signals"]] == ["0/Me\\xdf"]
+
+
+def test_a_long_name_of_a_table_fits_the_disk_in_any_script() -> None:
+    name = tables.file_name("測" * 200 + ".csv")
+    assert name.startswith("測")
+    assert name.endswith(".csv")
+    assert len(name.encode()) <= 120
+
+
 @pytest.mark.parametrize(
     "headers",
     [
@@ -121,6 +174,24 @@ def test_pages_of_other_sites_are_refused(server: Server, headers: dict[str, str
         assert set(json.loads(body)) == {"error"}
 
 
+@pytest.mark.parametrize(
+    ("address", "port", "host"),
+    [
+        ("127.0.0.2", 8080, "127.0.0.2:8080"),
+        ("::1", 8080, "[::1]:8080"),
+        ("[2001:DB8:0::1]", 8080, "[2001:db8::1]:8080"),
+        ("Bench.Lab", 8080, "bench.lab:8080"),
+        ("127.0.0.1", 80, "127.0.0.1"),
+    ],
+)
+def test_a_server_is_called_as_browsers_write_its_address(address: str, port: int, host: str) -> None:
+    own = gate.Gate.of(address, port)
+    assert own.refusal({"Host": host, "Origin": f"http://{host}"}) == ""
+    assert own.refusal({"Host": "bench.example:8080"}) != ""
+    assert bool(own.token) != gate.is_loopback(address)
+    assert own.cookie != gate.Gate.of(address, port + 1).cookie  # a browser sends it to every port
+
+
 @pytest.mark.parametrize("loopback", [False, True])
 def test_a_token_is_asked_for_where_it_is_wanted(
     loopback: bool, wheel: Wheel, monkeypatch: pytest.MonkeyPatch
@@ -131,11 +202,12 @@ def test_a_token_is_asked_for_where_it_is_wanted(
         assert len(token) > 20
         for path, content in (("/", None), ("/state", None), ("/signal?key=0/.", None), ("/do/undo", {})):
             assert ask(server, path, content)[0] == 401
-            assert ask(server, path, content, Cookie=f"{gate.COOKIE}=guess")[0] == 401
-        assert ask(server, "/state", Cookie=f"{gate.COOKIE}={token}")[0] == 200
+            assert ask(server, path, content, Cookie=f"{server.gate.cookie}=guess")[0] == 401
+        assert ask(server, "/state", Cookie=f"{server.gate.cookie}={token}")[0] == 200
         assert token not in server.url
-    with pytest.raises(gw.InputError, match="name one of this computer"):
-        Server(Desk(Shelf([wheel.recording]), gw.Model()), "0.0.0.0", 0)
+    for address in ("0.0.0.0", "0", ""):  # however it is written
+        with pytest.raises(gw.InputError, match="name one of this computer"):
+            Server(Desk(Shelf([wheel.recording]), gw.Model()), address, 0)
 
 
 @pytest.mark.parametrize(
@@ -152,6 +224,7 @@ def test_a_token_is_asked_for_where_it_is_wanted(
         ("save", {"name": "../model.yaml"}, "name: '../model.yaml' is not allowed"),
         ("save", {"name": ".model.yaml"}, "is not allowed"),
         ("save", {"name": "a" * 300 + ".yaml"}, "is not allowed"),
+        ("save", {"name": "測" * 60 + ".yaml"}, "is not allowed"),
         ("formula", {"text": "k*z\ud800"}, "are no text"),
         ("open", {"key": "\ud800", "role": "fitted"}, "are no text"),
     ],
@@ -363,6 +436,96 @@ def test_a_table_is_mapped_corrected_and_becomes_a_recording(wheel: Wheel, tmp_p
         assert own.recording.path == tmp_path / "lab-3-1"
         assert own.role == "fitted"
         assert np.allclose(own.recording.measurement["tilt_y"], samples["tilt_y"][::2], atol=1e-6)
+
+
+def test_a_model_is_saved_again_under_its_new_name_and_over_no_other(wheel: Wheel, tmp_path: Path) -> None:
+    file = write(tmp_path / "wheel.yaml", wheel.model.read_text(encoding="utf-8"))
+    other = write(tmp_path / "other.yaml", "mine")
+    desk = Desk(Shelf([wheel.recording.parent]), gw.Model.load(file), file)
+
+    def part() -> str:
+        return str(views.state(desk)["parts"]["model"])
+
+    assert "not saved yet" not in part()
+    assert _before(desk, desk.step, file) == []
+    desk.steps.append(replace(desk.step, model=gw.Model()))
+    assert "not saved yet" in part()
+    (line,) = _before(desk, desk.step, file)  # the commands of a report do not find this model
+    assert line.startswith("# first save the model")
+    for _ in range(2):
+        assert desk.save("better.yaml") == tmp_path / "better.yaml"
+    assert 'value="better.yaml"' in part()
+    assert "not saved yet" not in part()
+    assert _before(desk, desk.step, tmp_path / "better.yaml") == []
+    with pytest.raises(gw.InputError, match="exists"):
+        desk.save("other.yaml")
+    assert other.read_text(encoding="utf-8") == "mine"
+    fresh = Desk(Shelf([wheel.recording.parent]), gw.Model())
+    assert _before(fresh, fresh.step, Path("wheel.yaml")) == ["gyrowheel model new --model wheel.yaml"]
+
+
+def test_too_little_steady_motion_is_a_verdict_and_no_error(tmp_path: Path) -> None:
+    record_simulation(tmp_path / "short", Bench.load(), Scenario.nominal(), Plan.load(SHORT_PLAN))
+    desk = Desk(Shelf([tmp_path]), gw.Model())
+    desk.open("0/short", "fitted")
+    desk.wait(240.0)
+    desk.diagnose()
+    desk.wait(240.0)
+    assert desk.trouble is None
+    part = views.state(desk)["parts"]["missing"]
+    assert 'data-verdict="insufficient_data"' in part
+    assert "steady motion" in part
+
+
+def test_all_that_a_diagnosis_says_stands_on_the_page(wheel: Wheel) -> None:
+    desk = Desk(Shelf([wheel.recording.parent]), gw.Model())
+
+    def part(details: Any) -> str:
+        desk.steps = [replace(desk.step, diagnosis=Diagnosis(details))]
+        return str(views.state(desk)["parts"]["missing"])
+
+    nothing: dict[str, Any] = {"error": None, "nuisance": {}, "detection_limits": [], "where": []}
+    wrong = WrongSetup("sign", ("tilt_y",), Cure(scale={"tilt_y": -1.0}), recording="runs/mine")
+    shown = part(diagnosis("insufficient_data", setup=[wrong], **nothing))
+    assert "the sign of tilt_y is turned" in shown
+    assert "gyrowheel correct runs/mine" in shown
+    clock = ReadingFinding("clock_rate", "clock", "rate_error", 2e-5, 1e-6, 0.0, "1", 400.0, "drag")
+    half = Coverage(60.0, 30.0, {"of a kind": 10.0})
+    own = replace(finding("windage"), name="stiffness_error", effect_title="", effect_sentence="")
+    has = finding("aero_cross")
+    has = replace(has, in_model=has.coefficients)
+    shown = part(diagnosis("effect", own, has, readings=ReadingFindings((clock,)), coverage=half))
+    assert "ppm fast against the count of the samples" in shown
+    assert "30 of 40 s of steady motion take part" in shown
+    assert "/help/effect/aero_cross" in shown
+    assert "/help/effect/stiffness_error" not in shown  # there is no such page
+    assert ">Fit anew aero_cross<" in shown
+    assert ">Add stiffness_error<" in shown
+    (form,) = UNKNOWN.free_form
+    shown = part(replace(UNKNOWN, free_form=[replace(form, name="form", simple="rotor_torque = a*z^2")]))
+    assert 'data-text="form: rotor_torque = a*z^2"' in shown
+    assert "Add the simple law" in shown
+
+
+def test_script_in_the_titles_of_a_model_is_text(wheel: Wheel, tmp_path: Path) -> None:
+    evil = "<img src=x onerror=alert(1)></script><script>alert(2)</script>"
+    declaration = effect_to_mapping(gw.own_effect("mine: torque = -k*Omega*z"))
+    content = yaml.safe_load(wheel.model.read_text(encoding="utf-8"))
+    content["effects"] = {
+        "mine": {
+            "declaration": declaration | {"title": evil, "sentence": evil, "source": evil},
+            "k": {"value": 1e-6, "standard_error": 1e-7},
+        }
+    }
+    file = write(tmp_path / "wheel.yaml", yaml.safe_dump(content))
+    with Server(Desk(Shelf([tmp_path]), gw.Model.load(file), file), port=0) as server:
+        for text in (
+            json.loads(ask(server, "/state")[1])["parts"]["model"],
+            ask(server, "/help/effect/mine")[1].decode(),
+        ):
+            assert "&lt;img src=x" in text
+            assert "<img" not in text
+            assert "<script" not in text
 
 
 def test_help_explains_and_every_effect_has_a_page(server: Server) -> None:

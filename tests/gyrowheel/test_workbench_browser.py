@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import shutil
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -63,8 +65,8 @@ def test_no_page_has_a_serious_fault_of_accessibility(wheel: Wheel, tmp_path: Pa
 def test_see_add_watch_undo_in_a_browser_by_keyboard(wheel: Wheel, tmp_path: Path) -> None:
     from playwright.sync_api import expect
 
-    for own in (wheel.recording, wheel.other):
-        shutil.copytree(own, tmp_path / "runs" / own.name)
+    shutil.copytree(wheel.recording, tmp_path / "runs" / "drag")
+    shutil.copytree(wheel.other, tmp_path / "runs" / "other<img src=x onerror=alert(3)>")
     content = yaml.safe_load(wheel.model.read_text(encoding="utf-8"))
     content["history"] = [{"time": "2026-01-01T00:00:00+00:00", "what": EVIL, "fit": [EVIL]}]
     file = write(tmp_path / "wheel.yaml", yaml.safe_dump(content))
@@ -120,8 +122,17 @@ def test_see_add_watch_undo_in_a_browser_by_keyboard(wheel: Wheel, tmp_path: Pat
         # the rotor at the cursor, and no fault of accessibility
         expect(first.locator("#rotor-said")).to_contain_text("mN·m")
         assert serious_faults(first) == []
+        # no width makes the page scroll sideways; its pictures are kept
+        for theme in ("dark", "light"):
+            first.emulate_media(color_scheme=theme)
+            for width in (2560, 900, 1400):
+                first.set_viewport_size({"width": width, "height": 1000})
+                first.wait_for_function("() => document.documentElement.scrollWidth <= innerWidth")
+                if width < 2560:
+                    first.screenshot(path=tmp_path / "shots" / f"{theme}-{width}.png", full_page=True)
         third = window.new_page()
         third.set_default_timeout(240_000)
+        third.on("dialog", lambda dialog: said.append("a script ran"))
         for path in ("help", "help/effect/windage", "report"):
             third.goto(f"{server.url}{path}")
             assert serious_faults(third) == []
@@ -131,8 +142,12 @@ def test_see_add_watch_undo_in_a_browser_by_keyboard(wheel: Wheel, tmp_path: Pat
         third.keyboard.press("ArrowRight")
         expect(third.locator(".readout").first).to_contain_text("tilt about x")
         third.close()
-        # holds, measured beside predicted
+        # holds, measured beside predicted; each shows its samples, by keyboard too
         expect(first.locator("#predicted canvas").first).to_be_visible()
+        press(first.locator("#holds summary"))
+        shown = first.locator("#span").inner_text()
+        press(first.locator("#holds button").nth(1))
+        expect(first.locator("#span")).not_to_have_text(shown)
         expect(first.locator("#predicted-said")).to_contain_text("holds")
         # an own formula is checked as it is typed
         first.locator("#formula").fill("mine: torque = -k*Omgea*z")
@@ -178,3 +193,74 @@ def test_see_add_watch_undo_in_a_browser_by_keyboard(wheel: Wheel, tmp_path: Pat
         expect(first.locator("#tabs button")).to_have_count(3)
     assert said == []
     assert [url for url in asked if not url.startswith((server.url, "data:", "blob:"))] == []
+
+
+@pytest.mark.slow
+@needs_browser
+def test_a_page_goes_on_when_its_server_is_back_and_asks_for_its_token(wheel: Wheel) -> None:
+    from playwright.sync_api import expect
+
+    def serving(port: int = 0, *, token: bool = False) -> Server:
+        return Server(Desk(Shelf([wheel.recording.parent]), gw.Model()), port=port, token=token)
+
+    formula = "mine: torque = -k*Omega*z"
+    expect.set_options(timeout=240_000)
+    with opened_browser() as browser:
+        page = browser.new_page()
+        page.set_default_timeout(240_000)
+        with serving() as server:
+            page.goto(server.url)
+            expect(page.locator("#part-recordings")).to_contain_text("drag")
+            page.locator("#formula").fill(formula)
+            expect(page.locator("#formula-said")).to_contain_text("mine")
+        expect(page.locator("#lost")).to_be_visible()
+        with serving(server.port):
+            expect(page.locator("#lost")).to_be_hidden()
+            page.reload()
+            expect(page.locator("#formula-said")).to_contain_text("mine")
+            expect(page.locator("#formula")).to_have_value(formula)
+        expect(page.locator("#lost")).to_be_visible()
+        with serving(server.port, token=True) as guarded:
+            page.locator("#token").fill("guess")
+            page.locator("#token").press("Enter")
+            expect(page.locator("form")).to_contain_text("not the token")
+            page.locator("#token").fill(guarded.gate.token)
+            page.locator("#token").press("Enter")
+            expect(page.locator("#part-recordings")).to_contain_text("drag")
+            assert guarded.gate.token not in page.url
+
+
+@pytest.mark.slow
+@needs_browser
+def test_what_is_told_all_along_takes_neither_the_focus_nor_what_is_typed(
+    wheel: Wheel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from playwright.sync_api import expect
+
+    ended = threading.Event()
+
+    def compare(recordings: Any, model: Any, *, progress: Any) -> None:
+        for step in itertools.count():
+            progress(f"step {step}")  # ends it where the user has
+            assert not ended.wait(0.02)
+
+    monkeypatch.setattr("gyrowheel.workbench.desk.compare", compare)
+    expect.set_options(timeout=240_000)
+    with (
+        Server(Desk(Shelf([wheel.recording.parent]), gw.Model()), port=0) as server,
+        opened_browser() as browser,
+    ):
+        try:
+            page = browser.new_page()
+            page.set_default_timeout(240_000)
+            page.goto(server.url)
+            press(page.locator("button[data-key='0/drag']", has_text="fit"))
+            expect(page.locator("#tabs button")).to_have_count(1)
+            page.locator("#save-name").fill("mine.yaml")
+            press(page.locator("button[data-do=compare]"))
+            expect(page.locator("#job")).to_contain_text("step ")
+            press(page.locator("#job button"))  # found with Tab, though the line changes all along
+            expect(page.locator("[data-trouble=missing]")).to_have_text("ended")
+            expect(page.locator("#save-name")).to_have_value("mine.yaml")
+        finally:
+            ended.set()

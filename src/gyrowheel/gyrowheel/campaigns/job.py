@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import tempfile
 import traceback
@@ -16,7 +17,8 @@ from gyrowheel.campaigns.judge import Judged, failed, judge
 from gyrowheel.results.contract import diagnosis_json
 from gyrowheel_analysis.model import Model
 from gyrowheel_core.errors import one_line
-from gyrowheel_core.files import json_text, write_text
+from gyrowheel_core.files import disk_errors, json_text, write_text
+from gyrowheel_core.leftovers import on_its_way
 
 
 def run_case(case: Case, keep: str | None = None, scratch: str | None = None) -> Judged:
@@ -35,6 +37,8 @@ def run_case(case: Case, keep: str | None = None, scratch: str | None = None) ->
     ------
     InputError
         If recordings cannot be written.
+    MemoryError, OSError
+        If the machine lacks something.
     """
     # not undone: several threads of one worker may run cases, and all need this limit
     threadpool_limits(limits=1, user_api="blas")
@@ -62,6 +66,11 @@ def kept_case(keep: str | Path, index: int) -> Path:
 def _answered(case: Case, secret: Secret, recording: Path, unused: Path, folder: Path) -> Judged:
     try:
         answer = find(recording, unused, Model(case.campaign.bench))
+    except (
+        MemoryError,
+        OSError,
+    ):  # the machine's matter, and no wrong answer: the campaign can go on where it was
+        raise
     except Exception as error:  # one failed case must not end the others
         write_text(folder / "error.txt", traceback.format_exc())
         return failed(case, secret, f"{type(error).__name__}: {one_line(error)}")
@@ -70,5 +79,8 @@ def _answered(case: Case, secret: Secret, recording: Path, unused: Path, folder:
 
 
 def _move(folder: Path, target: Path) -> None:
-    shutil.rmtree(target, ignore_errors=True)
-    shutil.copytree(folder, target)
+    """Copy a folder to a place where it appears as a whole."""
+    with disk_errors(target), on_its_way(target, folder=True, mode=0o700) as (place, _):
+        shutil.copytree(folder, place / target.name)
+        shutil.rmtree(target, ignore_errors=True)  # of this case, before the campaign was interrupted
+        os.replace(place / target.name, target)

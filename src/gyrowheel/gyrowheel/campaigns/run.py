@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 from gyrowheel.results.campaign import CampaignResult
 
 if TYPE_CHECKING:
-    from gyrowheel.campaigns.cases import Campaign, CaseKind
+    from gyrowheel.campaigns.cases import Campaign, Case, CaseKind
     from gyrowheel.campaigns.judge import Judged
     from gyrowheel_core.journal import Journal, Work
     from gyrowheel_sim.bench import Bench
@@ -97,12 +97,10 @@ def campaign(
     from gyrowheel.campaigns.cases import Campaign
     from gyrowheel.campaigns.cases import cases as all_cases
     from gyrowheel.campaigns.finished import earlier, note
-    from gyrowheel.campaigns.job import kept_case
     from gyrowheel.campaigns.summary import Summary
     from gyrowheel.campaigns.workers import check_jobs, cores, judged_cases
     from gyrowheel_control.plans.fitting import plan_for
     from gyrowheel_core.errors import InputError
-    from gyrowheel_core.files import disk_errors
     from gyrowheel_sim.bench import Bench
 
     if resume and folder is None:
@@ -124,20 +122,13 @@ def campaign(
     wanted = all_cases(settings, cases, only)
     jobs = cores() if jobs is None else jobs
     check_jobs(jobs)
-    kept = None
-    if keep is not None:
-        with disk_errors(Path(keep)):
-            Path(keep).mkdir(parents=True, exist_ok=True)
-            there = (
-                [] if resume else [own for case in wanted if (own := kept_case(keep, case.index)).exists()]
-            )
-        if there:
-            raise InputError(f"keep: {there[0]} exists, of another campaign; name a new folder")
-        kept = str(Path(keep).absolute())
     done: list[Judged] = []
     interrupted = False
     try:
-        with _kept(folder, settings, cases, only, resume) as (journal, scratch):
+        with (
+            _keeping(keep, wanted, folder, resume) as kept,
+            _kept(folder, settings, cases, only, resume) as (journal, scratch),
+        ):
             done += [] if journal is None else earlier(journal, wanted)
             known = {case.index for case in done}
             left = [case for case in wanted if case.index not in known]
@@ -186,6 +177,33 @@ def _work(campaign: Campaign, count: int, only: Sequence[int]) -> Work:
     settings = {name: getattr(campaign, name) for name in single}
     settings |= {"bench": campaign.bench.describe(), "cases": count, "only": sorted({*only})}
     return Work(kind=KIND, settings=settings, versions=code_identity())
+
+
+@contextlib.contextmanager
+def _keeping(
+    keep: str | Path | None, wanted: Sequence[Case], folder: str | Path | None, resume: bool
+) -> Iterator[str | None]:
+    """Hold the folder that keeps the recordings of cases, and yield its path from the root; None without one.
+
+    Two campaigns at once would replace each other's cases.
+    """
+    if keep is None:
+        yield None
+        return
+    from gyrowheel.campaigns.job import kept_case
+    from gyrowheel_core.errors import InputError
+    from gyrowheel_core.files import disk_errors
+    from gyrowheel_core.locks import alone_in
+
+    place = Path(keep)
+    with disk_errors(place):
+        place.mkdir(parents=True, exist_ok=True)
+        is_held = folder is not None and place.resolve() == Path(folder).resolve()
+    with contextlib.nullcontext() if is_held else alone_in(place, KIND):
+        there = [] if resume else [own for case in wanted if (own := kept_case(place, case.index)).exists()]
+        if there:
+            raise InputError(f"keep: {there[0]} exists, of another campaign; name a new folder")
+        yield str(place.absolute())
 
 
 @contextlib.contextmanager

@@ -100,6 +100,7 @@ def _in_processes(
         n_jobs=min(jobs, len(cases)), return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs"
     )
     with (
+        _told(),
         # owned by this process: workers that are ended within a case leave their files behind
         tempfile.TemporaryDirectory(prefix="campaign-", dir=scratch) as place,
         _ended(get_reusable_executor),
@@ -113,6 +114,19 @@ def _in_processes(
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
         with contextlib.closing(results):
             yield results
+
+
+@contextlib.contextmanager
+def _told() -> Iterator[None]:
+    """Tell of a worker that was killed, as the machine does where its memory does not suffice."""
+    from joblib.externals.loky.process_executor import BrokenProcessPool
+
+    try:
+        yield
+    except BrokenProcessPool:
+        raise InputError(
+            "jobs: a worker was killed, as the machine does when its memory is full; fewer jobs at a time need less"
+        ) from None
 
 
 def _one(case: Case, keep: str | None, scratch: str, campaign: int) -> Judged:

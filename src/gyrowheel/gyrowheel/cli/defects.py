@@ -22,6 +22,7 @@ _OF_THE_MACHINE = {
     errno.ENOMEM,
     errno.ENOSPC,
     errno.EDQUOT,
+    errno.EFBIG,
     errno.EIO,
     errno.EROFS,
 }
@@ -95,9 +96,9 @@ def _places(at: TracebackType | None) -> Iterator[str]:
 def _kept(report: str) -> Path | None:
     """Write a report into the user's folder for the state of programs, else that for temporary files."""
     state = os.environ.get("XDG_STATE_HOME") or os.path.expanduser("~/.local/state")
-    for folder in (Path(state) / "gyrowheel", Path(tempfile.gettempdir())):
+    for folder in (Path(state) / "gyrowheel", None):  # None: where temporary files are
         try:
-            if folder.name == "gyrowheel":
+            if folder is not None:
                 folder.mkdir(mode=0o700, parents=True, exist_ok=True)
             number, place = tempfile.mkstemp(dir=folder, prefix="gyrowheel-defect-", suffix=".txt")
             with os.fdopen(number, "w", encoding="utf-8") as file:

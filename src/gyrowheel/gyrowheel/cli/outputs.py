@@ -23,6 +23,7 @@ from gyrowheel.files import is_exported_map, is_exported_table, is_report, requi
 
 _METADATA = "metadata.yaml"
 _BAGS = ("*.mcap", "*.db3")
+_LONGEST = 50_000_000  # characters of a JSON file that may be one of ours
 _TORQUE_TABLE = {"schema", "rows"}  # the fields of its file
 
 
@@ -157,8 +158,13 @@ def _holds_a_bag(folder: Path) -> bool:
 
 
 def _is_bag(folder: Path) -> bool:
+    file = folder / _METADATA
     try:
-        with (folder / _METADATA).open(encoding="utf-8", errors="replace") as stream:
+        if (
+            not file.is_file()
+        ):  # a pipe would be waited for, and anybody may put one into a folder for everybody
+            return False
+        with file.open(encoding="utf-8", errors="replace") as stream:
             return "rosbag2_bagfile_information" in stream.read(4096)
     except OSError:
         return False
@@ -183,7 +189,11 @@ def _head(path: Path, size: int) -> bytes:
 
 
 def _json(path: Path) -> Any:
-    return json.loads(path.read_text(encoding="utf-8")) if _head(path, 1) in (b"{", b"[") else None
+    if _head(path, 1) not in (b"{", b"["):
+        return None
+    with path.open(encoding="utf-8") as stream:
+        text = stream.read(_LONGEST + 1)
+    return json.loads(text) if len(text) <= _LONGEST else None
 
 
 def _is_result(path: Path) -> bool:

@@ -77,7 +77,7 @@ def going_on(command: str) -> Iterator[Callable[[], bool]]:
 
     try:
         yield begun
-    except (KeyboardInterrupt, InputError):
+    except (KeyboardInterrupt, InputError, MemoryError, OSError):
         if said:
             notes().print(f"to go on: {command}", soft_wrap=True)
         raise

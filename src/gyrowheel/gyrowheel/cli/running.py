@@ -235,10 +235,13 @@ def _report(result: GraphResult, json: str | None) -> None:
             f"{result.simulated_seconds:.1f} s simulated in {result.wall_seconds:.1f} s, "
             f"{result.ratio:.2f} times real time"
         )
-        if result.pace:
+        if pace := result.pace:
+            share = pace["late_commands"] / max(result.samples, 1)
+            still = f"; the bench stood still for {pace['behind_s']:.3f} s" if pace["behind_s"] > 0.0 else ""
             out().print(
-                f"{result.pace['late_commands']:.0f} commands late, {result.pace['missing_commands']:.0f} missing; the "
-                f"last one was held for {result.pace['held_samples']:.0f} samples"
+                f"{pace['late_commands']:.0f} commands late ({share:.2%}), {pace['missing_commands']:.0f} missing; the "
+                f"last one was held for {pace['held_samples']:.0f} samples{still}",
+                soft_wrap=True,
             )
         if result.recording is not None:
             out().print(f"{result.samples} samples recorded, none missing")

@@ -14,7 +14,7 @@ from typing import IO, TYPE_CHECKING, Any, TextIO, cast
 
 import typer
 
-from gyrowheel.errors import InputError, one_line
+from gyrowheel.errors import InputError, one_line, printable
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -54,7 +54,7 @@ def run(app: typer.Typer, arguments: Sequence[str] | None = None) -> int:
     except typer.TyperException as error:
         return _usage(error)
     except (KeyboardInterrupt, typer.Abort):
-        sys.stderr.write("interrupted\n")
+        _tell("interrupted")
         return INTERRUPTED
     except BrokenPipeError:
         return _cut_off()
@@ -68,8 +68,31 @@ def run(app: typer.Typer, arguments: Sequence[str] | None = None) -> int:
 
 def _cut_off() -> int:
     """Whoever read the output has had enough: what is left in the buffer has nowhere to go."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    for number, stream in ((1, sys.stdout), (2, sys.stderr)):
+        try:
+            stream.flush()
+        except OSError:
+            _drop(number)
     return CUT_OFF
+
+
+def _tell(line: str) -> None:
+    """Write a line to stderr; where it takes none, the exit code alone tells.
+
+    An error here would end the process with 1, which is a finding.
+    """
+    try:
+        sys.stderr.write(f"{line}\n")
+        sys.stderr.flush()
+    except OSError:
+        _drop(2)
+
+
+def _drop(number: int) -> None:
+    """Let what is left in the buffer of a standard stream go nowhere, so that the end of the process does not fail."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, number)
+    os.close(nowhere)
 
 
 def _open_standard_streams() -> None:
@@ -91,15 +114,15 @@ def _failed(error: Exception) -> int:
     # the module is heavy: where it was not imported, nothing of it can have been raised
     graph = sys.modules.get("gyrowheel_bringup.graph")
     if graph is not None and isinstance(error, graph.GraphError):
-        sys.stderr.write(f"error: {one_line(error)}\n")
-        if error.report:
-            sys.stderr.write(f"{error.report}\n")
+        # it may quote the names that other nodes of the network have
+        for line in (f"error: {one_line(error)}", *error.report.splitlines()):
+            _tell(printable(line))
         return NODE_FAILED
     from gyrowheel.cli.defects import defect, machine_error
 
     if (said := machine_error(error)) is not None:
         return _bad_input(said)
-    sys.stderr.write(f"error: {defect(error)}\n")
+    _tell(f"error: {defect(error)}")
     return DEFECT
 
 
@@ -258,7 +281,7 @@ def _key_names() -> Iterator[str]:
 
 
 def _bad_input(text: str) -> int:
-    sys.stderr.write(f"error: {' '.join(text.split())}\n")
+    _tell(f"error: {' '.join(text.split())}")
     return BAD_INPUT
 
 

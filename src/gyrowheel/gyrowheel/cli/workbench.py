@@ -67,4 +67,8 @@ def workbench(
         if server.gate.token:
             notes().print(f"token: {server.gate.token}", soft_wrap=True)
         notes().print("Ctrl-C ends it")
-        threading.Event().wait()
+        try:
+            threading.Event().wait()
+        finally:
+            if desk.step.model is not desk.kept:
+                notes().print("the changes of the model were not saved")

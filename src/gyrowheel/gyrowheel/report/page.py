@@ -14,7 +14,6 @@ from gyrowheel.report.pictures import Picture, picture
 from gyrowheel.text.cells import Cells
 from gyrowheel.text.html import embedded, environment, style_sheet
 from gyrowheel.text.layout import plain_text
-from gyrowheel.text.sentences.setup import cure_of, map_lines, problem
 
 if TYPE_CHECKING:
     from gyrowheel.report.report import Report
@@ -47,19 +46,13 @@ def _parts(report: Report) -> dict[str, Any]:
         "names": [recording.name for recording in report.fitted],
         "unused": [recording.name for recording in report.unused],
         "made": report.made,
-        "setup": [
-            {
-                "recording": item.recording,
-                "problem": problem(item),
-                "cure": cure_of(item, found.setup),
-                "lines": map_lines(item),
-            }
-            for item in found.setup
-        ],
+        "setup": sections.setup(found.setup),
         "findings": sections.findings(found, cells),
         "instruments": sections.instruments(found, cells),
         "forms": sections.forms(found, cells),
         "events": sections.events(found),
+        "readings": sections.readings(found, cells),
+        "remarks": sections.remarks(found, cells),
         "next_test": sections.next_test(found, cells),
         "next_command": report.next_command,
         "error": sections.error_rows(
@@ -136,8 +129,8 @@ def markdown_page(report: Report) -> str:
     content = report.to_dict()
     lines = [
         REPORT_MARKS[1],
-        f"# {report.title}\n",
-        f"Made {report.made} from {', '.join(r.name for r in report.fitted)}.\n",
+        f"# {_words(report.title)}\n",
+        f"Made {report.made} from {', '.join(_words(r.name) for r in report.fitted)}.\n",
     ]
     lines += ["## Result\n", block(plain_text(diagnosis(report.diagnosis.details), _WIDTH).strip("\n"))]
     if report.addition is not None:
@@ -149,8 +142,9 @@ def markdown_page(report: Report) -> str:
     lines += [block(plain_text(bench_page(report.latest.stated_bench), _WIDTH))]
     lines += ["## Recordings\n", "| recording | use | file | bytes | sha256 |", "|---|---|---|---|---|"]
     for recording, own in zip(report.recordings, content["recordings"], strict=True):
+        name, role = _words(recording.name), own["role"]
         lines += [
-            f"| {_cell(recording.name)} | {own['role']} | {_cell(file['name'])} | {file['size']} | `{file['sha256']}` |"
+            f"| {name} | {role} | {_words(file['name'])} | {file['size']} | `{file['sha256']}` |"
             for file in own["files"]
         ]
     lines += ["\n## Commands\n", block("\n".join(report.commands))]
@@ -160,5 +154,7 @@ def markdown_page(report: Report) -> str:
     return "\n".join([*lines, f"Versions: {versions}.\n"])
 
 
-def _cell(text: str) -> str:
-    return text.replace("\\", "\\\\").replace("|", "\\|").replace("<", "&lt;")
+def _words(text: str) -> str:
+    """Return text that is nothing else in Markdown: no markup, no line of its own."""
+    line = re.sub(r"([\\`*\[\]|])", r"\\\1", " ".join(text.split()))
+    return line.replace("&", "&amp;").replace("<", "&lt;")

@@ -54,7 +54,9 @@ def pdf(page: str) -> bytes:
             (place / "report.html").as_uri(),
         ]
         if os.geteuid() == 0:
-            command.insert(1, "--no-sandbox")  # it refuses to run as root otherwise; the page runs no script
+            command.insert(
+                1, "--no-sandbox"
+            )  # it refuses to run as root otherwise; the page runs our script alone
         try:
             done = subprocess.run(command, capture_output=True, text=True, timeout=_PATIENCE, check=False)
         except (OSError, subprocess.TimeoutExpired) as error:

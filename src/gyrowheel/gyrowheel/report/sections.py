@@ -10,11 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 from gyrowheel.text.cells import Cells, declared, label
 from gyrowheel.text.errors import unit_of
-from gyrowheel.text.formulas import pretty
+from gyrowheel.text.mathml import typeset
 from gyrowheel.text.quantities import is_pure
 from gyrowheel.text.recordings import integrity_text
 from gyrowheel.text.sentences.diagnosis import physics, purpose, tie_sentence, title
 from gyrowheel.text.sentences.events import tie_of_event
+from gyrowheel.text.sentences.forms import simple_sentence
+from gyrowheel.text.sentences.readings import untold_sentences
+from gyrowheel.text.sentences.setup import cure_of, map_lines, problem
 from gyrowheel_analysis.channels import LISTED
 from gyrowheel_core.quantities import short
 from gyrowheel_core.units import DEG, RPM, Unit, unit_for
@@ -24,6 +27,7 @@ if TYPE_CHECKING:
     from gyrowheel.recording import Recording
     from gyrowheel.results.investigation import Investigation
     from gyrowheel_analysis.diagnosis.result import DetectionLimit, Diagnosis
+    from gyrowheel_analysis.setups.cures import WrongSetup
 
 _PLAIN = Unit("", 1.0)
 _MEGABYTE = Unit("MB", 1e6)
@@ -60,6 +64,19 @@ def steps(done: Investigation, cells: Cells) -> list[dict[str, Any]]:
     ]
 
 
+def setup(wrong: Sequence[WrongSetup]) -> list[dict[str, Any]]:
+    """Return what is wrong with the setup of recordings, each with its cure."""
+    return [
+        {
+            "recording": item.recording,
+            "problem": problem(item),
+            "cure": cure_of(item, wrong),
+            "lines": map_lines(item),
+        }
+        for item in wrong
+    ]
+
+
 def findings(found: Diagnosis, cells: Cells) -> list[dict[str, Any]]:
     """Return the effects that are missing: title, law, coefficients, evidence, ties."""
     items = []
@@ -84,7 +101,7 @@ def findings(found: Diagnosis, cells: Cells) -> list[dict[str, Any]]:
                 "name": effect.name,
                 "title": title(effect),
                 "physics": physics(effect),
-                "law": cells.shown(f"{place}.formula", pretty(effect.formula), "pretty"),
+                "law": cells.shown(f"{place}.formula", typeset(effect.formula), "typeset"),
                 "rows": rows,
                 "in_model": effect.in_model is not None,
                 "evidence": [
@@ -133,12 +150,32 @@ def forms(found: Diagnosis, cells: Cells) -> list[dict[str, Any]]:
         items.append(
             {
                 "name": form.name or "proposed form",
-                "law": cells.shown(f"{place}.formula", pretty(form.formula), "pretty"),
+                "law": cells.shown(f"{place}.formula", typeset(form.formula), "typeset"),
                 "rows": rows,
                 "delta": cells.number(f"{place}.delta_chi2", _PLAIN, lambda v: f"{v:.0f}"),
+                "simple": cells.shown(f"{place}.simple", typeset(form.simple), "typeset")
+                if form.simple
+                else "",
+                "simple_said": cells.shown(f"{place}.simple", simple_sentence(form), "sentence"),
             }
         )
     return items
+
+
+def readings(found: Diagnosis, cells: Cells) -> list[Any]:
+    """Return what the samples themselves show of the instruments beside what is stated."""
+    # in the JSON they stand behind the instruments that the fit found
+    first = len(found.instruments)
+    return [
+        cells.words(f"diagnosis.instruments.{first + k}.sentence") for k in range(len(found.readings.found))
+    ]
+
+
+def remarks(found: Diagnosis, cells: Cells) -> list[Any]:
+    """Return how much of the steady motion takes part, what was assumed, and what the samples cannot tell."""
+    part = found.coverage
+    said = [] if part.complete else [cells.shown("diagnosis.coverage", f"{part.sentence()}.", "sentence")]
+    return [*said, *untold_sentences(found.readings)]
 
 
 def events(found: Diagnosis) -> list[str]:
@@ -276,7 +313,7 @@ def model_effects(model: Model, cells: Cells) -> list[dict[str, Any]]:
         {
             "name": name,
             "title": library[name].title,
-            "law": pretty(library[name].formula),
+            "law": typeset(library[name].formula),
             "source": library[name].source,
             "rows": [
                 {

@@ -42,7 +42,7 @@ NO_BENCH = (
 )
 #: The machine of the demonstration.
 _DEMONSTRATION = SimulatedBench(effect=("aero_cross",), machine=6)
-_LONGEST_NAME = 100  # characters of the name of a model file
+_LONGEST_NAME = 100  # bytes of the name of a model file
 _PATIENCE = 30.0  # s in which ended work must come to its next line
 
 
@@ -177,12 +177,12 @@ class Desk:
         self.file = file
         self.version = 0
         self.facts = 0
-        self.heard = 0
         self.opened: dict[str, Opened] = {}
         self.steps: list[Step] = [Step(model)]
         self.job: Job | None = None
         self.trouble: Trouble | None = None
         self.saved = ""
+        self.kept = model  # as it stands in its file
         self.table: tables.Draft | None = None
         self.closed = False
         self.live = LiveBenches(self.hear)
@@ -192,6 +192,7 @@ class Desk:
         self._watchers: set[Callable[[], None]] = set()
         self._scratch: tempfile.TemporaryDirectory[str] | None = None
         self._looks = 0
+        self._own_files: set[Path] = set() if file is None else {file.resolve()}
 
     # --- looking
 
@@ -225,7 +226,7 @@ class Desk:
                 own = Opened.of(key, recording, role)
             at.change(lambda: self._put(replace(own, role=role)))
 
-        self._begin(f"opening {entry.name}", "recordings", work)
+        self._begin(f"opening {entry.name}", f"open {key}", work)
 
     def close(self, key: str) -> None:
         """Take a recording off the desk."""
@@ -444,22 +445,23 @@ class Desk:
         Raises
         ------
         InputError
-            If the name is none of a model file, or the file is there and is not the one that was opened.
+            If the name is none of a model file, or the file is there and was neither opened nor saved here.
         """
         folder = self.shelf.first if self.file is None else self.file.parent
-        letters = all(c.isalnum() or c in "._-" for c in name) and len(name) <= _LONGEST_NAME
+        letters = all(c.isalnum() or c in "._-" for c in name) and len(name.encode()) <= _LONGEST_NAME
         if not name.endswith(".yaml") or not letters or name[0] == ".":
             raise InputError(
                 f"name: {name[:_LONGEST_NAME]!r} is not allowed; allowed: letters, digits, _ and -, then .yaml, "
-                f"{_LONGEST_NAME} at most"
+                f"{_LONGEST_NAME} bytes at most"
             )
         path = folder / name
-        if path.exists() and (self.file is None or path.resolve() != self.file.resolve()):
+        if path.exists() and path.resolve() not in self._own_files:
             raise InputError(f"name: {path} exists; choose another one")
         with self.lock:
             self._require_idle()
             self.step.model.save(path)
-            self.saved = str(path)
+            self.file, self.saved, self.kept = path, str(path), self.step.model
+            self._own_files.add(path.resolve())
         self.changed()
         return path
 
@@ -501,9 +503,10 @@ class Desk:
             self.job, self.trouble, self.saved = Job(title), None, ""
             self._work = own = Work(self, place)
             self._threads = [each for each in self._threads if each.is_alive()]
-            self._threads.append(threading.Thread(target=self._run, args=(own, work), daemon=True))
+            thread = threading.Thread(target=self._run, args=(own, work), daemon=True)
+            self._threads.append(thread)
+            thread.start()
         self.changed()
-        self._threads[-1].start()
 
     def _run(self, own: Work, work: Callable[[Work], None]) -> None:
         trouble = None
@@ -537,7 +540,10 @@ class Desk:
         at.change(lambda: self._keep([*self.steps[:-1], replace(step, holds=holds)]))
 
     def _diagnose(self, at: Work) -> None:
-        self._compare(at)
+        try:
+            self._compare(at)
+        except InputError:  # the diagnosis tells why, and what to do
+            at.change(lambda: self._keep([*self.steps[:-1], Step(self.step.model)]))
         fitted, unused = self._data()
         found = diagnose(fitted, self.step.model, validate=unused, progress=at.say)
         at.change(lambda: self._keep([*self.steps[:-1], replace(self.step, diagnosis=found)]))
@@ -562,8 +568,6 @@ class Desk:
 
     def hear(self) -> None:
         """Take notice that a running bench was heard."""
-        with self.lock:
-            self.heard += 1
         self.changed()
 
     def _require_idle(self) -> None:

@@ -14,8 +14,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
-#: Cookie that holds the token.
-COOKIE = "gyrowheel_workbench"
+_COOKIE = "gyrowheel_workbench"
+_WEB = 80  # port that browsers leave out of an address
 
 
 def is_loopback(address: str) -> bool:
@@ -24,6 +24,16 @@ def is_loopback(address: str) -> bool:
         return address == "localhost" or ipaddress.ip_address(address.strip("[]")).is_loopback
     except ValueError:
         return False
+
+
+def in_url(address: str) -> str:
+    """Return an address as browsers write it: a name in small letters, IPv6 short and in brackets."""
+    name = address.strip("[]").lower()
+    try:
+        own = ipaddress.ip_address(name)
+    except ValueError:
+        return name
+    return f"[{own.compressed}]" if own.version == 6 else str(own)
 
 
 @dataclass(frozen=True)
@@ -36,10 +46,13 @@ class Gate:
         Names with port by which it may be called.
     token : str
         What a browser must have been given; empty where none is asked for.
+    cookie : str
+        Name of the cookie that holds the token: of this server alone, as a cookie is sent to every port of a computer.
     """
 
     names: tuple[str, ...]
     token: str = ""
+    cookie: str = _COOKIE
 
     @classmethod
     def of(cls, address: str, port: int, *, token: bool = False) -> Gate:
@@ -47,11 +60,12 @@ class Gate:
 
         With `token` loopback asks for one, too.
         """
-        alone = is_loopback(address)
-        hosts = LOOPBACK if alone else (*LOOPBACK, address)
+        hosts = tuple(dict.fromkeys((*LOOPBACK, in_url(address))))
+        names = tuple(f"{host}:{port}" for host in hosts)
         return cls(
-            tuple(f"{host}:{port}" for host in hosts),
-            secrets.token_urlsafe(24) if token or not alone else "",
+            (*names, *hosts) if port == _WEB else names,
+            secrets.token_urlsafe(24) if token or not is_loopback(address) else "",
+            f"{_COOKIE}_{port}",
         )
 
     def refusal(self, headers: Mapping[str, str]) -> str:
@@ -62,7 +76,9 @@ class Gate:
         if origin is not None and origin.lower() not in {f"http://{name}" for name in self.names}:
             return f"Origin {origin[:100]!r}: a page of another site"
         if headers.get("Sec-Fetch-Site", "none") not in ("same-origin", "none"):
-            return "a page of another site"
+            return (
+                "a page of another site asks for it; to open the workbench, type its address in the browser"
+            )
         return ""
 
     def knows(self, token: str | None) -> bool:

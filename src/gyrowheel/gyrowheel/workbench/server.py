@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import ipaddress
 import json
+import socket
 import threading
 from collections.abc import AsyncIterator, Callable
 from importlib import resources
@@ -16,12 +18,13 @@ from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError, RequestHandler, stream_request_body
 
 from gyrowheel.commands import diagnosing, following
+from gyrowheel.origins import noted_machine
 from gyrowheel.report.charts import POLICY
 from gyrowheel.report.report import Report
 from gyrowheel.text.html import style_sheet
 from gyrowheel.workbench import pictures, views
-from gyrowheel.workbench.desk import Desk
-from gyrowheel.workbench.gate import COOKIE, Gate
+from gyrowheel.workbench.desk import Desk, Step
+from gyrowheel.workbench.gate import Gate, in_url
 from gyrowheel.workbench.tables import LARGEST as LARGEST_TABLE
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import json_text
@@ -36,7 +39,7 @@ _POLICY = (
 _HEADERS = {
     "Content-Security-Policy": _POLICY,
     "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "no-referrer",
+    "Referrer-Policy": "same-origin",  # with "no-referrer" a form says Origin: null, which is refused
     "Cross-Origin-Resource-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
@@ -62,7 +65,7 @@ class _Guarded(RequestHandler):
         if why := self.gate.refusal(self.request.headers):
             self.set_status(403)
             self.finish({"error": why})
-        elif not self.open_to_all and not self.gate.knows(self.get_cookie(COOKIE)):
+        elif not self.open_to_all and not self.gate.knows(self.get_cookie(self.gate.cookie)):
             self.refuse_stranger()
 
     open_to_all = False
@@ -89,7 +92,12 @@ class _Guarded(RequestHandler):
     def put_json(self, content: Any) -> None:
         """Answer with JSON."""
         self.set_header("Content-Type", "application/json; charset=utf-8")
-        self.finish(json_text(content))
+        self.finish(_bytes(json_text(content)))
+
+
+def _bytes(text: str) -> bytes:
+    """Return text as it is sent; bytes of a name of a file that are no text become escapes, which JSON has, too."""
+    return text.encode("utf-8", "backslashreplace")
 
 
 class _Page(_Guarded):
@@ -110,7 +118,7 @@ class _Login(_Guarded):
             self.set_status(401)
             self.finish(views.login("That is not the token."))
             return
-        self.set_cookie(COOKIE, token, httponly=True, samesite="Strict")
+        self.set_cookie(self.gate.cookie, token, httponly=True, samesite="Strict")
         self.redirect("/", status=303)
 
 
@@ -200,24 +208,35 @@ class _Report(_Guarded):
     """The report on what is on the desk, to keep."""
 
     async def get(self) -> None:
-        step = self.desk.step
-        if step.diagnosis is None:
-            raise InputError("report: nothing is diagnosed yet")
-        fitted, unused = self.desk.used("fitted"), self.desk.used("not used to fit")
-        file = self.desk.file or Path("wheel.yaml")
-        paths, held = ([recording.path for recording in own] for own in (fitted, unused))
-        made = Report.around(
-            step.diagnosis,
-            step.model,
-            fitted,
-            unused,
-            comparison=step.comparison,
-            commands=[diagnosing(paths, file, held)],
-            next_command=following(step.diagnosis, paths, held, file, step.model.bench_source),
-        )
-        text = await asyncio.get_running_loop().run_in_executor(None, made.html)
-        self.set_header("Content-Security-Policy", POLICY)
-        self.finish(text)
+        text = await asyncio.get_running_loop().run_in_executor(None, _report, self.desk, self.desk.step)
+        self.set_header("Content-Security-Policy", f"{POLICY}; frame-ancestors 'none'")
+        self.finish(_bytes(text))
+
+
+def _report(desk: Desk, step: Step) -> str:
+    if step.diagnosis is None:
+        raise InputError("report: nothing is diagnosed yet")
+    fitted, unused = desk.used("fitted"), desk.used("not used to fit")
+    file = desk.file or Path(views.MODEL)
+    paths, held = ([recording.path for recording in own] for own in (fitted, unused))
+    return Report.around(
+        step.diagnosis,
+        step.model,
+        fitted,
+        unused,
+        comparison=step.comparison,
+        commands=[*_before(desk, step, file), diagnosing(paths, file, held)],
+        next_command=following(
+            step.diagnosis, paths, held, file, step.model.bench_source, machine=noted_machine(fitted)
+        ),
+    ).html()
+
+
+def _before(desk: Desk, step: Step, file: Path) -> list[str]:
+    """Return what must be done before the commands of a report find the model that it is about."""
+    if step.model is not desk.kept:
+        return ["# first save the model in the workbench, under the name that follows"]
+    return [] if desk.file else [f"gyrowheel model new --model {file}"]
 
 
 @stream_request_body
@@ -384,6 +403,13 @@ def application(desk: Desk, gate: Gate) -> Application:
     )
 
 
+def _is_every(address: str) -> bool:
+    """Return whether an address, however it is written, is every one of this computer; OSError if there is none."""
+    found = socket.getaddrinfo(address or None, 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+    places = (str(own[4][0]).partition("%")[0] for own in found)
+    return any(ipaddress.ip_address(place).is_unspecified for place in places)
+
+
 class Server:
     """The workbench on a port, in a thread of its own, for as long as a block lasts.
 
@@ -408,12 +434,14 @@ class Server:
         self, desk: Desk, address: str = "127.0.0.1", port: int = 8080, *, token: bool = False
     ) -> None:
         self.desk = desk
-        if address in ("", "0.0.0.0", "::"):
-            raise InputError(f"address: {address!r} is every address; name one of this computer")
+        place = address.strip("[]")
         try:
-            self._sockets = bind_sockets(port, address)
-        except OSError as error:
-            raise InputError(f"port {port} of {address} cannot be used: {error.strerror or error}") from None
+            if _is_every(place):
+                raise InputError(f"address: {address!r} is every address; name one of this computer")
+            self._sockets = bind_sockets(port, place)
+        except (OSError, UnicodeError) as error:
+            why = getattr(error, "strerror", None) or error
+            raise InputError(f"port {port} of {address} cannot be used: {why}") from None
         self.port: int = self._sockets[0].getsockname()[1]
         self.gate = Gate.of(address, self.port, token=token)
         self._address = address
@@ -424,7 +452,7 @@ class Server:
     @property
     def url(self) -> str:
         """Where the page is."""
-        return f"http://{self._address}:{self.port}/"
+        return f"http://{in_url(self._address)}:{self.port}/"
 
     def __enter__(self) -> Server:
         """Begin to serve."""

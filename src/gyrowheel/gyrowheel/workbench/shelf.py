@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import re
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,9 +12,11 @@ from pathlib import Path
 from gyrowheel_core.errors import InputError, nearest
 
 _DEEPEST = 3  # folders below a chosen one that are searched
-_MOST = 500  # recordings that are listed
 _MARK = "rosbag2_bagfile_information"
 _METADATA = "metadata.yaml"
+_HEAD = 4096  # characters of it that are looked at
+_LENGTH = re.compile(r"\bduration:\s{0,20}\{?\s{0,20}nanoseconds:\s{0,20}(\d{1,18})\b")
+_FRESH = 1.0  # s for which a look at the folders holds for who asks often
 
 
 @dataclass(frozen=True)
@@ -26,17 +31,23 @@ class Entry:
         Where it is.
     name : str
         Name of its directory.
+    inside : str
+        Where it is in the chosen folder, if not in that itself; with that folder, where there are several.
     size : int
         Of its files [bytes].
     changed : float
         When it was last changed [s since 1970].
+    duration : float or None
+        Its length as its metadata state it [s]; None where they do not.
     """
 
     key: str
     path: Path
     name: str
+    inside: str
     size: int
     changed: float
+    duration: float | None
 
 
 class Shelf:
@@ -58,12 +69,13 @@ class Shelf:
             if not folder.is_dir():
                 raise InputError(f"{folder}: no such folder")
         self._folders = [folder.resolve() for folder in folders]
+        self._looked: tuple[float, list[Entry]] | None = None
 
     @property
     def first(self) -> Path:
         """The folder for what is new."""
         own = self._folders[0]
-        return own.parent if _is_recording(own) else own
+        return own.parent if _head(own) is not None else own
 
     def take(self, recording: Path) -> str:
         """Return the key of a recording that was made here; it is on the shelf from now on."""
@@ -72,17 +84,24 @@ class Shelf:
             if entry.path == place:
                 return entry.key
         self._folders.append(place)
+        self._looked = None
         return f"{len(self._folders) - 1}/."
 
     def entries(self) -> list[Entry]:
         """Return the recordings, the latest first."""
         found: dict[Path, Entry] = {}
         for number, root in enumerate(self._folders):
-            for path in _recordings(root, _DEEPEST):
-                if path not in found and len(found) < _MOST:
-                    inside = path.relative_to(root).as_posix()
-                    found[path] = _entry(f"{number}/{inside}", path)
-        return sorted(found.values(), key=lambda entry: -entry.changed)
+            for path, head in _recordings(root, _DEEPEST):
+                if path not in found:
+                    found[path] = _entry(number, root, path, head, several=len(self._folders) > 1)
+        latest_first = sorted(found.values(), key=lambda entry: -entry.changed)
+        self._looked = time.monotonic(), latest_first
+        return latest_first
+
+    def listed(self) -> list[Entry]:
+        """Return the same as it was a second ago at most: pages ask many times a second while something goes on."""
+        looked = self._looked
+        return looked[1] if looked and time.monotonic() - looked[0] < _FRESH else self.entries()
 
     def find(self, key: str) -> Entry:
         """Return a recording by its key.
@@ -98,9 +117,11 @@ class Shelf:
         return known[key]
 
 
-def _recordings(folder: Path, depth: int) -> Iterator[Path]:
-    if _is_recording(folder):
-        yield folder
+def _recordings(folder: Path, depth: int) -> Iterator[tuple[Path, str]]:
+    """Yield the recordings in a folder, each with the beginning of its metadata."""
+    head = _head(folder)
+    if head is not None:
+        yield folder, head
         return
     if depth == 0:
         return
@@ -112,20 +133,47 @@ def _recordings(folder: Path, depth: int) -> Iterator[Path]:
         yield from _recordings(path, depth - 1)
 
 
-def _is_recording(folder: Path) -> bool:
+def _head(folder: Path) -> str | None:
+    """Return the beginning of the metadata of a recording; None for a folder that is none."""
+    file = folder / _METADATA
     try:
-        with (folder / _METADATA).open(encoding="utf-8", errors="replace") as stream:
-            return _MARK in stream.read(4096)
+        if not file.is_file():  # nothing that one waits for, such as a pipe
+            return None
+        with file.open(encoding="utf-8", errors="replace") as stream:
+            head = stream.read(_HEAD)
     except OSError:
-        return False
+        return None
+    return head if _MARK in head else None
 
 
-def _entry(key: str, path: Path) -> Entry:
+def _entry(number: int, root: Path, path: Path, head: str, *, several: bool) -> Entry:
     size, changed = 0, 0.0
-    for file in path.iterdir():
+    try:
+        files = list(path.iterdir())
+    except OSError:
+        files = []  # it goes away just now, or may not be looked into: opening it says so
+    for file in files:
         try:
             state = file.stat()
         except OSError:
             continue
         size, changed = size + state.st_size, max(changed, state.st_mtime)
-    return Entry(key, path, path.name, size, changed)
+    within = path.relative_to(root)
+    inside = within.parent
+    if several:
+        inside = Path(root.parent.name if path == root else root.name) / inside
+    length = _LENGTH.search(head)
+    return Entry(
+        f"{number}/{_text(within.as_posix())}",
+        path,
+        _text(path.name),
+        "" if inside == Path() else _text(inside.as_posix()),
+        size,
+        changed,
+        1e-9 * int(length[1]) if length else None,
+    )
+
+
+def _text(name: str) -> str:
+    """Return a name as text that can be sent: bytes of it that are none are written as escapes."""
+    return os.fsencode(name).decode("utf-8", "backslashreplace")

@@ -20,7 +20,7 @@ from gyrowheel_core.quantities import short
 
 #: Largest table that is taken from a browser [bytes].
 LARGEST = 256 << 20
-_LONGEST_NAME = 120
+_LONGEST_NAME = 120  # bytes
 _TIME = "time"
 #: What a map says of a reading that can be corrected here.
 PARTS = ("column", "unit", "scale")
@@ -91,9 +91,8 @@ def file_name(text: str) -> str:
     InputError
         If nothing of it can be one.
     """
-    name = "".join(c if c.isalnum() or c in "._- " else "_" for c in Path(text).name)[-_LONGEST_NAME:].strip(
-        ". "
-    )
+    name = "".join(c if c.isalnum() or c in "._- " else "_" for c in Path(text).name)
+    name = name.encode()[-_LONGEST_NAME:].decode(errors="ignore").strip(". ")
     if not name:
         raise InputError(f"name: {text[:40]!r} is none of a file")
     return name

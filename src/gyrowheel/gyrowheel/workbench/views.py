@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
@@ -12,17 +14,26 @@ from gyrowheel.report import sections
 from gyrowheel.text.cells import Cells, declared, label
 from gyrowheel.text.formulas import pretty
 from gyrowheel.text.html import environment, style_sheet
+from gyrowheel.text.mathml import typeset
 from gyrowheel.text.recordings import integrity_text
 from gyrowheel.workbench.bench import SimulatedBench
 from gyrowheel.workbench.desk import NO_BENCH, ROLES, Desk
 from gyrowheel.workbench.pictures import PANELS
+from gyrowheel.workbench.tables import LARGEST
 from gyrowheel_core.errors import InputError, nearest
-from gyrowheel_core.units import unit_for
+from gyrowheel_core.units import DEG, RPM, unit_for
 from gyrowheel_sim.effects import registry
 from gyrowheel_sim.effects.quantities import QUANTITIES
 
 if TYPE_CHECKING:
     import jinja2
+
+    from gyrowheel_analysis.recording import RecordingInfo
+
+#: Name of the file of a model that was not read from one.
+MODEL = "wheel.yaml"
+#: Recordings that the page lists: the latest.
+MOST_LISTED = 500
 
 #: Units that are offered for the columns of a table; others are taken, too.
 _UNITS = (
@@ -37,7 +48,8 @@ def _templates() -> jinja2.Environment:
 
 def state(desk: Desk) -> dict[str, Any]:
     """Return all that the page shows, but what its pictures are drawn of."""
-    job, trouble = desk.job, desk.trouble
+    job, trouble, opened = desk.job, desk.trouble, list(desk.opened.values())
+    alike = Counter(own.recording.name for own in opened)
     return {
         "version": desk.version,
         "job": None
@@ -53,14 +65,21 @@ def state(desk: Desk) -> dict[str, Any]:
         "signals": [
             {
                 "key": own.key,
-                "name": own.recording.name,
+                "name": own.recording.name
+                if alike[own.recording.name] == 1
+                else f"{own.recording.path.absolute().parent.name}/{own.recording.name}",
                 "duration": own.recording.duration,
                 "samples": len(own.recording),
             }
-            for own in list(desk.opened.values())
+            for own in opened
         ],
         "facts": desk.facts,
-        "heard": desk.heard,
+        # what of the running benches is drawn: not where they are, which changes all the time
+        "heard": [
+            f"{key} {run.start_ns} {len(run.holds)} {run.holds[-1].stamp_ns}"
+            for key, run in desk.live.runs.items()
+            if run.holds
+        ],
         "live": {key: {"title": run.title, "words": run.words()} for key, run in desk.live.runs.items()},
     }
 
@@ -77,7 +96,8 @@ def page() -> str:
                     "columns": [{"name": name, "label": label} for name, label in columns.items()],
                 }
                 for title, _, columns in PANELS
-            ]
+            ],
+            largest=LARGEST,
         )
     )
 
@@ -115,7 +135,7 @@ def effect_page(desk: Desk, name: str) -> str:
     return (
         _templates()
         .get_template("effect.html")
-        .render(style=style_sheet(), own=own, law=pretty(own.formula), rows=rows, library=library)
+        .render(style=style_sheet(), own=own, law=typeset(own.formula), rows=rows, library=library)
     )
 
 
@@ -147,24 +167,45 @@ def _part(name: str, desk: Desk) -> Markup:
 
 
 def _recordings(desk: Desk) -> dict[str, Any]:
-    rows = []
-    for entry in desk.shelf.entries():
+    rows: list[dict[str, Any]] = []
+    more = 0
+    for place, entry in enumerate(desk.shelf.listed()):
         own = desk.opened.get(entry.key)
-        facts = ""
-        if own is not None:
-            info = own.recording.info
-            facts = f"{info.duration:.1f} s at {info.rate:.0f} Hz, {integrity_text(info.integrity)}"
+        if place >= MOST_LISTED and own is None:
+            more += 1
+            continue
+        length = "" if entry.duration is None else f"{entry.duration:.1f} s, "
         rows.append(
             {
                 "key": entry.key,
                 "name": entry.name,
-                "size": f"{entry.size / 1e6:.1f} MB",
+                "inside": entry.inside,
+                "size": f"{'' if own else length}{entry.size / 1e6:.1f} MB",
                 "when": time.strftime("%Y-%m-%d %H:%M", time.localtime(entry.changed)),
                 "role": "" if own is None else own.role,
-                "facts": facts,
+                "facts": "" if own is None else "; ".join(_facts(own.recording.info)),
             }
         )
-    return {"rows": rows, "roles": ROLES, "busy": desk.job is not None, "running": desk.live.runs}
+    return {
+        "rows": rows,
+        "more": more,
+        "roles": ROLES,
+        "busy": desk.job is not None,
+        "running": desk.live.runs,
+    }
+
+
+def _facts(info: RecordingInfo) -> Iterator[str]:
+    """Yield what a recording holds: length and integrity, where it has been, of what it is."""
+    yield f"{info.duration:.1f} s at {info.rate:.0f} Hz, {integrity_text(info.integrity)}"
+    (slow, fast), tilt = info.spin_rate, info.tilt[1]
+    been = [f"{slow / RPM:.0f} … {fast / RPM:.0f} rpm"] if math.isfinite(slow + fast) else []
+    been += [f"tilt up to {tilt / DEG:.1f}°"] if math.isfinite(tilt) else []
+    been += [f"{len(info.holds)} holds"] if info.holds else []
+    yield from [", ".join(been)] if been else []
+    of = [f"bench {info.bench}"] if info.bench else []
+    of += [f"machine {info.machine}"] if info.machine else []
+    yield from [", ".join(of)] if of else []
 
 
 def _table(desk: Desk) -> dict[str, Any]:
@@ -175,9 +216,9 @@ def _tour(desk: Desk) -> dict[str, Any]:
     step, added = desk.step, any(step.model.added is not None for step in desk.steps)
     done = [
         bool(desk.used(ROLES[0])),
-        step.comparison is not None or added,
+        step.comparison is not None or step.diagnosis is not None or added,
         added,
-        desk.saved != "",
+        added and step.model is desk.kept,
     ]
     return {
         "done": done,
@@ -187,15 +228,17 @@ def _tour(desk: Desk) -> dict[str, Any]:
 
 
 def _missing(desk: Desk) -> dict[str, Any]:
-    result, inside = desk.step.diagnosis, set(desk.step.model.effects)
+    result, comparison, model = desk.step.diagnosis, desk.step.comparison, desk.step.model
+    inside = set(model.effects)
     shared: dict[str, Any] = {
         "ready": bool(desk.used(ROLES[0])),
         "busy": desk.job is not None,
-        "added": desk.step.model.added is not None,
+        "added": model.added is not None,
         "effects": sorted(name for name in registry() if name not in inside),
     }
     if result is None:
-        return shared | {"found": None}
+        wrong = () if comparison is None else comparison.setup
+        return shared | {"found": None, "setup": sections.setup(wrong)}
     found, cells = result.details, Cells({"diagnosis": result.to_dict()})
     limits = sections.limits(found, cells)
     return shared | {
@@ -204,12 +247,18 @@ def _missing(desk: Desk) -> dict[str, Any]:
         "mood": sections.MOOD[found.verdict],
         "proof": None if found.proof is None else cells.words("diagnosis.proof.reason"),
         "proven": None if found.proof is None else found.proof.proven,
-        "findings": sections.findings(found, cells),
+        "setup": sections.setup(result.setup),
+        "findings": [
+            item | {"page": item["name"] in model.details.library} for item in sections.findings(found, cells)
+        ],
         "ties": {finding.name: [tie.name for tie in finding.ties] for finding in found.effects},
         "instruments": sections.instruments(found, cells),
         "forms": sections.forms(found, cells),
         "formulas": [f"{form.name}: {form.formula}" for form in found.free_form],
+        "simple": [f"{form.name}: {form.simple}" for form in found.free_form],
         "events": sections.events(found),
+        "readings": sections.readings(found, cells),
+        "remarks": sections.remarks(found, cells),
         "next_test": sections.next_test(found, cells),
         "tests": desk.tests(),
         "runs_here": _simulated(desk),
@@ -241,7 +290,8 @@ def _model(desk: Desk) -> dict[str, Any]:
         "text": _yaml(model.to_dict()),
         "busy": desk.job is not None,
         "saved": desk.saved,
-        "name": desk.file.name if desk.file is not None else "wheel.yaml",
+        "unsaved": model is not desk.kept,
+        "name": desk.file.name if desk.file is not None else MODEL,
     }
 
 

@@ -25,6 +25,8 @@ ENDED: Final = "recording_ended"
 FLUSH_PERIOD: Final = 0.1
 #: Period at which arrived messages are written [s, wall-clock time].
 TAKE_PERIOD: Final = 0.02
+#: A stall of this length is told at once: another one may come before the next diagnosis [s].
+TOLD_AT_ONCE: Final = 0.02
 
 
 class RecorderNode(BenchNode):
@@ -64,6 +66,7 @@ class RecorderNode(BenchNode):
         self._open: list[Inbox] = []
         self._report = "waiting for the service start"
         self._cut = False  # whether a recording ended because the plant was started again
+        self._stalls = 0  # as they were last looked at
         self._offers = [
             self.create_service(kind, f"{SERVICES}/{name}", handle)
             for kind, name, handle in (
@@ -132,7 +135,7 @@ class RecorderNode(BenchNode):
             present=self._present,
             namespace=self.namespace,
         )
-        self._cut = False
+        self._cut, self._stalls = False, 0
         # only now: a plant that counts its subscribers must not start before the recording exists
         self._open = [self.inbox(topic) for topic in self._recorded]
         self.get_logger().info(f"recording into {directory}")
@@ -179,12 +182,20 @@ class RecorderNode(BenchNode):
         if inbox.topic is topics.DIAGNOSTICS and self._is_of_another(data):
             return True
         if recording.take(inbox.topic, data, inbox.number):
+            if recording.stalls.number != self._stalls:
+                self._stalls = recording.stalls.number
+                self._tell_stall(recording.stalls.last)
             return True
         self.get_logger().warning("the plant was started again: the recording of its last run ends")
         self._end()
         self._cut = True
         self.announce()
         return False
+
+    def _tell_stall(self, said: str) -> None:
+        """Tell at once of a stall that is long: ``stood still 0.295 s at 41.2 s``."""
+        if float(said.split()[2]) >= TOLD_AT_ONCE and self.state == "active":
+            self.announce()
 
     def _is_of_another(self, data: bytes) -> bool:
         """Return whether a message on /diagnostics is of a bench in another namespace alone."""

@@ -128,7 +128,8 @@
       const texts = panels.filter((panel) => panel.lines.length).map((panel) => {
         const [title, unit] = panel.title.split(", ");
         const values = panel.lines.map(({ label, values }) => {
-          const number = own.pairs ? `${values[k].toPrecision(4)} … ${values[k + 1].toPrecision(4)}` : values[k].toPrecision(5);
+          const written = (value, digits) => (Number.isFinite(value) ? value.toPrecision(digits) : "none");
+          const number = own.pairs ? `${written(values[k], 4)} … ${written(values[k + 1], 4)}` : written(values[k], 5);
           return label ? `${label} ${number}` : number;
         });
         return `${title} ${values.join(", ")} ${unit}`;
@@ -148,6 +149,7 @@
     }
 
     canvas.addEventListener("wheel", (event) => {
+      if (event.deltaY > 0 && until - from >= all[1] - all[0]) return; // all is shown: the page scrolls on
       event.preventDefault();
       zoom(event.deltaY > 0 ? 1.25 : 0.8, at(event.offsetX));
     }, { passive: false });

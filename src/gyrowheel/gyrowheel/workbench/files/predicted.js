@@ -1,12 +1,13 @@
 // Torques and voltages of the holds, measured beside predicted: over time, tilt and spin rate.
 
-import { P, at, colours, css, element, now, put, themed } from "./shared.js";
+import { P, at, colours, css, element, now, put, table, themed } from "./shared.js";
 import { choose, shown } from "./signals.js";
 
 const UNITS = { torque: ["torque, mN·m", "torque"], voltage: ["change of voltage, mV", "voltage"] };
 let quantity = "torque";
 let of = "recording"; // or the key of a running bench
 let drawn = "";
+let listed = null; // what there is to list of the holds
 
 document.addEventListener("click", (event) => {
   const button = event.target.closest("[data-of], [data-live]");
@@ -55,7 +56,13 @@ export function showPredicted(anew = false) {
   if (mark === drawn && !anew) return;
   drawn = mark;
   at("predicted-section").hidden = !holds && !running.length;
-  if (!holds) return put("predicted", null);
+  listed = holds ? { holds, live, key } : null;
+  list();
+  if (!holds) {
+    at("signs").replaceChildren();
+    at("predicted-said").replaceChildren();
+    return put("predicted", null);
+  }
   const [one, other] = colours();
   const soft = css("--soft");
   const signs = [["●", one, "measured"], ["✕", other, "predicted"], ["✚", soft, "predicted before the last change"]];
@@ -108,8 +115,7 @@ export function showPredicted(anew = false) {
       const [k] = source.selected.indices;
       if (k === undefined || live) return;
       for (const each of sources) if (each !== source) each.selected.indices = [...source.selected.indices];
-      const margin = 0.25 * (holds.end[k] - holds.start[k]) + 0.1;
-      choose(key, holds.start[k] - margin, holds.end[k] + margin);
+      look(key, holds, k);
     });
   });
   put("predicted", new Bokeh.GridBox({ children, sizing_mode: "stretch_width", spacing: 4 }));
@@ -120,3 +126,35 @@ export function showPredicted(anew = false) {
       : "The constants of coils and motor are those stated for the bench; their uncertainty is in the bars."),
   );
 }
+
+// Shows the samples of a hold.
+function look(key, holds, k) {
+  const margin = 0.25 * (holds.end[k] - holds.start[k]) + 0.1;
+  choose(key, holds.start[k] - margin, holds.end[k] + margin);
+}
+
+// The same holds as numbers, with a button for each: for the keyboard, and for who does not see the pictures.
+function list() {
+  const place = at("holds");
+  place.hidden = !listed;
+  if (!listed || !place.open) return place.lastElementChild.replaceChildren();
+  const { holds, live, key } = listed;
+  const unit = UNITS[quantity][0].split(", ")[1];
+  const figure = (value, digits = 3) => (value === null ? "none" : value.toFixed(digits));
+  const made = table([
+    ["hold", "time, s", "tilt x, °", "tilt y, °", "rpm", ...holds.actuators.flatMap(({ title }) => [`${title} measured, ${unit}`, "predicted"])],
+    ...holds.hold.map((number, k) => [
+      String(number), figure(0.5 * (holds.start[k] + holds.end[k]), 1), figure(holds.tilt_x[k], 2), figure(holds.tilt_y[k], 2), figure(holds.speed[k], 0),
+      ...holds.actuators.flatMap(({ [quantity]: own }) => [`${figure(own.measured[k])} ± ${figure(own.error[k])}`, figure(own.predicted[k])]),
+    ]),
+  ]);
+  if (!live) {
+    [...(made.querySelector("tbody")?.rows ?? [])].forEach((row, k) => {
+      const button = element("button", row.cells[0].textContent, { type: "button", ariaLabel: `hold ${row.cells[0].textContent}: show its samples` });
+      button.onclick = () => look(key, holds, k);
+      row.cells[0].replaceChildren(button);
+    });
+  }
+  place.lastElementChild.replaceChildren(made);
+}
+at("holds").addEventListener("toggle", list);

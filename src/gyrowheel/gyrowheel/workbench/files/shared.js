@@ -14,15 +14,23 @@ export const wire = new EventTarget();
 export const say = (name, detail) => wire.dispatchEvent(new CustomEvent(name, { detail }));
 export const hear = (name, listener) => wire.addEventListener(name, (event) => listener(event.detail));
 
+async function reach(path, options) {
+  try {
+    return await fetch(path, options);
+  } catch (error) {
+    throw error.name === "AbortError" ? error : new Error("the server does not answer");
+  }
+}
+
 export async function ask(path, options) {
-  const answer = await fetch(path, options);
+  const answer = await reach(path, options);
   if (answer.status === 401) location.reload();
   if (!answer.ok) throw new Error((await answer.json()).error);
   return answer;
 }
 
 export async function send(name, content) {
-  const answer = await fetch(`/do/${name}`, {
+  const answer = await reach(`/do/${name}`, {
     method: "POST",
     headers: { "Content-Type": "application/json" },
     body: JSON.stringify(content),
@@ -33,8 +41,26 @@ export async function send(name, content) {
 }
 
 export function tell(place, sentence) {
-  const field = document.querySelector(`[data-trouble="${place}"]`);
-  if (field) field.textContent = sentence;
+  const field = [...document.querySelectorAll("[data-trouble]")].find((own) => own.dataset.trouble === place);
+  if (!field) return;
+  field.textContent = sentence;
+  delete field.dataset.said; // it is not the server's
+}
+
+// What this page keeps over a reload, where the browser lets it.
+export function remember(name, value) {
+  try {
+    sessionStorage.setItem(name, JSON.stringify(value));
+  } catch {
+    // then not
+  }
+}
+export function remembered(name) {
+  try {
+    return JSON.parse(sessionStorage.getItem(name));
+  } catch {
+    return null;
+  }
 }
 
 export const colours = () => (dark.matches ? SIGHT : COLOURS);

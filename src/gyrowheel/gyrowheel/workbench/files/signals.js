@@ -1,6 +1,6 @@
 // The signals of a recording over time: measured, asked for and predicted; zoom, pan, and the sample at the cursor.
 
-import { P, ask, at, colours, css, element, hear, now, put, say, themed } from "./shared.js";
+import { P, ask, at, colours, css, element, hear, now, put, remember, remembered, say, themed } from "./shared.js";
 
 const POINTS = 2000;
 const PANELS = JSON.parse(at("plots").dataset.panels);
@@ -10,6 +10,8 @@ let figures = [];
 let range = null;
 let parts = []; // sources of each panel: lines, setpoints, predicted levels
 let marks = null; // windows chosen, events
+let marked = ""; // of what the marks are
+let chosen = {}; // spans of the windows chosen, by recording
 let cursors = [];
 let cursor = null; // s
 let zooming = 0;
@@ -21,14 +23,18 @@ export const span = () => (range ? [range.start, range.end] : null);
 export async function showSignals() {
   const signals = now.state.signals;
   if (own) own = signals.find((each) => each.key === own.key) ?? null;
-  at("tabs").replaceChildren(
-    ...signals.map((each) => {
-      const tab = element("button", each.name, { type: "button" });
-      tab.dataset.signal = each.key;
-      tab.onclick = () => choose(each.key);
-      return tab;
-    }),
-  );
+  const names = JSON.stringify(signals.map(({ key, name }) => [key, name]));
+  if (at("tabs").dataset.shown !== names) {
+    at("tabs").dataset.shown = names;
+    at("tabs").replaceChildren(
+      ...signals.map((each) => {
+        const tab = element("button", each.name, { type: "button" });
+        tab.dataset.signal = each.key;
+        tab.onclick = () => choose(each.key);
+        return tab;
+      }),
+    );
+  }
   press();
   at("readout").hidden = at("keys").hidden = !signals.length;
   if (!signals.length && now.state.job?.title.startsWith("opening ")) {
@@ -39,7 +45,11 @@ export async function showSignals() {
     figures = [];
     cursor = null;
     at("span").textContent = "Open a recording on the left.";
-  } else if (!own) await choose(signals[0].key);
+  } else if (!own) {
+    const [key, from, until] = remembered("view") ?? [];
+    if (signals.some((each) => each.key === key)) await choose(key, from, until);
+    else await choose(signals[0].key);
+  }
 }
 
 function press() {
@@ -59,6 +69,7 @@ export async function choose(key, from, until) {
 }
 
 function draw() {
+  marked = "";
   range = new Bokeh.Range1d({ start: 0, end: 1 });
   parts = [];
   cursors = [];
@@ -95,6 +106,7 @@ function draw() {
     figure.add_layout(line);
     cursors.push(line);
     figure.on_event("mousemove", (event) => {
+      at("readout").setAttribute("aria-live", "off");
       if (Number.isFinite(event.x)) putCursor(event.x);
     });
     return figure;
@@ -114,16 +126,28 @@ function draw() {
   // asked anew when the span has stood still for a moment, so that a turned wheel asks once
   const moved = () => {
     clearTimeout(zooming);
-    zooming = setTimeout(() => fetchSpan(range.start, range.end), 60);
+    zooming = setTimeout(() => zoom(range.start, range.end), 60);
   };
   range.properties.start.change.connect(moved);
   range.properties.end.change.connect(moved);
 }
 
-export async function zoom(from, until) {
+// A span within the recording, of ten samples or more.
+function within(from, until) {
+  const least = Math.min((10 * own.duration) / Math.max(own.samples - 1, 1), own.duration);
+  const length = Math.min(Math.max(until - from, least), own.duration);
+  if (length === until - from && from >= 0 && until <= own.duration) return [from, until];
+  const begin = Math.min(Math.max(0.5 * (from + until - length), 0), own.duration - length);
+  return [begin, begin + length];
+}
+
+export async function zoom(first, last) {
   clearTimeout(zooming);
+  if (!own) return;
+  const [from, until] = within(first, last);
   range.setv({ start: from, end: until });
   clearTimeout(zooming);
+  remember("view", [own.key, from, until]);
   await fetchSpan(from, until);
 }
 
@@ -173,7 +197,8 @@ async function fetchSpan(from, until) {
 // --- what was found, on top of the samples
 
 export function showFound() {
-  if (!figures.length || !own) return;
+  if (!figures.length || !own || marked === `${own.key} ${now.found?.facts}`) return;
+  marked = `${own.key} ${now.found?.facts}`;
   const holds = now.found?.holds[own.key];
   for (const part of parts) {
     const levels = { x0: [], x1: [], y: [] };
@@ -201,12 +226,15 @@ export function showFound() {
     "Dashed: what the plan asks for." + (holds ? " Thick: what the model predicts for each hold." : "");
 }
 
-hear("windows", ({ key, spans }) => {
-  if (marks && own?.key === key) marks.windows.data = { x0: spans.map(([start]) => start), x1: spans.map(([, end]) => end) };
+function showChosen() {
+  const spans = chosen[own?.key] ?? [];
+  if (marks) marks.windows.data = { x0: spans.map(([start]) => start), x1: spans.map(([, end]) => end) };
+}
+hear("windows", (spans) => {
+  chosen = spans;
+  showChosen();
 });
-hear("shown", () => {
-  if (marks) marks.windows.data = { x0: [], x1: [] };
-});
+hear("shown", showChosen);
 
 // --- the cursor
 
@@ -248,7 +276,7 @@ function read(found) {
 }
 
 document.addEventListener("keydown", (event) => {
-  if (!range || !own || event.target.closest("input, textarea, select, [role=grid]")) return;
+  if (!range || !own || event.target.closest("input, textarea, select, pre, .scroll, [role=grid]")) return;
   if (event.ctrlKey || event.metaKey || event.altKey) return;
   const length = range.end - range.start;
   const middle = 0.5 * (range.end + range.start);
@@ -265,6 +293,7 @@ document.addEventListener("keydown", (event) => {
     zoom(...moves[event.key]);
   } else if (event.key in steps) {
     event.preventDefault();
+    at("readout").setAttribute("aria-live", "polite"); // who uses the keys may listen
     const step = own.duration / Math.max(own.samples - 1, 1);
     putCursor(Math.min(Math.max((cursor ?? middle) + step * steps[event.key], 0), own.duration));
   }

@@ -19,12 +19,25 @@ for (const name of ["dragover", "drop", "dragleave"]) {
     if (name !== "drop") return;
     const [file, ...others] = event.dataTransfer.files;
     if (!file) return;
+    if (event.dataTransfer.items[0]?.webkitGetAsEntry?.()?.isDirectory) {
+      return refuse(`${file.name} is a folder. A recording is opened from the list on the left: start the workbench with the folder that it is in.`);
+    }
     upload(file);
     if (others.length) tell("table", "One table at a time: the first is taken.");
   });
 }
 
+function refuse(sentence) {
+  tell("table", sentence);
+  showTable();
+  at("table").scrollIntoView();
+}
+
 function upload(file) {
+  const largest = Number(at("table-file").dataset.largest);
+  if (file.size > largest) {
+    return refuse(`${file.name} has ${(file.size / 2 ** 20).toFixed(0)} MB; allowed: ${largest / 2 ** 20} MB. gyrowheel import takes larger ones.`);
+  }
   sending?.abort();
   const asked = (sending = new XMLHttpRequest());
   const show = (...parts) => {
@@ -33,7 +46,11 @@ function upload(file) {
   };
   const bar = element("progress", undefined, { value: 0, max: 1, ariaLabel: `sending ${file.name}` });
   const end = element("button", "End", { type: "button" });
-  end.onclick = () => asked.abort();
+  let ended = false;
+  end.onclick = () => {
+    ended = true;
+    asked.abort();
+  };
   tell("table", "");
   asked.upload.onprogress = (event) => {
     if (event.lengthComputable) bar.value = event.loaded / event.total;
@@ -45,11 +62,11 @@ function upload(file) {
     try {
       said = JSON.parse(asked.responseText);
     } catch {
-      // the server hung up, or the user ended it
+      // nothing came
     }
     if (asked.status === 401) location.reload();
-    const failed = asked.status === 0 ? "not sent: it was ended, or is larger than the workbench takes (256 MB)" : said.error ?? asked.statusText;
-    if (asked.status !== 200) tell("table", failed);
+    const lost = ended ? "ended" : "not sent: the server does not answer";
+    if (asked.status !== 200) tell("table", asked.status === 0 ? lost : (said.error ?? asked.statusText));
     showTable();
   };
   asked.open("POST", `/table?${new URLSearchParams({ name: file.name })}`);

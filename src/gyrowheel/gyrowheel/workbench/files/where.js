@@ -7,6 +7,7 @@ const NOISE = 9; // χ²/N of a window up to which it may be noise
 const WORST = 1000; // χ²/N at the end of the colours
 let source = null;
 let drawn = null;
+let seen = null; // what was found, as it was drawn
 let channel = "tilt";
 
 // White for noise, on to red; on dark ground from dark to bright.
@@ -25,11 +26,14 @@ function legible(colour) {
 const short = (value) => (value >= 9.95 ? value.toFixed(0) : value.toFixed(1));
 
 export function showWhere(anew = false) {
+  if (now.found === seen && !anew) return;
+  seen = now.found;
   const w = now.found?.windows ?? null;
   const text = JSON.stringify([w, now.found?.maps]);
   if (text === drawn && !anew) return;
   drawn = text;
   put("where", null);
+  say("windows", {});
   at("map").replaceChildren();
   at("chosen").replaceChildren();
   at("where-help").textContent = w
@@ -135,16 +139,17 @@ async function choosing(indices) {
   const mine = ++turn;
   place.replaceChildren();
   tell("where", "");
-  if (!w || !indices.length) return say("windows", { key: null, spans: [] });
+  if (!w || !indices.length) return say("windows", {});
   const chi2 = w.chi2[channel].values;
   const sorted = [...indices].sort((a, b) => chi2[b] - chi2[a]);
   const key = w.recording[sorted[0]];
-  const spans = indices.filter((k) => w.recording[k] === key).map((k) => [w.start[k], w.start[k] + w.duration[k]]);
+  const spans = {};
+  for (const k of indices) (spans[w.recording[k]] ??= []).push([w.start[k], w.start[k] + w.duration[k]]);
   // the worst is looked at, the others are marked
   const [start, end] = [w.start[sorted[0]], w.start[sorted[0]] + w.duration[sorted[0]]];
   const margin = 0.25 * (end - start) + 0.1;
   await choose(key, start - margin, end + margin);
-  say("windows", { key, spans });
+  say("windows", spans);
   let said;
   try {
     said = await send("region", { windows: indices.join(",") });
@@ -159,12 +164,14 @@ async function choosing(indices) {
   );
   place.lastChild.classList.add("said");
   const kinds = Object.values(w.chi2);
+  const several = Object.keys(spans).length > 1;
+  const name = (k) => now.state.signals.find((each) => each.key === w.recording[k])?.name ?? "";
   place.append(
     element("p", indices.length > 12 ? "The worst twelve of them:" : "Window by window:"),
     table([
-      ["time, s", "tilt x, °", "tilt y, °", "rpm", `residual x, ${w.unit}`, `residual y, ${w.unit}`, ...kinds.map((c) => `χ²/N ${c.title}`)],
+      [...(several ? ["recording"] : []), "time, s", "tilt x, °", "tilt y, °", "rpm", `residual x, ${w.unit}`, `residual y, ${w.unit}`, ...kinds.map((c) => `χ²/N ${c.title}`)],
       ...sorted.slice(0, 12).map((k) => [
-        w.start[k].toFixed(2), w.tilt_x[k].toFixed(2), w.tilt_y[k].toFixed(2), w.speed[k].toFixed(0), w.residual_x[k].toFixed(3),
+        ...(several ? [name(k)] : []), w.start[k].toFixed(2), w.tilt_x[k].toFixed(2), w.tilt_y[k].toFixed(2), w.speed[k].toFixed(0), w.residual_x[k].toFixed(3),
         w.residual_y[k].toFixed(3), ...kinds.map((c) => c.values[k].toFixed(1)),
       ]),
     ]),

@@ -1,7 +1,7 @@
 // The page of the workbench: shows the state of the server, and sends what the user asks for.
 // All words and tables come from the server, which escapes them; pictures are made by the parts that are imported here.
 
-import { ask, at, dark, element, hear, now, send, tell } from "./shared.js";
+import { ask, at, dark, element, hear, now, remember, remembered, send, tell } from "./shared.js";
 import { redraw, showFound, showSignals } from "./signals.js";
 import { showPredicted } from "./predicted.js";
 import { showWhere } from "./where.js";
@@ -9,13 +9,17 @@ import { showFall } from "./fall.js";
 import { showTable } from "./tables.js";
 import { show as showRotor } from "./rotor.js";
 
+const SILENT = 40e3; // ms without a word from the server, which says something every 15 s
+
 let shown = {}; // parts as they were written last
+let waiting = {}; // by part: what had the focus until it could not be pressed
+let pressed = false; // whether a pointer is down on what takes a click
 
 // --- what the server says
 
 let reading = false;
 let again = false;
-let heard = 0; // what of the running benches was taken
+let heard = "[]"; // what of the running benches was taken
 async function refresh() {
   if (reading) {
     again = true;
@@ -27,8 +31,9 @@ async function refresh() {
       again = false;
       now.state = await (await ask("/state")).json();
       if (now.found?.facts !== now.state.facts) now.found = await (await ask("/found")).json();
-      if (heard !== now.state.heard) now.live = await (await ask("/heard")).json();
-      heard = now.state.heard;
+      const holds = JSON.stringify(now.state.heard);
+      if (heard !== holds) now.live = await (await ask("/heard")).json();
+      heard = holds;
       await show();
     } while (again);
   } catch (error) {
@@ -38,38 +43,41 @@ async function refresh() {
   }
 }
 
+let events = null;
+let silence = 0;
 function listen() {
-  const events = new EventSource("/events");
-  events.onmessage = () => {
+  events?.close();
+  clearTimeout(silence);
+  if (document.hidden) return; // a browser keeps few connections to a server: a page that nobody sees leaves its own
+  const own = (events = new EventSource("/events"));
+  const hush = () => {
+    clearTimeout(silence);
+    silence = setTimeout(() => {
+      at("lost").hidden = false;
+      listen();
+    }, SILENT);
+  };
+  hush();
+  own.onmessage = () => {
     at("lost").hidden = true;
+    hush();
     refresh();
   };
-  events.onerror = () => {
-    at("lost").hidden = false; // the browser tries again by itself
-    if (events.readyState === EventSource.CLOSED) setTimeout(listen, 2000);
+  own.onerror = () => {
+    at("lost").hidden = false;
+    if (own.readyState !== EventSource.CLOSED) return; // the browser tries again by itself
+    refresh(); // asks for the token where the server wants one now
+    setTimeout(listen, 2000);
   };
 }
+
+document.addEventListener("visibilitychange", listen);
 
 // --- words and tables
 
 async function show() {
-  for (const [name, html] of Object.entries(now.state.parts)) {
-    if (shown[name] === html) continue;
-    const place = at(`part-${name}`);
-    const focus = place.contains(document.activeElement) ? mark(document.activeElement) : null;
-    const open = [...place.querySelectorAll("details")].map((d) => d.open);
-    place.innerHTML = html;
-    place.querySelectorAll("details").forEach((d, k) => (d.open = open[k] ?? d.open));
-    if (focus) place.querySelector(focus)?.focus();
-    shown[name] = html;
-  }
-  for (const field of document.querySelectorAll("[data-trouble]")) {
-    const own = now.state.trouble && now.state.trouble.place === field.dataset.trouble;
-    if (own) field.textContent = now.state.trouble.sentence;
-    else if (!now.state.trouble && now.state.job) field.textContent = "";
-  }
+  writeParts();
   showJob();
-  showTable();
   await showSignals();
   showFound();
   showPredicted();
@@ -79,33 +87,97 @@ async function show() {
   showRotor();
 }
 
+// Writes the parts that have changed; not between the press and the release of a click, which would be lost.
+function writeParts() {
+  if (pressed || !now.state) return;
+  for (const [name, html] of Object.entries(now.state.parts)) {
+    if (shown[name] === html) continue;
+    const place = at(`part-${name}`);
+    const active = document.activeElement;
+    const focus = place.contains(active) ? mark(active) : active === document.body ? waiting[name] : null;
+    const open = [...place.querySelectorAll("details")].map((d) => d.open);
+    const typed = [...place.querySelectorAll("[data-keep]")].map(({ id, value, dataset }) => [id, dataset.keep, value]);
+    const said = new Map([...place.querySelectorAll("[data-trouble]")].map((own) => [own.dataset.trouble, own]));
+    place.innerHTML = html;
+    place.querySelectorAll("details").forEach((d, k) => (d.open = open[k] ?? d.open));
+    for (const [id, keep, value] of typed) {
+      const field = at(id);
+      if (field?.dataset.keep !== keep) continue;
+      field.value = value;
+      if (field.selectedIndex < 0) field.selectedIndex = 0; // that choice is gone
+    }
+    for (const field of place.querySelectorAll("[data-trouble]")) {
+      const before = said.get(field.dataset.trouble);
+      if (before?.textContent) field.replaceWith(before);
+    }
+    const target = focus && place.querySelector(focus);
+    target?.focus({ preventScroll: true });
+    waiting[name] = target?.disabled ? focus : null;
+    shown[name] = html;
+  }
+  showTrouble();
+  showTable();
+}
+
+addEventListener("pointerdown", (event) => (pressed = event.button === 0 && Boolean(event.target.closest?.("button, a, summary"))), true);
+for (const name of ["pointerup", "pointercancel", "blur"]) {
+  const released = (event) => {
+    if (!pressed || (name === "blur" && event.target !== window)) return; // the window, not something in it
+    pressed = false;
+    setTimeout(writeParts); // after the click
+  };
+  addEventListener(name, released, true);
+}
+
+// What the server says of an error, beside its cause; said once to those who listen.
+function showTrouble() {
+  const { trouble, job } = now.state;
+  for (const field of document.querySelectorAll("[data-trouble]")) {
+    if (trouble?.place === field.dataset.trouble) {
+      if (field.textContent !== trouble.sentence) field.textContent = trouble.sentence;
+      field.dataset.said = "by the server";
+    } else if (field.dataset.said || (!trouble && job)) {
+      field.textContent = "";
+      delete field.dataset.said;
+    }
+  }
+}
+
 hear("shown", () => showPredicted());
 
 function mark(element) {
   const data = Object.entries(element.dataset).map(([key, value]) => `[data-${key}="${CSS.escape(value)}"]`);
-  return element.id ? `#${element.id}` : element.tagName.toLowerCase() + data.join("");
+  return element.id ? `#${CSS.escape(element.id)}` : element.tagName.toLowerCase() + data.join("");
 }
 
+// Changed in place, so that End keeps the focus and takes a click at any time.
 function showJob() {
   const place = at("job");
-  if (!now.state.job) {
+  const { job } = now.state;
+  if (!job) {
     place.replaceChildren();
     return;
   }
-  const turning = element("span", undefined, { className: "turning" });
-  const { title, line, part } = now.state.job;
-  const text = element("span", line ? `${title}: ${line}` : title);
-  const end = element("button", "End", { type: "button" });
-  end.dataset.do = "end";
-  const bar = part === null ? [] : [element("progress", undefined, { value: part, max: 1, ariaLabel: line })];
-  place.replaceChildren(turning, text, ...bar, end);
+  if (!place.childElementCount) {
+    const end = element("button", "End", { type: "button" });
+    end.dataset.do = "end";
+    const bar = element("progress", undefined, { max: 1 });
+    place.replaceChildren(element("span", undefined, { className: "turning" }), element("span"), bar, end);
+  }
+  const [, words, bar] = place.children;
+  const text = job.line ? `${job.title}: ${job.line}` : job.title;
+  if (words.textContent !== text) words.textContent = text;
+  bar.hidden = job.part === null;
+  bar.value = job.part ?? 0;
+  bar.ariaLabel = job.line || job.title;
 }
 
 document.addEventListener("click", async (event) => {
   const button = event.target.closest("button[data-do]");
   if (!button) return;
   const { do: name, ...content } = button.dataset;
-  const place = { open: "recordings", close: "recordings", undo: "model", demonstrate: "recordings", test: "test", drop_table: "table" }[name] ?? "missing";
+  const places = { undo: "model", demonstrate: "recordings", test: "test", drop_table: "table" };
+  const place = name === "open" || name === "close" ? `open ${content.key}` : (places[name] ?? "missing");
   try {
     tell(place, "");
     await send(name, content);
@@ -118,7 +190,7 @@ document.addEventListener("submit", async (event) => {
   const form = event.target.closest("form[data-do]");
   if (!form) return;
   event.preventDefault();
-  const place = { save: "save", map_table: "table" }[form.dataset.do] ?? "formula";
+  const place = { save: "save", map_table: "table", add: "missing" }[form.dataset.do] ?? "formula";
   try {
     tell(place, "");
     await send(form.dataset.do, Object.fromEntries(new FormData(form, event.submitter)));
@@ -129,6 +201,7 @@ document.addEventListener("submit", async (event) => {
 
 let typing = 0;
 at("formula").addEventListener("input", () => {
+  remember("formula", at("formula").value);
   clearTimeout(typing);
   typing = setTimeout(checkFormula, 250);
 });
@@ -159,4 +232,6 @@ dark.addEventListener("change", () => {
   showFall(true);
 });
 
+at("formula").value = remembered("formula") ?? "";
+checkFormula();
 listen();
