@@ -85,6 +85,9 @@ class Controller:
         self._bench = bench
         self.tune(gains or bench.gains)
         self._state = np.zeros(len(ControllerState))
+        # compiled code is loaded at its first call, which takes seconds: now rather than in a loop that is paced
+        self.update((0.0,) * len(Reading), (0.0,) * 6, 0.0)
+        self.reset()
 
     def tune(self, gains: Gains) -> None:
         """Go on with other gains from the next sample on; filters and integrals stay as they are."""

@@ -11,6 +11,8 @@ from gyrowheel_core.units import DEG, RPM
 HOLD_TIME = 1.0
 #: How fast it is then brought to rest: the tilt [rad/s], the spin rate [rad/s^2].
 REST_TILT_RATE, REST_SPIN_RATE = 2.0 * DEG, 100.0
+#: Below this the gyroscopic loop cannot hold the tilt: the coils are off on the way to rest [rad/s].
+LOWEST_SPIN = 100.0
 #: An error that has fallen to this share of what it was is still falling.
 _NEARER = 0.9
 

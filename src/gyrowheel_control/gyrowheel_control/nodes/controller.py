@@ -22,7 +22,7 @@ from rclpy.publisher import Publisher
 from rclpy.timer import Timer
 
 from gyrowheel_control.loops.controller import Controller, Gains
-from gyrowheel_control.loops.following import Rest
+from gyrowheel_control.loops.following import LOWEST_SPIN, Rest
 from gyrowheel_control.loops.limits import SetpointGuard, tilt_limit
 from gyrowheel_control.plans.plan import SETPOINT_PERIOD
 from gyrowheel_core import topics, wire
@@ -74,9 +74,6 @@ class ControllerNode(BenchNode):
         self._bench = bench = Bench.load(self.parameter("bench"))
         self._guard = SetpointGuard(bench, self._limit(self.parameter("tilt_limit")))
         self._controller = Controller(bench, self._gains())
-        # Compiled code is loaded at its first call, which takes seconds: now rather than in the loop.
-        self._controller.update((0.0,) * 11, (0.0,) * 6, 0.0)
-        self._controller.reset()
         self._setpoint: tuple[float, ...] = (0.0,) * 6  # in force
         self._since = self._until = -1  # the times between which it is [ns]
         self._coming: deque[tuple[int, tuple[float, ...]]] = deque()
@@ -282,6 +279,8 @@ class ControllerNode(BenchNode):
             return
         age = (stamp - self._since) * 1e-9
         voltages = self._controller.update(values, self._setpoint, age)
+        if self._rest is not None and abs(self._setpoint[4]) < LOWEST_SPIN:
+            voltages = (0.0, 0.0, voltages[2])
         self._motor = voltages[2]
         self._last = sequence
         self._answered += 1
