@@ -135,6 +135,20 @@ class Bystander:
             self.diagnoses[status.name] = status
 
 
+class Beat:
+    """Is due at most every `period` seconds: who publishes faster than it takes drowns in what comes back."""
+
+    def __init__(self, period: float) -> None:
+        self._period, self._due = period, 0.0
+
+    def __call__(self) -> bool:
+        now = time.monotonic()
+        if now < self._due:
+            return False
+        self._due = now + self._period
+        return True
+
+
 class NodeProcess:
     """One node in a process of its own."""
 

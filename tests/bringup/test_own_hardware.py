@@ -41,12 +41,14 @@ def read():
 
 def write(*voltages):
     global readings, commanded
+    if commanded and not any(voltages):
+        open("off", "w").close()
     commanded = commanded or any(voltages)
     readings = plant.step(*(voltages if commanded else (0.0, 0.0, drive)))
 
 
 def is_due():
-    return not commanded and time.monotonic() > since + 0.002
+    return time.monotonic() > since + (20.0 if commanded else 0.002)
 
 
 def arrange(text):
@@ -83,9 +85,12 @@ def test_a_machine_behind_the_node_of_the_page_is_recorded_and_diagnosed(text: s
             [*GYROWHEEL, "up", *options], capture_output=True, text=True, check=False, cwd=tmp_path
         )
         assert node.poll() is None
+        node.terminate()
+        assert node.wait(240.0) == 0
     finally:
         node.kill()
         node.wait()
+    assert (tmp_path / "off").exists()  # the last thing that it did with its card
     assert done.returncode == 0, done.stderr
     assert "none missing" in done.stdout
     run = gw.Recording.open(tmp_path / "run")

@@ -14,7 +14,7 @@ import pytest
 import gyrowheel as gw
 from gyrowheel_analysis.recording import Recording
 from gyrowheel_bringup.graph import Graph
-from gyrowheel_control.plans.plan import Plan
+from gyrowheel_control.plans.plan import HOLD, Plan
 
 from ..domains import next_domain
 from .helpers import SHORT_PLAN, write
@@ -49,8 +49,9 @@ def test_the_controller_of_the_page_holds_the_bench_through_a_plan(tmp_path: Pat
         )
     finally:
         mine.terminate()
-        mine.wait(240.0)
+        ended = mine.wait(240.0)
     assert done.returncode == 0, done.stderr
+    assert ended == 0
     assert "none missing" in done.stdout
     # it is the law of the bench, so the samples are those of the bench
     simulated = gw.simulate(Plan.load(SHORT_PLAN), folder=tmp_path / "simulated")
@@ -80,12 +81,20 @@ def test_the_controller_of_the_page_holds_the_bench_in_real_time(tmp_path: Path)
             graph.run()
     finally:
         mine.terminate()
-        mine.wait(240.0)
+        ended = mine.wait(240.0)
+    assert ended == 0
     run = Recording.open(tmp_path / "run")
-    asked, had = run.setpoint[-1], run.measurement[-1]
     # it was commanded all along, and went where the plan has it
     answered = run.command["measurement_sequence"]
     assert len(np.unique(answered)) > 0.8 * (answered[-1] - answered[0])
     assert answered[-1] - answered[0] > 0.8 * Plan.load(SHORT_PLAN).duration / 0.0005
-    assert abs(had["spin_rate"] - asked["spin_rate"]) < 5.0
-    assert np.hypot(had["tilt_x"] - asked["tilt_x"], had["tilt_y"] - asked["tilt_y"]) < np.radians(0.5)
+    # at the end of each hold, and at that of all
+    setpoint, samples = run.setpoint, run.measurement
+    row = np.searchsorted(setpoint["stamp_ns"], samples["stamp_ns"], side="right") - 1
+    held = (row >= 0) & (setpoint["phase"][row] == HOLD)
+    ends = np.flatnonzero(held & ~np.append(held[1:], False))
+    had, asked = samples[ends], setpoint[row[ends]]
+    assert len(ends) == len(Plan.load(SHORT_PLAN).segments)
+    assert np.abs(had["spin_rate"] - asked["spin_rate"]).max() < 5.0
+    off = np.hypot(had["tilt_x"] - asked["tilt_x"], had["tilt_y"] - asked["tilt_y"])
+    assert np.degrees(off).max() < 0.2

@@ -47,6 +47,7 @@ class Strangers:
     def __init__(self, node: Node, names: Collection[str], namespace: str = "") -> None:
         self._node, self._namespace = node, namespace
         self._own = {topic: name for topic, name in PUBLISHERS.items() if name in names}
+        self._mine = {topic.within(namespace): f"{namespace}/{name}" for topic, name in self._own.items()}
         self._found: dict[str, str] = {}  # publishers by topic
         self._due = 0.0
 
@@ -54,7 +55,11 @@ class Strangers:
         """Take over what the diagnosis of a node of the graph says."""
         for entry in filter(None, values.get(SURPLUS, "").split("; ")):
             topic, _, who = entry.partition(": ")
-            self._found[topic] = who
+            others = who.split(", ")
+            if (mine := self._mine.get(topic)) in others:
+                others.remove(mine)  # once: a second node of that name is another
+            if others:
+                self._found[topic] = ", ".join(others)
 
     def look(self) -> None:
         """Look for publishers by name; once a second, however often it is called."""

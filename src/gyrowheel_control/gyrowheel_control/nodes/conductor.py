@@ -15,7 +15,6 @@ is set in the controller before it starts.
 
 from __future__ import annotations
 
-import contextlib
 import math
 import time
 from collections.abc import Callable, Mapping
@@ -31,13 +30,12 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.client import Client
 from rclpy.parameter import Parameter as RosParameter
-from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
-from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from gyrowheel_control.loops.following import Tracking
 from gyrowheel_control.loops.limits import plan_tilt_limit, tilt_limit
+from gyrowheel_control.nodes.wheel_watch import WheelWatch
 from gyrowheel_control.plans.fitting import plan_for
 from gyrowheel_control.plans.plan import HOLD, RAMP, SETPOINT_PERIOD, Plan
 from gyrowheel_core import namespaces, topics, wire
@@ -68,8 +66,6 @@ COMMANDLESS_NS = 5_000_000_000
 WHOSE_TIME = 1.0
 #: A step of the clock beyond this is a jump [ns].
 JUMP_NS = 1_000_000_000
-#: How often it is looked whether the wheel follows [ns].
-LOOK_PERIOD_NS = 10_000_000
 #: Name of the guard.
 TRACKING_LOST = "tracking_lost"
 #: In the name of a node, until it has arrived.
@@ -182,8 +178,7 @@ class ConductorNode(BenchNode):
         self._held: NDArray[Any] | None = None  # one setpoint, published after the plan
         self._next = 0  # stamp of the next setpoint to publish [ns]
         self._moved = True  # whether the time has gone on since the last poll
-        self._tracking = self._new_tracking()
-        self._look_due = 0  # time from which on it is looked again whether the wheel follows [ns]
+        self._wheel = WheelWatch(self._tracking, self._asked)
         self._setpoints = self.publisher(topics.SETPOINT)
         self._newcomers = Newcomers(self, topics.SETPOINT)
         self._environment = self.publisher(topics.ENVIRONMENT)
@@ -239,7 +234,7 @@ class ConductorNode(BenchNode):
     def tune(self) -> None:
         """Take over the tilt limit, for the next plan, and what counts as not following."""
         self._tilt_limit = self._limit(self.parameter("tilt_limit"))
-        self._tracking = self._new_tracking()
+        self._wheel.begin()
 
     def diagnose(self) -> Diagnosis:
         """Return what is being walked."""
@@ -249,9 +244,9 @@ class ConductorNode(BenchNode):
             "time_from": "samples" if self._samples is not None else "clock",
             "tilt_limit_deg": f"{math.degrees(limit):g}",
         }
-        if self._tracking.lost:
+        if self._wheel.lost:
             values["guard"] = TRACKING_LOST
-            return Diagnosis(f"{TRACKING_LOST}: {self._tracking.lost}", values, DiagnosticStatus.ERROR)
+            return Diagnosis(f"{TRACKING_LOST}: {self._wheel.lost}", values, DiagnosticStatus.ERROR)
         if self._walk is None:
             return Diagnosis("holding" if self._held is not None else "waiting for a plan", values)
         values["plan"] = self._walk.plan.name
@@ -442,7 +437,7 @@ class ConductorNode(BenchNode):
         # The plant must have them before the command that the first setpoint brings about.
         self.deliver(self._environment)
         walk.start_ns = self._next = start
-        self._tracking = self._new_tracking()
+        self._wheel.begin()
         self._newcomers.begin()
         self._standing = 0.0
         self.get_logger().info(f"plan {walk.plan.name}: {walk.plan.duration:g} s from {start * 1e-9:g} s on")
@@ -490,28 +485,12 @@ class ConductorNode(BenchNode):
     def _on_sample(self, raw: bytes) -> None:
         """Take the time from a sample, and look at it if nothing else shows whether the wheel follows."""
         self._on_stamp(raw)
-        if self._now >= self._look_due:
-            with contextlib.suppress(ValueError):  # from a node that is not of this bench
-                stamp, _, tilt_x, tilt_y, _, spin_rate, *_ = wire.MEASUREMENT.unpack(raw)
-                self._look(stamp, tilt_x, tilt_y, spin_rate)
+        if self._wheel.is_due(self._now) and self._wheel.sample(raw):
+            self._lose()
 
     def _on_joints(self, raw: bytes) -> None:
-        try:
-            stamp = wire.stamp(raw)
-        except ValueError:
-            return
-        if stamp < self._look_due:
-            return
-        try:
-            message = deserialize_message(raw, JointState)
-        except Exception:  # of damaged bytes; rclpy passes on whatever its type support raises
-            return
-        place, speed = (
-            dict(zip(message.name, values, strict=False)) for values in (message.position, message.velocity)
-        )
-        tilt_x, tilt_y, spin = topics.JOINTS
-        if tilt_x in place and tilt_y in place and spin in speed:  # else they are of another machine
-            self._look(stamp, place[tilt_x], place[tilt_y], speed[spin])
+        if self._wheel.joints(raw):
+            self._lose()
 
     def _on_stamp(self, raw: bytes) -> None:
         try:
@@ -554,19 +533,12 @@ class ConductorNode(BenchNode):
             self._hold_here(walk)
             self._finish("aborted: controller_silent: no command has come since the plan began")
 
-    def _look(self, stamp: int, tilt_x: float, tilt_y: float, spin_rate: float) -> None:
-        """End the plan if the wheel does not follow it."""
-        self._look_due = stamp + LOOK_PERIOD_NS
-        asked = self._asked(stamp)
-        if asked is None:
-            self._tracking = self._new_tracking()
-        elif math.isfinite(tilt_x + tilt_y + spin_rate) and self._tracking.observe(
-            stamp, tilt_x, tilt_y, spin_rate, asked
-        ):
-            if self._walk is not None:
-                self._hold_here(self._walk)
-            self._finish(f"aborted: {TRACKING_LOST}: {self._tracking.lost}")
-            self.announce()
+    def _lose(self) -> None:
+        """End the plan because the wheel does not follow it."""
+        if self._walk is not None:
+            self._hold_here(self._walk)
+        self._finish(f"aborted: {TRACKING_LOST}: {self._wheel.lost}")
+        self.announce()
 
     def _asked(self, stamp: int) -> list[float] | None:
         """Return the setpoint that a reading of a time [ns] is to follow; None where there is none."""
@@ -578,7 +550,7 @@ class ConductorNode(BenchNode):
             return None
         return [float(rows[name][row]) for name in wire.SETPOINT.fields]
 
-    def _new_tracking(self) -> Tracking:
+    def _tracking(self) -> Tracking:
         return Tracking(*(self.parameter(f"tracking_{name}") for name in ("tilt", "spin", "time")))
 
     def _advance(self, now: int) -> None:
@@ -591,7 +563,8 @@ class ConductorNode(BenchNode):
                 self._next = now - now % SETPOINT_PERIOD_NS
             else:
                 self._held = None
-            self._now, self._standing, self._look_due = now, 0.0, 0
+            self._now, self._standing = now, 0.0
+            self._wheel.begin()
             if step < 0:
                 reason = "the simulated time went back, the plant was started again"
                 self._finish(f"aborted: clock_jump: {reason} ({then})")

@@ -57,6 +57,7 @@ from gyrowheel_core.node.process import (
     parameter_help,
     prepare_environment,
     run_node,
+    spin,
 )
 
 __all__ = [
@@ -79,4 +80,5 @@ __all__ = [
     "parameter_help",
     "prepare_environment",
     "run_node",
+    "spin",
 ]

@@ -15,7 +15,8 @@ from importlib import resources
 
 import rclpy
 from rclpy.context import Context
-from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
@@ -73,6 +74,31 @@ def make_executor(context: Context | None = None) -> Executor:
     except ImportError:  # rclpy before 7.1.4
         return SingleThreadedExecutor(context=context)
     return EventsExecutor(context=context)
+
+
+def spin(node: Node) -> None:
+    """Spin a node of your own with the fastest executor, until Ctrl-C, SIGTERM or the shutdown of its context.
+
+    For a node that does not derive from `BenchNode`; `run_node` is for those that do. ``rclpy.spin`` does not keep up
+    with the samples of the bench.
+
+    Parameters
+    ----------
+    node : Node
+        The node, in a context that was initialised with rclpy's own signal handlers.
+    """
+    executor = make_executor(node.context)
+    executor.add_node(node)
+    _keep_garbage()
+    with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
+        while node.context.ok():
+            executor.spin_once(timeout_sec=0.1)
+
+
+def _keep_garbage() -> None:
+    """Objects made so far are permanent; collecting among them again and again would cost a sample now and then."""
+    gc.collect()
+    gc.freeze()
 
 
 class StopSignals:
@@ -177,9 +203,7 @@ def _run(node_class: type[BenchNode], signals: StopSignals) -> BaseException | N
     try:
         if node.parameter("autostart") and not node.stopping:
             node.start()
-        # Objects made so far are permanent; collecting among them again and again would cost a sample now and then.
-        gc.collect()
-        gc.freeze()
+        _keep_garbage()
         while not node.stopping:
             executor.spin_once(timeout_sec=0.1)
         # an answer that has just been sent is lost with its sender
