@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from gyrowheel_bringup.graph.shared_memory import used_by
+from gyrowheel_core.node import TORN
 
 
 @dataclass
@@ -48,7 +49,7 @@ class Child:
     def ended_well(self) -> bool:
         """Whether the process ended well; until a node handles signals, SIGINT ends it."""
         code = self.process.returncode
-        return code == 0 or (self.expected and code == -signal.SIGINT)
+        return code == 0 or (self.expected and (code == -signal.SIGINT or code in TORN))
 
     @property
     def ending(self) -> str:

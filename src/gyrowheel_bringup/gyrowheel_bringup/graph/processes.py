@@ -15,7 +15,7 @@ from gyrowheel_bringup.graph.children import Child
 from gyrowheel_bringup.graph.nodes import EXECUTABLES, find_executable
 from gyrowheel_bringup.graph.results import GraphError
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.node import PARENT_VARIABLE, ExitCode
+from gyrowheel_core.node import PARENT_VARIABLE, TORN, ExitCode
 
 _STOP_TIMEOUT = 20.0  # time for a node to end by itself [s]
 _UNLOCKED = 2.0  # by then Fast DDS has replaced shared memory that a killed process had locked [s]
@@ -142,11 +142,12 @@ class Processes:
                 child.process.kill()
                 child.process.wait()
         self.show()
+        crashed = [child for child in self.children.values() if child.process.returncode in TORN]
         killed = [child for child in self.children.values() if (child.process.returncode or 0) < 0]
         self.children.clear()
         if killed:
             time.sleep(_UNLOCKED)
-        return {name for child in killed for name in child.memory}
+        return {name for child in (*killed, *crashed) for name in child.memory}
 
 
 def _failure(children: Collection[Child]) -> Exception:

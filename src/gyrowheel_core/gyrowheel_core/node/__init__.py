@@ -51,6 +51,7 @@ from gyrowheel_core.node.newcomers import Newcomers
 from gyrowheel_core.node.parameters import AUTOSTART, Param
 from gyrowheel_core.node.priority import PRIORITY, is_refused
 from gyrowheel_core.node.process import (
+    TORN,
     ExitCode,
     StopSignals,
     make_executor,
@@ -65,6 +66,7 @@ __all__ = [
     "PARENT_VARIABLE",
     "PRIORITY",
     "SURPLUS",
+    "TORN",
     "WAITS_FOR",
     "WARN",
     "BenchNode",

@@ -39,6 +39,7 @@ WARN: bytes = DiagnosticStatus.WARN
 
 _LAST_CALLBACKS = 50
 _LOOK = 0.1  # time between two looks at who publishes [s]
+_LET_GO = 0.05  # time for the executor and for messages on their way to let go of a subscription [s]
 
 
 def _unused(_: Any) -> None:
@@ -102,6 +103,7 @@ class BenchNode(LifecycleNode):
     def __init__(self) -> None:
         # Declared from the command line first: only so does the node see values of a wrong type or name.
         self._inboxes: list[Inbox] = []
+        self._leaving: list[tuple[float, Any]] = []  # subscriptions to be taken apart, and when
         #: Who publishes what this node reads.
         self.watch = PublisherWatch(self)
         self._surplus: dict[str, str] = {}  # as it was last said
@@ -184,9 +186,20 @@ class BenchNode(LifecycleNode):
         return result
 
     def destroy_subscription(self, subscription: Subscription) -> bool:
-        """Destroy a subscription."""
+        """Destroy a subscription, a moment after the executor has let go of it.
+
+        Fast DDS crashes where a message is passed on by a reader that is taken apart at the same time.
+        """
         self.watch.remove(subscription)
+        subscription.handle.__enter__()  # in use: it is not taken apart yet
+        self._leaving.append((time.monotonic() + _LET_GO, subscription.handle))
         return super().destroy_subscription(subscription)
+
+    def _part(self) -> None:
+        """Take apart the subscriptions that were destroyed a moment ago."""
+        now = time.monotonic()
+        while self._leaving and self._leaving[0][0] <= now:
+            self._leaving.pop(0)[1].__exit__(None, None, None)
 
     def destroy_node(self) -> None:
         """Destroy the node with all that it has."""
@@ -363,7 +376,7 @@ class BenchNode(LifecycleNode):
         """Publish the last diagnosis, or why the node failed, and bring the lifecycle to its end.
 
         Between the hooks `deactivate` and `cleanup` a few callbacks are served, so that a client of the
-        node gets the answers that `deactivate` has prepared.
+        node gets the answers that `deactivate` has prepared. Then the executor is shut down.
         """
         if self.failure is not None:
             text = str(self.failure) or type(self.failure).__name__
@@ -375,8 +388,12 @@ class BenchNode(LifecycleNode):
             self.trigger_deactivate()
             for _ in range(_LAST_CALLBACKS):
                 executor.spin_once(timeout_sec=0.0)
+        executor.shutdown()
+        time.sleep(_LET_GO)
         if self.state in ("unconfigured", "inactive", "active"):
             self.trigger_shutdown()
+        for _, handle in self._leaving:
+            handle.__exit__(None, None, None)
 
     def _say_last(self) -> None:
         """Publish the last diagnosis of an active node before it is deactivated; a failure was published already."""
@@ -449,6 +466,7 @@ class BenchNode(LifecycleNode):
     def _look_at_publishers(self) -> None:
         """Say at once that a topic has got a second publisher: it may be gone before the next diagnosis."""
         self.watch.look()
+        self._part()
         if (surplus := self.watch.surplus()) != self._surplus:
             self._surplus = surplus
             self.announce()
