@@ -39,7 +39,6 @@ LARGE: EffectValues = {
 AGAIN = (
     "aero_cross",
     "bearing_viscous",
-    "runout",
 )
 #: What these plans cannot show; most have tests of their own.
 NOT_SHOWN = ("gravity_offset", "earth_rate", "tilt_scale", "supply_sag")

@@ -87,6 +87,7 @@ def test_a_controller_takes_the_place_of_another_during_a_plan(
     assert abs(recording.measurement[-1]["spin_rate"] - recording.setpoint[-1]["spin_rate"]) < 5.0
 
 
+@pytest.mark.study  # with test_transitions.py; below are those that end a bench
 def test_every_transition_of_a_node_during_a_plan_ends_as_told(
     domain: int, bystander: Bystander, tmp_path: Path
 ) -> None:

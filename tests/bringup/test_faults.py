@@ -271,6 +271,7 @@ def test_a_runaway_tilt_trips_the_hard_stop(tmp_path: Path, watched: Watched):
     assert any(entry.get("guard") == "tilt_stop" for entry in diagnoses(tmp_path / "recording", "plant"))
 
 
+@pytest.mark.study  # test_nodes.py has the same for the conductor alone
 def test_a_wheel_that_does_not_follow_ends_the_plan(tmp_path: Path, watched: Watched):
     """With half of its voltage the motor does not reach the speed of the plan: no success is told."""
     plan = """\

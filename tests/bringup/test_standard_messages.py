@@ -187,6 +187,7 @@ def test_a_controller_of_standard_messages_holds_the_bench_through_a_plan(
     manager.close()
 
 
+@pytest.mark.study  # an exchange of controllers is in test_exchange.py
 @pytest.mark.graph
 def test_efforts_take_the_place_of_the_benchs_controller_and_give_it_back_during_a_plan(
     domain: int, bystander: Bystander, start_node: Callable[..., NodeProcess], tmp_path: Path

@@ -28,6 +28,7 @@ MACHINE = ["--bench", "dtg", "--machine", 12]
 FLOOR = 1.2e-6
 
 
+@pytest.mark.study  # test_your_bench.py walks the same way
 @pytest.mark.slow
 def test_a_hidden_effect_is_named_added_and_proven(gyrowheel: Shell, tmp_path: Path):
     for plan in ("dtg_quick", "dtg_check"):

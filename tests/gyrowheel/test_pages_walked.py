@@ -41,7 +41,8 @@ def words(shown: str) -> str:
     return re.sub(r"−?\d[\d.()]*", "#", shown)
 
 
-@pytest.mark.parametrize("name", ["tutorial", pytest.param("start", marks=pytest.mark.study)])
+@pytest.mark.study  # test_page_commands.py reads every command of every page
+@pytest.mark.parametrize("name", ["tutorial", "start"])
 def test_page_can_be_followed(
     name: str, gyrowheel: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
