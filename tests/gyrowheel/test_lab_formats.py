@@ -34,6 +34,19 @@ def with_dates(zone: str) -> Callable[[Table], None]:
     return write
 
 
+def lines_of_dates(form: str, *, comma: bool = False) -> Callable[[Table], None]:
+    """Return what writes the times of a table as other dates, for times of less than a minute."""
+
+    def write(table: Table) -> None:
+        stamps = [form.format(float(text)) for text in table.columns["Time [s]"]]
+        if comma:
+            stamps = [",".join(stamp.rsplit(".", 1)) for stamp in stamps]
+        table.columns = {"Time": stamps, **table.columns}
+        del table.columns["Time [s]"]
+
+    return write
+
+
 def lines(change: Callable[[Lines], Lines], delimiter: str = ";") -> Callable[[Table], None]:
     def write(table: Table) -> None:
         table.spoil, table.delimiter = change, delimiter
@@ -76,6 +89,8 @@ WRITTEN: dict[str, tuple[Callable[[Table], None], str]] = {
     "dates": (with_dates(""), ""),
     "dates in UTC": (with_dates("Z"), ""),
     "dates with a zone": (with_dates("+02:00"), ""),
+    "dates of Germany": (lines_of_dates("12.11.2026 10:00:{:09.6f}", comma=True), ""),
+    "dates of Japan": (lines_of_dates("2026/11/12 10:00:{:09.6f}"), ""),
     "a column of words": (with_state, ""),
     "a word in the first row": (odd_first_cell, ""),
     "signs and exponents": (signed, ""),
@@ -112,13 +127,13 @@ def test_a_table_is_read_however_it_is_written(tmp_path: Path, name: str) -> Non
 def test_dates_of_another_country_are_refused_with_what_is_allowed(tmp_path: Path) -> None:
     table = Table()
     table.columns["Time [s]"] = [
-        f"12.11.2026 10:00:{float(text):09.6f}" for text in table.columns["Time [s]"]
+        f"12/11/2026 10:00:{float(text):09.6f}" for text in table.columns["Time [s]"]
     ]
     file = table.write(tmp_path)
     given = gw.suggest_map(file).content
     given["time"] = {"column": "Time [s]", "unit": "timestamp"}
     with pytest.raises(
-        gw.InputError, match=r"dates such as '12\.11\.2026.*allowed: dates with times, as 2026-05-04T"
+        gw.InputError, match=r"dates such as '12/11/2026.*allowed: dates with times, as 2026-05-04T"
     ):
         gw.read_table(file, given)
 

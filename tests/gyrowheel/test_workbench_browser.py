@@ -103,6 +103,8 @@ def test_see_add_watch_undo_in_a_browser_by_keyboard(wheel: Wheel, tmp_path: Pat
         expect(second.locator("#tabs button")).to_have_count(2)  # two pages agree
         # signals: all of it, then every sample
         expect(first.locator("#span")).to_contain_text("no spike is lost")
+        first.keyboard.press("+")  # nothing: the keys are for the picture in focus
+        first.locator("#plots").focus()
         for _ in range(7):
             first.keyboard.press("+")
         expect(first.locator("#span")).to_contain_text("every one")

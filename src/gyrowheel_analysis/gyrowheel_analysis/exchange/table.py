@@ -31,7 +31,7 @@ from gyrowheel_analysis.tables import (
     read_grid,
     text_of,
 )
-from gyrowheel_analysis.tables.cells import numbers_of
+from gyrowheel_analysis.tables.cells import dates_of, numbers_of
 from gyrowheel_analysis.tables.readers.arrow import plain
 from gyrowheel_analysis.tables.text import GZIP, ZSTD, plain_rows, stands_as_it_is
 from gyrowheel_core.errors import InputError, one_line
@@ -592,14 +592,13 @@ class Table:
 
     def _dates(self, name: str, column: Any) -> Any:
         """Return texts as dates with times."""
-        for zone in (None, "UTC"):
-            with contextlib.suppress(pa.ArrowInvalid):
-                return column.cast(pa.timestamp("ns", zone))
+        if (dates := dates_of(column)) is not None:
+            return dates
         text = next((str(own) for own in column.to_pylist() if own), "")
         raise InputError(
             f"{self.path}: column '{name}': dates such as '{text[:40]}' cannot be read; allowed: dates with times, as "
-            "2026-05-04T10:00:00.0005, all with a zone behind them or none"
-        ) from None
+            "2026-05-04T10:00:00.0005 or 4.5.2026 10:00:00.0005, all with a zone behind them or none"
+        )
 
     def _check_columns(self, there: Sequence[str], needed: Sequence[str]) -> None:
         for name in needed:

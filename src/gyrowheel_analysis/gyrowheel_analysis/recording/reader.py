@@ -95,12 +95,12 @@ class Recording:
 
     path: Path
     topics: dict[str, int]
-    measurement: npt.NDArray[Any]
-    command: npt.NDArray[Any]
-    setpoint: npt.NDArray[Any]
-    drag_estimate: npt.NDArray[Any]
-    environment: list[Environment]
-    bench_text: str
+    measurement: npt.NDArray[Any] = field(repr=False)
+    command: npt.NDArray[Any] = field(repr=False)
+    setpoint: npt.NDArray[Any] = field(repr=False)
+    drag_estimate: npt.NDArray[Any] = field(repr=False)
+    environment: list[Environment] = field(repr=False)
+    bench_text: str = field(repr=False)
     _integrity: Integrity = field(repr=False)
     unchecked: int = 0
     namespace: str = ""

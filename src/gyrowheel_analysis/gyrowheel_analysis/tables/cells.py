@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
@@ -82,6 +83,34 @@ def numbers_of(values: Any, decimal: str) -> tuple[NDArray[np.float64], tuple[Od
     for text, rows_of_it in sorted(words.items(), key=lambda item: -len(item[1]))[:_MOST]:
         odd.append(Odd("text", text, len(rows_of_it), rows_of_it[0]))
     return result, tuple(odd)
+
+
+#: How dates that leave no doubt which number is the month become those of ISO 8601: day.month.year, and year/month/day.
+_TO_ISO: Final = (
+    (r"^(\d)\.", r"0\1."),
+    (r"^(\d\d)\.(\d)\.", r"\1.0\2."),
+    (r"^(\d\d)\.(\d\d)\.(\d{4})[ T,;]+", r"\3-\2-\1T"),
+    (r"^(\d{4})[/.](\d\d)[/.](\d\d)[ T,;]+", r"\1-\2-\3T"),
+    (r",(\d+)", r".\1"),
+)
+
+
+def dates_of(values: Any) -> Any:
+    """Return a column of texts as dates with times, or None if one of them is none.
+
+    Parameters
+    ----------
+    values : pyarrow.ChunkedArray
+        Texts; null where a cell is empty. Dates as in ISO 8601, all with a zone behind them or none, or as in
+        `_TO_ISO`. Of 05/04/2026 nobody knows the month: such are none.
+    """
+    for _ in range(2):
+        for zone in (None, "UTC"):
+            with contextlib.suppress(pa.ArrowException):
+                return values.cast(pa.timestamp("ns", zone))
+        for old, new in _TO_ISO:
+            values = pc.replace_substring_regex(values, old, new)
+    return None
 
 
 def _floats(texts: Any) -> NDArray[np.float64]:

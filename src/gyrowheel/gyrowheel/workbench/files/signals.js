@@ -275,9 +275,10 @@ function read(found) {
   at("readout").textContent = `sample ${found.sample} at ${found.time.toFixed(4)} s: ${texts.join("; ")}`;
 }
 
-document.addEventListener("keydown", (event) => {
-  if (!range || !own || event.target.closest("input, textarea, select, pre, .scroll, [role=grid]")) return;
-  if (event.ctrlKey || event.metaKey || event.altKey) return;
+// Keys without Ctrl or Alt are for the picture in focus alone: elsewhere who speaks to the computer would press them.
+at("plots").addEventListener("pointerdown", () => at("plots").focus({ preventScroll: true }));
+at("plots").addEventListener("keydown", (event) => {
+  if (!range || !own || event.ctrlKey || event.metaKey || event.altKey) return;
   const length = range.end - range.start;
   const middle = 0.5 * (range.end + range.start);
   const moves = {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import io
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pc
 
-from gyrowheel_analysis.tables.cells import numbers_of
+from gyrowheel_analysis.tables.cells import dates_of, numbers_of
 from gyrowheel_analysis.tables.grid import Column, Grid
 from gyrowheel_analysis.tables.readers.arrow import as_numbers
 from gyrowheel_analysis.tables.text import EMPTY, TextForm, form_of, plain_rows, text_of
@@ -107,10 +106,8 @@ def _column(name: str, values: Any, unit: str, decimal: str) -> Column:
     numbers, odd = numbers_of(values, decimal)
     clock = sum(own.count for own in odd if own.kind == "clock")
     known = len(values) - values.null_count
-    if clock == known > 0:
-        for kind in (pa.timestamp("ns"), pa.timestamp("ns", "UTC")):  # without and with a zone
-            with contextlib.suppress(pa.ArrowException):
-                return Column(name, as_numbers(values.cast(kind)), unit)
+    if clock == known > 0 and (dates := dates_of(values)) is not None:
+        return Column(name, as_numbers(dates), unit)
     if 2 * (int(np.isfinite(numbers).sum()) + clock) > known:
         return Column(name, numbers, unit, odd=odd)
     return Column(name, as_numbers(values), unit)
