@@ -35,11 +35,8 @@ LARGE: EffectValues = {
     "coil_inductance": {"t_L": 4.0e-4},
     "windage_tilt": {"w": -0.0005, "n": 1.48},
 }
-#: Of each kind one, which is looked for again once it is in the model; the others are a study.
-AGAIN = (
-    "aero_cross",
-    "bearing_viscous",
-)
+#: Looked for again once it is in the model; the others are a study.
+AGAIN = ("aero_cross",)
 #: What these plans cannot show; most have tests of their own.
 NOT_SHOWN = ("gravity_offset", "earth_rate", "tilt_scale", "supply_sag")
 HIDDEN: dict[str, EffectValues] = {

@@ -323,6 +323,7 @@ def test_a_jump_of_the_clock_ends_the_plan(tmp_path: Path, watched: Watched):
     assert info(directory).integrity.missing == 0
 
 
+@pytest.mark.study  # test_transitions.py has one that comes back
 def test_an_estimator_that_starts_late_joins(
     domain: int,
     bystander: Bystander,

@@ -153,6 +153,7 @@ def start_graph(tmp_path: Path) -> Iterator[StartGraph]:
         starter.wait()
 
 
+@pytest.mark.study  # test_faults.py has it with a recording
 def test_ctrl_c_twice_leaves_nothing_behind(tmp_path: Path, start_graph: StartGraph):
     code = f"""if True:
         with Graph({LONG_PLAN!r}, domain_id={next_domain()}, without=["drag_estimator", "recorder"]) as graph:

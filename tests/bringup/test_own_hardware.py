@@ -48,7 +48,7 @@ def write(*voltages):
 
 
 def is_due():
-    return time.monotonic() > since + (20.0 if commanded else 0.002)
+    return time.monotonic() > since + (3.0 if commanded else 0.002)
 
 
 def arrange(text):

@@ -154,6 +154,7 @@ def test_everything_comes_back_bit_by_bit_at_every_pace(
     assert 0 <= (len(recorded[topics.MEASUREMENT.name]) - 1) * 500_000 - clock[-1] < 10_000_000
 
 
+@pytest.mark.study  # test_drag_estimator.py has the same without nodes
 def test_the_drag_estimator_says_the_same_as_when_the_test_ran(
     replay: Replay,
     bystander: Bystander,

@@ -415,6 +415,7 @@ def test_processes_change_nothing(alone: tuple[Path, list[Judged]]):
         assert timeless(list(results)) == timeless(alone[1])
 
 
+@pytest.mark.study  # starts a cluster of Dask
 @pytest.mark.slow
 def test_a_cluster_changes_nothing(alone: tuple[Path, list[Judged]]):
     distributed = pytest.importorskip("dask.distributed")

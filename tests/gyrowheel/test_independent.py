@@ -169,6 +169,7 @@ def test_nothing_hidden_and_nothing_found() -> None:
     assert case.outcome == "right"
 
 
+@pytest.mark.study  # a minute of steps of the other simulation
 @pytest.mark.slow
 def test_one_effect_is_found() -> None:
     case = solve(70, 4, "short", "single")

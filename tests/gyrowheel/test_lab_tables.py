@@ -201,6 +201,7 @@ def other_rig(folder: Path, period: float, **hidden: Any) -> gw.Recording:
     return recording
 
 
+@pytest.mark.study  # 1 kHz and 2 kHz are above
 def test_a_rig_of_5_khz(tmp_path: Path) -> None:
     """The loop of another rig runs at 5 kHz, and the one who reads its table has the usual bench."""
     found(other_rig(tmp_path, 2.0e-4, **{HIDDEN: {}}))

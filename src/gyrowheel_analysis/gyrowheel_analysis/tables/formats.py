@@ -89,6 +89,8 @@ READABLE: Final = (
 _OTHERS: Final = (
     (b"PK\x03\x04", "a zip archive or a spreadsheet; save its sheet as CSV"),
     (b"\xd0\xcf\x11\xe0", "a spreadsheet; save its sheet as CSV"),
+    (b"ARROW1", "a Feather file; save it as Parquet"),
+    (b"FEA1", "a Feather file; save it as Parquet"),
     (b"%PDF", "a PDF"),
     (b"\x89PNG", "a picture"),
 )
