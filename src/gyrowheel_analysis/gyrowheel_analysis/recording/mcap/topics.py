@@ -128,9 +128,9 @@ def joined(pieces: list[Rows]) -> Rows | None:
     block = pieces[0].base
     if not isinstance(block, np.ndarray) or any(piece.base is not block for piece in pieces):
         return None
-    places = [piece.__array_interface__["data"][0] for piece in pieces]
+    places = [piece.ctypes.data for piece in pieces]
     if any(b - a != piece.nbytes for a, b, piece in zip(places, places[1:], pieces, strict=False)):
         return None
-    first = (places[0] - block.__array_interface__["data"][0]) // block.itemsize
+    first = (places[0] - block.ctypes.data) // block.itemsize
     result: Rows = block[first : first + sum(map(len, pieces))]
     return result
