@@ -24,7 +24,8 @@ DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
 @pytest.mark.graph
-def test_the_controller_of_the_page_holds_the_bench_through_a_plan(tmp_path: Path) -> None:
+@pytest.mark.parametrize("plan", ["short", pytest.param("check", marks=pytest.mark.study)])
+def test_the_controller_of_the_page_holds_the_bench_through_a_plan(plan: str, tmp_path: Path) -> None:
     (code,) = re.findall(r"```python\n(.*?)```", (DOCS / "your_controller.md").read_text(), re.DOTALL)
     assert len(code.splitlines()) <= 40
     (tmp_path / "mine.py").write_text(code)
@@ -33,10 +34,10 @@ def test_the_controller_of_the_page_holds_the_bench_through_a_plan(tmp_path: Pat
         [sys.executable, tmp_path / "mine.py"], env=os.environ | {"ROS_DOMAIN_ID": domain}
     )
     try:
-        plan = write(tmp_path / "plan.yaml", SHORT_PLAN)
+        file = write(tmp_path / "plan.yaml", SHORT_PLAN)
         options = [
             "--plan",
-            plan,
+            file if plan == "short" else plan,
             "--record",
             tmp_path / "run",
             "--without",
@@ -54,7 +55,8 @@ def test_the_controller_of_the_page_holds_the_bench_through_a_plan(tmp_path: Pat
     assert ended == 0
     assert "none missing" in done.stdout
     # it is the law of the bench, so the samples are those of the bench
-    simulated = gw.simulate(Plan.load(SHORT_PLAN), folder=tmp_path / "simulated")
+    walked = SHORT_PLAN if plan == "short" else plan
+    simulated = gw.simulate(Plan.load(walked), folder=tmp_path / "simulated")
     recorded = gw.Recording(tmp_path / "run").measurement  # the graph ends with the next tick of its clock
     assert np.array_equal(recorded[: len(simulated.measurement)], simulated.measurement)
 
