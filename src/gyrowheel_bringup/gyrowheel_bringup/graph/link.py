@@ -33,6 +33,7 @@ _WIND_DOWN = 60.0  # time to stop the motor [s]
 _AT_REST = 30.0  # spin rate of a wheel that the controller has brought to rest [rpm]
 _ACTIVATE = 10.0  # time for a node to say that it is active [s]
 _NOTICED = 2.0 * TAKE_PERIOD  # after a plan, the recorder has seen by then how it ended [s]
+_ASK_AGAIN = 5.0  # time to answer a request before it is made again [s]
 _LAST = 0.1  # time to take what has arrived [s]
 
 
@@ -250,16 +251,22 @@ class Link:
             self._call("recorder", self._stop_recording, StopRecording.Request(), timeout=_FINISH_TIMEOUT)
 
     def _call(self, name: str, client: Any, request: Any, *, timeout: float) -> Any:
-        """Call a service of a node; return None if the node has ended or does not answer in time."""
+        """Call a service of a node; return None if the node has ended or does not answer in time.
+
+        Asked again now and then: a neighbour that is killed may take a request or an answer with it.
+        """
         if name not in self._processes.children or not client.service_is_ready():
             return None
-        future = client.call_async(request)
-        end = time.monotonic() + timeout
-        while not future.done():
+        futures = [client.call_async(request)]
+        again, end = time.monotonic() + _ASK_AGAIN, time.monotonic() + timeout
+        while not any(future.done() for future in futures):
             self._executor.spin_once(timeout_sec=0.05)
             if not self._processes.runs(name) or time.monotonic() > end:
                 return None
-        return future.result()
+            if time.monotonic() > again:
+                futures.append(client.call_async(request))
+                again = time.monotonic() + _ASK_AGAIN
+        return next(future.result() for future in futures if future.done())
 
     # ---- hearing
 
