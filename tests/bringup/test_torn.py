@@ -1,0 +1,62 @@
+"""The end of a node whose middleware crashes as it is taken apart."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from gyrowheel_bringup.graph.children import Child
+from gyrowheel_core.node import TORN
+
+from ..domains import next_domain
+
+NODE = """
+import os, signal, sys
+from gyrowheel_core.node import BenchNode, Diagnosis, run_node
+
+class Fragile(BenchNode):
+    NODE_NAME = "fragile"
+
+    def activate(self):
+        print("active", flush=True)
+
+    def cleanup(self):
+        print("work done", flush=True)
+        if "early" in sys.argv:
+            os.kill(os.getpid(), signal.SIGSEGV)
+
+    def destroy_node(self):
+        os.kill(os.getpid(), signal.SIGSEGV)
+
+raise SystemExit(run_node(Fragile, []))
+"""
+
+
+@pytest.mark.graph
+@pytest.mark.parametrize("when", ["early", "late"])
+def test_a_crash_counts_before_the_work_is_done_and_not_after(when: str, tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-c", NODE, when],
+        env=os.environ | {"ROS_DOMAIN_ID": str(next_domain())},
+        stdout=subprocess.PIPE,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == b"active\n"
+    process.send_signal(signal.SIGINT)
+    said = process.stdout.read()
+    code = process.wait(240.0)
+    child = Child("fragile", process, tmp_path / "log", expected=True)
+    assert said == b"work done\n"
+    if when == "early":
+        assert code == -signal.SIGSEGV
+        assert not child.ended_well
+    else:
+        assert code in TORN
+        assert child.ended_well
+        child.expected = False
+        assert not child.ended_well
