@@ -97,7 +97,7 @@ def test_table_of_one_repeated_value(tmp_path: Path, monkeypatch: pytest.MonkeyP
     (tmp_path / "map.yaml").write_text(_MAP)
     monkeypatch.setenv(limits.VARIABLE, "0.005")
     with pytest.raises(InputError, match="its table of 200000 rows needs"):
-        Table(tmp_path / "table.parquet", ColumnMap.load(tmp_path / "map.yaml"))._read()
+        Table(tmp_path / "table.parquet", ColumnMap.load(tmp_path / "map.yaml"))
 
 
 @pytest.mark.parametrize(
@@ -116,7 +116,7 @@ def test_table_that_is_no_text(
     (tmp_path / "table.csv").write_bytes(content)
     (tmp_path / "map.yaml").write_text(_MAP)
     with pytest.raises(InputError) as refused:
-        Table(tmp_path / "table.csv", ColumnMap.load(tmp_path / "map.yaml"))._read()
+        Table(tmp_path / "table.csv", ColumnMap.load(tmp_path / "map.yaml"))
     assert said in str(refused.value)
     assert str(refused.value).isprintable()
     assert capfd.readouterr() == ("", "")
@@ -130,7 +130,7 @@ def test_pipes_are_not_waited_for(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="neither a directory nor a file"):
         Recording.open(tmp_path / "run.mcap")
     with pytest.raises(InputError, match="is not a file"):
-        Table(tmp_path / "table.csv", ColumnMap.load(tmp_path / "map.yaml"))._read()
+        Table(tmp_path / "table.csv", ColumnMap.load(tmp_path / "map.yaml"))
 
 
 # ---- MATLAB

@@ -2,48 +2,34 @@
 
 from __future__ import annotations
 
-import codecs
-import contextlib
-import io
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Final, NoReturn
+from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.csv as pc
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.exchange.clock import Clock, ClockError, clock_of, period_of
 from gyrowheel_analysis.exchange.column_map import ColumnMap
 from gyrowheel_analysis.exchange.fields import READINGS, Reading
-from gyrowheel_analysis.exchange.map_file import COUNT, TIMESTAMP, CsvSettings, Source, is_time
+from gyrowheel_analysis.exchange.map_file import COUNT, TIMESTAMP, Source, is_time
 from gyrowheel_analysis.exchange.pulses import Edges, edges_of_count, edges_of_level, edges_of_times
+from gyrowheel_analysis.exchange.table_file import TableFile
 from gyrowheel_analysis.tables import (
-    EMPTY,
     Column,
     Grid,
-    TextForm,
-    form_of_file,
     format_of,
     read_grid,
-    text_of,
 )
-from gyrowheel_analysis.tables.cells import dates_of, numbers_of
 from gyrowheel_analysis.tables.readers.arrow import plain
-from gyrowheel_analysis.tables.text import GZIP, ZSTD, plain_rows, stands_as_it_is
-from gyrowheel_core.errors import InputError, one_line
-from gyrowheel_core.limits import require_room
+from gyrowheel_core.errors import InputError
 from gyrowheel_core.units import conversion, unit_registry
 
 Array = NDArray[np.float64]
 
 SUFFIXES: Final = (".csv", ".parquet")
-_TEXT_TO_MEMORY: Final = 2.0  # a short number takes more bytes in memory than in a text
-_BYTES_A_VALUE: Final = 16  # as it is read, and as it is converted
-_HEAD: Final = 1 << 16  # bytes by which a text is known
 _BRIDGED: Final = 4.5  # periods of a clock; over a longer gap only what changes slowly is interpolated
 
 
@@ -73,12 +59,11 @@ class Table:
             str, tuple[Array, Array]
         ] = {}  # times and values of those with a clock of their own
         form = format_of(path) if grid is None else None
-        self._csv = form is not None and form.name == "text"
-        self._settings = self._text_settings() if self._csv else CsvSettings()
+        self._file = TableFile(path, column_map, is_text=form is not None and form.name == "text")
         clocks = {s.column: s.clock for s in column_map.sources if s.column}
         if form is None or form.name not in ("text", "parquet"):
             content = grid if grid is not None else read_grid(path, self._map.names)
-            self._check_columns(list(content.columns), self._map.names)
+            self._file.check_columns(list(content.columns), self._map.names)
             self._columns = {name: _as_arrow(content.columns[name]) for name in self._map.names}
             clocks = {name: own or content.columns[name].clock for name, own in clocks.items()}
             for name in dict.fromkeys(clocks.values()):
@@ -86,7 +71,8 @@ class Table:
                     self._columns[name] = _as_arrow(content.columns[name])
             self.remarks += content.remarks
         else:
-            table = self._read()
+            table = self._file.read()
+            self.remarks += self._file.remarks
             self._columns = {name: plain(table.column(name)) for name in table.column_names}
         if not column_map.time.column:
             raise InputError(f"{column_map.origin}: time: must be a column")
@@ -95,33 +81,9 @@ class Table:
             raise InputError(f"{path}: {rows} rows; allowed: 2 or more")
         self._put_on_one_clock(clocks)
 
-    def _text_settings(self) -> CsvSettings:
-        """Return how a text is written: as the map says, or as it seems."""
-        if self._map.csv is not None:
-            return self._map.csv
-        try:
-            form = form_of_file(self.path)
-        except InputError:  # what is wrong with it is told where it is read
-            return CsvSettings()
-        except OSError as error:
-            raise InputError(f"{self.path}: cannot be read: {error.strerror or one_line(error)}") from None
-        if not form.named:
-            raise InputError(f"{self.path}: has no line of names; allowed: a table whose columns have names")
-        return CsvSettings(
-            delimiter=form.delimiter,
-            decimal=form.decimal,
-            skip_lines=form.skip_lines,
-            unit_lines=form.unit_lines,
-            comment=form.comment,
-            encoding=form.encoding,
-        )
-
     def place(self, row: int) -> str:
         """Return the name of a row for messages."""
-        row += self._first
-        s = self._settings
-        # the header is line 1 where nothing is skipped
-        return f"line {row + 2 + s.skip_lines + s.unit_lines}" if self._csv else f"row {row + 1}"
+        return self._file.place(row + self._first)
 
     def filled(self, sources: Mapping[str, Source]) -> NDArray[np.int64]:
         """Return the rows in which the columns of a group have values: in each row all of them or none."""
@@ -414,201 +376,6 @@ class Table:
                 f"{where(k)}: {value}; allowed: {field.low:g} .. {field.high:g} {field.unit}".rstrip()
                 + " (are unit and scale right?)" * bool(field.unit)
             )
-
-    def _read(self) -> Any:
-        names = self._map.names
-        try:
-            return self._read_csv(names) if self._csv else self._read_parquet(names)
-        except FileNotFoundError:
-            raise InputError(f"{self.path}: no such file") from None
-        except OSError as error:
-            # arrow raises OSError for faults inside a file, too
-            raise InputError(f"{self.path}: cannot be read: {error.strerror or one_line(error)}") from None
-        except (pa.ArrowException, UnicodeDecodeError) as error:
-            raise InputError(f"{self.path}: cannot be read: {one_line(error)}") from None
-
-    def _read_parquet(self, names: Sequence[str]) -> Any:
-        with self.path.open("rb") as opened, pq.ParquetFile(opened) as file:
-            self._check_columns(file.schema_arrow.names, names)
-            # what the file claims of its size may be small: a column of one repeated value has hardly any bytes
-            rows = file.metadata.num_rows
-            require_room(_BYTES_A_VALUE * rows * len(names), f"{self.path}: its table of {rows} rows")
-            return file.read(columns=list(names))
-
-    def _check_text(self) -> str:
-        """Return the beginning of the file; refuse one that is no text: the parser would quote what it cannot read."""
-        encoding = self._settings.encoding
-        head = text_of(self.path, most=_HEAD)
-        try:
-            # a character may be cut in two at the end
-            text = codecs.getincrementaldecoder(encoding)().decode(head)
-        except UnicodeDecodeError as error:
-            raise InputError(
-                f"{self.path}: byte {error.start + 1} is no text in {encoding}; {self._map.origin}: csv.encoding names "
-                "another encoding"
-            ) from None
-        except LookupError:
-            return ""  # is told where the file is read
-        if "\0" in text:
-            raise InputError(f"{self.path}: is no text: it has a zero byte near its beginning")
-        return text
-
-    def _read_csv(self, names: Sequence[str]) -> Any:
-        settings = self._settings
-        beginning = self._check_text()
-        with self.path.open("rb") as file:
-            packed = file.read(4).startswith((GZIP, ZSTD))
-        plain = not (packed or settings.unit_lines or settings.comment or settings.delimiter == " ")
-        plain = plain and stands_as_it_is(beginning, self._form())
-        data = b"" if plain else text_of(self.path)
-        require_room(_TEXT_TO_MEMORY * (self.path.stat().st_size if plain else len(data)), f"{self.path}: it")
-        encoding, skipped = (settings.encoding, settings.skip_lines) if plain else ("utf-8", 0)
-        if not plain:
-            try:
-                data = plain_rows(data, self._form())
-            except LookupError:
-                self._unknown_encoding()
-        self._opened = (lambda: self.path.open("rb")) if plain else (lambda: io.BytesIO(data))
-        read = pc.ReadOptions(skip_rows=skipped, encoding=encoding)
-        parse = pc.ParseOptions(delimiter=settings.delimiter)
-        try:
-            # opened here and below: arrow refuses names of files that are not text
-            with (
-                self._opened() as opened,
-                pc.open_csv(opened, read_options=read, parse_options=parse) as stream,
-            ):
-                self._check_columns(stream.schema.names, names)
-        except pa.ArrowInvalid:
-            self._name_the_row(read)
-            raise
-        except LookupError:
-            self._unknown_encoding()
-        dates = self._map.time.column if self._map.time.unit == TIMESTAMP else ""
-
-        def options(kind: Any, zone: str | None) -> Any:
-            types = dict.fromkeys(names, kind)
-            if dates and kind != pa.string():
-                types[dates] = pa.timestamp("ns", zone)
-            return pc.ConvertOptions(
-                include_columns=list(names),
-                column_types=types,
-                decimal_point=settings.decimal,
-                null_values=[*EMPTY, *settings.missing],
-                strings_can_be_null=True,
-            )
-
-        def table(kind: Any, zone: str | None = None) -> Any:
-            with self._opened() as opened:
-                return pc.read_csv(
-                    opened, read_options=read, parse_options=parse, convert_options=options(kind, zone)
-                )
-
-        try:
-            return table(pa.float64())
-        except pa.ArrowInvalid:
-            if dates:
-                with contextlib.suppress(pa.ArrowInvalid):
-                    return table(pa.float64(), "UTC")  # dates with a zone
-            self._name_the_row(read)
-            if plain and self._without_repeated_names():
-                read = pc.ReadOptions()
-                with contextlib.suppress(pa.ArrowInvalid):
-                    return table(pa.float64())
-            return self._by_cells(table(pa.string()), dates)
-
-    def _form(self) -> TextForm:
-        return TextForm(**self._settings.model_dump(exclude={"missing"}))
-
-    def _without_repeated_names(self) -> bool:
-        """Read the text without lines that repeat the names; return whether there are any."""
-        data, form = text_of(self.path), self._form()
-        lines = data.decode(form.encoding).splitlines()
-        repeated = lines.count(lines[form.skip_lines]) - 1
-        if repeated:
-            body = plain_rows(data, form)
-            self._opened = lambda: io.BytesIO(body)
-            self.remarks.append(f"{repeated} lines that repeat the names are left out")
-        return bool(repeated)
-
-    def _unknown_encoding(self) -> NoReturn:
-        raise InputError(
-            f"{self._map.origin}: csv.encoding: '{self._settings.encoding}' is not known; allowed: such as utf-8"
-        ) from None
-
-    def _name_the_row(self, read: Any) -> None:
-        """Raise for the first row that has too few columns or too many."""
-        wrong: list[Any] = []
-
-        def note(row: Any) -> str:
-            wrong.append(row)
-            return "skip"
-
-        # rows are counted by one thread alone
-        one = pc.ReadOptions(skip_rows=read.skip_rows, encoding=read.encoding, use_threads=False)
-        parse = pc.ParseOptions(delimiter=self._settings.delimiter, invalid_row_handler=note)
-        with contextlib.suppress(pa.ArrowInvalid), self._opened() as opened:
-            pc.read_csv(opened, read_options=one, parse_options=parse)
-        if wrong and wrong[0].number is not None:
-            row = wrong[0]
-            raise InputError(
-                f"{self.path}: line {row.number}: {row.actual_columns} columns; "
-                f"allowed: {row.expected_columns}, as in the line of names"
-            )
-
-    def _by_cells(self, table: Any, dates: str) -> Any:
-        """Return a table of texts as one of numbers, cell by cell: arrow knows neither a sign + nor an exponent D.
-
-        Parameters
-        ----------
-        table : pyarrow.Table
-            The texts.
-        dates : str
-            Name of the column of dates with times; empty if there is none.
-
-        Raises
-        ------
-        InputError
-            For texts that are no numbers: the first one of each column.
-        """
-        found: list[str] = []
-        columns: dict[str, Any] = {}
-        for name in table.column_names:
-            column = table.column(name)
-            if name == dates:
-                columns[name] = self._dates(name, column)
-                continue
-            numbers, odd = numbers_of(column, self._settings.decimal)
-            if odd:
-                first = min(odd, key=lambda own: own.row)
-                found.append(f"column '{name}', {self.place(first.row)}: '{first.text}' is not allowed")
-            nothing = np.asarray(column.is_null().to_numpy(zero_copy_only=False))
-            columns[name] = pa.array(numbers, mask=nothing)
-        if found:
-            raise InputError(
-                f"{self.path}: {'; '.join(found)}; allowed: a number, or a word that `csv: {{missing: [...]}}` in the "
-                "map takes for none"
-            ) from None
-        return pa.table(columns)
-
-    def _dates(self, name: str, column: Any) -> Any:
-        """Return texts as dates with times."""
-        if (dates := dates_of(column)) is not None:
-            return dates
-        text = next((str(own) for own in column.to_pylist() if own), "")
-        raise InputError(
-            f"{self.path}: column '{name}': dates such as '{text[:40]}' cannot be read; allowed: dates with times, as "
-            "2026-05-04T10:00:00.0005 or 4.5.2026 10:00:00.0005, all with a zone behind them or none"
-        )
-
-    def _check_columns(self, there: Sequence[str], needed: Sequence[str]) -> None:
-        for name in needed:
-            count = list(there).count(name)
-            if count == 0:
-                raise InputError(
-                    f"{self.path}: no column '{name}', which {self._map.origin} names; there are: {', '.join(there)}"
-                )
-            if count > 1:
-                raise InputError(f"{self.path}: {count} columns are called '{name}'; allowed: one")
 
 
 def to_si(values: Array, unit: str, field: Reading) -> Array:
