@@ -25,8 +25,6 @@ GROWTH = 5.0
 _SEGMENTS_S = 10.8  # of one repetition of it
 _SETTLED_S = 60.0  # after which the memory of a node counts
 _DOMAIN = 62
-#: Measured with an earlier version, on a machine of two cores without other work.
-_BEFORE = "8.9 % of the commands late, 5 % of the samples more than a period late, 16 ms the longest delay"
 
 
 def measure(progress: Callable[[float], None]) -> list[Report]:
@@ -102,7 +100,6 @@ def run(directory: Path, minutes: float, progress: Callable[[float], None]) -> R
             "samples. Late is a command that came after the next sample; the guard's watch-dog is set to "
             f"{WATCHDOG_S:g} s. Processor: share of one core. Memory: the slope of what is resident, after the first "
             f"{_SETTLED_S:g} s.",
-            f"Before the loop was compiled and its nodes had cores and priorities of their own: {_BEFORE}.",
         ],
     )
 

@@ -98,6 +98,12 @@ def test_nothing_is_made_beside_a_database(tmp_path: Path) -> None:
     assert sorted(path.iterdir()) == before
 
 
+def compressed(path: Path) -> Path:
+    """Write a database that is compressed as a whole; return its folder."""
+    rows = list(enumerate(measurements()))
+    return foreign(path, rows, plugin=StoragePlugin.SQLITE3, compression=CompressionMode.FILE)
+
+
 def test_what_is_in_the_log_of_a_database_that_was_not_closed_is_read(tmp_path: Path) -> None:
     path = foreign(tmp_path / "bag", list(enumerate(measurements(40))), plugin=StoragePlugin.SQLITE3)
     file = next(path.glob("*.db3"))
@@ -114,12 +120,7 @@ def test_what_is_in_the_log_of_a_database_that_was_not_closed_is_read(tmp_path: 
 
 
 def test_a_database_with_a_log_that_is_compressed(tmp_path: Path) -> None:
-    path = foreign(
-        tmp_path / "bag",
-        list(enumerate(measurements())),
-        plugin=StoragePlugin.SQLITE3,
-        compression=CompressionMode.FILE,
-    )
+    path = compressed(tmp_path / "bag")
     (file,) = path.glob("*.zstd")
     content = bytearray(zstandard.decompress(file.read_bytes(), max_output_size=1 << 24))
     content[18:20] = b"\2\2"
@@ -142,12 +143,7 @@ def test_messages_that_unpack_without_end(
 
 def test_a_database_that_unpacks_without_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """It is refused after a part of it, and nothing is written to the disk."""
-    path = foreign(
-        tmp_path / "bag",
-        list(enumerate(measurements())),
-        plugin=StoragePlugin.SQLITE3,
-        compression=CompressionMode.FILE,
-    )
+    path = compressed(tmp_path / "bag")
     (file,) = path.glob("*.zstd")
     file.write_bytes(zstandard.compress(bytes(20_000_000)))
     monkeypatch.setattr("tempfile.tempdir", "/proc/no/such/place")

@@ -107,11 +107,18 @@ class Bystander:
     def publisher(self, topic: topics.Topic) -> Any:
         return self.node.create_publisher(topic.message_class, topic.name, topic.qos)
 
-    def spin_until(self, condition: Callable[[], Any]) -> Any:
-        """Return the first true value of `condition`; fail after `PATIENCE`."""
-        end = time.monotonic() + PATIENCE
+    def spin_until(self, condition: Callable[[], Any], *, publish: Callable[[], None] | None = None) -> Any:
+        """Return the first true value of `condition`; fail after `PATIENCE`.
+
+        Meanwhile call `publish` every 5 ms or later: who publishes faster than it takes drowns in what comes back.
+        """
+        due, end = 0.0, time.monotonic() + PATIENCE
         while not (value := condition()):
-            assert time.monotonic() < end, f"timed out; last diagnoses: {self.diagnoses}"
+            now = time.monotonic()
+            assert now < end, f"timed out; last diagnoses: {self.diagnoses}"
+            if publish is not None and now >= due:
+                due = now + 0.005
+                publish()
             self.executor.spin_once(timeout_sec=0.02)
         return value
 
@@ -133,20 +140,6 @@ class Bystander:
     def _on_diagnostics(self, message: Any) -> None:
         for status in message.status:
             self.diagnoses[status.name] = status
-
-
-class Beat:
-    """Is due at most every `period` seconds: who publishes faster than it takes drowns in what comes back."""
-
-    def __init__(self, period: float) -> None:
-        self._period, self._due = period, 0.0
-
-    def __call__(self) -> bool:
-        now = time.monotonic()
-        if now < self._due:
-            return False
-        self._due = now + self._period
-        return True
 
 
 class NodeProcess:

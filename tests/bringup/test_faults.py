@@ -237,7 +237,7 @@ def fails(
     return caught.value
 
 
-@pytest.mark.study  # test_nodes.py shows it of the plant alone
+@pytest.mark.study  # test_plant_node.py shows it of the plant alone
 def test_a_command_that_is_not_finite_ends_lock_step(tmp_path: Path, watched: Watched):
     error = fails(
         lambda count, raw: [with_voltages(raw, math.nan, 0.0, 5.0) if count == 1500 else raw],
@@ -271,7 +271,7 @@ def test_a_runaway_tilt_trips_the_hard_stop(tmp_path: Path, watched: Watched):
     assert any(entry.get("guard") == "tilt_stop" for entry in diagnoses(tmp_path / "recording", "plant"))
 
 
-@pytest.mark.study  # test_nodes.py has the same for the conductor alone
+@pytest.mark.study  # test_conductor_node.py has the same without a plant
 def test_a_wheel_that_does_not_follow_ends_the_plan(tmp_path: Path, watched: Watched):
     """With half of its voltage the motor does not reach the speed of the plan: no success is told."""
     plan = """\

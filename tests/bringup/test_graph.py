@@ -99,7 +99,7 @@ def test_graph_gives_the_samples_of_the_simulation_bit_for_bit(session: Session)
     assert np.array_equal(command[:n], run.command)
 
 
-@pytest.mark.study  # test_nodes.py has the same for the plant alone
+@pytest.mark.study  # test_plant_node.py has the same without a graph
 def test_a_bench_whose_period_is_no_part_of_the_clocks_is_recorded_whole(tmp_path: Path):
     with Graph(
         SHORT_PLAN,
