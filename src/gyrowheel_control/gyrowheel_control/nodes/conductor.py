@@ -35,6 +35,7 @@ from std_msgs.msg import String
 
 from gyrowheel_control.loops.following import Tracking
 from gyrowheel_control.loops.limits import plan_tilt_limit, tilt_limit
+from gyrowheel_control.nodes.time_sources import TimeSources
 from gyrowheel_control.nodes.wheel_watch import WheelWatch
 from gyrowheel_control.plans.fitting import plan_for
 from gyrowheel_control.plans.plan import HOLD, RAMP, SETPOINT_PERIOD, Plan
@@ -62,14 +63,10 @@ CLOCK_TIMEOUT = 0.5
 CLOCK_SILENCE = 2.5
 #: How long in real time a plan goes on without any command [ns].
 COMMANDLESS_NS = 5_000_000_000
-#: How long it stays known whose the clock is [s].
-WHOSE_TIME = 1.0
 #: A step of the clock beyond this is a jump [ns].
 JUMP_NS = 1_000_000_000
 #: Name of the guard.
 TRACKING_LOST = "tracking_lost"
-#: In the name of a node, until it has arrived.
-_UNKNOWN = "UNKNOWN"
 _MOTION = ("tilt_rate_x", "tilt_rate_y", "spin_acceleration")
 
 
@@ -168,10 +165,7 @@ class ConductorNode(BenchNode):
         self._plant_seen = False  # whether one has said anything
         self._plant_stopped = False  # whether the plant said that it is not active
         self._samples: Subscription | None = None  # tell the time where there is no clock
-        self._foreign = (
-            0.0,
-            False,
-        )  # when it was looked whose the clock is, and whether it is somebody else's
+        self._time_sources = TimeSources(self)
         self._samples_due = 0  # time from which on the next sample does [ns]
         self._walk: Walk | None = None
         self._reserved = False  # a goal was accepted and has not begun yet
@@ -377,7 +371,7 @@ class ConductorNode(BenchNode):
         """Return whether there is a time to start from: that of the clock, or else of the samples."""
         waited = time.monotonic() - walk.deadline + MATCHING_TIMEOUT
         if self._samples is None:
-            foreign = self._clock_is_foreign()
+            foreign = self._time_sources.clock_is_foreign()
             if foreign is None:
                 return False
             if foreign:
@@ -392,35 +386,11 @@ class ConductorNode(BenchNode):
             self._samples = self._time_of_samples()
         return False
 
-    def _sources(self, topic: topics.Topic) -> set[str]:
-        """Return the nodes that publish a topic, by their full names."""
-        found = self.get_publishers_info_by_topic(topic.relative)
-        return {f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in found}
-
-    def _slowest_stamps(self) -> topics.Topic:
-        """Return the topic that tells the time of the samples: one of few messages, if the same node publishes it."""
-        slow = self._sources(topics.JOINT_STATES)
-        return (
-            topics.JOINT_STATES if slow and slow == self._sources(topics.MEASUREMENT) else topics.MEASUREMENT
-        )
-
     def _time_of_samples(self) -> Subscription:
         """Return what tells the time from now on, in the place of a clock."""
-        topic = self._slowest_stamps()
+        topic = self._time_sources.stamps()
         heard = self._on_sample if topic is topics.MEASUREMENT else self._on_stamp
         return self.subscription(topic, heard, raw=True)
-
-    def _clock_is_foreign(self) -> bool | None:
-        """Return whether samples are published, and the clock only by nodes that publish none; None if not known."""
-        looked, foreign = self._foreign
-        now = time.monotonic()
-        if now - looked > WHOSE_TIME:
-            clocks, samples = self._sources(topics.CLOCK), self._sources(topics.MEASUREMENT)
-            if any(_UNKNOWN in name for name in clocks | samples):
-                return None
-            foreign = bool(clocks and samples) and not clocks & samples
-            self._foreign = now, foreign
-        return foreign
 
     def _start(self, walk: Walk) -> None:
         start = self._now if self._held is None else max(self._now, self._next)
@@ -479,7 +449,7 @@ class ConductorNode(BenchNode):
             now = wire.CLOCK.unpack(raw)[0]
         except ValueError:  # from a node that is not of this bench
             return
-        if self._samples is None or self._clock_is_foreign() is False:
+        if self._samples is None or self._time_sources.clock_is_foreign() is False:
             self._advance(now)
 
     def _on_sample(self, raw: bytes) -> None:
