@@ -300,8 +300,10 @@ at("plots").addEventListener("keydown", (event) => {
   }
 });
 
-export function redraw() {
+export async function redraw() {
   const before = span();
   figures = [];
-  if (own) choose(own.key, ...(before ?? []));
+  if (!own) return;
+  await choose(own.key, ...(before ?? []));
+  if (cursor !== null) putCursor(cursor); // on the new picture
 }
