@@ -25,7 +25,8 @@ from gyrowheel.workbench import gate, pictures, tables, views
 from gyrowheel.workbench.bench import SimulatedBench
 from gyrowheel.workbench.decimation import Envelope, envelopes
 from gyrowheel.workbench.desk import Desk
-from gyrowheel.workbench.server import Server, _before
+from gyrowheel.workbench.report import before
+from gyrowheel.workbench.server import Server
 from gyrowheel.workbench.shelf import Shelf
 from gyrowheel_analysis.reduction import Coverage
 from gyrowheel_analysis.reduction.not_as_stated import ReadingFinding, ReadingFindings
@@ -446,22 +447,25 @@ def test_a_model_is_saved_again_under_its_new_name_and_over_no_other(wheel: Whee
     def part() -> str:
         return str(views.state(desk)["parts"]["model"])
 
+    def needed(own: Desk) -> list[str]:
+        return before(own.step.model, own.kept, own.file)
+
     assert "not saved yet" not in part()
-    assert _before(desk, desk.step, file) == []
+    assert needed(desk) == []
     desk.steps.append(replace(desk.step, model=gw.Model()))
     assert "not saved yet" in part()
-    (line,) = _before(desk, desk.step, file)  # the commands of a report do not find this model
+    (line,) = needed(desk)  # the commands of a report do not find this model
     assert line.startswith("# first save the model")
     for _ in range(2):
         assert desk.save("better.yaml") == tmp_path / "better.yaml"
     assert 'value="better.yaml"' in part()
     assert "not saved yet" not in part()
-    assert _before(desk, desk.step, tmp_path / "better.yaml") == []
+    assert needed(desk) == []
     with pytest.raises(gw.InputError, match="exists"):
         desk.save("other.yaml")
     assert other.read_text(encoding="utf-8") == "mine"
     fresh = Desk(Shelf([wheel.recording.parent]), gw.Model())
-    assert _before(fresh, fresh.step, Path("wheel.yaml")) == ["gyrowheel model new --model wheel.yaml"]
+    assert needed(fresh) == ["gyrowheel model new --model wheel.yaml"]
 
 
 def test_too_little_steady_motion_is_a_verdict_and_no_error(tmp_path: Path) -> None:

@@ -132,6 +132,10 @@ def test_see_add_watch_undo_in_a_browser_by_keyboard(wheel: Wheel, tmp_path: Pat
                 first.wait_for_function("() => document.documentElement.scrollWidth <= innerWidth")
                 if width < 2560:
                     first.screenshot(path=tmp_path / "shots" / f"{theme}-{width}.png", full_page=True)
+        press(enabled(first.get_by_role("button", name="Write the report")))
+        expect(first.get_by_role("link", name="Open the report")).to_be_visible()
+        assert desk.report is not None
+        kept = write(tmp_path / "report.html", desk.report)
         third = window.new_page()
         third.set_default_timeout(240_000)
         third.on("dialog", lambda dialog: said.append("a script ran"))
@@ -144,6 +148,12 @@ def test_see_add_watch_undo_in_a_browser_by_keyboard(wheel: Wheel, tmp_path: Pat
         third.keyboard.press("ArrowRight")
         expect(third.locator(".readout").first).to_contain_text("tilt about x")
         third.close()
+        # kept on the disk, it opens without a network
+        alone = browser.new_context(offline=True).new_page()
+        alone.on("console", lambda message: said.append(message.text) if message.type == "error" else None)
+        alone.goto(kept.as_uri())
+        expect(alone.locator("canvas")).to_have_count(2)
+        alone.close()
         # holds, measured beside predicted; each shows its samples, by keyboard too
         expect(first.locator("#predicted canvas").first).to_be_visible()
         press(first.locator("#holds summary"))

@@ -24,6 +24,7 @@ from gyrowheel.workbench import tables
 from gyrowheel.workbench.bench import SimulatedBench
 from gyrowheel.workbench.decimation import Envelope, envelopes
 from gyrowheel.workbench.live import LiveBenches
+from gyrowheel.workbench.report import before, report_page
 from gyrowheel.workbench.shelf import Shelf
 from gyrowheel_core.errors import InputError, nearest, one_line
 
@@ -183,6 +184,7 @@ class Desk:
         self.trouble: Trouble | None = None
         self.saved = ""
         self.kept = model  # as it stands in its file
+        self.report: str | None = None  # on what is on the desk, once it was written
         self.table: tables.Draft | None = None
         self.closed = False
         self.live = LiveBenches(self.hear)
@@ -431,6 +433,21 @@ class Desk:
         """
         return own_effect(formula, taken=self.step.model.effects, where="formula")
 
+    def write_report(self) -> None:
+        """Write the report on what was found, with the commands that find it again."""
+        step = self.step
+        if step.diagnosis is None:
+            raise InputError("report: nothing is diagnosed yet")
+        found, (fitted, unused), file = step.diagnosis, self._data(), self.file
+        first = before(step.model, self.kept, file)
+
+        def work(at: Work) -> None:
+            at.say("reading the files of the recordings, drawing")
+            text = report_page(found, step.comparison, step.model, fitted, unused, file, first)
+            at.change(lambda: self._lay_report(text))
+
+        self._begin("writing the report", "missing", work)
+
     def undo(self) -> None:
         """Return to the model before its last change."""
         with self.lock:
@@ -461,6 +478,7 @@ class Desk:
             self._require_idle()
             self.step.model.save(path)
             self.file, self.saved, self.kept = path, str(path), self.step.model
+            self.report = None  # its commands name another file
             self._own_files.add(path.resolve())
         self.changed()
         return path
@@ -563,8 +581,11 @@ class Desk:
         self._keep([Step(self.step.model)])
 
     def _keep(self, steps: Sequence[Step]) -> None:
-        self.steps = list(steps)
+        self.steps, self.report = list(steps), None
         self.facts += 1
+
+    def _lay_report(self, text: str) -> None:
+        self.report = text
 
     def hear(self) -> None:
         """Take notice that a running bench was heard."""

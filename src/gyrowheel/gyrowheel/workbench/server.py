@@ -17,13 +17,10 @@ from tornado.iostream import StreamClosedError
 from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError, RequestHandler, stream_request_body
 
-from gyrowheel.commands import diagnosing, following
-from gyrowheel.origins import noted_machine
 from gyrowheel.report.charts import POLICY
-from gyrowheel.report.report import Report
 from gyrowheel.text.html import style_sheet
 from gyrowheel.workbench import pictures, views
-from gyrowheel.workbench.desk import Desk, Step
+from gyrowheel.workbench.desk import Desk
 from gyrowheel.workbench.gate import Gate, in_url
 from gyrowheel.workbench.tables import LARGEST as LARGEST_TABLE
 from gyrowheel_core.errors import InputError
@@ -205,38 +202,13 @@ class _Motion(_Numbers):
 
 
 class _Report(_Guarded):
-    """The report on what is on the desk, to keep."""
+    """The report that was written, to look at and to keep."""
 
-    async def get(self) -> None:
-        text = await asyncio.get_running_loop().run_in_executor(None, _report, self.desk, self.desk.step)
+    def get(self) -> None:
+        if self.desk.report is None:
+            raise InputError("report: none is written of what is on the workbench now")
         self.set_header("Content-Security-Policy", f"{POLICY}; frame-ancestors 'none'")
-        self.finish(_bytes(text))
-
-
-def _report(desk: Desk, step: Step) -> str:
-    if step.diagnosis is None:
-        raise InputError("report: nothing is diagnosed yet")
-    fitted, unused = desk.used("fitted"), desk.used("not used to fit")
-    file = desk.file or Path(views.MODEL)
-    paths, held = ([recording.path for recording in own] for own in (fitted, unused))
-    return Report.around(
-        step.diagnosis,
-        step.model,
-        fitted,
-        unused,
-        comparison=step.comparison,
-        commands=[*_before(desk, step, file), diagnosing(paths, file, held)],
-        next_command=following(
-            step.diagnosis, paths, held, file, step.model.bench_source, machine=noted_machine(fitted)
-        ),
-    ).html()
-
-
-def _before(desk: Desk, step: Step, file: Path) -> list[str]:
-    """Return what must be done before the commands of a report find the model that it is about."""
-    if step.model is not desk.kept:
-        return ["# first save the model in the workbench, under the name that follows"]
-    return [] if desk.file else [f"gyrowheel model new --model {file}"]
+        self.finish(_bytes(self.desk.report))
 
 
 @stream_request_body
@@ -325,6 +297,7 @@ class _Action(_Guarded):
             "map_table": lambda: desk.map_table(given, take="take" in given),
             "drop_table": desk.drop_table,
             "demonstrate": desk.demonstrate,
+            "report": desk.write_report,
             "undo": desk.undo,
             "save": lambda: {"path": str(desk.save(given["name"]))},
             "end": desk.end,

@@ -19,6 +19,7 @@ from gyrowheel.text.recordings import integrity_text
 from gyrowheel.workbench.bench import SimulatedBench
 from gyrowheel.workbench.desk import NO_BENCH, ROLES, Desk
 from gyrowheel.workbench.pictures import PANELS
+from gyrowheel.workbench.report import MODEL
 from gyrowheel.workbench.tables import LARGEST
 from gyrowheel_core.errors import InputError, nearest
 from gyrowheel_core.units import DEG, RPM, unit_for
@@ -30,8 +31,6 @@ if TYPE_CHECKING:
 
     from gyrowheel_analysis.recording import RecordingInfo
 
-#: Name of the file of a model that was not read from one.
-MODEL = "wheel.yaml"
 #: Recordings that the page lists: the latest.
 MOST_LISTED = 500
 
@@ -243,6 +242,7 @@ def _missing(desk: Desk) -> dict[str, Any]:
     limits = sections.limits(found, cells)
     return shared | {
         "found": found,
+        "report": desk.report is not None,
         "summary": cells.words("diagnosis.summary"),
         "mood": sections.MOOD[found.verdict],
         "proof": None if found.proof is None else cells.words("diagnosis.proof.reason"),
