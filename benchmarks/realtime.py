@@ -70,15 +70,18 @@ def run(directory: Path, minutes: float, progress: Callable[[float], None]) -> R
     found = info(directory).integrity
     (begin, first, _), (end, last, _) = marks[0], marks[-1]
     samples, pace = result.samples, result.pace
-    # a sample that is made more than a period late is followed at once by the next one: no answer is in time
-    own = min(pace["late_samples"], pace["late_commands"])
+    own = min(pace["displaced_samples"], pace["late_commands"])
     return Report(
         title,
         [
             Figure("lost samples", float(found.missing), "samples", bar=Bar("<=", 0.0)),
             Figure("late commands", 100.0 * pace["late_commands"] / samples, "%", bar=Bar("<", 1.0)),
-            Figure("late: the sample itself was late", 100.0 * own / samples, "%"),
-            Figure("late: the answer took too long", 100.0 * (pace["late_commands"] - own) / samples, "%"),
+            Figure("late: the plant itself was displaced", 100.0 * own / samples, "%"),
+            Figure(
+                "late: the answer took more than two periods",
+                100.0 * (pace["late_commands"] - own) / samples,
+                "%",
+            ),
             Figure("missing commands", 100.0 * pace["missing_commands"] / samples, "%"),
             Figure("samples with the last command held", 100.0 * pace["held_samples"] / samples, "%"),
             Figure("samples more than a period late", 100.0 * pace["late_samples"] / samples, "%"),

@@ -273,34 +273,53 @@ def test_a_wheel_without_its_controller_comes_to_rest(tilt):
 
 def test_a_sample_is_due_every_period():
     pacer = Pacer(500, 1_000)
-    assert [pacer.due(now) for now in (1_000, 1_499, 1_500, 1_999, 2_000, 3_400)] == [0, 0, 1, 0, 1, 2]
-    assert (pacer.late, pacer.behind_ns) == (1, 0)
+    assert [pacer.due(now, 0) for now in (1_000, 1_499, 1_500, 1_999, 2_000, 3_400)] == [0, 0, 1, 0, 1, 1]
+    assert (pacer.late, pacer.behind_ns, pacer.displaced) == (1, 0, 0)
     assert pacer.worst_ns == 900
+    assert pacer.patience_ns(3_400) == 1_000  # the sample of 3000 is due, too, and waits for an answer
+    assert [pacer.due(3_450, 0), pacer.due(3_450, 0)] == [1, 0]
+    assert pacer.patience_ns(3_450) == 50
 
 
-@given(st.lists(st.integers(0, 5_000), max_size=60), st.integers(1, 5))
+def test_a_sample_that_is_due_waits_for_the_answer_to_the_last_one_for_two_periods():
+    pacer = Pacer(500, 0)
+    assert pacer.due(500, 1) == 0  # sample 0 was made at 0
+    assert pacer.patience_ns(600) == 400
+    assert pacer.due(999, 1) == 0
+    assert pacer.due(999, 0) == 1  # the answer is there
+    assert pacer.due(1_500, 1) == 0
+    assert pacer.due(1_999, 1) == 1  # it is waited for no longer
+    assert (pacer.late, pacer.displaced) == (1, 0)
+    assert pacer.due(3_300, 2) == 1  # and this was not looked at before
+    assert pacer.displaced == 1
+    assert pacer.due(3_400, 21) == 3  # nobody answers at all
+
+
+@given(st.lists(st.tuples(st.integers(0, 5_000), st.integers(0, 8)), max_size=60), st.integers(1, 5))
 def test_no_sample_is_lost_and_no_burst_is_longer_than_allowed(steps, burst):
     period = 500
     pacer = Pacer(period, 0, burst=burst)
     now = made = 0
-    for step in steps:
+    for step, unanswered in steps:
         now += step
-        count = pacer.due(now)
+        count = pacer.due(now, unanswered)
         assert 0 <= count <= burst
         made += count
-        # what was made, and what the bench stood still, is the time that has gone by
-        assert 0 <= now - made * period - pacer.behind_ns < period
+        # what was made, what the bench stood still and what waits is the time that has gone by
+        assert made * period + pacer.behind_ns == pacer.next_ns - period
+        assert now - pacer.next_ns < burst * period
+        assert pacer.late <= made
 
 
-def test_a_stall_is_told_before_the_samples_that_are_made_up_for():
+def test_after_a_stall_the_time_is_that_of_the_clock():
     pacer = Pacer(500, 0, burst=20)
-    assert pacer.due(500) == 1
+    assert pacer.due(500, 0) == 1
     assert (pacer.stalls, pacer.behind_ns) == (0, 0)
     now = 500 + 600 * 500  # as after a SIGSTOP of 600 samples
-    made = pacer.due(now)
-    assert (pacer.stalls, pacer.behind_ns) == (1, 580 * 500)
+    assert pacer.due(now, 1) == 1
+    assert (pacer.stalls, pacer.behind_ns) == (1, 599 * 500)
     # stamps by the grid and the time that the bench stood still: the last one is now
-    assert (1 + made) * 500 + pacer.behind_ns == now
+    assert 2 * 500 + pacer.behind_ns == now
 
 
 def test_statistics_are_those_of_the_time_since_the_last_report():

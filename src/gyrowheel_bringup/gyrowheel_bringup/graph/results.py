@@ -74,7 +74,7 @@ class GraphResult:
         Process ids of the nodes.
     pace : dict of str to float
         In real time, the counts of the plant: ``late_commands``, ``missing_commands``, ``held_samples``,
-        ``late_samples``, ``worst_delay_ms``, ``behind_s``; empty in lock-step.
+        ``late_samples``, ``displaced_samples``, ``worst_delay_ms``, ``behind_s``; empty in lock-step.
     estimates : tuple of Estimate
         Drag estimates of the plan, in the order of time; without those of the last hold while the graph goes on.
     """

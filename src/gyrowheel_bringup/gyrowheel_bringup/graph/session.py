@@ -32,7 +32,10 @@ from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.plant.scenario import Scenario
 
 _LISTEN = 4.0  # time to listen for nodes of another graph [s]
-_PACE = ("late_commands", "missing_commands", "held_samples", "late_samples", "worst_delay_ms", "behind_s")
+_PACE = (
+    "late_commands", "missing_commands", "held_samples", "late_samples", "displaced_samples",
+    "worst_delay_ms", "behind_s",
+)  # fmt: skip
 
 
 class Graph:

@@ -39,6 +39,8 @@ WARN: bytes = DiagnosticStatus.WARN
 
 _LAST_CALLBACKS = 50
 _LOOK = 0.1  # time between two looks at who publishes [s]
+#: How long a node waits at most for a message before it looks for what else there is [s].
+_PATIENCE = 0.1
 _LET_GO = 0.05  # time for the executor and for messages on their way to let go of a subscription [s]
 
 
@@ -255,6 +257,16 @@ class BenchNode(LifecycleNode):
             Called without arguments.
         """
         return self.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def patience(self) -> float:
+        """Return how long `pace` need not be called [s]."""
+        return _PATIENCE
+
+    def pace(self) -> None:
+        """Do what is due; called after whatever the node has done, and when `patience` is over.
+
+        For what has to keep a pace: a timer of the middleware has a thread of its own, and wakes two for every call.
+        """
 
     def prioritise(self) -> None:
         """Set the priority that the parameter `PRIORITY` requests, and tell if the system does not allow it."""

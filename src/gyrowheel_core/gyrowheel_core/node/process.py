@@ -6,6 +6,7 @@ import contextlib
 import ctypes
 import enum
 import gc
+import inspect
 import os
 import signal
 import sys
@@ -95,14 +96,17 @@ def spin(node: Node) -> None:
     """
     executor = make_executor(node.context)
     executor.add_node(node)
-    _keep_garbage()
+    _prepare_for_pace()
     with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
         while node.context.ok():
             executor.spin_once(timeout_sec=0.1)
 
 
-def _keep_garbage() -> None:
-    """Objects made so far are permanent; collecting among them again and again would cost a sample now and then."""
+def _prepare_for_pace() -> None:
+    """Do now what would cost samples later."""
+    # the first line of rclpy's logger takes a tenth of a second: it looks for its caller among all modules
+    inspect.getframeinfo(sys._getframe())
+    # objects made so far are permanent: collecting among them again and again takes longer than a sample
     gc.collect()
     gc.freeze()
 
@@ -216,9 +220,10 @@ def _run(node_class: type[BenchNode], signals: StopSignals) -> BaseException | N
     try:
         if node.parameter("autostart") and not node.stopping:
             node.start()
-        _keep_garbage()
+        _prepare_for_pace()
         while not node.stopping:
-            executor.spin_once(timeout_sec=0.1)
+            executor.spin_once(timeout_sec=node.patience())
+            node.pace()
         # an answer that has just been sent is lost with its sender
         end = time.monotonic() + max(node.LINGER, _ANSWER if node.shut_down else 0.0)
         while node.failure is None and time.monotonic() < end:

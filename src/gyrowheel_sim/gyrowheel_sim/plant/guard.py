@@ -213,6 +213,10 @@ class Guard:
             self._released = False
         return None
 
+    def unanswered(self, newest: int) -> int:
+        """Return how many samples up to the newest one no command has answered; all of them if none was."""
+        return newest + 1 if self._last is None else newest - self._last
+
     def refuse(self, why: Refusal) -> Refusal:
         """Count a command that is refused, also one that could not even be read."""
         self.refused[why] += 1

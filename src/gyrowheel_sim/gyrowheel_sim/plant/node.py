@@ -265,6 +265,16 @@ class PlantNode(BenchNode):
         values = {param.name: self.parameter(param.name) for param in self.PARAMETERS if param.live}
         self._guard.limits = self._limits(values)
 
+    def patience(self) -> float:
+        """Return how long until a sample is due [s], in real time."""
+        usual = super().patience()
+        return usual if self._real_time is None else min(self._real_time.patience(), usual)
+
+    def pace(self) -> None:
+        """Make the samples that are due, in real time."""
+        if self._real_time is not None:
+            self._real_time.pace()
+
     def diagnose(self) -> Diagnosis:
         """Return the state of the guard, counts and time."""
         guard = self._guard

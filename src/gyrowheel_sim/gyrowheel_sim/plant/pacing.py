@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import math
 
+#: Periods for which a sample that is due waits for the answer to the last one, since that was made.
+GRACE = 2.0
+
 
 class Pacer:
-    """Counts the samples that are due by a monotonic clock.
+    """Tells when samples are due by a monotonic clock, and makes up for a delay at the pace of the answers.
 
-    After a delay the missed samples are made up for, at most `burst` at once. For the rest of the delay the bench
-    stood still, before the samples that are made up for. So no sample is lost, and no burst is too long to be answered.
+    After a delay several samples are due. They are made one by one, each once the last one is answered or was made
+    `GRACE` periods ago, so that every answer has its time; where nobody answers, they are made at once. After a longer
+    delay the bench stood still until the sample that is due now. So no sample is lost.
 
     Parameters
     ----------
@@ -18,10 +22,13 @@ class Pacer:
     now_ns : int
         Time of the first one by that clock [ns].
     burst : int
-        Largest number of samples that are made up for at once.
+        Number of samples that a delay may last to be made up for, and that may be without an answer for the next one to
+        wait for it.
 
     Attributes
     ----------
+    next_ns : int
+        When the next sample is due [ns].
     late : int
         Samples that were made more than one period after they were due.
     worst_ns : int
@@ -30,30 +37,56 @@ class Pacer:
         How long the bench stood still in all [ns].
     stalls : int
         How often it did.
+    displaced : int
+        Samples made without an answer to the last one, more than half a period after the wait for it: the computer
+        ran something else. Where others were, the answer took too long.
     """
 
     def __init__(self, period_ns: int, now_ns: int, *, burst: int = 20) -> None:
         self._period = period_ns
+        self._grace = round(GRACE * period_ns)
         self._burst = burst
-        self._next = now_ns + period_ns
-        self.late = self.worst_ns = self.behind_ns = self.stalls = 0
+        self.next_ns = now_ns + period_ns
+        self._made = now_ns
+        self.late = self.worst_ns = self.behind_ns = self.stalls = self.displaced = 0
 
-    def due(self, now_ns: int) -> int:
-        """Return how many samples are to be made now; they count as made."""
-        delay = now_ns - self._next
+    def patience_ns(self, now_ns: int) -> int:
+        """Return how long until a sample may be made [ns], if the last one gets no answer before."""
+        return max((self.next_ns if now_ns < self.next_ns else self._made + self._grace) - now_ns, 0)
+
+    def due(self, now_ns: int, unanswered: int) -> int:
+        """Return how many samples are to be made now; they count as made.
+
+        Parameters
+        ----------
+        now_ns : int
+            The time [ns].
+        unanswered : int
+            How many samples, up to the last one, have no answer.
+        """
+        delay = now_ns - self.next_ns
         if delay < 0:
             return 0
+        waited = now_ns - self._made - self._grace
         count = delay // self._period + 1
         if count > self._burst:
-            lost = (count - self._burst) * self._period
+            lost = (count - 1) * self._period
             self.behind_ns += lost
             self.stalls += 1
-            self._next += lost
-            count = self._burst
-        if delay > self._period:
-            self.late += count - 1
+            self.next_ns += lost
             self.worst_ns = max(self.worst_ns, delay)
-        self._next += count * self._period
+            delay, count = delay - lost, 1
+        elif unanswered <= self._burst:
+            if unanswered and waited < 0:
+                return 0
+            count = 1
+        if unanswered and waited > self._period // 2:
+            self.displaced += 1
+        if delay > self._period:
+            self.late += min(count, delay // self._period)
+            self.worst_ns = max(self.worst_ns, delay)
+        self.next_ns += count * self._period
+        self._made = now_ns
         return int(count)
 
 

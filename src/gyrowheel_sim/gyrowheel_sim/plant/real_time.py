@@ -6,6 +6,7 @@ elsewhere for long, the bench stood still: the stamps go on at the time that it 
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from typing import Any, Protocol
@@ -82,9 +83,9 @@ class RealTime:
         self._node, self._plant, self._guard, self._period_ns = node, plant, guard, period_ns
         self._watch: Any = None  # looks for a controller, as long as the node is active
         self._seen = False  # a controller was there at the last look
-        self._ticks: Any = None  # makes the samples that are due
-        self._pacer: Pacer | None = None
-        self._period, self._execution = Statistics(), Statistics()  # of the ticks
+        self._pacer: Pacer | None = None  # while samples are made
+        self._told_of: Pacer | None = None  # the last one
+        self._period, self._execution = Statistics(), Statistics()  # of the samples
         self._ticked = 0  # time of the last one [ns]
         self._begun = 0  # stamp of the first sample [ns]
         self._told_late = (0, 0)  # late samples, and all, at the last diagnosis
@@ -107,31 +108,36 @@ class RealTime:
         after = now % CLOCK_PERIOD_NS
         self._node.epoch = now - after - self._plant.time_ns
         self._begun = self._begun or now - after
-        self._pacer = Pacer(self._period_ns, self._ticked - after)
+        self._pacer = self._told_of = Pacer(self._period_ns, self._ticked - after)
         self._told_stalls, self._told_late = 0, (0, self._plant.sequence)
-        self._ticks = self._node.wall_timer(self._period_ns * 1e-9, self._tick)
 
     def stop(self) -> None:
         """Make no samples, and take no commands."""
-        for timer in (self._ticks, self._watch):
-            if timer is not None:
-                self._node.destroy_timer(timer)
-        self._ticks = self._watch = None
+        if self._watch is not None:
+            self._node.destroy_timer(self._watch)
+        self._watch = self._pacer = None
 
-    def _tick(self) -> None:
+    def patience(self) -> float:
+        """Return how long until a sample is made [s], if no command comes before."""
+        if self._pacer is None:
+            return math.inf
+        return self._pacer.patience_ns(time.monotonic_ns()) * 1e-9
+
+    def pace(self) -> None:
+        """Make the samples that are due."""
         pacer = self._pacer
-        if self._ticks is None or pacer is None:
+        if pacer is None or (now := time.monotonic_ns()) < pacer.next_ns:
             return
-        now = time.monotonic_ns()
-        self._period.add(now - self._ticked)
-        self._ticked = now
         stood = pacer.behind_ns
-        due = pacer.due(now)
+        due = pacer.due(now, self._guard.unanswered(self._plant.sequence))
         if stood := pacer.behind_ns - stood:
             self._stand_still(stood)
-        step = self._node.step
+        if not due:
+            return
+        self._period.add(now - self._ticked)
+        self._ticked = now
         for _ in range(due):
-            step()
+            self._node.step()
         self._execution.add(time.monotonic_ns() - now)
 
     def _stand_still(self, stood: int) -> None:
@@ -170,7 +176,7 @@ class RealTime:
 
     def report(self) -> dict[str, object]:
         """Return what the diagnosis says about timing."""
-        guard, pacer = self._guard, self._pacer
+        guard, pacer = self._guard, self._told_of
         values: dict[str, object] = {
             "late_commands": guard.late,
             "missing_commands": guard.missing,
@@ -181,6 +187,7 @@ class RealTime:
             self.clock_jump = (clocks_apart() - self._apart) * 1e-9
             values |= {
                 "late_samples": pacer.late,
+                "displaced_samples": pacer.displaced,
                 "worst_delay_ms": f"{pacer.worst_ns * 1e-6:.2f}",
                 "behind_s": f"{pacer.behind_ns * 1e-9:.4f}",
                 "stalls": pacer.stalls,
@@ -193,7 +200,7 @@ class RealTime:
 
     def lateness(self) -> tuple[str, str]:
         """Return what happened to the time since the last call: a stall, and samples that were late; in words."""
-        pacer = self._pacer
+        pacer = self._told_of
         if pacer is None:
             return "", ""
         stalled = pacer.stalls > self._told_stalls
