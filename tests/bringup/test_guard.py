@@ -273,36 +273,43 @@ def test_a_wheel_without_its_controller_comes_to_rest(tilt):
 
 def test_a_sample_is_due_every_period():
     pacer = Pacer(500, 1_000)
-    assert [pacer.due(now, 0) for now in (1_000, 1_499, 1_500, 1_999, 2_000, 3_400)] == [0, 0, 1, 0, 1, 1]
+    assert [pacer.due(now, 0, 9) for now in (1_000, 1_499, 1_500, 1_999, 2_000, 3_400)] == [0, 0, 1, 0, 1, 1]
     assert (pacer.late, pacer.behind_ns, pacer.displaced) == (1, 0, 0)
     assert pacer.worst_ns == 900
     assert pacer.patience_ns(3_400) == 1_000  # the sample of 3000 is due, too, and waits for an answer
-    assert [pacer.due(3_450, 0), pacer.due(3_450, 0)] == [1, 0]
+    assert [pacer.due(3_450, 0, 9), pacer.due(3_450, 0, 9)] == [1, 0]
     assert pacer.patience_ns(3_450) == 50
 
 
 def test_a_sample_that_is_due_waits_for_the_answer_to_the_last_one_for_two_periods():
     pacer = Pacer(500, 0)
-    assert pacer.due(500, 1) == 0  # sample 0 was made at 0
+    assert pacer.due(500, 1, 9) == 0  # sample 0 was made at 0
     assert pacer.patience_ns(600) == 400
-    assert pacer.due(999, 1) == 0
-    assert pacer.due(999, 0) == 1  # the answer is there
-    assert pacer.due(1_500, 1) == 0
-    assert pacer.due(1_999, 1) == 1  # it is waited for no longer
+    assert pacer.due(999, 1, 9) == 0
+    assert pacer.due(999, 0, 9) == 1  # the answer is there
+    assert pacer.due(1_500, 1, 9) == 0
+    assert pacer.due(1_999, 1, 9) == 1  # it is waited for no longer
     assert (pacer.late, pacer.displaced) == (1, 0)
-    assert pacer.due(3_300, 2) == 1  # and this was not looked at before
+    assert pacer.due(3_300, 2, 9) == 1  # and this was not looked at before
     assert pacer.displaced == 1
-    assert pacer.due(3_400, 21) == 3  # nobody answers at all
+    assert pacer.due(3_400, 4, 9) == 3  # nobody answers any longer
 
 
-@given(st.lists(st.tuples(st.integers(0, 5_000), st.integers(0, 8)), max_size=60), st.integers(1, 5))
+@pytest.mark.parametrize("unanswered", [0, 1, 4])
+def test_a_controller_that_does_not_answer_every_sample_is_not_waited_for(unanswered):
+    pacer = Pacer(500, 0)
+    assert pacer.due(500, unanswered, 0) == 1
+    assert pacer.due(1_600, unanswered, 4) == 2
+
+
+@given(st.lists(st.tuples(st.integers(0, 5_000), st.integers(0, 8), st.integers(0, 8)), max_size=60), st.integers(1, 5))
 def test_no_sample_is_lost_and_no_burst_is_longer_than_allowed(steps, burst):
     period = 500
     pacer = Pacer(period, 0, burst=burst)
     now = made = 0
-    for step, unanswered in steps:
+    for step, unanswered, steady in steps:
         now += step
-        count = pacer.due(now, unanswered)
+        count = pacer.due(now, unanswered, steady)
         assert 0 <= count <= burst
         made += count
         # what was made, what the bench stood still and what waits is the time that has gone by
@@ -313,10 +320,10 @@ def test_no_sample_is_lost_and_no_burst_is_longer_than_allowed(steps, burst):
 
 def test_after_a_stall_the_time_is_that_of_the_clock():
     pacer = Pacer(500, 0, burst=20)
-    assert pacer.due(500, 0) == 1
+    assert pacer.due(500, 0, 9) == 1
     assert (pacer.stalls, pacer.behind_ns) == (0, 0)
     now = 500 + 600 * 500  # as after a SIGSTOP of 600 samples
-    assert pacer.due(now, 1) == 1
+    assert pacer.due(now, 1, 9) == 1
     assert (pacer.stalls, pacer.behind_ns) == (1, 599 * 500)
     # stamps by the grid and the time that the bench stood still: the last one is now
     assert 2 * 500 + pacer.behind_ns == now

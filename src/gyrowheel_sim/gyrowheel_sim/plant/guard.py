@@ -113,6 +113,8 @@ class Guard:
     taken, late, missing, held, limited : int
         Commands taken; commands taken that came after the next sample; samples that no command answered, by
         sequence number; samples for which the last voltages were held; commands beyond a voltage limit.
+    steady : int
+        Commands in a row of which each answered the sample after that of the one before.
     refused : dict of Refusal to int
         Commands refused, by the reason.
     """
@@ -124,6 +126,7 @@ class Guard:
         self.reason = ""
         self.taken = self.late = self.missing = self.held = self.limited = 0
         self.refused = dict.fromkeys(Refusal, 0)
+        self.steady = 0
         self._voltages = (0.0, 0.0, 0.0)
         self._last: int | None = None  # sequence that the last command answered
         self._running = self._commanded = self._fresh = False
@@ -195,6 +198,7 @@ class Guard:
             return self.refuse(Refusal.STALE)
         if last is not None:
             self.missing += answered - last - 1
+        self.steady = self.steady + 1 if last is not None and answered == last + 1 else 0
         self._last = answered
         if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(motor)):
             return self.refuse(Refusal.NOT_FINITE)

@@ -6,14 +6,17 @@ import math
 
 #: Periods for which a sample that is due waits for the answer to the last one, since that was made.
 GRACE = 2.0
+#: Samples in a row that a controller must have answered to be waited for, and that may be without an answer meanwhile.
+STEADY, UNANSWERED = 5, 3
 
 
 class Pacer:
     """Tells when samples are due by a monotonic clock, and makes up for a delay at the pace of the answers.
 
     After a delay several samples are due. They are made one by one, each once the last one is answered or was made
-    `GRACE` periods ago, so that every answer has its time; where nobody answers, they are made at once. After a longer
-    delay the bench stood still until the sample that is due now. So no sample is lost.
+    `GRACE` periods ago, so that every answer has its time; where not every sample is answered, by a slower controller
+    or by none, they are made at once. After a longer delay the bench stood still until the sample that is due now. So no
+    sample is lost.
 
     Parameters
     ----------
@@ -22,8 +25,7 @@ class Pacer:
     now_ns : int
         Time of the first one by that clock [ns].
     burst : int
-        Number of samples that a delay may last to be made up for, and that may be without an answer for the next one to
-        wait for it.
+        Number of samples that a delay may last to be made up for.
 
     Attributes
     ----------
@@ -54,7 +56,7 @@ class Pacer:
         """Return how long until a sample may be made [ns], if the last one gets no answer before."""
         return max((self.next_ns if now_ns < self.next_ns else self._made + self._grace) - now_ns, 0)
 
-    def due(self, now_ns: int, unanswered: int) -> int:
+    def due(self, now_ns: int, unanswered: int, steady: int) -> int:
         """Return how many samples are to be made now; they count as made.
 
         Parameters
@@ -63,6 +65,8 @@ class Pacer:
             The time [ns].
         unanswered : int
             How many samples, up to the last one, have no answer.
+        steady : int
+            How many samples in a row were answered before these.
         """
         delay = now_ns - self.next_ns
         if delay < 0:
@@ -76,12 +80,11 @@ class Pacer:
             self.next_ns += lost
             self.worst_ns = max(self.worst_ns, delay)
             delay, count = delay - lost, 1
-        elif unanswered <= self._burst:
+        elif steady >= STEADY and unanswered <= UNANSWERED:
             if unanswered and waited < 0:
                 return 0
             count = 1
-        if unanswered and waited > self._period // 2:
-            self.displaced += 1
+            self.displaced += bool(unanswered) and waited > self._period // 2
         if delay > self._period:
             self.late += min(count, delay // self._period)
             self.worst_ns = max(self.worst_ns, delay)

@@ -128,8 +128,8 @@ class RealTime:
         pacer = self._pacer
         if pacer is None or (now := time.monotonic_ns()) < pacer.next_ns:
             return
-        stood = pacer.behind_ns
-        due = pacer.due(now, self._guard.unanswered(self._plant.sequence))
+        guard, stood = self._guard, pacer.behind_ns
+        due = pacer.due(now, guard.unanswered(self._plant.sequence), guard.steady)
         if stood := pacer.behind_ns - stood:
             self._stand_still(stood)
         if not due:
