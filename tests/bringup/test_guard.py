@@ -302,7 +302,10 @@ def test_a_controller_that_does_not_answer_every_sample_is_not_waited_for(unansw
     assert pacer.due(1_600, unanswered, 4) == 2
 
 
-@given(st.lists(st.tuples(st.integers(0, 5_000), st.integers(0, 8), st.integers(0, 8)), max_size=60), st.integers(1, 5))
+@given(
+    st.lists(st.tuples(st.integers(0, 5_000), st.integers(0, 8), st.integers(0, 8)), max_size=60),
+    st.integers(1, 5),
+)
 def test_no_sample_is_lost_and_no_burst_is_longer_than_allowed(steps, burst):
     period = 500
     pacer = Pacer(period, 0, burst=burst)

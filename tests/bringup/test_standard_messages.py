@@ -9,6 +9,7 @@ import threading
 import time
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -83,9 +84,11 @@ def test_the_model_tells_ros2_control_how_to_drive_the_bench() -> None:
 class Manager(Bystander):
     """A controller that knows standard messages alone, sent and received as the hardware interface does."""
 
-    def __init__(self, domain: int) -> None:
+    def __init__(self, domain: int, rate: float) -> None:
         super().__init__(domain)
-        self.law = Controller(BENCH)
+        # at a lower rate everything comes later, and the damper of the nutation must be gentler
+        gains = replace(BENCH.gains, nutation_damping=BENCH.gains.nutation_damping * min(rate / 2000.0, 1.0))
+        self.law = Controller(BENCH.with_values({"sample_period": 1.0 / rate}), gains)
         self.setpoints: dict[int, list[float]] = {}
         self.waiting: list[Any] = []
         self.stamps: list[int] = []
@@ -141,13 +144,15 @@ class Manager(Bystander):
 def test_a_controller_of_standard_messages_holds_the_bench_through_a_plan(
     realtime: bool, domain: int, tmp_path: Path
 ) -> None:
+    # a rclpy node cannot unpack so many states in real time: it closes the loop at a rate usual for ros2_control
+    rate = 500.0 if realtime else 2000.0
     # a guard that is slow to act: the computer of a test may be
     patient = {"watchdog": 20.0, "oldest_command": 5.0} if realtime else {}
     adapter = subprocess.Popen(
         [str(find_executable("gyrowheel_control", "joint_commands_node"))],
         env=os.environ | {"ROS_DOMAIN_ID": str(domain)},
     )
-    manager = Manager(domain)
+    manager = Manager(domain, rate)
     manager.thread.start()
     try:
         with Graph(
@@ -156,7 +161,7 @@ def test_a_controller_of_standard_messages_holds_the_bench_through_a_plan(
             domain_id=domain,
             without=["controller"],
             realtime=realtime,
-            parameters={"plant": {"joint_state_rate": 2000.0, "wait_for_subscribers": 4, **patient}},
+            parameters={"plant": {"joint_state_rate": rate, "wait_for_subscribers": 4, **patient}},
         ) as graph:
             # a message that says too little is refused, and told
             wait_for(lambda: manager.out.get_subscription_count() == 1)
@@ -172,8 +177,8 @@ def test_a_controller_of_standard_messages_holds_the_bench_through_a_plan(
     found = info(tmp_path / "run")
     assert found.integrity.complete
     if realtime:
-        # the states come at the rate of the samples; a sensor's quality of service may lose some
-        assert len(manager.stamps) > 0.5 * found.integrity.samples
+        # the states come at the rate asked for; a sensor's quality of service may lose some
+        assert 0.15 * found.integrity.samples < len(manager.stamps) < 0.26 * found.integrity.samples
     else:
         assert manager.stamps == list(range(0, len(manager.stamps) * 500_000, 500_000))
         assert found.topics[topics.COMMAND.name] >= found.integrity.samples - 1

@@ -15,8 +15,8 @@ class Pacer:
 
     After a delay several samples are due. They are made one by one, each once the last one is answered or was made
     `GRACE` periods ago, so that every answer has its time; where not every sample is answered, by a slower controller
-    or by none, they are made at once. After a longer delay the bench stood still until the sample that is due now. So no
-    sample is lost.
+    or by none, they are made at once. After a longer delay the bench stood still until the sample that is due now. So
+    no sample is lost.
 
     Parameters
     ----------
