@@ -285,6 +285,7 @@ def test_a_sample_that_is_due_waits_for_the_answer_to_the_last_one_for_two_perio
     pacer = Pacer(500, 0)
     assert pacer.due(500, 1, 9) == 0  # sample 0 was made at 0
     assert pacer.patience_ns(600) == 400
+    assert pacer.patience_ns(5_000) == 50  # the controller on the same core gets its turn all the same
     assert pacer.due(999, 1, 9) == 0
     assert pacer.due(999, 0, 9) == 1  # the answer is there
     assert pacer.due(1_500, 1, 9) == 0

@@ -54,7 +54,10 @@ class Pacer:
 
     def patience_ns(self, now_ns: int) -> int:
         """Return how long until a sample may be made [ns], if the last one gets no answer before."""
-        return max((self.next_ns if now_ns < self.next_ns else self._made + self._grace) - now_ns, 0)
+        if now_ns < self.next_ns:
+            return self.next_ns - now_ns
+        # never nothing: who runs at a real-time priority would keep the controller from the core that they share
+        return max(self._made + self._grace - now_ns, self._period // 10)
 
     def due(self, now_ns: int, unanswered: int, steady: int) -> int:
         """Return how many samples are to be made now; they count as made.
