@@ -16,6 +16,7 @@ _REFUSED: Final = "not allowed"
 #: take all the memory that its libraries have only reserved.
 _CURRENT, _FUTURE, _ON_FAULT = 1, 2, 4
 _CAP_IPC_LOCK = 14
+_LOWEST = 1  # of the real-time priorities
 #: For nodes that have to keep pace with wall-clock time.
 PRIORITY = Param(
     "priority",
@@ -38,10 +39,22 @@ def raise_priority(level: int) -> bool:
         return True
     try:
         for thread in Path("/proc/self/task").iterdir():
-            os.sched_setscheduler(int(thread.name), os.SCHED_FIFO, os.sched_param(level))
+            own = _LOWEST if _sends_again(thread) else level
+            os.sched_setscheduler(int(thread.name), os.SCHED_FIFO, os.sched_param(own))
     except OSError:
         return False
     return True
+
+
+def _sends_again(thread: Path) -> bool:
+    """Whether a thread of this process is the one of Fast DDS that sends what a reader has not got.
+
+    It does not rest until the reader takes it. At the priority of the reader, on the same core, it would keep that from
+    running, for ever.
+    """
+    with contextlib.suppress(OSError):
+        return (thread / "comm").read_text(encoding="utf-8", errors="replace").startswith("dds.asyn")
+    return False
 
 
 def lock_memory() -> bool:
