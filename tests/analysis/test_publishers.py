@@ -128,23 +128,25 @@ def test_a_sample_of_somebody_else_is_told_and_left_out(sent: int, tmp_path: Pat
 
 
 @pytest.mark.parametrize(
-    ("number", "had", "there"),
+    ("number", "sequence", "had", "there"),
     [
-        (3, [OWN], ["aa"]),  # the same publisher begins again
-        (3, [OWN, OTHER], ["aa", "bb"]),
-        (1, [OWN, OTHER], ["bb"]),  # another one begins, and the first one has gone
-        (1, [OWN], ["aa"]),  # nobody knows of another one
+        (5, 0, [OWN], ["aa"]),  # the same publisher begins again
+        (5, 0, [OWN, OTHER], ["aa", "bb"]),
+        (1, 0, [OWN, OTHER], ["bb"]),  # another one begins, and the first one has gone
+        (1, 0, [OWN], ["aa"]),  # nobody knows of another one
+        (3, 2, [OWN, OTHER], ["bb"]),  # its first samples were lost
+        (9, 8, [OWN, OTHER], ["bb"]),  # and its numbers are as if they went on
     ],
 )
 def test_another_run_ends_the_recording(
-    number: int, had: list[tuple[str, str]], there: list[str], tmp_path: Path
+    number: int, sequence: int, had: list[tuple[str, str]], there: list[str], tmp_path: Path
 ) -> None:
     run = Taking(tmp_path / "run")
-    assert all(run.take(k + 1, k) for k in range(2))
+    assert all(run.take(k + 1, k) for k in range(4))
     run.had, run.there = had, there
-    assert not run.take(number, 0)
+    assert not run.take(number, sequence)
     run.session.close()
-    assert len(Recording.open(tmp_path / "run").measurement) == 2
+    assert len(Recording.open(tmp_path / "run").measurement) == 4
 
 
 @pytest.mark.parametrize(

@@ -113,8 +113,9 @@ class Division:
 class Source:
     """Tells the samples of the run that is recorded from those of anybody else who publishes samples.
 
-    A run is told by its first sample. Its publisher counts its messages and the samples alike, so that the two numbers
-    go on together; what another one sends does not fit. As long as nobody else was seen, every sample is its own.
+    A run is told by its first sample, or by a publisher in the place of the one before. Its publisher counts its
+    messages and the samples alike, so that the two numbers go on together; what another one sends does not fit. As long
+    as nobody else was seen, every sample is its own.
 
     Parameters
     ----------
@@ -152,11 +153,11 @@ class Source:
         elif (number, sequence) == (self._last[0] + 1, self._last[1]):  # for a node that has come since
             self._last = number, sequence
             return "repeated"
+        elif number != self._last[0] + 1 and self._is_replaced():
+            return "again"
         elif not self._goes_on(number, sequence):
             if len(self._look()) > 1:
-                there = self._present()
-                gone = self._gid not in there if self._gid else len(there) < 2
-                return "again" if sequence == 0 and gone else "other"
+                return "again" if sequence == 0 and not self._gid and len(self._present()) < 2 else "other"
             if sequence == 0:
                 return "again"
         elif sequence == 0:
@@ -172,6 +173,10 @@ class Source:
         own = self._gid if self._gid in known else next(iter(known), "")
         counts = {gid: self._count if gid == own else 0 for gid in known}
         return [Publisher(topic, gid, node, counts[gid] if told else None) for gid, node in known.items()]
+
+    def _is_replaced(self) -> bool:
+        """Whether the publisher of the run is gone and another one there, whose first samples may have been lost."""
+        return bool(self._gid) and len(self._look()) > 1 and self._gid not in self._present()
 
     def _goes_on(self, number: int, sequence: int) -> bool:
         """Whether a sample follows the last one by its numbers, be it that some between them were lost."""
