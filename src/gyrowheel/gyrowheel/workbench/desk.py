@@ -24,8 +24,9 @@ from gyrowheel.workbench import tables
 from gyrowheel.workbench.bench import SimulatedBench
 from gyrowheel.workbench.decimation import Envelope, envelopes
 from gyrowheel.workbench.live import LiveBenches
-from gyrowheel.workbench.report import before, report_page
+from gyrowheel.workbench.report import report_page
 from gyrowheel.workbench.shelf import Shelf
+from gyrowheel.workbench.work import Ended, Job, Trouble, Work
 from gyrowheel_core.errors import InputError, nearest, one_line
 
 if TYPE_CHECKING:
@@ -94,70 +95,6 @@ class Step:
     comparison: Comparison | None = None
     holds: Mapping[str, tuple[Estimate, ...]] = field(default_factory=dict)
     diagnosis: Diagnosis | None = None
-
-
-@dataclass(frozen=True)
-class Job:
-    """What is under way: its title, its last line, the fraction that is done where that is known, and when it began."""
-
-    title: str
-    line: str = ""
-    part: float | None = None
-    began: float = field(default_factory=time.monotonic)
-
-
-@dataclass(frozen=True)
-class Trouble:
-    """An error in a sentence, and the part of the page that caused it."""
-
-    place: str
-    sentence: str
-
-
-class Ended(Exception):
-    """The work was ended by the user."""
-
-
-class Work:
-    """The hand of what is under way on the desk; the desk takes nothing from it any more once it is ended.
-
-    A calculation cannot be stopped in its middle: it goes on unseen to its next line, and stops there.
-    """
-
-    def __init__(self, desk: Desk, place: str) -> None:
-        self._desk = desk
-        self.place = place
-        self.ended = False
-
-    def say(self, line: str) -> None:
-        """Show what is being done.
-
-        Raises
-        ------
-        Ended
-            If the user has ended it.
-        """
-        self.change(lambda: self._desk.tell(line, None))
-
-    def advancing(self, line: str) -> Callable[[float], None]:
-        """Return what shows the fraction that is done of something, in steps of a hundredth."""
-        shown = -1
-
-        def advance(part: float) -> None:
-            nonlocal shown
-            if int(100 * part) != shown:
-                shown = int(100 * part)
-                self.change(lambda: self._desk.tell(line, part))
-
-        return advance
-
-    def change(self, what: Callable[[], None]) -> None:
-        """Change something on the desk; raises `Ended` as `say` does."""
-        with self._desk.lock:
-            if self.ended:
-                raise Ended
-            what()
-        self._desk.changed()
 
 
 class Desk:
@@ -438,12 +375,11 @@ class Desk:
         step = self.step
         if step.diagnosis is None:
             raise InputError("report: nothing is diagnosed yet")
-        found, (fitted, unused), file = step.diagnosis, self._data(), self.file
-        first = before(step.model, self.kept, file)
+        found, data, kept, file = step.diagnosis, self._data(), self.kept, self.file
 
         def work(at: Work) -> None:
             at.say("reading the files of the recordings, drawing")
-            text = report_page(found, step.comparison, step.model, fitted, unused, file, first)
+            text = report_page(found, step.comparison, step.model, data, kept, file)
             at.change(lambda: self._lay_report(text))
 
         self._begin("writing the report", "missing", work)

@@ -41,10 +41,9 @@ def report_page(
     diagnosis: Diagnosis,
     comparison: Comparison | None,
     model: Model,
-    fitted: Sequence[Recording],
-    unused: Sequence[Recording],
+    recordings: tuple[Sequence[Recording], Sequence[Recording]],
+    kept: Model,
     file: Path | None,
-    first: Sequence[str],
 ) -> str:
     """Return the report on a diagnosis as one page of HTML.
 
@@ -54,14 +53,13 @@ def report_page(
         What was found, and where the model fails.
     model : Model
         The model that was diagnosed.
-    fitted, unused : sequence of Recording
-        The recordings of the diagnosis.
-    file : Path or None
-        File of the model.
-    first : sequence of str
-        What must be done before its commands, as `before` has it.
+    recordings : (sequence of Recording, sequence of Recording)
+        Those that were fitted, and those that were not.
+    kept, file : Model, Path or None
+        As `before` takes them.
     """
-    paths, held = ([recording.path for recording in own] for own in (fitted, unused))
+    fitted, unused = recordings
+    paths, held = ([recording.path for recording in own] for own in recordings)
     named = file or Path(MODEL)
     return Report.around(
         diagnosis,
@@ -69,7 +67,7 @@ def report_page(
         fitted,
         unused,
         comparison=comparison,
-        commands=[*first, diagnosing(paths, named, held)],
+        commands=[*before(model, kept, file), diagnosing(paths, named, held)],
         next_command=following(
             diagnosis, paths, held, named, model.bench_source, machine=noted_machine(fitted)
         ),
