@@ -74,6 +74,8 @@ class Pacer:
         delay = now_ns - self.next_ns
         if delay < 0:
             return 0
+        if delay > self._period:
+            self.worst_ns = max(self.worst_ns, delay)
         waited = now_ns - self._made - self._grace
         count = delay // self._period + 1
         if count > self._burst:
@@ -81,7 +83,6 @@ class Pacer:
             self.behind_ns += lost
             self.stalls += 1
             self.next_ns += lost
-            self.worst_ns = max(self.worst_ns, delay)
             delay, count = delay - lost, 1
         elif steady >= STEADY and unanswered <= UNANSWERED:
             if unanswered and waited < 0:
@@ -90,7 +91,6 @@ class Pacer:
             self.displaced += bool(unanswered) and waited > self._period // 2
         if delay > self._period:
             self.late += min(count, delay // self._period)
-            self.worst_ns = max(self.worst_ns, delay)
         self.next_ns += count * self._period
         self._made = now_ns
         return int(count)

@@ -83,8 +83,8 @@ class RealTime:
         self._node, self._plant, self._guard, self._period_ns = node, plant, guard, period_ns
         self._watch: Any = None  # looks for a controller, as long as the node is active
         self._seen = False  # a controller was there at the last look
-        self._pacer: Pacer | None = None  # while samples are made
-        self._told_of: Pacer | None = None  # the last one
+        self._pacer: Pacer | None = None  # since the last start
+        self._going = False  # samples are made
         self._period, self._execution = Statistics(), Statistics()  # of the samples
         self._ticked = 0  # time of the last one [ns]
         self._begun = 0  # stamp of the first sample [ns]
@@ -108,25 +108,25 @@ class RealTime:
         after = now % CLOCK_PERIOD_NS
         self._node.epoch = now - after - self._plant.time_ns
         self._begun = self._begun or now - after
-        self._pacer = self._told_of = Pacer(self._period_ns, self._ticked - after)
+        self._pacer, self._going = Pacer(self._period_ns, self._ticked - after), True
         self._told_stalls, self._told_late = 0, (0, self._plant.sequence)
 
     def stop(self) -> None:
         """Make no samples, and take no commands."""
         if self._watch is not None:
             self._node.destroy_timer(self._watch)
-        self._watch = self._pacer = None
+        self._watch, self._going = None, False
 
     def patience(self) -> float:
         """Return how long until a sample is made [s], if no command comes before."""
-        if self._pacer is None:
+        if self._pacer is None or not self._going:
             return math.inf
         return self._pacer.patience_ns(time.monotonic_ns()) * 1e-9
 
     def pace(self) -> None:
         """Make the samples that are due."""
         pacer = self._pacer
-        if pacer is None or (now := time.monotonic_ns()) < pacer.next_ns:
+        if pacer is None or not self._going or (now := time.monotonic_ns()) < pacer.next_ns:
             return
         guard, stood = self._guard, pacer.behind_ns
         due = pacer.due(now, guard.unanswered(self._plant.sequence), guard.steady)
@@ -176,7 +176,7 @@ class RealTime:
 
     def report(self) -> dict[str, object]:
         """Return what the diagnosis says about timing."""
-        guard, pacer = self._guard, self._told_of
+        guard, pacer = self._guard, self._pacer
         values: dict[str, object] = {
             "late_commands": guard.late,
             "missing_commands": guard.missing,
@@ -200,7 +200,7 @@ class RealTime:
 
     def lateness(self) -> tuple[str, str]:
         """Return what happened to the time since the last call: a stall, and samples that were late; in words."""
-        pacer = self._told_of
+        pacer = self._pacer
         if pacer is None:
             return "", ""
         stalled = pacer.stalls > self._told_stalls
