@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -108,6 +109,27 @@ def test_priority_zero_changes_nothing() -> None:
     before = os.sched_getscheduler(0)
     assert raise_priority(0)
     assert os.sched_getscheduler(0) == before
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="threads have no names here")
+def test_the_thread_that_sends_again_does_not_keep_a_reader_from_its_core(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    given: dict[int, int] = {}
+    monkeypatch.setattr(
+        os, "sched_setscheduler", lambda thread, _, own: given.update({thread: own.sched_priority})
+    )
+    end = threading.Event()
+    sender = threading.Thread(target=end.wait, daemon=True)
+    sender.start()
+    Path(f"/proc/self/task/{sender.native_id}/comm").write_text("dds.asyn.0.0", encoding="utf-8")
+    try:
+        assert raise_priority(10)
+    finally:
+        end.set()
+        sender.join()
+    assert given.pop(int(sender.native_id or 0)) == 1
+    assert given[os.getpid()] == 10
 
 
 def test_a_priority_that_the_system_refuses_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
