@@ -13,7 +13,7 @@ from gyrowheel_msgs.action import RunPlan
 from rclpy.action import ActionClient
 from rclpy.action.client import ClientGoalHandle
 
-from gyrowheel_bringup.graph.walking import ASK_AGAIN, fault_of
+from gyrowheel_bringup.graph.walking import ASK_AGAIN, PlanRequest, fault_of
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.node import BenchNode, Diagnosis, Param, run_node
 
@@ -29,7 +29,7 @@ class PlanClientNode(BenchNode):
         self._plan = Plan.load(self.parameter("plan"))
         self._client = ActionClient(self, RunPlan, "gyrowheel/run_plan")
         self._label = ""
-        self._asked = False
+        self._request: PlanRequest | None = None
         self._handle: ClientGoalHandle | None = None
         self._heard = 0.0  # when there was a sign of the plan [s of the monotonic clock]
 
@@ -49,28 +49,27 @@ class PlanClientNode(BenchNode):
 
     def diagnose(self) -> Diagnosis:
         """Return what is being walked."""
-        return Diagnosis(self._label or ("plan sent" if self._asked else "waiting for a conductor"))
-
-    def _ask(self) -> None:
-        if self._asked or not self._client.server_is_ready():
-            return
-        self._asked = True
-        # a shipped plan by its name: the conductor brings it within the limits of its bench
-        text = self.parameter("plan") if self._plan.written_for else self._plan.to_yaml()
-        goal = RunPlan.Goal(plan=text)
-        self._client.send_goal_async(goal, feedback_callback=self._on_feedback).add_done_callback(
-            self._on_answer
+        return Diagnosis(
+            self._label or ("plan sent" if self._request is not None else "waiting for a conductor")
         )
 
-    def _on_answer(self, future: Any) -> None:
-        handle = future.result()
-        if handle.accepted:
-            self._handle, self._heard = handle, time.monotonic()
-            handle.get_result_async().add_done_callback(self._on_result)
-        else:
-            self.fault(
-                "plan_refused", "the conductor refused the plan: it is executing another one, or not active"
-            )
+    def _ask(self) -> None:
+        """Ask for the plan, and look for the answer."""
+        if self._request is None:
+            if self._client.server_is_ready():
+                # a shipped plan by its name: the conductor brings it within the limits of its bench
+                text = self.parameter("plan") if self._plan.written_for else self._plan.to_yaml()
+                self._request = PlanRequest(self._client, RunPlan.Goal(plan=text), self._on_feedback)
+        elif self._handle is None and (handle := self._request.answer()) is not None:
+            self.destroy_timer(self._waiting)
+            if handle.accepted:
+                self._handle, self._heard = handle, time.monotonic()
+                handle.get_result_async().add_done_callback(self._on_result)
+            else:
+                self.fault(
+                    "plan_refused",
+                    "the conductor refused the plan: it is executing another one, or not active",
+                )
 
     def _ask_again(self) -> None:
         """Ask for the result once more where nothing is heard: the first answer may be lost."""

@@ -4,19 +4,74 @@ from __future__ import annotations
 
 import re
 import time
+import uuid
 from collections.abc import Callable
 from typing import Any
 
 from gyrowheel_msgs.action import RunPlan
 from rclpy.action import ActionClient
+from rclpy.action.client import ClientGoalHandle
+from unique_identifier_msgs.msg import UUID
 
 from gyrowheel_bringup.graph.nodes import EXECUTABLES
 from gyrowheel_bringup.graph.results import GraphError, Progress
 from gyrowheel_control.plans.plan import Plan
 
-#: Time without progress after which the result is asked for again [s]: an answer may be lost where the conductor did
-#: not know this client yet.
+#: Time without an answer or progress after which a conductor is asked again [s]: an answer may be lost where it did not
+#: know this client yet.
 ASK_AGAIN = 5.0
+
+
+class PlanRequest:
+    """A plan that a conductor is asked to walk, until it is known whether it does.
+
+    rclpy's action server begins no goal whose acceptance it cannot send, so a conductor that does not answer is asked
+    anew, under another identifier. Feedback tells that a plan is walked although its acceptance was lost on the way.
+
+    Parameters
+    ----------
+    plans : ActionClient
+        Client of the conductor, which is ready.
+    goal : RunPlan.Goal
+        The plan.
+    report : callable
+        Called with the feedback of the plan.
+    """
+
+    def __init__(self, plans: ActionClient, goal: RunPlan.Goal, report: Callable[[Any], None]) -> None:
+        self._plans = plans
+        self._goal = goal
+        self._report = report
+        self._answers: list[Any] = []
+        self._heard: ClientGoalHandle | None = None
+        self._asked = 0.0
+        self._ask()
+
+    def answer(self) -> ClientGoalHandle | None:
+        """Return the goal that was accepted or refused; None while that is not known. Ask again where it is time."""
+        accepted = (f.result() for f in self._answers if f.done() and f.result().accepted)
+        if (found := next(accepted, self._heard)) is not None:
+            return found
+        # while it walks what it was asked for before, it refuses the same plan
+        if all(f.done() for f in self._answers):
+            return self._answers[-1].result()
+        if time.monotonic() - self._asked > ASK_AGAIN:
+            self._ask()
+        return None
+
+    def _ask(self) -> None:
+        identifier = UUID(uuid=list(uuid.uuid4().bytes))
+
+        def hear(message: Any) -> None:
+            if self._heard is None:
+                accepted = RunPlan.Impl.SendGoalService.Response(accepted=True)
+                self._heard = ClientGoalHandle(self._plans, identifier, accepted)
+            self._report(message)
+
+        self._asked = time.monotonic()
+        self._answers.append(
+            self._plans.send_goal_async(self._goal, feedback_callback=hear, goal_uuid=identifier)
+        )
 
 
 def walked(
@@ -68,40 +123,41 @@ def walked(
         except BaseException as error:  # the executor would end the process for it
             raised.append(error)
 
-    def wait(
-        first: Any, what: str, *, again: Callable[[], Any] | None = None, to_the_end: bool = False
-    ) -> Any:
-        """Return the answer that `first` brings, or another one asked for by `again`.
-
-        None once the plan is to end, unless the end is what is waited for.
-        """
-        futures, began = [first], time.monotonic()
-        asked = began
-        while not (done := next((f for f in futures if f.done()), None)):
+    def wait(look: Callable[[], Any], what: str, *, to_the_end: bool = False) -> Any:
+        """Return what `look` finds; None once the plan is to end, unless the end is what is waited for."""
+        began = time.monotonic()
+        while (found := look()) is None:
             spin()
             if not to_the_end and (raised or (ended is not None and ended())):
                 return None
-            now = time.monotonic()
-            if now - (began if to_the_end else last) > patience:
+            if time.monotonic() - (began if to_the_end else last) > patience:
                 raise stalled(what)
-            if again is not None and now - max(asked, last) > ASK_AGAIN:
-                futures.append(again())
+        return found
+
+    def result(goal: ClientGoalHandle) -> Callable[[], Any]:
+        """Return what looks for the result of a goal, and asks for it again where nothing is heard."""
+        answers, asked = [goal.get_result_async()], time.monotonic()
+
+        def look() -> Any:
+            nonlocal asked
+            now = time.monotonic()
+            if now - max(asked, last) > ASK_AGAIN:
+                answers.append(goal.get_result_async())
                 asked = now
-        return done.result()
+            return next((f.result() for f in answers if f.done()), None)
+
+        return look
 
     try:
-        request = RunPlan.Goal(plan=plan.to_yaml())
-        answer = plans.send_goal_async(request, feedback_callback=report)
-        goal = wait(answer, "the conductor does not answer", to_the_end=True)
+        request = PlanRequest(plans, RunPlan.Goal(plan=plan.to_yaml()), report)
+        goal = wait(request.answer, "the conductor does not answer", to_the_end=True)
         if not goal.accepted:
             raise GraphError("plan_refused", "the conductor refused the plan: it is executing another one")
-        coming = goal.get_result_async()
-        found = wait(
-            coming, f"plan {plan.name} makes no progress for {patience:g} s", again=goal.get_result_async
-        )
+        coming = result(goal)
+        found = wait(coming, f"plan {plan.name} makes no progress for {patience:g} s")
         if found is None:
             goal.cancel_goal_async()
-            wait(coming, "the conductor does not end the plan", again=goal.get_result_async, to_the_end=True)
+            wait(coming, "the conductor does not end the plan", to_the_end=True)
             if raised:
                 raise raised[0]
             return None

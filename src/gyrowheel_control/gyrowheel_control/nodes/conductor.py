@@ -168,7 +168,6 @@ class ConductorNode(BenchNode):
         self._time_sources = TimeSources(self)
         self._samples_due = 0  # time from which on the next sample does [ns]
         self._walk: Walk | None = None
-        self._reserved = False  # a goal was accepted and has not begun yet
         self._held: NDArray[Any] | None = None  # one setpoint, published after the plan
         self._next = 0  # stamp of the next setpoint to publish [ns]
         self._moved = True  # whether the time has gone on since the last poll
@@ -251,19 +250,17 @@ class ConductorNode(BenchNode):
     # ---- action
 
     def _on_goal(self, request: RunPlan.Goal) -> GoalResponse:
-        if self.state != "active" or self._walk is not None or self._reserved:
+        if self.state != "active" or self._walk is not None:
             self.get_logger().warning(
                 "a plan is refused: another one is on its way, or the node is not active"
             )
             return GoalResponse.REJECT
-        self._reserved = True
         return GoalResponse.ACCEPT
 
     def _on_cancel(self, goal: ServerGoalHandle) -> CancelResponse:
         return CancelResponse.ACCEPT  # noticed in _on_poll, also while the clock is stopped
 
     def _begin(self, goal: ServerGoalHandle) -> None:
-        self._reserved = False
         goal.execute()
         try:
             plan = plan_for(goal.request.plan, self._bench)
