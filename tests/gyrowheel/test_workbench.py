@@ -83,17 +83,19 @@ def test_no_spike_is_lost_and_few_samples_are_all_shown() -> None:
 def test_signals_of_all_columns_are_those_of_each() -> None:
     """Also of more rows than one block has, and the last block cut."""
     rng = np.random.default_rng(2)
-    rows = np.zeros(100_001, [("stamp_ns", "i8"), ("a", "f8"), ("b", "f8")])
+    rows = np.zeros(100_001, [("stamp_ns", "i8"), ("a", "f8"), ("b", "f8"), ("undrawn", "f8")])
     rows["a"], rows["b"] = rng.normal(size=(2, len(rows)))
     rows["b"][70_000:70_600] = np.nan
-    found = envelopes(rows)
+    found = envelopes(rows, {"a", "b", "c"})
     assert found.keys() == {"a", "b"}
     for name, line in found.items():
         for own, alone in zip(
             line.cut(0, len(rows), 100), Envelope(rows[name]).cut(0, len(rows), 100), strict=True
         ):
             np.testing.assert_array_equal(own, alone)
-    assert envelopes(rows[:0])["a"].cut(0, 0, 100)[1].size == 0
+    drawn = found["b"].cut(0, len(rows), 100)[1]
+    assert (drawn.min(), drawn.max()) == (np.nanmin(rows["b"]), np.nanmax(rows["b"]))
+    assert envelopes(rows[:0], "a")["a"].cut(0, 0, 100)[1].size == 0
 
 
 def test_places_between_samples_have_times_between() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -72,11 +72,9 @@ class Envelope:
         return places.ravel(), ends.ravel()
 
 
-def envelopes(rows: NDArray[Any]) -> dict[str, Envelope]:
-    """Return every column of floats as a signal; one pass finds the extremes of all."""
-    names = [
-        name for name in rows.dtype.names or () if rows.dtype[name].kind == "f" and not rows.dtype[name].shape
-    ]
+def envelopes(rows: NDArray[Any], wanted: Collection[str]) -> dict[str, Envelope]:
+    """Return those columns that are wanted as signals; one pass finds the extremes of all."""
+    names = [name for name in rows.dtype.names or () if name in wanted]
     columns = [rows[name] for name in names]
     found = _extremes(columns, len(rows))
     return {name: Envelope(rows[name], own) for name, own in zip(names, found, strict=True)}
@@ -87,12 +85,18 @@ def _extremes(columns: Sequence[Array], count: int) -> list[tuple[Array, Array]]
     found = [(np.empty(-(-count // _BLOCK)), np.empty(-(-count // _BLOCK))) for _ in columns]
 
     def look(first: int, last: int) -> None:
-        starts = np.arange(0, last - first, _BLOCK)
-        to = slice(first // _BLOCK, first // _BLOCK + len(starts))
+        to = slice(first // _BLOCK, -(-last // _BLOCK))
+        whole = (last - first) // _BLOCK
         for column, (low, high) in zip(columns, found, strict=True):
-            part = column[first:last]
-            np.fmin.reduceat(part, starts, out=low[to])
-            np.fmax.reduceat(part, starts, out=high[to])
+            part = np.ascontiguousarray(column[first:last])
+            blocks = part[: whole * _BLOCK].reshape(whole, _BLOCK)
+            for quick, careful, out in ((np.minimum, np.fmin, low[to]), (np.maximum, np.fmax, high[to])):
+                quick.reduce(blocks, axis=1, out=out[:whole])
+                out[whole:] = np.nan
+                for k in np.flatnonzero(
+                    np.isnan(out)
+                ):  # what is not a number is left out, at a third of the speed
+                    out[k] = careful.reduce(part[k * _BLOCK : (k + 1) * _BLOCK])
 
     by_blocks(count, look)
     return found

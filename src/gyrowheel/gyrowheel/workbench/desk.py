@@ -24,6 +24,7 @@ from gyrowheel.workbench import tables
 from gyrowheel.workbench.bench import SimulatedBench
 from gyrowheel.workbench.decimation import Envelope, envelopes
 from gyrowheel.workbench.live import LiveBenches
+from gyrowheel.workbench.panels import columns
 from gyrowheel.workbench.report import report_page
 from gyrowheel.workbench.shelf import Shelf
 from gyrowheel.workbench.work import Ended, Job, Trouble, Work
@@ -61,7 +62,9 @@ class Opened:
     @classmethod
     def of(cls, key: str, recording: Recording, role: Role) -> Opened:
         """Return a recording made ready: what the page asks for at once is not waited for by other requests."""
-        own = cls(key, recording, role, envelopes(recording.measurement), envelopes(recording.setpoints))
+        drawn = {name for name, _ in columns()}
+        signals, setpoints = (envelopes(rows, drawn) for rows in (recording.measurement, recording.setpoints))
+        own = cls(key, recording, role, signals, setpoints)
         _ = recording.time, recording.info
         return own
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +17,7 @@ from gyrowheel.text.sentences.events import event_sentence
 from gyrowheel.text.sentences.residuals import region_description, region_name
 from gyrowheel.workbench.decimation import Envelope
 from gyrowheel.workbench.desk import ROLES, Desk, Opened
+from gyrowheel.workbench.panels import columns
 from gyrowheel_analysis.channels import CHANNELS
 from gyrowheel_analysis.reduction.groups import UPRIGHT, octants
 from gyrowheel_analysis.residuals.maps import VARIABLES, Cell, residual_map
@@ -31,14 +32,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-#: Panels of the signals: title with unit, size of the unit, columns with their labels.
-PANELS: tuple[tuple[str, float, Mapping[str, str]], ...] = (
-    ("tilt, °", DEG, {"tilt_x": "about x", "tilt_y": "about y"}),
-    ("spin rate, rpm", RPM, {"spin_rate": "spin rate"}),
-    ("coil voltage, V", 1.0, {"coil_voltage_x": "coil x", "coil_voltage_y": "coil y"}),
-    ("motor voltage, V", 1.0, {"motor_voltage": "motor"}),
-    ("motor current, A", 1.0, {"motor_current": "motor"}),
-)
 _MOST_POINTS = 4000
 _SETPOINT_POINTS = 800
 _MILLI = 1e3
@@ -53,13 +46,6 @@ _LEVELS = (
 _PER_SECOND = 30.0  # states of the rotor
 _MOST_STATES = 3000
 _MOST_GAPS = 200
-
-
-def columns() -> Iterator[tuple[str, float]]:
-    """Yield the columns of `PANELS` with the sizes of their units."""
-    for _, size, names in PANELS:
-        for name in names:
-            yield name, size
 
 
 def signal(desk: Desk, key: str, begin: float, end: float, points: int) -> bytes:
@@ -80,7 +66,7 @@ def signal(desk: Desk, key: str, begin: float, end: float, points: int) -> bytes
     -------
     bytes
         Two blocks, little-endian, the measurement and the setpoints. Each is the number of points as float64, their
-        times [s] as float64, then a float32 a point for every column of `PANELS` in its unit (of the setpoints: for
+        times [s] as float64, then a float32 a point for every column of the panels in its unit (of the setpoints: for
         those that it has), with zeros up to a whole number of 8 bytes.
 
     Raises

@@ -18,7 +18,7 @@ from gyrowheel.text.mathml import typeset
 from gyrowheel.text.recordings import integrity_text
 from gyrowheel.workbench.bench import SimulatedBench
 from gyrowheel.workbench.desk import NO_BENCH, ROLES, Desk
-from gyrowheel.workbench.pictures import PANELS
+from gyrowheel.workbench.panels import PANELS
 from gyrowheel.workbench.report import MODEL
 from gyrowheel.workbench.tables import LARGEST
 from gyrowheel_core.errors import InputError, nearest

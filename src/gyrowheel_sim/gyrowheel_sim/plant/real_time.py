@@ -183,7 +183,6 @@ class RealTime:
             "held_samples": guard.held,
         }
         if pacer is not None:
-            stamp = self._node.epoch + self._plant.time_ns
             self.clock_jump = (clocks_apart() - self._apart) * 1e-9
             values |= {
                 "late_samples": pacer.late,
@@ -192,9 +191,11 @@ class RealTime:
                 "behind_s": f"{pacer.behind_ns * 1e-9:.4f}",
                 "stalls": pacer.stalls,
                 "last_stall": self._stall.partition(": ")[2],
-                "clock_offset_s": f"{(time.time_ns() - stamp) * 1e-9:.3f}",
                 "clock_jump_s": f"{self.clock_jump:.3f}",
             }
+            if self._going:  # else the newest stamp grows old
+                stamp = self._node.epoch + self._plant.time_ns
+                values["clock_offset_s"] = f"{(time.time_ns() - stamp) * 1e-9:.3f}"
             values |= self._period.report("period") | self._execution.report("execution")
         return values
 

@@ -2,10 +2,33 @@
 
 from __future__ import annotations
 
+import functools
+import zlib
+from collections.abc import Iterable
 from typing import Final
 
 _POLYNOMIAL: Final = 0xEDB88320  # of CRC-32, the highest power in the lowest bit
 _ONE: Final = 1 << 31
+#: Bytes of a part from which on its checksum is sooner joined than computed again.
+_WORTH: Final = 1 << 16
+
+
+def joined_with(data: memoryview, known: Iterable[tuple[int, int, int]]) -> int:
+    """Return the CRC-32 of data, of some parts of which it is known.
+
+    Parameters
+    ----------
+    data : memoryview
+        The data.
+    known : iterable of (int, int, int)
+        Begin, end and checksum of these parts, in order.
+    """
+    result = at = 0
+    for begin, end, checksum in known:
+        if end - begin >= _WORTH:
+            result = joined(zlib.crc32(data[at:begin], result), checksum, end - begin)
+            at = end
+    return zlib.crc32(data[at:], result)
 
 
 def joined(first: int, second: int, length: int) -> int:
@@ -19,13 +42,19 @@ def joined(first: int, second: int, length: int) -> int:
         Of the second part [bytes].
     """
     # the first one is moved by the bits of the second: multiplied by x to their number
+    return _product(_power(length), first) ^ second
+
+
+@functools.lru_cache(maxsize=4096)
+def _power(length: int) -> int:
+    """Return x to the bits of so many bytes; most chunks of a file have one of a few lengths."""
     power, k = _ONE, 3
     while length:
         if length & 1:
             power = _product(_POWERS[k % len(_POWERS)], power)
         length >>= 1
         k += 1
-    return _product(power, first) ^ second
+    return power
 
 
 def _product(a: int, b: int) -> int:

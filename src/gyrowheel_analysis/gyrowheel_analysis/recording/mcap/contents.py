@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -12,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gyrowheel_analysis.recording.mcap.batches import Batch
+from gyrowheel_analysis.recording.mcap.checksum import joined_with
 from gyrowheel_analysis.recording.mcap.format import (
     CHANNEL,
     MESSAGE,
@@ -95,21 +95,22 @@ def contents(batch: Batch) -> Contents:
     if places:
         at = np.array(places)
         shares += _shares(Found(data, at, heads_at(data, at, "the file"), []), None)
-    for found, checked in _found(batch):
+    plain = plain_chunks(data, np.array(batch.chunks)) if batch.chunks else None
+    for found, checked in _found(batch, None if plain is None else plain[0]):
         declarations += found.others
         shares += _shares(found, checked)
-    return Contents(declarations, shares, zlib.crc32(data))
+    known = () if plain is None else zip(*plain[0].T.tolist(), plain[1], strict=True)
+    return Contents(declarations, shares, joined_with(data, known))
 
 
-def _found(batch: Batch) -> Iterator[tuple[Found, bool]]:
-    """Yield what the chunks hold, and whether checksums cover it."""
+def _found(batch: Batch, plain: npt.NDArray[np.int64] | None) -> Iterator[tuple[Found, bool]]:
+    """Yield what the chunks hold, where all of them are `plain` all at once, and whether checksums cover it."""
     if not batch.chunks:
         return
     index = np.array(batch.index, dtype=np.int64).reshape(-1, 3)
-    spans = plain_chunks(batch.data, np.array(batch.chunks))
-    if spans is not None:
+    if plain is not None:
         with contextlib.suppress(Damaged):  # reading them one by one tells which of them it is
-            found = find(Indexed(batch.data, spans, batch.data, index), "")
+            found = find(Indexed(batch.data, plain, batch.data, index), "")
             yield found, True
             return
     opened = [open_chunk(batch.data[a:b], _name(batch, a)) for a, b in batch.chunks]

@@ -105,7 +105,9 @@ def open_chunk(contents: memoryview, where: str) -> Chunk:
     return Chunk(start, end, records, checksum != 0)
 
 
-def plain_chunks(data: memoryview, chunks: npt.NDArray[np.int64]) -> npt.NDArray[np.int64] | None:
+def plain_chunks(
+    data: memoryview, chunks: npt.NDArray[np.int64]
+) -> tuple[npt.NDArray[np.int64], list[int]] | None:
     """Return where the records of chunks are that are not compressed and whose checksums are right.
 
     Parameters
@@ -117,8 +119,9 @@ def plain_chunks(data: memoryview, chunks: npt.NDArray[np.int64]) -> npt.NDArray
 
     Returns
     -------
-    ndarray of int64, shape (n, 2), or None
-        Begin and end of the records of each; None if one of them has to be opened by itself, by `open_chunk`.
+    (ndarray of int64, shape (n, 2), list of int) or None
+        Begin and end of the records of each, and their checksums; None if one of them has to be opened by itself, by
+        `open_chunk`.
     """
     begins, ends = chunks.T
     if np.any(ends - begins < _PLAIN.itemsize):
@@ -131,7 +134,7 @@ def plain_chunks(data: memoryview, chunks: npt.NDArray[np.int64]) -> npt.NDArray
         return None
     spans = np.stack([begins, begins + sizes.astype(np.int64)], axis=1)
     found = [zlib.crc32(data[a:b]) for a, b in spans.tolist()]
-    return spans if np.array_equal(found, heads["checksum"]) else None
+    return (spans, found) if np.array_equal(found, heads["checksum"]) else None
 
 
 @dataclass(frozen=True)
