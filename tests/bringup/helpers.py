@@ -18,6 +18,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from gyrowheel_bringup.graph import EXECUTABLES, find_executable
+from gyrowheel_bringup.graph.walking import ASK_AGAIN
 from gyrowheel_core import topics
 from gyrowheel_core.node import PARENT_VARIABLE, make_executor, prepare_environment
 
@@ -121,6 +122,21 @@ class Bystander:
                 publish()
             self.executor.spin_once(timeout_sec=0.02)
         return value
+
+    def call(self, client: Any, request: Any) -> Any:
+        """Return the answer of a service, which is asked again: a node does not answer whom it does not know yet."""
+        self.spin_until(client.service_is_ready)
+        futures = [client.call_async(request)]
+        asked = time.monotonic()
+
+        def answer() -> Any:
+            nonlocal asked
+            if time.monotonic() - asked > ASK_AGAIN:
+                futures.append(client.call_async(request))
+                asked = time.monotonic()
+            return next((future.result() for future in futures if future.done()), None)
+
+        return self.spin_until(answer)
 
     def said(self, name: str) -> str:
         """Return the message of the last diagnosis of a node; empty if there was none."""

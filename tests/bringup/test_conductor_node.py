@@ -15,6 +15,7 @@ from rclpy.action import ActionClient
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
+from gyrowheel_bringup.graph.walking import PlanRequest
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import topics, wire
 from gyrowheel_core.units import RPM
@@ -47,12 +48,10 @@ class Client:
 
     def ask(self, plan: str) -> Any:
         """Return the goal handle."""
-        request = RunPlan.Goal(plan=plan)
-        future = self.action.send_goal_async(
-            request, feedback_callback=lambda m: self.feedback.append(m.feedback)
+        request = PlanRequest(
+            self.action, RunPlan.Goal(plan=plan), lambda message: self.feedback.append(message.feedback)
         )
-        self.bystander.spin_until(future.done)
-        return future.result()
+        return self.bystander.spin_until(request.answer)
 
     def result(self, goal: Any) -> Any:
         future = goal.get_result_async()

@@ -33,11 +33,8 @@ class Lifecycles:
         }
 
     def change(self, name: str, label: str) -> bool:
-        client = self._clients[name]
-        self._bystander.spin_until(client.service_is_ready)
-        answer = client.call_async(ChangeState.Request(transition=Transition(label=label)))
-        self._bystander.spin_until(answer.done)
-        return bool(answer.result().success)
+        request = ChangeState.Request(transition=Transition(label=label))
+        return bool(self._bystander.call(self._clients[name], request).success)
 
 
 @pytest.mark.parametrize("realtime", [False, pytest.param(True, marks=pytest.mark.study)])

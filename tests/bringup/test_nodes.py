@@ -51,10 +51,7 @@ def test_a_lifecycle_manager_can_run_a_node(bystander: Bystander, start_node: St
     }
 
     def call(name: str, request: Any) -> Any:
-        bystander.spin_until(calls[name].service_is_ready)
-        future = calls[name].call_async(request)
-        bystander.spin_until(future.done)
-        return future.result()
+        return bystander.call(calls[name], request)
 
     def change(label: str) -> bool:
         return bool(call("change_state", ChangeState.Request(transition=Transition(label=label))).success)
@@ -101,9 +98,7 @@ def test_an_inactive_estimator_leaves_samples_out(bystander: Bystander, start_no
         assert setpoints.wait_for_all_acked()
 
     def trigger(label: str) -> None:
-        answer = change.call_async(ChangeState.Request(transition=Transition(label=label)))
-        bystander.spin_until(answer.done)
-        assert answer.result().success
+        assert bystander.call(change, ChangeState.Request(transition=Transition(label=label))).success
 
     bystander.spin_until(lambda: bystander.values("drag_estimator").get("state") == "active")
     for ready in (samples.get_subscription_count, setpoints.get_subscription_count, change.service_is_ready):
@@ -123,13 +118,10 @@ def test_gains_and_limits_change_while_a_node_works(bystander: Bystander, start_
     start_node("controller")
     bystander.spin_until(lambda: bystander.values("controller").get("state") == "active")
     client = bystander.node.create_client(SetParameters, "/controller/set_parameters")
-    bystander.spin_until(client.service_is_ready)
 
     def set_parameter(name: str, value: Any) -> Any:
         parameter = Parameter(name, value=value).to_parameter_msg()
-        future = client.call_async(SetParameters.Request(parameters=[parameter]))
-        bystander.spin_until(future.done)
-        return future.result().results[0]
+        return bystander.call(client, SetParameters.Request(parameters=[parameter])).results[0]
 
     assert bystander.values("controller")["tilt_limit_deg"] == "3"
     assert set_parameter("tilt_bandwidth", 10.0).successful

@@ -106,13 +106,11 @@ def test_the_rate_of_the_joint_states_changes_at_once(bystander: Bystander, star
     start_node("plant", command_timeout=3600.0, joint_state_rate=100_000.0)  # at most every sample has one
     answers = Answers(bystander)
     client = bystander.node.create_client(SetParameters, "/plant/set_parameters")
-    bystander.spin_until(client.service_is_ready)
 
     def set_rate(rate: float) -> None:
         parameter = Parameter("joint_state_rate", value=rate).to_parameter_msg()
-        future = client.call_async(SetParameters.Request(parameters=[parameter]))
-        bystander.spin_until(future.done)
-        assert future.result().results[0].successful
+        answer = bystander.call(client, SetParameters.Request(parameters=[parameter]))
+        assert answer.results[0].successful
 
     def go_on(until: int) -> None:
         for wanted in range(answers.samples[-1] + 1, until + 1):

@@ -117,11 +117,7 @@ class Replay:
 
     def call(self, kind: Any, name: str, request: Any) -> Any:
         """Call a service."""
-        client = self.bystander.node.create_client(kind, name)
-        self.bystander.spin_until(client.service_is_ready)
-        future = client.call_async(request)
-        self.bystander.spin_until(future.done)
-        return future.result()
+        return self.bystander.call(self.bystander.node.create_client(kind, name), request)
 
     def _taker(self, name: str) -> Callable[[bytes], None]:
         def take(data: bytes) -> None:
