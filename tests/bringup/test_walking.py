@@ -208,9 +208,10 @@ raise SystemExit(main())
 @pytest.mark.graph
 @pytest.mark.parametrize("how", ["unsent", "lost"])
 def test_a_conductor_whose_first_answer_is_lost_walks_the_plan(
-    how: str, domain: int, bystander: Bystander
+    how: str, domain: int, bystander: Bystander, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nobody tells the time of the bench, so the plan ends soon."""
+    monkeypatch.setattr(walking, "ASK_AGAIN", 0.5)
     process = subprocess.Popen(
         [
             sys.executable,
