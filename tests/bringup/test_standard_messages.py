@@ -177,8 +177,8 @@ def test_a_controller_of_standard_messages_holds_the_bench_through_a_plan(
     found = info(tmp_path / "run")
     assert found.integrity.complete
     if realtime:
-        # the states come at the rate asked for; a sensor's quality of service may lose some
-        assert 0.15 * found.integrity.samples < len(manager.stamps) < 0.26 * found.integrity.samples
+        # the states come at the rate asked for; a sensor's quality of service may lose some of them
+        assert np.median(np.diff(manager.stamps)) == pytest.approx(1e9 / rate, rel=0.01)
     else:
         assert manager.stamps == list(range(0, len(manager.stamps) * 500_000, 500_000))
         assert found.topics[topics.COMMAND.name] >= found.integrity.samples - 1
