@@ -18,9 +18,8 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from gyrowheel_bringup.graph import EXECUTABLES, find_executable
-from gyrowheel_bringup.graph.walking import ASK_AGAIN
 from gyrowheel_core import topics
-from gyrowheel_core.node import PARENT_VARIABLE, make_executor, prepare_environment
+from gyrowheel_core.node import PARENT_VARIABLE, RepeatedRequest, make_executor, prepare_environment
 
 #: A plan of about 3 s with ramps, holds and a cone, in environments that are not the ambient one.
 SHORT_PLAN = """\
@@ -126,17 +125,7 @@ class Bystander:
     def call(self, client: Any, request: Any) -> Any:
         """Return the answer of a service, which is asked again: a node does not answer whom it does not know yet."""
         self.spin_until(client.service_is_ready)
-        futures = [client.call_async(request)]
-        asked = time.monotonic()
-
-        def answer() -> Any:
-            nonlocal asked
-            if time.monotonic() - asked > ASK_AGAIN:
-                futures.append(client.call_async(request))
-                asked = time.monotonic()
-            return next((future.result() for future in futures if future.done()), None)
-
-        return self.spin_until(answer)
+        return self.spin_until(RepeatedRequest(lambda: client.call_async(request)).answer)
 
     def said(self, name: str) -> str:
         """Return the message of the last diagnosis of a node; empty if there was none."""

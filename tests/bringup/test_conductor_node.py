@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -15,13 +18,15 @@ from rclpy.action import ActionClient
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from gyrowheel_bringup.graph.walking import PlanRequest
+from gyrowheel_bringup.graph.results import GraphError
+from gyrowheel_bringup.graph.walking import PlanRequest, walked
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import topics, wire
+from gyrowheel_core.node import requests
 from gyrowheel_core.units import RPM
 from gyrowheel_sim.environment import from_json, to_json
 
-from .helpers import LONG_PLAN, PATIENCE, SHORT_PLAN, Bystander, NodeProcess
+from .helpers import LONG_PLAN, PATIENCE, SHORT_PLAN, Bystander, NodeProcess, end_process
 
 pytestmark = pytest.mark.graph
 
@@ -155,6 +160,66 @@ def test_a_plan_ends_where_the_time_stands_or_jumps_and_its_setpoint_is_held(
     bystander.spin_until(lambda: client.setpoints[-1][0] == late + LEAD_NS - 5_000_000)
     last = client.setpoints[-1]
     assert (last[2], last[5:7], last[8]) == (1, (0.0, 0.0), 0.0)
+
+
+#: A conductor that loses its first answer to a plan: it cannot be sent, or nobody gets it.
+FORGETFUL = """
+import sys
+from rclpy.impl.implementation_singleton import rclpy_implementation as middleware
+from gyrowheel_control.nodes.conductor import main
+
+send, how, lost = middleware.ActionServer.send_goal_response, sys.argv.pop(1), []
+
+def lose(*answer):
+    if lost:
+        return send(*answer)
+    lost.append(answer)
+    if how == "unsent":
+        raise middleware.RCLError("client will not receive response")
+
+middleware.ActionServer.send_goal_response = lose
+raise SystemExit(main())
+"""
+
+
+@pytest.mark.parametrize("how", ["unsent", "lost"])
+def test_a_plan_is_walked_once_although_the_first_answer_to_it_is_lost(
+    how: str, domain: int, bystander: Bystander, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(requests, "ASK_AGAIN", 0.5)
+    process = subprocess.Popen(
+        [
+            *(sys.executable, "-c", FORGETFUL, how),
+            *("--ros-args", "-p", "controller:=none", "-p", f"lead:={LEAD_NS * 1e-9}"),
+        ],
+        env=os.environ | {"ROS_DOMAIN_ID": str(domain)},
+    )
+    try:
+        client = Client(bystander)
+        now = 0
+
+        def spin() -> None:
+            nonlocal now
+            bystander.executor.spin_once(timeout_sec=0.005)
+            if not client.setpoints or client.setpoints[-1][0] >= now + LEAD_NS - 5_000_000:
+                now += 10_000_000 if client.setpoints else 0
+                client.clock.publish(wire.CLOCK.pack(now))
+
+        plan = Plan.load(SHORT_PLAN)
+        result = walked(
+            client.action,
+            plan,
+            spin=spin,
+            stalled=lambda what: GraphError("stalled", what),
+            patience=PATIENCE,
+        )
+        assert result is not None
+        assert result.success, result.message
+        rows = plan.setpoints()
+        assert [tuple(s) for s in client.setpoints[: len(rows)]] == [tuple(row) for row in rows.tolist()]
+        assert len(client.environments) == 1
+    finally:
+        end_process(process)
 
 
 def test_a_plan_ends_where_nobody_tells_the_time(bystander: Bystander, start_node: Start):

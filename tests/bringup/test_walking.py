@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from types import SimpleNamespace
@@ -14,13 +11,9 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS is not installed")
 
-from gyrowheel_msgs.action import RunPlan
-from rclpy.action import ActionClient
-
 from gyrowheel_bringup.graph import GraphError, Progress, walking
 from gyrowheel_control.plans.plan import Plan
-
-from .helpers import PATIENCE, Bystander, end_process
+from gyrowheel_core.node import requests
 
 DONE = SimpleNamespace(result=SimpleNamespace(success=True, message="plan check completed"))
 CANCELLED = SimpleNamespace(result=SimpleNamespace(success=False, message="cancelled"))
@@ -101,14 +94,14 @@ class Conductor:
 
 
 def test_an_answer_that_is_lost_is_asked_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(walking, "ASK_AGAIN", 0.0)
+    monkeypatch.setattr(requests, "ASK_AGAIN", 0.0)
     conductor = Conductor(lost=2)
     assert conductor.walk().success
     assert [answer.done() for answer in conductor.asked[:2]] == [False, False]
 
 
 def test_a_plan_whose_acceptance_is_lost_is_asked_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(walking, "ASK_AGAIN", 0.0)
+    monkeypatch.setattr(requests, "ASK_AGAIN", 0.0)
     conductor = Conductor(unanswered=2)
     assert conductor.walk().success
     assert conductor.requests == 3
@@ -131,7 +124,7 @@ def test_feedback_tells_that_a_plan_is_walked_although_its_acceptance_is_lost(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Asked again the conductor refuses the plan, since it walks it."""
-    monkeypatch.setattr(walking, "ASK_AGAIN", 0.0)
+    monkeypatch.setattr(requests, "ASK_AGAIN", 0.0)
     conductor = Conductor(unanswered=1, walks_unanswered=True)
     monkeypatch.setattr(conductor, "spin", with_late_feedback(conductor))
     assert conductor.walk().success
@@ -184,61 +177,3 @@ def test_a_plan_may_be_refused() -> None:
 )
 def test_the_fault_of_a_plan_is_that_of_what_ended_it(message: str, fault: str) -> None:
     assert walking.fault_of(message) == fault
-
-
-CONDUCTOR = """
-import sys
-from rclpy.impl.implementation_singleton import rclpy_implementation as middleware
-from gyrowheel_control.nodes.conductor import main
-
-send, how, lost = middleware.ActionServer.send_goal_response, sys.argv.pop(1), []
-
-def lose(*answer):
-    if lost:
-        return send(*answer)
-    lost.append(answer)
-    if how == "unsent":
-        raise middleware.RCLError("client will not receive response")
-
-middleware.ActionServer.send_goal_response = lose
-raise SystemExit(main())
-"""
-
-
-@pytest.mark.graph
-@pytest.mark.parametrize("how", ["unsent", "lost"])
-def test_a_conductor_whose_first_answer_is_lost_walks_the_plan(
-    how: str, domain: int, bystander: Bystander, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Nobody tells the time of the bench, so the plan ends soon."""
-    monkeypatch.setattr(walking, "ASK_AGAIN", 0.5)
-    process = subprocess.Popen(
-        [
-            sys.executable,
-            "-c",
-            CONDUCTOR,
-            how,
-            "--ros-args",
-            "-p",
-            "clock_timeout:=0.5",
-            "-p",
-            "wait_for_subscribers:=0",
-            "-p",
-            "controller:=none",
-        ],
-        env=os.environ | {"ROS_DOMAIN_ID": str(domain)},
-    )
-    try:
-        plans = ActionClient(bystander.node, RunPlan, "/gyrowheel/run_plan")
-        bystander.spin_until(plans.server_is_ready)
-        result = walking.walked(
-            plans,
-            Plan.load("check"),
-            spin=lambda: bystander.executor.spin_once(timeout_sec=0.02),
-            stalled=lambda what: GraphError("stalled", what),
-            patience=PATIENCE,
-        )
-        assert result is not None
-        assert "clock_stands" in result.message
-    finally:
-        end_process(process)

@@ -29,6 +29,11 @@ TAKE_PERIOD: Final = 0.02
 TOLD_AT_ONCE: Final = 0.02
 
 
+def already_recording(directory: str) -> str:
+    """Return what a recorder answers that is asked to start while it records into a directory."""
+    return f"already recording into {directory}"
+
+
 class RecorderNode(BenchNode):
     """Records the topics of the bench, except the truth."""
 
@@ -225,7 +230,7 @@ class RecorderNode(BenchNode):
         if self.state != "active":
             response.message = "the recorder is not active"
         elif self._recording is not None:
-            response.message = f"already recording into {self._recording.writer.path}"
+            response.message = already_recording(str(self._recording.writer.path))
         elif not request.directory:
             response.message = "no directory is given"
         else:

@@ -12,12 +12,13 @@ from gyrowheel_msgs.action import RunPlan
 from gyrowheel_msgs.srv import StartRecording, StopRecording
 from rclpy.action import ActionClient
 
+from gyrowheel_analysis.nodes.recorder import already_recording
 from gyrowheel_bringup.graph.own_node import own_node
 from gyrowheel_bringup.graph.results import GraphError, Progress
 from gyrowheel_bringup.graph.walking import walked
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.node import prepare_environment
+from gyrowheel_core.node import RepeatedRequest, prepare_environment
 
 _APPEAR = 20.0  # time in which a bench that runs must show [s]
 _ANSWER = 60.0  # time for an answer, and between two signs of progress [s]
@@ -55,9 +56,9 @@ class _Asking:
         """Return the answer of a service."""
         began = time.monotonic()
         self.until(client.service_is_ready, began + _APPEAR, f"no {what}")
-        future = client.call_async(request)
-        self.until(future.done, began + seconds, f"no answer of the {what}")
-        return future.result()
+        asked = RepeatedRequest(lambda: client.call_async(request))
+        self.until(lambda: asked.answer() is not None, began + seconds, f"no answer of the {what}")
+        return asked.answer()
 
 
 def walk(
@@ -102,10 +103,10 @@ def walk(
         asking = _Asking(namespace, domain, closing)
         began = time.monotonic()
         asking.until(asking.plans.server_is_ready, began + _APPEAR, "no conductor, which walks plans")
-        answer = asking.call(
-            asking.start, StartRecording.Request(directory=str(record.absolute())), "recorder"
-        )
-        if not answer.success:
+        directory = str(record.absolute())
+        answer = asking.call(asking.start, StartRecording.Request(directory=directory), "recorder")
+        # so it answers where it was asked again: the folder is new, nobody else has it recorded into
+        if not answer.success and answer.message != already_recording(directory):
             raise InputError(f"recorder of the bench: {answer.message}")
         try:
             return _walked(asking, plan, progress, ended)

@@ -24,7 +24,7 @@ from gyrowheel_bringup.graph.strangers import Strangers
 from gyrowheel_bringup.graph.walking import fault_of, walked
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import namespaces, topics
-from gyrowheel_core.node import PRIORITY, is_refused
+from gyrowheel_core.node import PRIORITY, RepeatedRequest, is_refused
 
 _SETTLE_TIMEOUT = 30.0  # time for a node to take what was sent to it [s]
 _FINISH_TIMEOUT = 120.0  # time for the recorder to complete its files [s]
@@ -33,7 +33,6 @@ _WIND_DOWN = 60.0  # time to stop the motor [s]
 _AT_REST = 30.0  # spin rate of a wheel that the controller has brought to rest [rpm]
 _ACTIVATE = 10.0  # time for a node to say that it is active [s]
 _NOTICED = 2.0 * TAKE_PERIOD  # after a plan, the recorder has seen by then how it ended [s]
-_ASK_AGAIN = 5.0  # time to answer a request before it is made again [s]
 _LAST = 0.1  # time to take what has arrived [s]
 
 
@@ -251,22 +250,15 @@ class Link:
             self._call("recorder", self._stop_recording, StopRecording.Request(), timeout=_FINISH_TIMEOUT)
 
     def _call(self, name: str, client: Any, request: Any, *, timeout: float) -> Any:
-        """Call a service of a node; return None if the node has ended or does not answer in time.
-
-        Asked again now and then: a neighbour that is killed may take a request or an answer with it.
-        """
+        """Call a service of a node; return None if the node has ended or does not answer in time."""
         if name not in self._processes.children or not client.service_is_ready():
             return None
-        futures = [client.call_async(request)]
-        again, end = time.monotonic() + _ASK_AGAIN, time.monotonic() + timeout
-        while not any(future.done() for future in futures):
+        asked, end = RepeatedRequest(lambda: client.call_async(request)), time.monotonic() + timeout
+        while (answer := asked.answer()) is None:
             self._executor.spin_once(timeout_sec=0.05)
             if not self._processes.runs(name) or time.monotonic() > end:
                 return None
-            if time.monotonic() > again:
-                futures.append(client.call_async(request))
-                again = time.monotonic() + _ASK_AGAIN
-        return next(future.result() for future in futures if future.done())
+        return answer
 
     # ---- hearing
 

@@ -16,14 +16,11 @@ from unique_identifier_msgs.msg import UUID
 from gyrowheel_bringup.graph.nodes import EXECUTABLES
 from gyrowheel_bringup.graph.results import GraphError, Progress
 from gyrowheel_control.plans.plan import Plan
-
-#: Time without an answer or progress after which a conductor is asked again [s]: an answer may be lost where it did not
-#: know this client yet.
-ASK_AGAIN = 5.0
+from gyrowheel_core.node import RepeatedRequest
 
 
-class PlanRequest:
-    """A plan that a conductor is asked to walk, until it is known whether it does.
+class PlanRequest(RepeatedRequest):
+    """A plan that a conductor is asked to walk; the answer is the goal, accepted or refused.
 
     rclpy's action server begins no goal whose acceptance it cannot send, so a conductor that does not answer is asked
     anew, under another identifier. Feedback tells that a plan is walked although its acceptance was lost on the way.
@@ -39,39 +36,25 @@ class PlanRequest:
     """
 
     def __init__(self, plans: ActionClient, goal: RunPlan.Goal, report: Callable[[Any], None]) -> None:
-        self._plans = plans
-        self._goal = goal
-        self._report = report
-        self._answers: list[Any] = []
         self._heard: ClientGoalHandle | None = None
-        self._asked = 0.0
-        self._ask()
 
-    def answer(self) -> ClientGoalHandle | None:
-        """Return the goal that was accepted or refused; None while that is not known. Ask again where it is time."""
-        accepted = (f.result() for f in self._answers if f.done() and f.result().accepted)
-        if (found := next(accepted, self._heard)) is not None:
-            return found
+        def ask() -> Any:
+            identifier = UUID(uuid=list(uuid.uuid4().bytes))
+
+            def hear(message: Any) -> None:
+                if self._heard is None:
+                    accepted = RunPlan.Impl.SendGoalService.Response(accepted=True)
+                    self._heard = ClientGoalHandle(plans, identifier, accepted)
+                report(message)
+
+            return plans.send_goal_async(goal, feedback_callback=hear, goal_uuid=identifier)
+
+        super().__init__(ask)
+
+    def _chosen(self, answers: list[Any]) -> Any:
+        accepted = next((goal for goal in answers if goal.accepted), self._heard)
         # while it walks what it was asked for before, it refuses the same plan
-        if all(f.done() for f in self._answers):
-            return self._answers[-1].result()
-        if time.monotonic() - self._asked > ASK_AGAIN:
-            self._ask()
-        return None
-
-    def _ask(self) -> None:
-        identifier = UUID(uuid=list(uuid.uuid4().bytes))
-
-        def hear(message: Any) -> None:
-            if self._heard is None:
-                accepted = RunPlan.Impl.SendGoalService.Response(accepted=True)
-                self._heard = ClientGoalHandle(self._plans, identifier, accepted)
-            self._report(message)
-
-        self._asked = time.monotonic()
-        self._answers.append(
-            self._plans.send_goal_async(self._goal, feedback_callback=hear, goal_uuid=identifier)
-        )
+        return accepted or (answers[-1] if len(answers) == self.times else None)
 
 
 def walked(
@@ -134,30 +117,16 @@ def walked(
                 raise stalled(what)
         return found
 
-    def result(goal: ClientGoalHandle) -> Callable[[], Any]:
-        """Return what looks for the result of a goal, and asks for it again where nothing is heard."""
-        answers, asked = [goal.get_result_async()], time.monotonic()
-
-        def look() -> Any:
-            nonlocal asked
-            now = time.monotonic()
-            if now - max(asked, last) > ASK_AGAIN:
-                answers.append(goal.get_result_async())
-                asked = now
-            return next((f.result() for f in answers if f.done()), None)
-
-        return look
-
     try:
         request = PlanRequest(plans, RunPlan.Goal(plan=plan.to_yaml()), report)
         goal = wait(request.answer, "the conductor does not answer", to_the_end=True)
         if not goal.accepted:
             raise GraphError("plan_refused", "the conductor refused the plan: it is executing another one")
-        coming = result(goal)
-        found = wait(coming, f"plan {plan.name} makes no progress for {patience:g} s")
+        result = RepeatedRequest(goal.get_result_async)
+        found = wait(lambda: result.answer(last), f"plan {plan.name} makes no progress for {patience:g} s")
         if found is None:
             goal.cancel_goal_async()
-            wait(coming, "the conductor does not end the plan", to_the_end=True)
+            wait(lambda: result.answer(last), "the conductor does not end the plan", to_the_end=True)
             if raised:
                 raise raised[0]
             return None

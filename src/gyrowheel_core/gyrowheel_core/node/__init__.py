@@ -60,6 +60,7 @@ from gyrowheel_core.node.process import (
     run_node,
     spin,
 )
+from gyrowheel_core.node.requests import RepeatedRequest
 
 __all__ = [
     "AUTOSTART",
@@ -76,6 +77,7 @@ __all__ = [
     "Inbox",
     "Newcomers",
     "Param",
+    "RepeatedRequest",
     "StopSignals",
     "is_refused",
     "make_executor",
