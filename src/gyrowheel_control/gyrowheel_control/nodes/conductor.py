@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -25,16 +25,15 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from gyrowheel_msgs.action import RunPlan
 from numpy.typing import NDArray
-from rcl_interfaces.srv import SetParameters
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action import CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
-from rclpy.client import Client
-from rclpy.parameter import Parameter as RosParameter
 from rclpy.subscription import Subscription
 from std_msgs.msg import String
 
 from gyrowheel_control.loops.following import Tracking
 from gyrowheel_control.loops.limits import plan_tilt_limit, tilt_limit
+from gyrowheel_control.nodes.controller_limit import ControllerLimit
+from gyrowheel_control.nodes.plan_server import PlanServer
 from gyrowheel_control.nodes.time_sources import TimeSources
 from gyrowheel_control.nodes.wheel_watch import WheelWatch
 from gyrowheel_control.plans.fitting import plan_for
@@ -53,10 +52,6 @@ CLOCK_PERIOD_NS = 10_000_000
 POLL_PERIOD = 0.05
 #: How long a goal waits for somebody who listens to the setpoints [s].
 MATCHING_TIMEOUT = 120.0
-#: How long the controller may take to accept a tilt limit [s].
-LIMIT_TIMEOUT = 10.0
-#: How long it may be silent before it is asked again [s].
-ASK_AGAIN = 2.0
 #: How long a publisher of the clock is looked for before the samples tell the time [s].
 CLOCK_TIMEOUT = 0.5
 #: How long a clock of somebody else that is there may be silent before it counts as standing at 0 [s].
@@ -78,32 +73,13 @@ class Walk:
     plan: Plan
     setpoints: NDArray[Any]
     tilt_limit: float  # [rad]
-    limit_set: bool = False  # whether the controller has it, or needs not be asked
-    asked: Any = None  # the answer to come of the controller
     waits_for: str = "somebody who listens to the setpoints"
-    asked_at: float = 0.0  # by the clock of `time.monotonic`
     start_ns: int | None = None  # set once somebody listens
     deadline: float = 0.0  # for that, by the clock of `time.monotonic`
     timeless: float | None = (
         None  # since when nothing but the time of the bench is missing, by the same clock
     )
     told: tuple[int, int] = (-1, -1)  # segment and second of the last feedback
-
-
-class PlanServer(ActionServer):
-    """Action server whose goals are worked on by callbacks of the node instead of one for the whole goal.
-
-    ``goal.execute()`` marks a goal as executing; ``notify_execute(goal, callback)`` ends it with what the
-    callback returns. A coroutine that waits for the end of a plan would be polled by the events executor
-    without a pause.
-    """
-
-    def notify_execute(
-        self, goal_handle: ServerGoalHandle, execute_callback: Callable[..., Any] | None
-    ) -> None:
-        """Run `execute_callback` if there is one."""
-        if execute_callback is not None:
-            super().notify_execute(goal_handle, execute_callback)
 
 
 class ConductorNode(BenchNode):
@@ -182,10 +158,8 @@ class ConductorNode(BenchNode):
         ]
         controller = self.parameter("controller")
         self._controller = namespaces.local_name(controller.strip("/"), self.namespace)
-        self._limits = (
-            self.create_client(SetParameters, f"{controller.rstrip('/')}/set_parameters")
-            if controller not in ("", "none")
-            else None
+        self._controller_limit = (
+            ControllerLimit(self, controller, self._on_poll) if controller not in ("", "none") else None
         )
         self._server = PlanServer(
             self,
@@ -215,8 +189,8 @@ class ConductorNode(BenchNode):
         for subscription in (*self._inputs, self._samples):
             if subscription is not None:
                 self.destroy_subscription(subscription)
-        if self._limits is not None:
-            self.destroy_client(self._limits)
+        if self._controller_limit is not None:
+            self._controller_limit.destroy()
         self.destroy_publisher(self._setpoints)
         self.destroy_publisher(self._environment)
 
@@ -272,6 +246,8 @@ class ConductorNode(BenchNode):
         if len(setpoints) * SETPOINT_PERIOD_NS % CLOCK_PERIOD_NS:
             setpoints = np.concatenate([setpoints, self._after(setpoints, plan)])
         self._walk = Walk(goal, plan, setpoints, limit, deadline=time.monotonic() + MATCHING_TIMEOUT)
+        if self._controller_limit is not None:
+            self._controller_limit.begin(plan.name, limit)
         self._on_poll()
 
     def _on_poll(self) -> None:
@@ -293,7 +269,14 @@ class ConductorNode(BenchNode):
             listeners = self._setpoints.get_subscription_count()
             rigs = self._environment.get_subscription_count()
             if listeners >= needed and rigs >= needed:
-                if not self._limit_is_set(walk):
+                try:
+                    limited = self._controller_limit is None or self._controller_limit.is_set(
+                        self._tilt_limit
+                    )
+                except InputError as error:
+                    self._finish(str(error))
+                    return
+                if not limited:
                     walk.waits_for = "the controller to take the tilt limit"
                 elif not self._time_is_known(walk):
                     walk.waits_for = "the time of the bench"
@@ -324,45 +307,6 @@ class ConductorNode(BenchNode):
 
     def _limit(self, wanted: float) -> float:
         return tilt_limit(self._bench, wanted, "parameter tilt_limit")
-
-    def _limit_is_set(self, walk: Walk) -> bool:
-        """Return whether the controller has the tilt limit of the plan; asks for it."""
-        if walk.limit_set or self._limits is None:
-            return True
-        if walk.asked is None:
-            if not self._limits.service_is_ready():
-                if (
-                    walk.tilt_limit <= self._tilt_limit
-                ):  # there may be another controller, with its own limits
-                    return True
-                if time.monotonic() > walk.deadline - MATCHING_TIMEOUT + LIMIT_TIMEOUT:
-                    self._finish(
-                        f"plan {walk.plan.name} needs a tilt limit of {math.degrees(walk.tilt_limit):.2f} deg, "
-                        f"and there is no node '{self.parameter('controller')}' to set it in"
-                    )
-                return False
-            self._ask_for_limit(walk, self._limits)
-            return False
-        if not walk.asked.done():
-            # a server that did not know the client yet has dropped its answer
-            if time.monotonic() > walk.asked_at + ASK_AGAIN:
-                self._limits.remove_pending_request(walk.asked)
-                self._ask_for_limit(walk, self._limits)
-            return False
-        (answer,) = walk.asked.result().results
-        if not answer.successful:
-            self._finish(f"plan {walk.plan.name}: the controller refuses its tilt limit: {answer.reason}")
-            return False
-        walk.limit_set = True
-        return True
-
-    def _ask_for_limit(self, walk: Walk, limits: Client) -> None:
-        wanted = RosParameter("tilt_limit", value=walk.tilt_limit).to_parameter_msg()
-        walk.asked, walk.asked_at = (
-            limits.call_async(SetParameters.Request(parameters=[wanted])),
-            time.monotonic(),
-        )
-        walk.asked.add_done_callback(lambda _: self._on_poll())
 
     def _time_is_known(self, walk: Walk) -> bool:
         """Return whether there is a time to start from: that of the clock, or else of the samples."""
