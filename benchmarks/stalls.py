@@ -53,7 +53,7 @@ class _Ear:
         self.recorded: dict[
             str, float
         ] = {}  # length of each stall by what the recorder says of it, more than once
-        self.offsets: list[float] = []  # of the clock from the newest stamp [s]
+        self.offset = float("nan")  # of the clock from the newest stamp, when it was told last [s]
         topic = topics.DIAGNOSTICS
         self._node.create_subscription(topic.message_class, topic.relative, self._hear, topic.qos)
         self._end = threading.Event()
@@ -72,7 +72,7 @@ class _Ear:
                     self.told.append(float(found[1]))
                 values = {pair.key: pair.value for pair in status.values}
                 if "clock_offset_s" in values:
-                    self.offsets.append(abs(float(values["clock_offset_s"])))
+                    self.offset = float(values["clock_offset_s"])
             elif status.name == "recorder":
                 found = re.search(r"stood still ([\d.]+) s at [\d.]+ s", status.message)
                 if found:
@@ -137,12 +137,7 @@ def _report(record: Path, ear: _Ear) -> Report:
             Figure(f"error of the length, {who}, worst", 1e3 * worst, "ms", bar=Bar("<=", 5.0)),
         ]
     reports.append(
-        Figure(
-            "stamps beside the clock after all",
-            1e3 * (ear.offsets[-1] if ear.offsets else float("nan")),
-            "ms",
-            bar=Bar("<=", 2.0),
-        )
+        Figure("stamps beside the clock after all", 1e3 * abs(ear.offset), "ms", bar=Bar("<=", 2.0))
     )
     return Report(
         "Stalls",
