@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import random
 import shutil
@@ -17,7 +18,7 @@ from gyrowheel_analysis.recording import Recording, write_run
 from gyrowheel_analysis.recording.columns import columns, wanted
 from gyrowheel_analysis.recording.definitions import definition
 from gyrowheel_analysis.recording.mcap import batches, reader
-from gyrowheel_analysis.recording.mcap.checksum import joined
+from gyrowheel_analysis.recording.mcap.checksum import joined, joined_with
 from gyrowheel_analysis.recording.mcap.contents import contents
 from gyrowheel_analysis.recording.mcap.reader import read_mcap
 from gyrowheel_core import limits, topics, wire
@@ -251,6 +252,17 @@ def test_error_of_ours_and_interrupts_come_through(own, monkeypatch):
         with pytest.raises(kind):
             read_mcap(own, WANTED, threads=3)
         assert threading.active_count() == before
+
+
+def test_checksum_of_data_of_which_parts_are_known():
+    """Whether they are long enough to be joined or not, side by side or apart."""
+    rng = random.Random(2)
+    for _ in range(20):
+        data = memoryview(rng.randbytes(rng.randrange(1, 400_000)))
+        ends = sorted(rng.randrange(len(data) + 1) for _ in range(6))
+        spans = list(itertools.pairwise(ends))[:: rng.choice((1, 2))]
+        known = [(a, b, zlib.crc32(data[a:b])) for a, b in spans]
+        assert joined_with(data, known) == zlib.crc32(data)
 
 
 def test_checksum_of_joined_parts():

@@ -95,7 +95,7 @@ def test_signals_of_all_columns_are_those_of_each() -> None:
             np.testing.assert_array_equal(own, alone)
     drawn = found["b"].cut(0, len(rows), 100)[1]
     assert (drawn.min(), drawn.max()) == (np.nanmin(rows["b"]), np.nanmax(rows["b"]))
-    assert envelopes(rows[:0], "a")["a"].cut(0, 0, 100)[1].size == 0
+    assert envelopes(rows[:0], {"a"})["a"].cut(0, 0, 100)[1].size == 0
 
 
 def test_places_between_samples_have_times_between() -> None:

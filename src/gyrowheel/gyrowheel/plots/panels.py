@@ -1,4 +1,4 @@
-"""Which signals of a recording the page draws, in which panels and units."""
+"""Which signals of a recording are drawn, in which panels and units: in pictures, reports and on the workbench."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 from gyrowheel_core.units import DEG, RPM
 
-#: Panels of the signals: title with unit, size of the unit, columns with their labels.
+#: Title with unit, size of the unit, columns with their labels.
 PANELS: tuple[tuple[str, float, Mapping[str, str]], ...] = (
     ("tilt, °", DEG, {"tilt_x": "about x", "tilt_y": "about y"}),
     ("spin rate, rpm", RPM, {"spin_rate": "spin rate"}),

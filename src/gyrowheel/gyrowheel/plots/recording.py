@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel.plots.figure import Picture, finished
+from gyrowheel.plots.panels import PANELS
 from gyrowheel.plots.style import BLUE, FAINT, SOFT, VERMILION, style
-from gyrowheel_core.units import DEG, RPM
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -20,14 +20,6 @@ if TYPE_CHECKING:
 
 _MOST_POINTS = 4000  # of a line; more do not show
 _LINES = (BLUE, VERMILION)
-#: Panels: title of the axis, unit, fields of the measurement with their labels.
-PANELS: tuple[tuple[str, float, dict[str, str]], ...] = (
-    ("tilt, °", DEG, {"tilt_x": "about x", "tilt_y": "about y"}),
-    ("spin rate, rpm", RPM, {"spin_rate": ""}),
-    ("coil voltage, V", 1.0, {"coil_voltage_x": "coil x", "coil_voltage_y": "coil y"}),
-    ("motor voltage, V", 1.0, {"motor_voltage": ""}),
-    ("motor current, A", 1.0, {"motor_current": ""}),
-)
 
 
 def recording_figure(recording: Recording, questions: Sequence[str] = ()) -> Figure:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from gyrowheel.plots.recording import PANELS, envelope
+from gyrowheel.plots.panels import PANELS
+from gyrowheel.plots.recording import envelope
 from gyrowheel.text.html import template_text
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ def chart(recording: Recording) -> dict[str, Any]:
         for name, label in fields.items():
             times, values = envelope(recording.time, recording.measurement[name] / unit)
             if np.isfinite(values).any():
-                lines.append({"label": label, "values": _base64(values)})
+                lines.append({"label": label if len(fields) > 1 else "", "values": _base64(values)})
         panels.append({"title": title, "lines": lines})
     return {"time": _base64(times), "pairs": len(times) < len(recording.time), "panels": panels}
 

@@ -93,9 +93,8 @@ def _extremes(columns: Sequence[Array], count: int) -> list[tuple[Array, Array]]
             for quick, careful, out in ((np.minimum, np.fmin, low[to]), (np.maximum, np.fmax, high[to])):
                 quick.reduce(blocks, axis=1, out=out[:whole])
                 out[whole:] = np.nan
-                for k in np.flatnonzero(
-                    np.isnan(out)
-                ):  # what is not a number is left out, at a third of the speed
+                # what is not a number is left out, which is slower
+                for k in np.flatnonzero(np.isnan(out)):
                     out[k] = careful.reduce(part[k * _BLOCK : (k + 1) * _BLOCK])
 
     by_blocks(count, look)

@@ -19,12 +19,12 @@ from gyrowheel.catalogue import own_effect
 from gyrowheel.estimating import drag
 from gyrowheel.files import new_folder
 from gyrowheel.model import Model
+from gyrowheel.plots.panels import columns
 from gyrowheel.recording import Recording
 from gyrowheel.workbench import tables
 from gyrowheel.workbench.bench import SimulatedBench
 from gyrowheel.workbench.decimation import Envelope, envelopes
 from gyrowheel.workbench.live import LiveBenches
-from gyrowheel.workbench.panels import columns
 from gyrowheel.workbench.report import report_page
 from gyrowheel.workbench.shelf import Shelf
 from gyrowheel.workbench.work import Ended, Job, Trouble, Work

@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel.plots.drag import tilts
+from gyrowheel.plots.panels import columns
 from gyrowheel.plots.where_it_fails import axis_title, cell_label
 from gyrowheel.text.drag import agreement
 from gyrowheel.text.sentences.events import event_sentence
 from gyrowheel.text.sentences.residuals import region_description, region_name
 from gyrowheel.workbench.decimation import Envelope
 from gyrowheel.workbench.desk import ROLES, Desk, Opened
-from gyrowheel.workbench.panels import columns
 from gyrowheel_analysis.channels import CHANNELS
 from gyrowheel_analysis.reduction.groups import UPRIGHT, octants
 from gyrowheel_analysis.residuals.maps import VARIABLES, Cell, residual_map

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 
+from gyrowheel.plots.panels import PANELS
 from gyrowheel.report import sections
 from gyrowheel.text.cells import Cells, declared, label
 from gyrowheel.text.formulas import pretty
@@ -18,7 +19,6 @@ from gyrowheel.text.mathml import typeset
 from gyrowheel.text.recordings import integrity_text
 from gyrowheel.workbench.bench import SimulatedBench
 from gyrowheel.workbench.desk import NO_BENCH, ROLES, Desk
-from gyrowheel.workbench.panels import PANELS
 from gyrowheel.workbench.report import MODEL
 from gyrowheel.workbench.tables import LARGEST
 from gyrowheel_core.errors import InputError, nearest
