@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,7 @@ from gyrowheel_analysis.recording import Recording, info
 from gyrowheel_bringup.graph import Graph, GraphError, Progress
 from gyrowheel_core import topics, wire
 from gyrowheel_core.node import SURPLUS
+from gyrowheel_core.node.publishers import PublisherWatch
 
 from .helpers import SHORT_PLAN, Bystander, wait_for
 
@@ -125,6 +127,36 @@ def test_a_stranger_that_comes_later_and_leaves_is_told_to_everyone(domain: int,
         value.value for status in diagnoses for value in status.values if value.key == "surplus_publishers"
     }
     assert any("/bystander" in text for text in said)
+
+
+def test_a_node_with_another_publisher_is_no_stranger_and_its_namesake_is(
+    domain: int, bystander: Bystander
+) -> None:
+    """As one that is configured anew, whose publisher of before is not known to have gone yet."""
+    topic = topics.COMMAND
+    watch = PublisherWatch(bystander.node)
+    watch.add(topic, bystander.node.create_subscription(topic.message_class, topic.name, print, topic.qos))
+    one, namesake = Bystander(domain), Bystander(domain)
+    try:
+        for _ in range(2):
+            one.publisher(topic)
+        wait_for(lambda: len(watch.publishers(topic)) == 2)
+        end = time.monotonic() + 0.5
+        while time.monotonic() < end:
+            watch.look()
+            assert watch.surplus() == {}
+            time.sleep(0.02)
+        namesake.publisher(topic)
+
+        def surplus() -> dict[str, str]:
+            watch.look()
+            return watch.surplus()
+
+        wait_for(surplus)
+        assert set(watch.surplus()[topic.name].split(", ")) == {"/bystander"}
+    finally:
+        one.close()
+        namesake.close()
 
 
 def test_a_bench_does_not_start_beside_a_stranger_on_its_topics(domain: int) -> None:

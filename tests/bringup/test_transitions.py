@@ -73,7 +73,7 @@ def test_a_transition_during_a_plan_ends_as_told(
     lifecycles = Lifecycles(bystander, node)
     troubles: list[tuple[str, str]] = []
     done: list[str] = []
-    fault = ""
+    fault, why = "", ""
 
     def progress(now: Progress) -> None:
         if now.segment == 1 and not done:
@@ -101,8 +101,8 @@ def test_a_transition_during_a_plan_ends_as_told(
             assert end(progress) in (in_real_time if realtime else in_lockstep)
             assert not following or end() == following
     except GraphError as error:  # the end of a node that was shut down is told at the end, too
-        fault = error.fault
-    assert fault in (("", "node_died") if labels == SHUTDOWN else ("",))
+        fault, why = error.fault, str(error)
+    assert fault in (("", "node_died") if labels == SHUTDOWN else ("",)), why
     assert done == list(labels)
     names = ("tilt_stop",) if (node, labels) == ("controller", SHUTDOWN) else ("controller_lost", "tilt_stop")
     assert not [text for _, text in troubles if any(name in text for name in names)]

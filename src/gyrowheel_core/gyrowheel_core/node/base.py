@@ -204,7 +204,10 @@ class BenchNode(LifecycleNode):
             self._leaving.pop(0)[1].__exit__(None, None, None)
 
     def destroy_node(self) -> None:
-        """Destroy the node with all that it has."""
+        """Destroy the node with all that it has, and what its hooks have given up."""
+        for _, handle in self._leaving:
+            handle.__exit__(None, None, None)
+        self._leaving.clear()
         for subscription in list(super().subscriptions):
             self.watch.remove(subscription)
         super().destroy_node()
@@ -388,7 +391,8 @@ class BenchNode(LifecycleNode):
         """Publish the last diagnosis, or why the node failed, and bring the lifecycle to its end.
 
         Between the hooks `deactivate` and `cleanup` a few callbacks are served, so that a client of the
-        node gets the answers that `deactivate` has prepared. Then the executor is shut down.
+        node gets the answers that `deactivate` has prepared. Then the executor is shut down. All work is done after
+        that; what is left is to take the middleware apart, by `destroy_node`.
         """
         if self.failure is not None:
             text = str(self.failure) or type(self.failure).__name__
@@ -404,8 +408,6 @@ class BenchNode(LifecycleNode):
         time.sleep(_LET_GO)
         if self.state in ("unconfigured", "inactive", "active"):
             self.trigger_shutdown()
-        for _, handle in self._leaving:
-            handle.__exit__(None, None, None)
 
     def _say_last(self) -> None:
         """Publish the last diagnosis of an active node before it is deactivated; a failure was published already."""

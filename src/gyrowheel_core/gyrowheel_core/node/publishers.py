@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
 _UNKNOWN: Final = "_NODE_NAME_UNKNOWN_"  # of rclpy, until the name of a node has arrived
 _MOMENT: Final = 0.05  # [s]
+_PARTICIPANT: Final = 24  # digits of a GID that publishers of one participant share
 #: How a publisher is called whose node is not known.
 NAMELESS: Final = "an unknown node"
 
@@ -123,7 +125,7 @@ class PublisherWatch:
                 seen.nodes[gid] = _full_name(info.node_namespace, info.node_name)
         seen.arrived += len(present - seen.present)
         seen.present = present
-        if len(present) < 2:
+        if _nodes(present, seen.nodes) < 2:
             seen.several = None
             return
         # one that takes the place of another may be known a moment before the other is known to have left
@@ -131,6 +133,14 @@ class PublisherWatch:
         seen.several = seen.several or now
         if now - seen.several >= _MOMENT:
             seen.crowd |= dict.fromkeys(gid for gid in seen.nodes if gid in present)
+
+
+def _nodes(present: Collection[str], names: Mapping[str, str]) -> int:
+    """Return how many nodes publishers are of: one that is configured anew has another publisher, as it was before."""
+    by_participant: dict[str, set[str]] = {}
+    for gid in present:
+        by_participant.setdefault(gid[:_PARTICIPANT], set()).add(names[gid])
+    return sum(max(len(found - {NAMELESS}), 1) for found in by_participant.values())
 
 
 def _full_name(namespace: str, name: str) -> str:
