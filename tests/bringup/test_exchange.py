@@ -12,6 +12,7 @@ from lifecycle_msgs.srv import ChangeState
 
 from gyrowheel_analysis.recording import Recording, info
 from gyrowheel_bringup.graph import Graph, GraphError, Progress
+from gyrowheel_bringup.graph.nodes import REALTIME_PRIORITY
 from gyrowheel_core import topics
 
 from .helpers import SHORT_PLAN, Bystander, NodeProcess
@@ -46,8 +47,9 @@ def test_a_controller_takes_the_place_of_another_during_a_plan(
     tmp_path: Path,
 ) -> None:
     lifecycles = Lifecycles(bystander, "controller", "stiff")
-    start_node("controller")
-    start_node("controller", renamed="stiff", autostart=False, tilt_bandwidth=14.0)
+    priority = {"priority": REALTIME_PRIORITY if realtime else 0}  # as those of the graph have
+    start_node("controller", **priority)
+    start_node("controller", renamed="stiff", autostart=False, tilt_bandwidth=14.0, **priority)
     exchanged = False
 
     def progress(now: Progress) -> None:

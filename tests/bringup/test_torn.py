@@ -1,4 +1,4 @@
-"""The end of a node whose middleware crashes as it is taken apart."""
+"""The end of a node whose middleware crashes or hangs as it is taken apart."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from gyrowheel_core.node import TORN
 from ..domains import next_domain
 
 NODE = """
-import os, signal, sys
+import ctypes, os, signal, sys
 from gyrowheel_core.node import BenchNode, Diagnosis, run_node
 
 class Fragile(BenchNode):
@@ -31,6 +31,8 @@ class Fragile(BenchNode):
             os.kill(os.getpid(), signal.SIGSEGV)
 
     def destroy_node(self):
+        if "hangs" in sys.argv:
+            ctypes.PyDLL(None).pause()  # which keeps Python's lock
         os.kill(os.getpid(), signal.SIGSEGV)
 
 raise SystemExit(run_node(Fragile, []))
@@ -38,7 +40,7 @@ raise SystemExit(run_node(Fragile, []))
 
 
 @pytest.mark.graph
-@pytest.mark.parametrize("when", ["early", "late"])
+@pytest.mark.parametrize("when", ["early", "late", "hangs"])
 def test_a_crash_counts_before_the_work_is_done_and_not_after(when: str, tmp_path: Path) -> None:
     process = subprocess.Popen(
         [sys.executable, "-c", NODE, when],
@@ -57,6 +59,7 @@ def test_a_crash_counts_before_the_work_is_done_and_not_after(when: str, tmp_pat
         assert not child.ended_well
     else:
         assert code in TORN
+        assert (code == signal.SIGALRM) == (when == "hangs")
         assert child.ended_well
         child.expected = False
         assert not child.ended_well

@@ -26,6 +26,7 @@ from rclpy.utilities import remove_ros_args
 from gyrowheel_core.errors import InputError, one_line, printable
 from gyrowheel_core.node.base import BenchNode, Fault
 from gyrowheel_core.node.parameters import AUTOSTART
+from gyrowheel_core.node.priority import PRIORITY, is_refused, keep_pace
 
 _LAST_DOMAIN = 232  # beyond it there are no ports
 _RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
@@ -33,8 +34,9 @@ _PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
 _ANSWER = 0.3  # how long a node that was shut down stays, so that its answer arrives [s]
 
 
-#: Exit codes of a node that has done its work, and whose middleware crashed while it was taken apart.
-TORN: Final = frozenset({int(signal.SIGSEGV), int(signal.SIGABRT)})
+#: Exit codes of a node that has done its work, and whose middleware crashed or hung while it was taken apart.
+TORN: Final = frozenset({int(signal.SIGSEGV), int(signal.SIGABRT), int(signal.SIGALRM)})
+_TAKEN_APART = 5  # how long that may take [s]
 
 
 class ExitCode(enum.IntEnum):
@@ -83,7 +85,7 @@ def make_executor(context: Context | None = None) -> Executor:
     return EventsExecutor(context=context)
 
 
-def spin(node: Node) -> None:
+def spin(node: Node, *, priority: int = 0) -> None:
     """Spin a node of your own with the fastest executor, until Ctrl-C, SIGTERM or the shutdown of its context.
 
     For a node that does not derive from `BenchNode`; `run_node` is for those that do. ``rclpy.spin`` does not keep up
@@ -93,9 +95,14 @@ def spin(node: Node) -> None:
     ----------
     node : Node
         The node, in a context that was initialised with rclpy's own signal handlers.
+    priority : int
+        Real-time priority of the process (SCHED_FIFO), 1 .. 99, where the system allows it; else a warning is
+        logged. 0: no change. The nodes of the bench that keep pace with wall-clock time have 10.
     """
     executor = make_executor(node.context)
     executor.add_node(node)
+    if is_refused(granted := keep_pace(priority)):
+        node.get_logger().warning(f"real-time priority {granted[PRIORITY.name]}")
     _prepare_for_pace()
     with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
         while node.context.ok():
@@ -205,10 +212,11 @@ def run_node(node_class: type[BenchNode], arguments: Sequence[str] | None = None
 
 
 def _die_quietly() -> None:
-    """End with a code of `TORN` instead of a crash."""
+    """End with a code of `TORN` instead of a crash, and instead of waiting for ever."""
     system = ctypes.CDLL(None)
     for number in TORN:
         system.signal(number, system._exit)  # which is called with the number
+    signal.alarm(_TAKEN_APART)
 
 
 def _run(node_class: type[BenchNode], signals: StopSignals) -> BaseException | None:
