@@ -128,7 +128,7 @@ def test_the_thread_that_sends_again_does_not_keep_a_reader_from_its_core(
     finally:
         end.set()
         sender.join()
-    assert given.pop(int(sender.native_id or 0)) == 1
+    assert sender.native_id not in given  # it stays with the ordinary ones
     assert given[os.getpid()] == 10
 
 

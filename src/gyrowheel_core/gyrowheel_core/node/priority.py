@@ -16,7 +16,6 @@ _REFUSED: Final = "not allowed"
 #: take all the memory that its libraries have only reserved.
 _CURRENT, _FUTURE, _ON_FAULT = 1, 2, 4
 _CAP_IPC_LOCK = 14
-_LOWEST = 1  # of the real-time priorities
 #: For nodes that have to keep pace with wall-clock time.
 PRIORITY = Param(
     "priority",
@@ -39,8 +38,8 @@ def raise_priority(level: int) -> bool:
         return True
     try:
         for thread in Path("/proc/self/task").iterdir():
-            own = _LOWEST if _sends_again(thread) else level
-            os.sched_setscheduler(int(thread.name), os.SCHED_FIFO, os.sched_param(own))
+            if not _sends_again(thread):
+                os.sched_setscheduler(int(thread.name), os.SCHED_FIFO, os.sched_param(level))
     except OSError:
         return False
     return True
@@ -49,8 +48,8 @@ def raise_priority(level: int) -> bool:
 def _sends_again(thread: Path) -> bool:
     """Whether a thread of this process is the one of Fast DDS that sends what a reader has not got.
 
-    It does not rest until the reader takes it. At the priority of the reader, on the same core, it would keep that from
-    running, for ever.
+    It does not rest until the reader takes it. With a real-time priority it would keep a reader on the same core from
+    running that has none, or the same.
     """
     with contextlib.suppress(OSError):
         return (thread / "comm").read_text(encoding="utf-8", errors="replace").startswith("dds.asyn")
