@@ -451,6 +451,22 @@ def test_recorder_from_start_to_signal(tmp_path, number):
 
 
 @pytest.mark.graph
+def test_of_a_topic_that_others_keep_little_of_every_message_is_recorded(tmp_path):
+    topic = topics.JOINT_STATES
+    with Graph(f"directory:={tmp_path / 'run'}") as graph:
+        qos = topic.qos
+        qos.depth = 1000
+        states = graph.node.create_publisher(topic.message_class, topic.name, qos)
+        graph.wait_for(lambda: states.get_subscription_count() == 1)
+        for _ in range(1000):
+            states.publish(topic.message_class())
+        assert states.wait_for_all_acked(Duration(seconds=PATIENCE))
+        graph.publish(0, 100)
+        assert graph.end(signal.SIGINT) == 0
+    assert Recording.open(tmp_path / "run").topics[topic.name] == 1000
+
+
+@pytest.mark.graph
 def test_killed_recorder_loses_next_to_nothing(tmp_path):
     """Of what it had taken; the benchmark `recording` kills it at random instants of the clock."""
     with Graph(f"directory:={tmp_path / 'run'}") as graph:

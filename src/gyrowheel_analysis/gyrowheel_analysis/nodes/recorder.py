@@ -25,6 +25,8 @@ ENDED: Final = "recording_ended"
 FLUSH_PERIOD: Final = 0.1
 #: Period at which arrived messages are written [s, wall-clock time].
 TAKE_PERIOD: Final = 0.02
+#: Messages of a topic that may wait until then: of one that is published as fast as the middleware can.
+ROOM: Final = 5_000
 #: A stall of this length is told at once: another one may come before the next diagnosis [s].
 TOLD_AT_ONCE: Final = 0.02
 
@@ -142,7 +144,7 @@ class RecorderNode(BenchNode):
         )
         self._cut, self._stalls = False, 0
         # only now: a plant that counts its subscribers must not start before the recording exists
-        self._open = [self.inbox(topic) for topic in self._recorded]
+        self._open = [self.inbox(topic, room=ROOM) for topic in self._recorded]
         self.get_logger().info(f"recording into {directory}")
         self.announce()
 

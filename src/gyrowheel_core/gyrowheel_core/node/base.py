@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -212,9 +212,18 @@ class BenchNode(LifecycleNode):
             self.watch.remove(subscription)
         super().destroy_node()
 
-    def inbox(self, topic: topics.Topic) -> Inbox:
-        """Create a subscription whose messages wait until they are taken; end it with `close_inbox`."""
-        inbox = Inbox(topic, self.subscription(topic, _unused, raw=True))
+    def inbox(self, topic: topics.Topic, *, room: int = 0) -> Inbox:
+        """Create a subscription whose messages wait until they are taken; end it with `close_inbox`.
+
+        Parameters
+        ----------
+        topic : Topic
+            The topic.
+        room : int
+            How many messages may wait at least, where the topic's own depth is less.
+        """
+        asked = replace(topic, depth=max(topic.depth, room))
+        inbox = Inbox(topic, self.subscription(asked, _unused, raw=True))
         self._inboxes.append(inbox)
         return inbox
 

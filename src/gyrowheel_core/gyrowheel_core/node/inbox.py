@@ -13,7 +13,7 @@ class Inbox:
     """The messages of one topic that have arrived, as bytes, until they are taken.
 
     For a node that needs not answer at once: to be woken for every single message takes several times as long as to
-    take it. As many messages wait as the topic's quality of service says; beyond that the oldest are lost.
+    take it. As many messages wait as the subscription has room for; beyond that the oldest are lost.
 
     Parameters
     ----------

@@ -12,7 +12,6 @@ from __future__ import annotations
 import os
 import struct
 import threading
-import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from io import FileIO
@@ -22,7 +21,7 @@ from typing import Final
 import numpy as np
 
 from gyrowheel_analysis.recording.mcap.batches import SIZE, Batch, Batches, Buffer, filled
-from gyrowheel_analysis.recording.mcap.checksum import joined
+from gyrowheel_analysis.recording.mcap.checksum import crc32, joined
 from gyrowheel_analysis.recording.mcap.contents import Contents, Share, contents
 from gyrowheel_analysis.recording.mcap.format import (
     CHANNEL,
@@ -128,7 +127,7 @@ class _File:
         if len(tail) < FOOTER_FORM.size or not tail.endswith(MAGIC):
             raise Damaged("the file breaks off before its end: the recording was not completed")
         self._stated = _stated(self._part, tail, self._size)
-        self._crc = zlib.crc32(begin)
+        self._crc = crc32(begin)
         others = [threading.Thread(target=self._work, daemon=True) for _ in range(threads - 1)]
         for other in others:
             other.start()
@@ -278,7 +277,7 @@ class _File:
         if len(summary) < self._size - start:
             raise Damaged("the file has become shorter while it was read")
         end = len(summary) - FOOTER_FORM.size
-        if checksum and zlib.crc32(summary[: -len(MAGIC) - 4]) != checksum:
+        if checksum and crc32(summary[: -len(MAGIC) - 4]) != checksum:
             raise Damaged("damaged: the checksum of the summary is wrong")
         position = 0
         while position < end:

@@ -6,7 +6,6 @@ Every length, offset, number and checksum is checked before it is used: what is 
 from __future__ import annotations
 
 import struct
-import zlib
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import zstandard
 
+from gyrowheel_analysis.recording.mcap.checksum import crc32
 from gyrowheel_analysis.recording.mcap.format import (
     CHANNEL,
     MESSAGE,
@@ -100,7 +100,7 @@ def open_chunk(contents: memoryview, where: str) -> Chunk:
     records = _decompress(stored, compression, size, where)
     if len(records) != size:
         raise Damaged(f"damaged: {where} has {len(records)} bytes instead of {size}")
-    if checksum and zlib.crc32(records) != checksum:
+    if checksum and crc32(records) != checksum:
         raise Damaged(f"damaged: the checksum of {where} is wrong")
     return Chunk(start, end, records, checksum != 0)
 
@@ -133,7 +133,7 @@ def plain_chunks(
     if not np.all(plain & (sizes <= LARGEST) & (heads["checksum"] != 0)):
         return None
     spans = np.stack([begins, begins + sizes.astype(np.int64)], axis=1)
-    found = [zlib.crc32(data[a:b]) for a, b in spans.tolist()]
+    found = [crc32(data[a:b]) for a, b in spans.tolist()]
     return (spans, found) if np.array_equal(found, heads["checksum"]) else None
 
 

@@ -6,13 +6,13 @@ import contextlib
 import os
 import re
 import struct
-import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import BinaryIO, Final
 
 import numpy as np
 
+from gyrowheel_analysis.recording.mcap.checksum import crc32
 from gyrowheel_analysis.recording.mcap.format import (
     CHANNEL,
     CHUNK,
@@ -167,7 +167,7 @@ class _Walk:
             self._steady = False
             at = self._next_chunk(0)
         else:
-            self._crc = zlib.crc32(MAGIC)
+            self._crc = crc32(MAGIC)
         while at is not None and at < self._size:
             at = self._step(at)
             self._progress((at or self._size) / self._size)
@@ -206,7 +206,7 @@ class _Walk:
                 return self._finish(stop, body)
             elif opcode in (SCHEMA, CHANNEL):
                 self._survey.declare(opcode, memoryview(body), sure=False)
-        self._crc = zlib.crc32(body, zlib.crc32(head, self._crc))
+        self._crc = crc32(body, crc32(head, self._crc))
         return stop
 
     def _loose(self, position: int, stop: int) -> None:
@@ -335,7 +335,7 @@ class _Walk:
             survey.notes.append("its summary is cut off")
             return None
         opcode, _, start, _, checksum, _ = FOOTER_FORM.unpack(tail[-FOOTER_FORM.size :])
-        right = not checksum or zlib.crc32(tail[: -len(MAGIC) - 4]) == checksum
+        right = not checksum or crc32(tail[: -len(MAGIC) - 4]) == checksum
         survey.ended = True
         if opcode != FOOTER or not right:
             survey.notes.append("the checksum of its summary is wrong")

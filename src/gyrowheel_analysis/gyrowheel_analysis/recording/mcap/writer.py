@@ -10,7 +10,6 @@ import errno
 import fcntl
 import os
 import struct
-import zlib
 from array import array
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -20,6 +19,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from gyrowheel_analysis.recording.mcap.checksum import crc32
 from gyrowheel_analysis.recording.mcap.format import (
     CHANNEL,
     CHUNK,
@@ -317,7 +317,7 @@ class McapWriter:
             self.drop()
         metadata_start = self._position
         record = _record(METADATA, _text("rosbag2"), _map({"serialized_metadata": metadata}))
-        data_end = _record(DATA_END, struct.pack("<I", zlib.crc32(record, self._crc)))
+        data_end = _record(DATA_END, struct.pack("<I", crc32(record, self._crc)))
         head = record + data_end
 
         counts = b"".join(struct.pack("<HQ", channel, count) for channel, count in self.counts.items())
@@ -353,13 +353,13 @@ class McapWriter:
         for opcode, group in groups.items():
             start = self._position
             for piece in group:
-                crc = zlib.crc32(piece, crc)
+                crc = crc32(piece, crc)
                 yield piece
             if length := self._position - start:
                 offsets += _record(SUMMARY_OFFSET, struct.pack("<BQQ", opcode, start, length))
         footer = struct.pack("<BQQQ", FOOTER, 20, summary_start, self._position)
         tail = offsets + footer  # the checksum covers the footer up to itself
-        yield tail + struct.pack("<I", zlib.crc32(tail, crc)) + MAGIC
+        yield tail + struct.pack("<I", crc32(tail, crc)) + MAGIC
 
     def abort(self) -> None:
         """Close the file without an end, so that it does not pass for complete."""
@@ -373,9 +373,7 @@ class McapWriter:
             self._write(self._buffer)
             self.drop()
         size = len(records)
-        head = (
-            struct.pack("<QQQI", start, end, size, zlib.crc32(records)) + _text("") + struct.pack("<Q", size)
-        )
+        head = struct.pack("<QQQI", start, end, size, crc32(records)) + _text("") + struct.pack("<Q", size)
         chunk = RECORD_HEAD.pack(CHUNK, len(head) + size) + head
         indexes = b""
         places = b""
@@ -422,7 +420,7 @@ class McapWriter:
         except OSError:
             self._cut(self._position)  # half a record is useless
             raise
-        self._crc = zlib.crc32(data, self._crc)
+        self._crc = crc32(data, self._crc)
         self._position += len(data)
 
 
