@@ -5,7 +5,9 @@ from __future__ import annotations
 import itertools
 import os
 import random
+import runpy
 import shutil
+import sys
 import threading
 import zlib
 from pathlib import Path
@@ -17,8 +19,8 @@ import pytest
 from gyrowheel_analysis.recording import Recording, write_run
 from gyrowheel_analysis.recording.columns import columns, wanted
 from gyrowheel_analysis.recording.definitions import definition
-from gyrowheel_analysis.recording.mcap import batches, reader
-from gyrowheel_analysis.recording.mcap.checksum import joined, joined_with
+from gyrowheel_analysis.recording.mcap import batches, checksum, reader
+from gyrowheel_analysis.recording.mcap.checksum import crc32, joined, joined_with
 from gyrowheel_analysis.recording.mcap.contents import contents
 from gyrowheel_analysis.recording.mcap.reader import read_mcap
 from gyrowheel_core import limits, topics, wire
@@ -263,6 +265,14 @@ def test_checksum_of_data_of_which_parts_are_known():
         spans = list(itertools.pairwise(ends))[:: rng.choice((1, 2))]
         known = [(a, b, zlib.crc32(data[a:b])) for a, b in spans]
         assert joined_with(data, known) == zlib.crc32(data)
+
+
+def test_checksum_is_the_same_where_the_fast_library_is_not_installed(monkeypatch):
+    data = random.Random(1).randbytes(100_003)
+    assert crc32(memoryview(data)[3:], 5) == zlib.crc32(data[3:], 5)
+    monkeypatch.setitem(sys.modules, "isal.isal_zlib", None)
+    without = runpy.run_path(str(checksum.__file__))
+    assert without["crc32"] is zlib.crc32
 
 
 def test_checksum_of_joined_parts():
