@@ -121,6 +121,19 @@ def test_see_add_watch_undo_in_a_browser_by_keyboard(wheel: Wheel, tmp_path: Pat
         press(first.locator(".map button[tabindex='0']"), "ArrowDown", *["ArrowRight"] * 3, "Enter")
         expect(first.locator("#chosen")).to_contain_text("windows chosen")
         expect(first.locator("#chosen .said")).to_contain_text("residual")
+        # and so do windows that are chosen one by one, from the worst on
+        press(first.locator("#where"), "Home")
+        expect(first.locator("#chosen")).to_contain_text("1 of ")
+        worst = first.locator("#chosen table").last.locator("tbody tr").inner_text()
+        first.keyboard.press("ArrowDown")
+        expect(first.locator("#chosen table").last.locator("tbody tr")).not_to_have_text(worst)
+        first.keyboard.press("Shift+ArrowUp")
+        expect(first.locator("#chosen")).to_contain_text("2 of ")
+        expect(first.locator("#chosen table").last.locator("tbody tr").first).to_have_text(
+            worst, use_inner_text=True
+        )
+        first.keyboard.press("Escape")
+        expect(first.locator("#chosen")).to_be_empty()
         # the rotor at the cursor, and no fault of accessibility
         expect(first.locator("#rotor-said")).to_contain_text("mN·m")
         assert serious_faults(first) == []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -94,6 +95,13 @@ class Bench:
     @classmethod
     def from_text(cls, text: str, *, origin: str) -> Bench:
         """Read a bench from the text of a bench file (see `load`)."""
+        bench = cls._read(text, origin)
+        # of its own: who changes the mappings of one changes no other
+        return replace(bench, parameters=dict(bench.parameters), references=dict(bench.references))
+
+    @classmethod
+    @functools.lru_cache(maxsize=32)  # a verb reads its bench many times
+    def _read(cls, text: str, origin: str) -> Bench:
         raw = read_yaml(text, origin)
         try:
             content = check(BenchFile, raw, origin, kind="bench file", every=True)

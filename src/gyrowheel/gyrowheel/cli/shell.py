@@ -44,7 +44,7 @@ def run(app: typer.Typer, arguments: Sequence[str] | None = None) -> int:
     try:
         _refuse_empty(given)
         given = _with_key(given)
-        result = app(args=given or ["--help"], prog_name="gyrowheel", standalone_mode=False)
+        result = _command(app).main(given or ["--help"], prog_name="gyrowheel", standalone_mode=False)
         sys.stdout.flush()
         if result == INTERRUPTED:
             raise KeyboardInterrupt
@@ -64,6 +64,11 @@ def run(app: typer.Typer, arguments: Sequence[str] | None = None) -> int:
         raise
     except Exception as error:
         return _failed(error)
+
+
+@functools.cache  # typer makes all verbs anew for every call
+def _command(app: typer.Typer) -> typer.core.TyperCommand | typer.core.TyperGroup:
+    return cast("typer.core.TyperCommand | typer.core.TyperGroup", typer.main.get_command(app))
 
 
 def _cut_off() -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import contextlib
 import csv
+import functools
 import gzip
 import itertools
 import re
@@ -148,6 +149,15 @@ def form_of(data: bytes, where: str, *, whole: bool = True) -> TextForm:
     InputError
         If no table of numbers is found in it.
     """
+    found = _form(data, whole)
+    if isinstance(found, str):
+        raise InputError(f"{where}: {found}")
+    return found
+
+
+@functools.lru_cache(maxsize=8)  # a table is looked at several times before it is read
+def _form(data: bytes, whole: bool) -> TextForm | str:
+    """Return how a table is written, or why there is none."""
     encoding = next((name for mark, name in _ENCODINGS if data.startswith(mark)), "utf-8")
     try:
         # a letter may be cut in two at the end
@@ -156,7 +166,7 @@ def form_of(data: bytes, where: str, *, whole: bool = True) -> TextForm:
         encoding = "latin-1"
         text = data.decode(encoding)
     if "\0" in text:
-        raise InputError(f"{where}: is no text: it has a zero byte near its beginning")
+        return "is no text: it has a zero byte near its beginning"
     lines = text.splitlines()
     if not whole and len(lines) > 1:
         lines = lines[:-1]
@@ -169,9 +179,9 @@ def form_of(data: bytes, where: str, *, whole: bool = True) -> TextForm:
         if found is not None and (best is None or found[:2] > best[:2]):
             best = found
     if best is None:
-        raise InputError(
-            f"{where}: no rows of numbers found near its beginning; allowed: a table, one row a sample, most of its "
-            "columns numbers"
+        return (
+            "no rows of numbers found near its beginning; allowed: a table, one row a sample, most of its columns "
+            "numbers"
         )
     return best[2]
 

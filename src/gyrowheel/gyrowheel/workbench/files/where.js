@@ -33,12 +33,14 @@ export function showWhere(anew = false) {
   if (text === drawn && !anew) return;
   drawn = text;
   put("where", null);
+  at("where").tabIndex = w ? 0 : -1;
   say("windows", {});
   at("map").replaceChildren();
   at("chosen").replaceChildren();
   at("where-help").textContent = w
     ? "Each point is a window of steady motion, each line the residual torque of the coils from the tilt at which it acts. " +
-      "Choose points with a click or a box, or a cell of the map below: their samples are shown above."
+      "Choose points with a click or a box, by the arrow keys (right and left in time, down to less bad and up to worse, with Shift " +
+      "more of them, Escape none), or a cell of the map below: their samples are shown above."
     : "Compare and diagnose first.";
   if (!w) return;
   if (!(channel in w.chi2)) channel = "tilt";
@@ -74,6 +76,23 @@ function plane(w) {
   put("where", new Bokeh.Row({ children: [themed(left), themed(right)], spacing: 16, sizing_mode: "stretch_width" }));
   source.selected.properties.indices.change.connect(() => choosing([...source.selected.indices]));
 }
+
+// Windows one by one: in time, or from the worst on.
+at("where").addEventListener("keydown", (event) => {
+  const chi2 = now.found?.windows?.chi2[channel].values;
+  if (!chi2 || !source) return;
+  const selected = source.selected.indices;
+  if (event.key === "Escape") return void (source.selected.indices = []);
+  const badness = [...chi2.keys()].sort((a, b) => chi2[b] - chi2[a]);
+  const inTime = event.key === "ArrowRight" || event.key === "ArrowLeft";
+  const step = { ArrowRight: 1, ArrowLeft: -1, ArrowDown: 1, ArrowUp: -1 }[event.key];
+  if (step === undefined && event.key !== "Home") return;
+  event.preventDefault();
+  const order = inTime ? [...chi2.keys()] : badness;
+  const last = selected.at(-1); // the one that was chosen last
+  const k = step === undefined || last === undefined ? 0 : Math.min(Math.max(order.indexOf(last) + step, 0), order.length - 1);
+  source.selected.indices = [...(event.shiftKey ? selected.filter((own) => own !== order[k]) : []), order[k]];
+});
 
 // --- every channel over every variable: a grid of buttons, one of which is in the order of Tab
 
