@@ -15,6 +15,8 @@ BIN := .venv/bin
 DONE := .venv/.done
 # Errors alone: the warnings of pip are about the indexes and caches of the machine.
 PIP := $(BIN)/python -m pip -qq --disable-pip-version-check --no-input
+# Two at a time: pip works on one core. The packages of ROS, which begin with r, have files in common: they go together.
+LOCKED := $(PIP) install --require-hashes --no-deps --requirement
 say = @printf '%s\n' '$(1)'
 
 MSGS := src/gyrowheel_msgs
@@ -51,7 +53,8 @@ $(DONE)/venv:
 
 $(DONE)/requirements: requirements.lock | $(DONE)/venv
 	$(call say,installing the packages of requirements.lock (about a minute))
-	@$(PIP) install --require-hashes --no-deps --requirement requirements.lock
+	@awk '/^[^ #]/ {part = /^[n-z]/ ? 2 : 1} !/^#/ {print > ("$(DONE)/lock" part)}' requirements.lock
+	@$(LOCKED) $(DONE)/lock1 & first=$$!; status=0; $(LOCKED) $(DONE)/lock2 || status=$$?; wait $$first; exit $$status
 	@touch $@
 
 $(DONE)/msgs: $(MSGS_FILES) $(DONE)/requirements

@@ -24,7 +24,7 @@ WITH_KEY = {
 #: Without a key, or with one that calls pip, which Ubuntu 24.04 refuses outside of a virtual environment.
 BY_PIP = {"dask": "distributed", "foxglove": "foxglove-sdk"} | {
     name: name
-    for name in ("bokeh", "lz4", "pandas", "pint", "pyarrow", "rosbags", "threadpoolctl", "zstandard")
+    for name in ("bokeh", "isal", "lz4", "pandas", "pint", "pyarrow", "rosbags", "threadpoolctl", "zstandard")
 }
 #: Packages of ROS that are no modules: started by name, or tools of a launch file.
 STARTED = {"gyrowheel_bringup": {"robot_state_publisher", "ros2launch", "rviz2"}}

@@ -25,6 +25,7 @@ _FIRST_REPETITIONS = 3
 _STEP = 1e-3  # rad/s, of the derivatives by a part of the ripple
 #: Places of the amplitudes of a ripple, a real quantity: each harmonic and its conjugate; see `HARMONICS`.
 _PAIRS = tuple((HARMONICS.index(-order), HARMONICS.index(order)) for order in FORWARD)
+_MIRRORS, _PLACES = (list(places) for places in zip(*_PAIRS, strict=True))
 _PARTS = tuple((place, unit) for _, place in _PAIRS for unit in (1.0, 1j))
 
 
@@ -141,7 +142,6 @@ def _real_parts(amplitudes: Any) -> Any:
 def _amplitudes(parts: Any) -> Any:
     """Return the amplitudes (..., harmonics, nodes) of a ripple that has these parts (..., nodes, parts)."""
     result = np.zeros((*parts.shape[:-2], len(HARMONICS), *parts.shape[-2:-1]), dtype=complex)
-    for number, (mirror, place) in enumerate(_PAIRS):
-        value = parts[..., 2 * number] + 1j * parts[..., 2 * number + 1]
-        result[..., place, :], result[..., mirror, :] = value, np.conj(value)
+    values = np.swapaxes(np.ascontiguousarray(parts).view(complex), -1, -2)
+    result[..., _PLACES, :], result[..., _MIRRORS, :] = values, np.conj(values)
     return result

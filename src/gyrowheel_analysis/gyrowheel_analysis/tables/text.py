@@ -173,7 +173,9 @@ def _form(data: bytes, whole: bool) -> TextForm | str:
     lines = lines[: 10 * _LOOKED_AT]
     best: tuple[int, int, TextForm] | None = None
     for delimiter, decimal in itertools.product(_DELIMITERS, (".", ",")):
-        if delimiter == decimal:
+        if delimiter == decimal or (decimal == "," and "," not in text):
+            continue
+        if delimiter != " " and delimiter not in text:
             continue
         found = _tried(lines, delimiter, decimal, encoding)
         if found is not None and (best is None or found[:2] > best[:2]):
