@@ -21,6 +21,7 @@ from gyrowheel_sim.plant.scenario import Scenario
 
 from .machines import BENCH, hidden_machine, record
 
+STUDY = pytest.mark.study
 MODEL = Model(BENCH)
 TORQUE = 0.5e-3
 VOLTS = TORQUE / BENCH.value("coil_constant")
@@ -94,13 +95,13 @@ def quick(tmp_path_factory):
     ("column", "course", "size", "kind", "channel", "edges"),
     [
         ("coil_voltage_x", step(110.0), VOLTS, "step", "torque_x", (110.0,)),
-        ("coil_voltage_y", step(20.0), -VOLTS, "step", "torque_y", (20.0,)),
+        pytest.param("coil_voltage_y", step(20.0), -VOLTS, "step", "torque_y", (20.0,), marks=STUDY),
         # between two holds, while the tilt moves
-        ("coil_voltage_y", step(29.5), VOLTS, "step", "torque_y", (29.5,)),
+        pytest.param("coil_voltage_y", step(29.5), VOLTS, "step", "torque_y", (29.5,), marks=STUDY),
         ("coil_voltage_x", trend(60.0, 120.0), VOLTS, "trend", "torque_x", (60.0, 120.0)),
         ("coil_voltage_x", burst(70.0, 85.0), VOLTS, "burst", "torque_x", (70.0, 85.0)),
         ("motor_current", step(110.0), 0.012, "step", "motor_current", (110.0,)),
-        ("motor_voltage", step(61.0), 0.02, "step", "motor_voltage", (61.0,)),
+        pytest.param("motor_voltage", step(61.0), 0.02, "step", "motor_voltage", (61.0,), marks=STUDY),
     ],
 )
 def test_event_is_found_dated_and_named(survey, column, course, size, kind, channel, edges):
@@ -148,7 +149,9 @@ def test_event_of_a_short_recording_is_dated(quick, at):
         pytest.param({"across": TORQUE}, ["torque_x"], 0.3, marks=pytest.mark.study),
         ({"spin": TORQUE}, ["spin_torque"], 1.0),
         # the loop makes up for a shift: it is the coils that show it
-        ({"shift_x": -1.1e-3, "shift_y": -0.5e-3}, ["tilt_reading_x", "tilt_reading_y"], 0.1),
+        pytest.param(
+            {"shift_x": -1.1e-3, "shift_y": -0.5e-3}, ["tilt_reading_x", "tilt_reading_y"], 0.1, marks=STUDY
+        ),
     ],
     ids=("across", "spin", "shift"),
 )
@@ -210,6 +213,7 @@ def test_drift_of_any_size_is_no_event(tmp_path, seed, scale):
     assert found_in(recording) == []
 
 
+@pytest.mark.study
 def test_form_that_nobody_declared_is_no_event(tmp_path):
     # a contact, a torque of three lobes, a bump at one speed
     recording = record(tmp_path, "outside", blind.draw(BENCH, 7, kinds=("outside",)), "quick")

@@ -276,7 +276,7 @@ def test_nothing_is_said_of_noise() -> None:
 # ---- tests
 
 
-@pytest.mark.parametrize("drift", [1.0, 3.0])
+@pytest.mark.parametrize("drift", [1.0, pytest.param(3.0, marks=pytest.mark.study)])
 def test_noise_depends_on_nothing(drift: float) -> None:
     cases, named, unlike = 40, 0, 0
     for seed in range(cases):

@@ -145,6 +145,7 @@ def test_every_transition_of_a_node_during_a_plan_ends_as_told(
     assert info(tmp_path / "run").integrity.missing == 0
 
 
+@pytest.mark.study
 def test_a_bench_without_a_conductor_ends_by_the_name_of_what_is_missing(
     domain: int, bystander: Bystander
 ) -> None:
@@ -165,6 +166,7 @@ def test_a_bench_without_a_conductor_ends_by_the_name_of_what_is_missing(
     assert "the controller has no setpoint; the conductor is gone or inactive" in str(ended.value)
 
 
+@pytest.mark.study
 def test_a_plant_that_is_configured_anew_ends_plan_and_recording(
     domain: int, bystander: Bystander, tmp_path: Path
 ) -> None:

@@ -20,15 +20,15 @@ from .texts import MODEL
 
 #: How many of each kind; some seconds in all.
 _COUNTS = {
-    "recording": 60,
-    "message": 40,
-    "compare": 6,
-    "text": 60,
-    "formula": 60,
-    "typed": 60,
-    "csv": 40,
-    "parquet": 40,
-    "format": 60,
+    "recording": 30,
+    "message": 20,
+    "compare": 3,
+    "text": 30,
+    "formula": 30,
+    "typed": 30,
+    "csv": 20,
+    "parquet": 20,
+    "format": 30,
 }
 
 

@@ -59,7 +59,7 @@ def test_script_runs(
     assert said.err == ""
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_notebook_shows_verdict_and_picture(tmp_path: Path) -> None:
     """As a notebook, in a kernel of its own: text, tables and pictures arrive, and nothing beside them."""
     notebook = notebooks.read("loop")

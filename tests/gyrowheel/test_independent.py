@@ -126,13 +126,23 @@ def test_holding_torques_are_those_of_the_bench_and_the_step_makes_none() -> Non
     [
         # torques of the coils at 3.2 degrees along the tilt and a quarter turn ahead, and of the motor [mN m]
         ({"aero_restoring": {"k": 0.02, "n": 2.0}}, 20.0 * 0.0559, 0.0, 0.0),
-        ({"aero_cross": {"c": 0.005, "n": 2.0}}, 0.0, -5.0 * 0.0559, -5.0 * 0.0559**2),
+        pytest.param(
+            {"aero_cross": {"c": 0.005, "n": 2.0}},
+            0.0,
+            -5.0 * 0.0559,
+            -5.0 * 0.0559**2,
+            marks=pytest.mark.study,
+        ),
         ({"windage": {"w": 1e-3, "n": 1.5}}, 0.0, -0.5 * 0.0559, 1.0),
-        ({"flexure_damping": {"C": 1e-5}}, 0.0, -0.01 * 366.52 * 0.0559, 0.0),
+        pytest.param(
+            {"flexure_damping": {"C": 1e-5}}, 0.0, -0.01 * 366.52 * 0.0559, 0.0, marks=pytest.mark.study
+        ),
         ({"flexure_hysteresis": {"h": 3e-3}}, 0.0, -3.0 * 0.0559, 0.0),
-        ({"cubic_stiffness": {"q": 4.0}}, 0.75 * 4e3 * 0.0559**3, 0.0, 0.0),
+        pytest.param(
+            {"cubic_stiffness": {"q": 4.0}}, 0.75 * 4e3 * 0.0559**3, 0.0, 0.0, marks=pytest.mark.study
+        ),
         ({"fixed_torque": {"F_x": 1e-3, "F_y": -5e-4}}, -1.0, 0.5, 0.5 * 0.0559),
-        ({"bearing_coulomb": {"T": 2e-3}}, 0.0, 0.0, 2.0),
+        pytest.param({"bearing_coulomb": {"T": 2e-3}}, 0.0, 0.0, 2.0, marks=pytest.mark.study),
     ],
 )
 def test_effects_are_as_large_as_their_formulas_say(

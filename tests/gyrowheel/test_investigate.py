@@ -309,6 +309,7 @@ def test_the_papers_tilt_sweep_is_ambiguous_and_a_test_settles_it(gyrowheel: She
     assert result["minutes"] <= 6.0
 
 
+@pytest.mark.study
 def test_recordings_at_hand_are_where_it_begins(gyrowheel: Shell, wheel: Wheel, tmp_path: Path):
     arguments = [wheel.recording, "--effect", "windage:w=0.0013", "--budget", 0]
     result = settle(gyrowheel, tmp_path, *arguments)

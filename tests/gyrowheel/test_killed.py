@@ -20,7 +20,7 @@ def origin(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Zygote, d
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("verb", ["model", "simulate", "salvage"])
+@pytest.mark.parametrize("verb", [pytest.param("model", marks=pytest.mark.study), "simulate", "salvage"])
 def test_killed_at_random_instants(verb: str, origin: tuple[Zygote, dict[str, Verb]]) -> None:
     """The old one or the new one is there, whole; the next command works, and nothing is left beside."""
     found = killed(origin[1][verb], origin[0], 3, random.Random(2))

@@ -207,6 +207,7 @@ def test_a_rig_of_5_khz(tmp_path: Path) -> None:
     found(other_rig(tmp_path, 2.0e-4, **{HIDDEN: {}}))
 
 
+@pytest.mark.study
 def test_nothing_is_invented_for_a_rig_of_500_hz(tmp_path: Path) -> None:
     """Moves are a large part of its samples; in them the setpoint too changes the voltages that tell its rate."""
     told = gw.diagnose(other_rig(tmp_path, 2.0e-3), gw.Model("gyrowheel"))
@@ -365,7 +366,20 @@ MISLEADING: dict[str, tuple[Change, str]] = {
 }
 
 
-@pytest.mark.parametrize("name", MISLEADING)
+#: The others are of the same kinds, and a study.
+ALIKE = (
+    "coils exchanged",
+    "rad/s called rpm",
+    "motor in mV called V",
+    "mA called A",
+    "degrees called radians",
+)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[pytest.mark.study] if name in ALIKE else []) for name in MISLEADING],
+)
 def test_a_misleading_table_is_questioned(measurement: Any, tmp_path: Path, name: str) -> None:
     change, asked = MISLEADING[name]
     columns, units = lab.lab_columns(measurement, every=4)

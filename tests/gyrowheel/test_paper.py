@@ -99,6 +99,7 @@ def test_wrong_equations_have_the_size_that_follows() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_the_increment_of_fig_16_is_not_air(whole: gw.Paper) -> None:
     cause = whole["fig-16-cause"].finding
     parts = cause.values
@@ -117,6 +118,7 @@ def test_the_increment_of_fig_16_is_not_air(whole: gw.Paper) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_all_statements_get_a_verdict(whole: gw.Paper) -> None:
     assert len(whole.rows) == whole.total == len(STATEMENTS)
     assert sum(whole.counts().values()) == whole.total

