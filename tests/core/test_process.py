@@ -13,10 +13,22 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import rclpy
 
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.node import BenchNode, ExitCode, StopSignals, prepare_environment, priority, run_node
+from gyrowheel_core.node import (
+    BenchNode,
+    ExitCode,
+    StopSignals,
+    prepare_environment,
+    priority,
+    process,
+    run_node,
+    spin,
+)
 from gyrowheel_core.node.priority import raise_priority
+
+from ..domains import next_domain
 
 RANGE, PROFILES = "ROS_AUTOMATIC_DISCOVERY_RANGE", "FASTRTPS_DEFAULT_PROFILES_FILE"
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -130,6 +142,20 @@ def test_the_thread_that_sends_again_does_not_keep_a_reader_from_its_core(
         sender.join()
     assert sender.native_id not in given  # it stays with the ordinary ones
     assert given[os.getpid()] == 10
+
+
+def test_a_node_of_ones_own_has_the_priority_that_it_asks_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+    monkeypatch.setattr(process, "keep_pace", lambda level: asked.append(level) or {})
+    prepare_environment()
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=next_domain())
+    node = rclpy.create_node("mine", context=context)
+    end = threading.Timer(0.3, lambda: rclpy.shutdown(context=context))
+    end.start()
+    spin(node, priority=7)
+    end.join()
+    assert asked == [7]
 
 
 def test_a_priority_that_the_system_refuses_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
