@@ -21,13 +21,13 @@ def test_every_package_of_the_lock_file_has_hashes_and_they_are_asked_for() -> N
     assert text.startswith(lock.HEADER)
     assert _PIN.sub("", text.removeprefix(lock.HEADER)) == ""
     makefile = (licences.ROOT / "Makefile").read_text(encoding="utf-8")
-    installs = re.findall(
-        r"pip.* install.*requirements\.lock|\$\(PIP\) install.*requirements\.lock", makefile
-    )
+    installs = re.findall(r"\$\(PIP\) install.*--requirement.*|pip.* install.*lock.*", makefile)
     assert installs
     assert all("--require-hashes" in line for line in installs)
     # nothing is looked for beside it: an older pip takes the newest release of what is asked for with an extra
     assert all("--no-deps" in line for line in installs)
+    # the two parts that are installed at the same time are made of it
+    assert re.findall(r"\S+ \$\(DONE\)/lock\d", makefile) == ["$(LOCKED) $(DONE)/lock1", "$(LOCKED) $(DONE)/lock2"]
 
 
 def test_the_lock_file_lacks_nothing_that_its_packages_need() -> None:
