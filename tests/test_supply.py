@@ -27,7 +27,7 @@ def test_every_package_of_the_lock_file_has_hashes_and_they_are_asked_for() -> N
     # nothing is looked for beside it: an older pip takes the newest release of what is asked for with an extra
     assert all("--no-deps" in line for line in installs)
     # the two parts that are installed at the same time are made of it
-    assert re.findall(r"\S+ \$\(DONE\)/lock\d", makefile) == ["$(LOCKED) $(DONE)/lock1", "$(LOCKED) $(DONE)/lock2"]
+    assert re.findall(r"(\S+) \$\(DONE\)/lock(\d)", makefile) == [("@$(LOCKED)", "1"), ("$(LOCKED)", "2")]
 
 
 def test_the_lock_file_lacks_nothing_that_its_packages_need() -> None:
