@@ -146,7 +146,12 @@ def test_the_thread_that_sends_again_does_not_keep_a_reader_from_its_core(
 
 def test_a_node_of_ones_own_has_the_priority_that_it_asks_for(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
-    monkeypatch.setattr(process, "keep_pace", lambda level: asked.append(level) or {})
+
+    def keep_pace(level: int) -> dict[str, str]:
+        asked.append(level)
+        return {}
+
+    monkeypatch.setattr(process, "keep_pace", keep_pace)
     prepare_environment()
     context = rclpy.Context()
     rclpy.init(context=context, domain_id=next_domain())
