@@ -202,6 +202,8 @@ def run_node(node_class: type[BenchNode], arguments: Sequence[str] | None = None
             failure = _run(node_class, signals)
     except InputError as error:
         failure = error
+    finally:
+        signal.alarm(0)  # it is taken apart
     if failure is None:
         return ExitCode.OK
     if isinstance(failure, InputError | Fault):
