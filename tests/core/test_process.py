@@ -22,7 +22,6 @@ from gyrowheel_core.node import (
     StopSignals,
     prepare_environment,
     priority,
-    process,
     run_node,
     spin,
 )
@@ -151,7 +150,7 @@ def test_a_node_of_ones_own_has_the_priority_that_it_asks_for(monkeypatch: pytes
         asked.append(level)
         return {}
 
-    monkeypatch.setattr(process, "keep_pace", keep_pace)
+    monkeypatch.setattr(priority, "keep_pace", keep_pace)
     prepare_environment()
     context = rclpy.Context()
     rclpy.init(context=context, domain_id=next_domain())

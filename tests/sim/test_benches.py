@@ -36,6 +36,11 @@ def test_a_shipped_bench_is_found_by_its_name(name):
     assert Bench.load(name).name == name
 
 
+def test_who_changes_a_bench_changes_no_other():
+    Bench.load().parameters.clear()
+    assert Bench.load() == DEFAULT
+
+
 def test_an_unknown_bench_is_refused_with_the_nearest_name():
     with pytest.raises(InputError, match="bench 'dtgg': no such shipped bench or file; did you mean dtg"):
         Bench.load("dtgg")

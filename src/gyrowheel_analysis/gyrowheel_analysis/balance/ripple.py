@@ -142,6 +142,7 @@ def _real_parts(amplitudes: Any) -> Any:
 def _amplitudes(parts: Any) -> Any:
     """Return the amplitudes (..., harmonics, nodes) of a ripple that has these parts (..., nodes, parts)."""
     result = np.zeros((*parts.shape[:-2], len(HARMONICS), *parts.shape[-2:-1]), dtype=complex)
+    # real and imaginary parts are beside one another, as in complex numbers
     values = np.swapaxes(np.ascontiguousarray(parts).view(complex), -1, -2)
     result[..., _PLACES, :], result[..., _MIRRORS, :] = values, np.conj(values)
     return result

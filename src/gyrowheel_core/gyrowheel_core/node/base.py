@@ -24,7 +24,7 @@ from gyrowheel_core import namespaces, topics
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.node.inbox import Inbox
 from gyrowheel_core.node.parameters import AUTOSTART, Param
-from gyrowheel_core.node.priority import PRIORITY, is_refused, keep_pace
+from gyrowheel_core.node.priority import PRIORITY, prioritise
 from gyrowheel_core.node.publishers import PublisherWatch
 
 #: Environment variable with the process id of the process that a node ends with (see `BenchNode`).
@@ -282,9 +282,7 @@ class BenchNode(LifecycleNode):
 
     def prioritise(self) -> None:
         """Set the priority that the parameter `PRIORITY` requests, and tell if the system does not allow it."""
-        self._granted = keep_pace(self.parameter(PRIORITY.name))
-        if is_refused(self._granted):
-            self.get_logger().warning(f"real-time priority {self._granted[PRIORITY.name]}")
+        self._granted = prioritise(self, self.parameter(PRIORITY.name))
 
     def stop(self) -> None:
         """End the process, exit code 0, after the current callback."""

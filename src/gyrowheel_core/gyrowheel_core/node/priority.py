@@ -9,6 +9,8 @@ import resource
 from pathlib import Path
 from typing import Final
 
+from rclpy.node import Node
+
 from gyrowheel_core.node.parameters import Param
 
 _REFUSED: Final = "not allowed"
@@ -87,6 +89,14 @@ def keep_pace(level: int) -> dict[str, str]:
 def is_refused(values: dict[str, str]) -> bool:
     """Whether the values of a diagnosis tell that the system refuses a real-time priority."""
     return values.get(PRIORITY.name, "").startswith(_REFUSED)
+
+
+def prioritise(node: Node, level: int) -> dict[str, str]:
+    """Do the same as `keep_pace` for the process of a node, and log a warning if the system refuses the priority."""
+    granted = keep_pace(level)
+    if is_refused(granted):
+        node.get_logger().warning(f"real-time priority {granted[PRIORITY.name]}")
+    return granted
 
 
 def _has_capability(number: int) -> bool:

@@ -26,7 +26,7 @@ from rclpy.utilities import remove_ros_args
 from gyrowheel_core.errors import InputError, one_line, printable
 from gyrowheel_core.node.base import BenchNode, Fault
 from gyrowheel_core.node.parameters import AUTOSTART
-from gyrowheel_core.node.priority import PRIORITY, is_refused, keep_pace
+from gyrowheel_core.node.priority import prioritise
 
 _LAST_DOMAIN = 232  # beyond it there are no ports
 _RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
@@ -101,8 +101,7 @@ def spin(node: Node, *, priority: int = 0) -> None:
     """
     executor = make_executor(node.context)
     executor.add_node(node)
-    if is_refused(granted := keep_pace(priority)):
-        node.get_logger().warning(f"real-time priority {granted[PRIORITY.name]}")
+    prioritise(node, priority)
     _prepare_for_pace()
     with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
         while node.context.ok():

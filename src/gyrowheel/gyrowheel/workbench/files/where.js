@@ -83,12 +83,12 @@ at("where").addEventListener("keydown", (event) => {
   if (!chi2 || !source) return;
   const selected = source.selected.indices;
   if (event.key === "Escape") return void (source.selected.indices = []);
-  const badness = [...chi2.keys()].sort((a, b) => chi2[b] - chi2[a]);
+  const worstFirst = [...chi2.keys()].sort((a, b) => chi2[b] - chi2[a]);
   const inTime = event.key === "ArrowRight" || event.key === "ArrowLeft";
   const step = { ArrowRight: 1, ArrowLeft: -1, ArrowDown: 1, ArrowUp: -1 }[event.key];
   if (step === undefined && event.key !== "Home") return;
   event.preventDefault();
-  const order = inTime ? [...chi2.keys()] : badness;
+  const order = inTime ? [...chi2.keys()] : worstFirst;
   const last = selected.at(-1); // the one that was chosen last
   const k = step === undefined || last === undefined ? 0 : Math.min(Math.max(order.indexOf(last) + step, 0), order.length - 1);
   source.selected.indices = [...(event.shiftKey ? selected.filter((own) => own !== order[k]) : []), order[k]];
