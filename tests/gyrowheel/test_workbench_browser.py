@@ -120,10 +120,12 @@ def test_see_add_watch_undo_in_a_browser_by_keyboard(wheel: Wheel, tmp_path: Pat
         expect(first.locator("#job button")).to_have_count(0)
         press(first.locator(".map button[tabindex='0']"), "ArrowDown", *["ArrowRight"] * 3, "Enter")
         expect(first.locator("#chosen")).to_contain_text("windows chosen")
+        expect(first.locator(".map button[aria-pressed]")).to_have_count(1)
         expect(first.locator("#chosen .said")).to_contain_text("residual")
         # and so do windows that are chosen one by one, from the worst on
         press(first.locator("#where"), "Home")
         expect(first.locator("#chosen")).to_contain_text("1 of ")
+        expect(first.locator(".map button[aria-pressed]")).to_have_count(0)
         worst = first.locator("#chosen table").last.locator("tbody tr").inner_text()
         first.keyboard.press("ArrowDown")
         expect(first.locator("#chosen table").last.locator("tbody tr")).not_to_have_text(worst)

@@ -23,6 +23,8 @@ function legible(colour) {
   });
   return 0.2126 * r + 0.7152 * g + 0.0722 * b > 0.179 ? "#000000" : "#ffffff";
 }
+// Without the sign of what is rounded to nothing.
+const fixed = (value, digits) => value.toFixed(digits).replace(/^-(?=0\.?0*$)/, "");
 const short = (value) => (value >= 9.95 ? value.toFixed(0) : value.toFixed(1));
 
 export function showWhere(anew = false) {
@@ -46,6 +48,11 @@ export function showWhere(anew = false) {
   if (!(channel in w.chi2)) channel = "tilt";
   plane(w);
   map(w);
+}
+
+// No cell of the map stands for what is chosen.
+function release() {
+  for (const cell of at("map").querySelectorAll("[aria-pressed]")) cell.removeAttribute("aria-pressed");
 }
 
 function plane(w) {
@@ -74,7 +81,10 @@ function plane(w) {
   right.left[0].axis_label = "χ²/N";
   right.scatter({ field: "speed" }, { field: "chi2" }, mark);
   put("where", new Bokeh.Row({ children: [themed(left), themed(right)], spacing: 16, sizing_mode: "stretch_width" }));
-  source.selected.properties.indices.change.connect(() => choosing([...source.selected.indices]));
+  source.selected.properties.indices.change.connect(() => {
+    release();
+    choosing([...source.selected.indices]);
+  });
 }
 
 // Windows one by one: in time, or from the worst on.
@@ -126,9 +136,9 @@ function map(w) {
           const other = channel !== name;
           channel = name;
           if (other) plane(w);
-          for (const each of grid.querySelectorAll("[aria-pressed]")) each.removeAttribute("aria-pressed");
-          button.setAttribute("aria-pressed", "true");
+          release();
           source.selected.indices = cell.windows;
+          button.setAttribute("aria-pressed", "true");
         };
         place.append(button);
       });
@@ -190,8 +200,8 @@ async function choosing(indices) {
     table([
       [...(several ? ["recording"] : []), "time, s", "tilt x, °", "tilt y, °", "rpm", `residual x, ${w.unit}`, `residual y, ${w.unit}`, ...kinds.map((c) => `χ²/N ${c.title}`)],
       ...sorted.slice(0, 12).map((k) => [
-        ...(several ? [name(k)] : []), w.start[k].toFixed(2), w.tilt_x[k].toFixed(2), w.tilt_y[k].toFixed(2), w.speed[k].toFixed(0), w.residual_x[k].toFixed(3),
-        w.residual_y[k].toFixed(3), ...kinds.map((c) => c.values[k].toFixed(1)),
+        ...(several ? [name(k)] : []), w.start[k].toFixed(2), fixed(w.tilt_x[k], 2), fixed(w.tilt_y[k], 2), w.speed[k].toFixed(0), fixed(w.residual_x[k], 3),
+        fixed(w.residual_y[k], 3), ...kinds.map((c) => c.values[k].toFixed(1)),
       ]),
     ]),
   );
