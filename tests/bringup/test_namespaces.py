@@ -110,8 +110,7 @@ def _joined(recordings: list[Path], target: Path) -> Path:
 
 @pytest.mark.graph
 @pytest.mark.slow
-@pytest.mark.study
-@pytest.mark.parametrize("text", [BRIEF, PAIR], ids=("brief", "pair"))
+@pytest.mark.parametrize("text", [BRIEF, pytest.param(PAIR, marks=pytest.mark.study)], ids=("brief", "pair"))
 def test_two_benches_share_a_domain(text: str, domain: int, bystander: Bystander, tmp_path: Path) -> None:
     plan = tmp_path / "plan.yaml"
     plan.write_text(text, encoding="utf-8")

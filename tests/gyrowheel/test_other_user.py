@@ -88,7 +88,7 @@ def place() -> Iterator[_Place]:
         yield _Place(Path(name))
 
 
-@pytest.mark.study
+@pytest.mark.slow
 def test_a_user_who_may_write_nowhere_but_in_a_folder_of_their_own(place: _Place) -> None:
     (place.own / "plan.yaml").write_text(DRAG_PLAN)
     place.run("simulate", "--plan", "plan.yaml", "-o", "run", "--machine", "3")
