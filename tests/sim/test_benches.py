@@ -37,7 +37,9 @@ def test_a_shipped_bench_is_found_by_its_name(name):
 
 
 def test_who_changes_a_bench_changes_no_other():
-    Bench.load().parameters.clear()
+    parameters = Bench.load().parameters
+    assert isinstance(parameters, dict)
+    parameters.clear()
     assert Bench.load() == DEFAULT
 
 
