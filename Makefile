@@ -52,7 +52,7 @@ $(DONE)/venv:
 	@mkdir -p $(DONE) && touch $@
 
 $(DONE)/requirements: requirements.lock | $(DONE)/venv
-	$(call say,installing the packages of requirements.lock (about a minute))
+	$(call say,installing the packages of requirements.lock (about two minutes))
 	@awk '/^[^ #]/ {part = /^[n-z]/ ? 2 : 1} !/^#/ {print > ("$(DONE)/lock" part)}' requirements.lock
 	@$(LOCKED) $(DONE)/lock1 & first=$$!; status=0; $(LOCKED) $(DONE)/lock2 || status=$$?; wait $$first; exit $$status
 	@touch $@
