@@ -1,4 +1,4 @@
-"""Files that are read by several threads, in many batches: the same to the bit, and refused in the same words."""
+"""Files that are read by several threads, in many batches, compiled or not: the same, refused in the same words."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import sys
 import threading
 import zlib
 from pathlib import Path
+from typing import Any
 
 import mcap.writer
 import numpy as np
@@ -19,7 +20,7 @@ import pytest
 from gyrowheel_analysis.recording import Recording, write_run
 from gyrowheel_analysis.recording.columns import columns, wanted
 from gyrowheel_analysis.recording.definitions import definition
-from gyrowheel_analysis.recording.mcap import batches, checksum, reader
+from gyrowheel_analysis.recording.mcap import batches, checksum, reader, records
 from gyrowheel_analysis.recording.mcap.checksum import crc32, joined, joined_with
 from gyrowheel_analysis.recording.mcap.contents import contents
 from gyrowheel_analysis.recording.mcap.reader import read_mcap
@@ -30,9 +31,11 @@ from .recordings import PERIOD_NS, assert_holds, make_run, measurements
 
 SAMPLES = 2000
 THREADS = (1, 2, 3, 4)
+WAYS = [{"threads": threads, "compiled": compiled} for compiled in (False, True) for threads in (1, 2, 3, 4)]
 WANTED = {
     topics.MEASUREMENT.name: wanted(wire.MEASUREMENT),
     topics.COMMAND.name: wanted(wire.COMMAND),
+    topics.SETPOINT.name: wanted(wire.SETPOINT),
     topics.BENCH.name: None,
 }
 
@@ -74,9 +77,9 @@ def foreign(path, messages, **kind):
     return path
 
 
-def read(path, threads):
+def read(path, way):
     """Return all that is read of a file, in a form that compares to the bit."""
-    found = read_mcap(path, WANTED, threads=threads)
+    found = read_mcap(path, WANTED, **way)
     result = {}
     for topic in found:
         data = b"".join(b"".join(p) if isinstance(p, list) else p.tobytes() for p in topic.pieces)
@@ -91,9 +94,22 @@ def read(path, threads):
 
 
 def test_recording_is_the_same_by_any_number_of_threads(own):
-    first, *others = (read(own, threads) for threads in THREADS)
+    first, *others = (read(own, way) for way in WAYS)
     assert first[topics.MEASUREMENT.name][0] == SAMPLES
     assert all(other == first for other in others)
+
+
+def test_recording_of_ours_is_read_by_the_compiled_loops_alone(own, monkeypatch):
+    expected = read(own, {"compiled": True})
+
+    def other(*_):
+        raise AssertionError
+
+    monkeypatch.setattr(records, "_index", other)
+    monkeypatch.setattr(reader, "gathered", other)
+    assert read(own, {"compiled": True}) == expected
+    with pytest.raises(AssertionError):
+        read(own, {"compiled": False})
 
 
 def test_recording_comes_back_exactly(own, run, monkeypatch):
@@ -122,7 +138,7 @@ def test_recording_comes_back_exactly(own, run, monkeypatch):
 )
 def test_files_of_others(kind, tmp_path):
     path = foreign(tmp_path / "file.mcap", measurements(1000), **kind)
-    first, *others = (read(path, threads) for threads in THREADS)
+    first, *others = (read(path, way) for way in WAYS)
     assert all(other == first for other in others)
     count, unchecked, _, _ = first[topics.MEASUREMENT.name]
     unsure = kind.get("use_chunking") is False and not kind.get("enable_data_crcs")
@@ -138,8 +154,8 @@ def test_messages_of_another_form_keep_their_place(tmp_path):
     for k in (0, 3, 500, 999):
         messages[k] = messages[k].replace(b"case\0", b"cafe\0")
     path = foreign(tmp_path / "file.mcap", messages, compression=mcap.writer.CompressionType.NONE)
-    for threads in THREADS:
-        (topic,) = (t for t in read_mcap(path, WANTED, threads=threads) if t.name == topics.MEASUREMENT.name)
+    for way in WAYS:
+        (topic,) = (t for t in read_mcap(path, WANTED, **way) if t.name == topics.MEASUREMENT.name)
         assert {type(piece) for piece in topic.pieces} == {list, np.ndarray}
         rows = columns(topic, wire.MEASUREMENT, "")
         assert rows["sequence"].tolist() == list(range(1000))
@@ -150,9 +166,9 @@ def test_messages_of_another_form_keep_their_place(tmp_path):
     "stated", [{}, {1: 1, 2: 1}, {1: 10**18, 2: 10**18}, dict.fromkeys(range(9), SAMPLES)]
 )
 def test_what_the_summary_counts_is_not_relied_on(own, stated, monkeypatch):
-    expected = read(own, 1)
+    expected = read(own, WAYS[0])
     monkeypatch.setattr(reader, "_stated", lambda *_: stated)
-    assert read(own, 2) == expected
+    assert read(own, WAYS[1]) == expected
 
 
 def test_stated_counts_are_found(own):
@@ -171,14 +187,14 @@ def test_chunk_larger_than_a_batch(run, tmp_path, monkeypatch):
     monkeypatch.setattr(batches, "SIZE", 100)
     write_run(tmp_path / "run", **make_run(300, seed=1))
     file = next((tmp_path / "run").glob("*.mcap"))
-    first, *others = (read(file, threads) for threads in THREADS)
+    first, *others = (read(file, way) for way in WAYS)
     assert first[topics.MEASUREMENT.name][0] == 300
     assert all(other == first for other in others)
 
 
-def refused(path, threads):
+def refused(path, threads, *, compiled=False):
     with pytest.raises(InputError) as error:
-        read_mcap(path, WANTED, threads=threads)
+        read_mcap(path, WANTED, threads=threads, compiled=compiled)
     return str(error.value)
 
 
@@ -192,7 +208,9 @@ def test_damage_is_told_in_the_same_words_whoever_meets_it(own, tmp_path):
         for place in rng.sample(range(len(data)), rng.choice((1, 1, 3))):
             damaged[place] ^= 1 << rng.randrange(8)
         path.write_bytes(damaged)
-        assert refused(path, 3) == refused(path, 1)
+        said = refused(path, 1)
+        assert refused(path, 3) == said
+        assert refused(path, 3, compiled=True) == said
 
 
 def test_damage_that_another_thread_meets(own, tmp_path, monkeypatch):
@@ -203,12 +221,12 @@ def test_damage_that_another_thread_meets(own, tmp_path, monkeypatch):
     path.write_bytes(data)
     said, failed, met = refused(path, 1), threading.Event(), {}
 
-    def waiting(batch):
+    def waiting(batch, **kind):
         met[batch.number] = threading.current_thread()
         if batch.number == 0:
             assert failed.wait(60.0)
         try:
-            return contents(batch)
+            return contents(batch, **kind)
         except Exception:
             failed.set()
             raise
@@ -226,10 +244,10 @@ def test_file_that_is_cut_while_it_is_read(own, threads, tmp_path, monkeypatch):
     """It is refused; nothing of it is mapped into memory, where reading would end the program."""
     path = Path(shutil.copy(own, tmp_path / "cut.mcap"))
 
-    def cut(batch):
+    def cut(batch, **kind):
         if batch.number == 3:
             os.truncate(path, batch.place)
-        return contents(batch)
+        return contents(batch, **kind)
 
     monkeypatch.setattr(reader, "contents", cut)
     assert refused(path, threads) == f"{path}: the file has become shorter while it was read"
@@ -237,7 +255,7 @@ def test_file_that_is_cut_while_it_is_read(own, threads, tmp_path, monkeypatch):
 
 def test_limit_is_the_same_by_any_number_of_threads(own, monkeypatch):
     monkeypatch.setenv(limits.VARIABLE, "0.0005")
-    said = {refused(own, threads) for threads in THREADS}
+    said = {refused(own, **way) for way in WAYS}
     assert len(said) == 1
     assert "needs 0.0005" in said.pop()
 
@@ -247,7 +265,7 @@ def test_error_of_ours_and_interrupts_come_through(own, monkeypatch):
     before = threading.active_count()
     for kind in (KeyboardInterrupt, ZeroDivisionError):
 
-        def fail(batch, kind=kind):
+        def fail(batch, kind=kind, **_):
             raise kind
 
         monkeypatch.setattr(reader, "contents", fail)

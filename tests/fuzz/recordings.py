@@ -23,6 +23,7 @@ import gyrowheel as gw
 from gyrowheel_analysis.recording import Recording, RecordingWriter, salvage, write_run
 from gyrowheel_analysis.recording.columns import column_dtype
 from gyrowheel_analysis.recording.definitions import typestore
+from gyrowheel_analysis.recording.mcap import reader
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import json_text
@@ -141,7 +142,7 @@ class _damaged:
 
 def _read_and_saved(path: Path, target: Path, base: Original) -> str:
     """Read a recording and salvage it; return what became of it."""
-    read = _outcome(lambda: _read(path, base))
+    read = _outcome(lambda: _read_both_ways(path, base))
     if not any(".mcap" in file.name for file in path.iterdir()):
         return read
     try:
@@ -158,6 +159,26 @@ def _outcome(check: Any) -> str:
         if not str(error).isprintable():
             raise WrongAnswer(f"the error is not one line of text: {str(error)[:80]!r}") from None
         return "refused"
+
+
+def _read_both_ways(path: Path, base: Original) -> str:
+    """Read a recording, and again with the compiled loops of large files: it must come to the same."""
+    said: list[str | InputError] = []
+    usual = reader.LARGE
+    for size in (usual, 0):
+        reader.LARGE = size
+        try:
+            said.append(_read(path, base))
+        except InputError as error:
+            said.append(error)
+        finally:
+            reader.LARGE = usual
+    first, second = said
+    if str(first) != str(second):
+        raise WrongAnswer(f"{first}, and with compiled loops {second}")
+    if isinstance(first, InputError):
+        raise first
+    return first
 
 
 def _read(path: Path, base: Original) -> str:

@@ -9,7 +9,9 @@ encapsulation. Padding is written as zeros and never looked at (the ROS serializ
 
 from __future__ import annotations
 
+import functools
 import struct
+from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -174,6 +176,14 @@ class Layout:
         for name, value in self._constants.items():
             result &= array[name] == value
         return result
+
+    @functools.cached_property
+    def constant_bytes(self) -> npt.NDArray[np.int64]:
+        """Places and values of the bytes that `matches` compares, shape (m, 2)."""
+        own = self.array(1).view(np.uint8)
+        fields: Mapping[str, Any] = self.dtype.fields or {}
+        spans = [(fields[name][1], fields[name][0].itemsize) for name in self._constants]
+        return np.array([(k, own[k]) for begin, size in spans for k in range(begin, begin + size)], np.int64)
 
     @staticmethod
     def stamps(array: npt.NDArray[Any]) -> npt.NDArray[np.int64]:

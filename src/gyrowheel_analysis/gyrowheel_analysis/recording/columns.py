@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 from rosbags.typesys.store import Typestore
 
 from gyrowheel_analysis.recording.definitions import typestore
+from gyrowheel_analysis.recording.mcap.records import everywhere
 from gyrowheel_analysis.recording.mcap.topics import TopicData, Want, joined
 from gyrowheel_core import wire
 from gyrowheel_core.errors import InputError, one_line
@@ -67,7 +68,10 @@ def wanted(layout: Layout) -> Want:
         _put(messages, rows, layout)
         return True
 
-    return Want(layout.dtype, column_dtype(layout), fits, take)
+    def copy(records: memoryview, begins: npt.NDArray[np.int64], rows: npt.NDArray[Any]) -> bool:
+        return _copied(records, begins, rows, layout)
+
+    return Want(layout.dtype, column_dtype(layout), fits, take, copy)
 
 
 def columns(topic: TopicData | None, layout: Layout, where: str) -> npt.NDArray[Any]:
@@ -101,7 +105,7 @@ def columns(topic: TopicData | None, layout: Layout, where: str) -> npt.NDArray[
     pieces, topic.pieces = topic.pieces[::-1], []
     if not any(isinstance(piece, list) for piece in pieces) and (whole := joined(pieces[::-1])) is not None:  # type: ignore[arg-type]
         return whole
-    result = np.empty(topic.count, dtype)
+    result = np.zeros(topic.count, dtype)
     decode = None
     k = 0
     while pieces:
@@ -117,23 +121,56 @@ def columns(topic: TopicData | None, layout: Layout, where: str) -> npt.NDArray[
 def _put(messages: npt.NDArray[Any], rows: npt.NDArray[Any], layout: Layout) -> None:
     """Write messages of a layout into rows."""
     rows["stamp_ns"] = layout.stamps(messages)
-    source, target = _runs(layout)
+    source, target = _as_runs(layout)
     messages, rows = messages.view(source), rows.view(target)
     for name in source.names or ():
         rows[name] = messages[name]
 
 
 def _rows(messages: npt.NDArray[Any], layout: Layout) -> npt.NDArray[Any]:
-    rows = np.empty(len(messages), column_dtype(layout))
+    rows = np.zeros(len(messages), column_dtype(layout))  # copies are told by their bytes, what pads them too
     _put(messages, rows, layout)
     return rows
 
 
+def _copied(
+    records: memoryview, begins: npt.NDArray[np.int64], rows: npt.NDArray[Any], layout: Layout
+) -> bool:
+    """Write messages of a layout into rows from where they are; return False if they are not of it."""
+    from gyrowheel_analysis.recording.mcap.loops import copied
+
+    stamps, constants, runs = _places(layout)
+    target = rows.view(np.uint8).data
+    as_bytes, as_words = np.dtype(np.uint8), np.dtype(np.uint64)
+    return bool(
+        copied(
+            (everywhere(records, as_bytes), everywhere(records, as_words)),
+            everywhere(records, stamps),
+            begins,
+            constants,
+            runs,
+            rows["stamp_ns"],
+            (everywhere(target, as_bytes, writeable=True), everywhere(target, as_words, writeable=True)),
+        )
+    )
+
+
 @functools.cache
-def _runs(layout: Layout) -> tuple[np.dtype[Any], np.dtype[Any]]:
-    """Return a message and a row as dtypes of plain bytes: fields that follow one another in both are one."""
+def _places(layout: Layout) -> tuple[np.dtype[Any], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Return the stamp in a message as a dtype, the bytes that it must have, and its `_runs`, as loops take them."""
+    fields: Mapping[str, Any] = layout.dtype.fields or {}
+    names = ("sec", "nanosec")
+    stamp = np.dtype(
+        {"names": names, "formats": [fields[n][0] for n in names], "offsets": [fields[n][1] for n in names]}
+    )
+    return stamp, layout.constant_bytes, np.array(_runs(layout), dtype=np.int64)
+
+
+@functools.cache
+def _runs(layout: Layout) -> list[tuple[int, int, int]]:
+    """Return place in a message and in a row, and bytes of fields that follow one another in both."""
     message, row = layout.dtype, column_dtype(layout)
-    runs: list[tuple[int, int, int]] = []  # place in the message and in the row, bytes
+    runs: list[tuple[int, int, int]] = []
     for name in (*layout.integers, *layout.fields):
         (kind, here), (_, there) = (dtype.fields[name][:2] for dtype in (message, row) if dtype.fields)
         last = runs[-1] if runs else (0, 0, -1)
@@ -141,21 +178,27 @@ def _runs(layout: Layout) -> tuple[np.dtype[Any], np.dtype[Any]]:
             runs[-1] = (last[0], last[1], last[2] + kind.itemsize)
         else:
             runs.append((here, there, kind.itemsize))
+    return runs
+
+
+@functools.cache
+def _as_runs(layout: Layout) -> tuple[np.dtype[Any], np.dtype[Any]]:
+    """Return a message and a row as dtypes of plain bytes, a field for each of their `_runs`."""
+    runs = _runs(layout)
 
     def dtype(places: list[int], size: int) -> np.dtype[Any]:
-        formats = [f"V{length}" for _, _, length in runs]
         return np.dtype(
             {
                 "names": [f"run{k}" for k in range(len(runs))],
-                "formats": formats,
+                "formats": [f"V{length}" for _, _, length in runs],
                 "offsets": places,
                 "itemsize": size,
             }
         )
 
     return (
-        dtype([here for here, _, _ in runs], message.itemsize),
-        dtype([there for _, there, _ in runs], row.itemsize),
+        dtype([here for here, _, _ in runs], layout.dtype.itemsize),
+        dtype([there for _, there, _ in runs], column_dtype(layout).itemsize),
     )
 
 

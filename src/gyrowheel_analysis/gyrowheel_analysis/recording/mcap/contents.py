@@ -80,8 +80,8 @@ class Contents:
     checksum: int
 
 
-def contents(batch: Batch) -> Contents:
-    """Return what a batch holds.
+def contents(batch: Batch, *, compiled: bool = False) -> Contents:
+    """Return what a batch holds; `compiled` as `find` takes it.
 
     Raises
     ------
@@ -96,31 +96,31 @@ def contents(batch: Batch) -> Contents:
         at = np.array(places)
         shares += _shares(Found(data, at, heads_at(data, at, "the file"), []), None)
     plain = plain_chunks(data, np.array(batch.chunks)) if batch.chunks else None
-    for found, checked in _found(batch, None if plain is None else plain[0]):
+    for found, checked in _found(batch, None if plain is None else plain[0], compiled):
         declarations += found.others
         shares += _shares(found, checked)
     known = () if plain is None else zip(*plain[0].T.tolist(), plain[1], strict=True)
     return Contents(declarations, shares, joined_with(data, known))
 
 
-def _found(batch: Batch, plain: npt.NDArray[np.int64] | None) -> Iterator[tuple[Found, bool]]:
+def _found(batch: Batch, plain: npt.NDArray[np.int64] | None, compiled: bool) -> Iterator[tuple[Found, bool]]:
     """Yield what the chunks hold, where all of them are `plain` all at once, and whether checksums cover it."""
     if not batch.chunks:
         return
     index = np.array(batch.index, dtype=np.int64).reshape(-1, 3)
     if plain is not None:
         with contextlib.suppress(Damaged):  # reading them one by one tells which of them it is
-            found = find(Indexed(batch.data, plain, batch.data, index), "")
+            found = find(Indexed(batch.data, plain, batch.data, index), "", compiled=compiled)
             yield found, True
             return
     opened = [open_chunk(batch.data[a:b], _name(batch, a)) for a, b in batch.chunks]
     for checked, group in itertools.groupby(range(len(opened)), key=lambda k: opened[k].checked):
-        for found in _together(batch, opened, list(group), index):
+        for found in _together(batch, opened, list(group), index, compiled):
             yield found, checked
 
 
 def _together(
-    batch: Batch, opened: Sequence[Chunk], group: Sequence[int], index: npt.NDArray[np.int64]
+    batch: Batch, opened: Sequence[Chunk], group: Sequence[int], index: npt.NDArray[np.int64], compiled: bool
 ) -> Iterator[Found]:
     """Yield what chunks that follow one another hold: small chunks are faster together than one by one."""
     parts = [opened[k].records for k in group]
@@ -131,7 +131,7 @@ def _together(
     own = index[(index[:, 0] >= group[0]) & (index[:, 0] <= group[-1])] - np.array([group[0], 0, 0])
     where = _name(batch, batch.chunks[group[0]][0]) if len(group) == 1 else ""
     try:
-        found = find(Indexed(records, spans, batch.data, own), where)
+        found = find(Indexed(records, spans, batch.data, own), where, compiled=compiled)
     except Damaged:
         if len(group) == 1:
             raise
@@ -139,7 +139,7 @@ def _together(
         yield found
         return
     for k in group:
-        yield from _together(batch, opened, [k], index)
+        yield from _together(batch, opened, [k], index, compiled)
 
 
 def _name(batch: Batch, begin: int) -> str:
@@ -148,8 +148,9 @@ def _name(batch: Batch, begin: int) -> str:
 
 def _shares(found: Found, checked: bool | None) -> Iterator[Share]:
     """Yield the messages by their channels."""
-    channels, lengths = found.heads["channel"], found.heads["length"].astype(np.int64) - MESSAGE_OVERHEAD
+    channels = np.ascontiguousarray(found.heads["channel"])
+    lengths = found.heads["length"].astype(np.int64) - MESSAGE_OVERHEAD
     begins = found.places + MESSAGE_HEAD_DTYPE.itemsize
-    for channel in np.unique(channels).tolist():
+    for channel in np.flatnonzero(np.bincount(channels)).tolist():
         own = np.flatnonzero(channels == channel)
         yield Share(channel, found.records, begins[own], lengths[own], found.heads["log_time"], own, checked)

@@ -207,10 +207,13 @@ def find_messages(chunks: Sequence[tuple[memoryview, Sequence[Bytes]]], where: s
     return find(Indexed(records, spans, memoryview(b"".join(part for _, part in owned)), parts), where)
 
 
-def find(chunks: Indexed, where: str) -> Found:
-    """Find the messages in chunks as `find_messages` does."""
+def find(chunks: Indexed, where: str, *, compiled: bool = False) -> Found:
+    """Find the messages in chunks as `find_messages` does; `compiled` finds the same in many of them sooner."""
     records = chunks.records
-    channels, times, places = _index(chunks, where)
+    index = _heads_of_index(chunks, where)
+    if compiled and (found := _walked(chunks, index)) is not None:
+        return found
+    channels, times, places = _index(chunks, index, where)
     heads = heads_at(records, places, where)
     if not np.array_equal(heads["channel"], channels) or not np.array_equal(heads["log_time"], times):
         raise Damaged(f"damaged: {where} and its index differ")
@@ -299,11 +302,25 @@ def record_at(data: memoryview, position: int, end: int) -> tuple[int, int, int]
     raise Damaged(f"damaged: the record at byte {position} is cut off")
 
 
-def _index(
-    chunks: Indexed, where: str
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return channels, times and places from index records, in the order of places."""
-    owner, starts, sizes = chunks.parts.T
+def _walked(chunks: Indexed, index: npt.NDArray[Any]) -> Found | None:
+    """Return what is in chunks that are as nearly all are: messages in the order of the index and nothing else."""
+    from gyrowheel_analysis.recording.mcap.loops import walk
+
+    owner, starts, _ = chunks.parts.T
+    begins, lengths = starts + _INDEX_HEAD.itemsize, index["length"].astype(np.int64)
+    parts = np.stack([owner, index["channel"].astype(np.int64), begins, begins + lengths], axis=1)
+    count = int(lengths.sum()) // _ENTRY.itemsize
+    if not count or len(chunks.records) < _HEAD or np.any(np.diff(owner) < 0):
+        return None
+    heads, places = np.empty(count, MESSAGE_HEAD_DTYPE), np.empty(count, np.int64)
+    every = everywhere(chunks.records, MESSAGE_HEAD_DTYPE), everywhere(chunks.index, _ENTRY)
+    whole = walk(*every, chunks.spans, parts, heads, places)
+    return Found(chunks.records, places, heads, []) if whole else None
+
+
+def _heads_of_index(chunks: Indexed, where: str) -> npt.NDArray[Any]:
+    """Return channel and length of the entries of index records, checked."""
+    _, starts, sizes = chunks.parts.T
     if np.any(sizes < _INDEX_HEAD.itemsize):
         raise Damaged("damaged: a record ends within a field")
     heads = gathered(chunks.index, starts, _INDEX_HEAD)
@@ -312,6 +329,15 @@ def _index(
         raise Damaged("damaged: a record ends within a field")
     if np.any(lengths % _ENTRY.itemsize):
         raise Damaged(f"damaged: the index of {where}")
+    return heads
+
+
+def _index(
+    chunks: Indexed, heads: npt.NDArray[Any], where: str
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Return channels, times and places from index records, in the order of places."""
+    owner, starts, _ = chunks.parts.T
+    lengths = heads["length"].astype(np.int64)
     counts = lengths // _ENTRY.itemsize
     begins = starts + _INDEX_HEAD.itemsize - (np.cumsum(lengths) - lengths)
     total = np.arange(int(counts.sum())) * _ENTRY.itemsize
@@ -342,10 +368,16 @@ def gathered(records: memoryview, places: npt.NDArray[np.int64], dtype: np.dtype
     """Return what is at `places`, one element of `dtype` each."""
     if len(places) == 0:
         return np.empty(0, dtype)
-    size = dtype.itemsize
-    # One element at every byte, so that numpy's indexing copies the wanted ones.
-    everywhere = np.ndarray((len(records) - size + 1,), dtype=f"V{size}", buffer=records, strides=(1,))
-    return everywhere[places].view(dtype)
+    return everywhere(records, np.dtype(f"V{dtype.itemsize}"))[places].view(dtype)
+
+
+def everywhere(records: memoryview, dtype: np.dtype[Any], *, writeable: bool = False) -> npt.NDArray[Any]:
+    """Return one element at every byte of a memory where a whole one begins."""
+    result: npt.NDArray[Any] = np.ndarray(
+        (len(records) - dtype.itemsize + 1,), dtype=dtype, buffer=records, strides=(1,)
+    )
+    result.flags.writeable = writeable
+    return result
 
 
 def _decompress(data: memoryview, compression: str, size: int, where: str) -> memoryview:

@@ -30,12 +30,15 @@ class Want:
         Whether rows can be made of the messages of a topic, by what is declared of it.
     take : callable
         Writes such messages into as many rows; returns False if they are not as declared.
+    copy : callable
+        The same from where they are in a memory; compiled.
     """
 
     dtype: np.dtype[Any]
     row: np.dtype[Any]
     fits: Callable[[TopicData], bool]
     take: Callable[[npt.NDArray[Any], Rows], bool]
+    copy: Callable[[memoryview, npt.NDArray[np.int64], Rows], bool]
 
 
 #: Topics to read, by name; None: as serialized messages.
@@ -98,11 +101,11 @@ class TopicData:
             or any(len(message) != want.dtype.itemsize for message in messages)
         ):
             return messages
-        rows = np.empty(len(messages), want.row)
+        rows = np.zeros(len(messages), want.row)
         return rows if want.take(np.frombuffer(b"".join(messages), want.dtype), rows) else messages
 
     def reserve(self, want: Want, count: int) -> Rows:
-        """Append rows that are to be written; those of one topic follow one another in memory, if they can."""
+        """Append rows of zeros that are to be written; those of a topic follow one another in memory, if they can."""
         if self._block is None or self._used + count > len(self._block):
             self._block, self._used = self._new_block(want.row, count), 0
         rows = self._block[self._used : self._used + count]
@@ -115,10 +118,10 @@ class TopicData:
             # only what is written takes memory, so that a false number costs nothing
             stated = min(self.expected, largest() // row.itemsize)
             try:
-                return np.empty(max(stated, count), row)
+                return np.zeros(max(stated, count), row)
             except MemoryError:
                 pass
-        return np.empty(max(_BLOCK // row.itemsize, count), row)
+        return np.zeros(max(_BLOCK // row.itemsize, count), row)
 
 
 def joined(pieces: list[Rows]) -> Rows | None:
