@@ -11,7 +11,6 @@ import sys
 import threading
 import zlib
 from pathlib import Path
-from typing import Any
 
 import mcap.writer
 import numpy as np
