@@ -11,6 +11,7 @@ import sys
 import threading
 import zlib
 from pathlib import Path
+from typing import Any
 
 import mcap.writer
 import numpy as np
@@ -30,7 +31,9 @@ from .recordings import PERIOD_NS, assert_holds, make_run, measurements
 
 SAMPLES = 2000
 THREADS = (1, 2, 3, 4)
-WAYS = [{"threads": threads, "compiled": compiled} for compiled in (False, True) for threads in (1, 2, 3, 4)]
+WAYS: list[dict[str, Any]] = [
+    {"threads": threads, "compiled": compiled} for compiled in (False, True) for threads in (1, 2, 3, 4)
+]
 WANTED = {
     topics.MEASUREMENT.name: wanted(wire.MEASUREMENT),
     topics.COMMAND.name: wanted(wire.COMMAND),
