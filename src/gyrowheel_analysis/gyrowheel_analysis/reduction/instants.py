@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -54,9 +55,10 @@ def even_times(time: Array, period: float) -> Array:
     """Return stamps [s] without their jitter, run by run between gaps; `period` is the sampling period [s]."""
     jumps = np.diff(time)
     even = time.copy()
-    for run in np.split(np.arange(len(time)), np.flatnonzero((jumps > _GAP) | (jumps <= 0.0)) + 1):
-        if len(run) >= _FEWEST:
-            even[run] = _smooth(time[run], period)
+    breaks = np.flatnonzero((jumps > _GAP) | (jumps <= 0.0)) + 1
+    for first, last in pairwise([0, *breaks.tolist(), len(time)]):
+        if last - first >= _FEWEST:
+            even[first:last] = _smooth(time[first:last], period)
     return even
 
 
@@ -65,11 +67,22 @@ def _smooth(time: Array, period: float) -> Array:
     # the library takes long to load, and the node of the drag estimator has no use for it
     from scipy.ndimage import uniform_filter1d
 
-    steps = np.diff(time)
-    one = float(np.median(steps[steps < 1.5 * period])) if np.any(steps < 1.5 * period) else period
-    number = np.concatenate([[0.0], np.rint(steps / one).cumsum()])
-    line = np.polynomial.Polynomial.fit(number, time, 1)(number)
-    return np.asarray(line + uniform_filter1d(time - line, min(_AVERAGED, len(time)), mode="nearest"))
+    # in place where it can be: hours of samples are smoothed at once
+    number = np.zeros(len(time))
+    steps = np.subtract(time[1:], time[:-1], out=number[1:])
+    usual = steps[steps < 1.5 * period]
+    one = float(np.median(usual, overwrite_input=True)) if len(usual) else period
+    del usual
+    np.rint(np.divide(steps, one, out=steps), out=steps)
+    np.cumsum(number, out=number)
+    number -= number.mean()
+    middle = time.mean()
+    left = time - middle
+    number *= number @ left / (number @ number)
+    line = np.add(number, middle, out=number)
+    np.subtract(time, line, out=left)
+    line += uniform_filter1d(left, min(_AVERAGED, len(time)), mode="nearest")
+    return line
 
 
 def share_of_motion(time: Array, even: Array, angle: Array, period: float) -> tuple[float, float]:

@@ -13,6 +13,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.recording import Recording
+from gyrowheel_core.blocks import by_blocks
 from gyrowheel_core.readings import Readings
 
 Array = NDArray[np.float64]
@@ -23,6 +24,7 @@ BLOCK: Final = 0.01
 #: Blocks in an average, so that no harmonic of the spin rate passes down to 600 rpm, and from one to the next.
 _WEIGHTS: Final = 32
 EVERY: Final = 2
+_AT_A_TIME = 2048  # blocks
 _FULL = 0.5  # of the samples of a block must be there
 _GAP = 4.5  # sample periods; over a longer gap the angle may have made any number of turns
 
@@ -182,34 +184,48 @@ def blocks_of(recording: Recording, *, angle_scale: float = 1.0, absent: Set[str
     absent : set of str
         What `never_measured` returns.
     """
-    time, readings = recording.time, recording.readings
-    there = [name for name in NAMES if name not in absent]
-    whole: NDArray[np.bool_] = np.asarray(np.isfinite(readings.array[:, Readings.columns(there)]).all(axis=1))
-    if not whole.all():
-        time, readings = time[whole], readings[whole]
+    readings = recording.readings.array
+    there = Readings.columns(name for name in NAMES if name not in absent)
+    finite = by_blocks(
+        len(readings), lambda first, last: np.isfinite(readings[first:last, there]).all(axis=1)
+    )
+    kept = np.flatnonzero(np.concatenate(finite)) if not all(block.all() for block in finite) else None
+    time = recording.time if kept is None else recording.time[kept]
     if len(time) < 3:
         return np.zeros((0, len(NAMES)))
-    columns = readings.array[:, Readings.columns(NAMES)]
-    columns[:, [NAMES.index(name) for name in absent]] = 0.0
-    place, steps = NAMES.index("spin_angle"), np.diff(time)
-    period = float(np.median(steps))
-    turned = np.diff(angle_scale * columns[:, place])
-    turned -= 2.0 * math.pi * np.round(turned / (2.0 * math.pi))
-    columns[1:, place] = np.where(steps < _GAP * period, turned / steps, np.nan)
-    columns[0, place] = columns[1, place]
-    columns = _with_twins(columns, absent)
+    period = float(np.median(np.diff(time), overwrite_input=True))
     count = int(time[-1] / BLOCK)
     edges = np.searchsorted(time, BLOCK * np.arange(count + 1) - 0.5 * period)
     samples = np.diff(edges)
     result = np.full((count, len(NAMES)), np.nan)
     full = samples >= _FULL * BLOCK / period
+    begin = edges[:-1][full]
+    end = np.append(begin[1:], edges[-1])
+
+    def means(first: int, last: int) -> Array:
+        low, high = max(begin[first] - 1, 0), end[last - 1]
+        rows = slice(low, high) if kept is None else kept[low:high]
+        columns = readings[rows][:, Readings.columns(NAMES)]
+        columns[:, [NAMES.index(name) for name in absent]] = 0.0
+        _differentiate(columns, time[low:high], angle_scale, period)
+        columns = _with_twins(columns, absent)[begin[first] - low :]
+        sums = np.add.reduceat(columns, begin[first:last] - begin[first], axis=0)
+        return np.asarray(sums / (end - begin)[first:last, None])
+
     if full.any():
-        begin = edges[:-1][full]
-        sums = np.add.reduceat(columns[: edges[-1]], begin, axis=0)
         # what lies between a block and the next full one is in the sum: such a block is left out, too
-        length = np.diff(np.r_[begin, edges[-1]])
-        result[full] = np.where((length == samples[full])[:, None], sums / length[:, None], np.nan)
+        whole = (end - begin == samples[full])[:, None]
+        result[full] = np.where(whole, np.concatenate(by_blocks(len(begin), means, _AT_A_TIME)), np.nan)
     return result
+
+
+def _differentiate(columns: Array, time: Array, angle_scale: float, period: float) -> None:
+    """Put the rate at which the angle turns in place of the angle; in the first row that of the second one."""
+    place, steps = NAMES.index("spin_angle"), np.diff(time)
+    turned = np.diff(angle_scale * columns[:, place])
+    turned -= 2.0 * math.pi * np.round(turned / (2.0 * math.pi))
+    columns[1:, place] = np.where(steps < _GAP * period, turned / steps, np.nan)
+    columns[0, place] = columns[1, place]
 
 
 def asked_tilt(recording: Recording, count: int) -> Complex | None:
