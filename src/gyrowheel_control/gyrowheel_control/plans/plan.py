@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import functools
 import itertools
 import math
 import random
@@ -104,8 +105,7 @@ class Plan:
 
     @classmethod
     def _from_text(cls, text: str, origin: str) -> Plan:
-        content = check(PlanFile, read_yaml(text, origin), origin, kind="plan")
-        return cls(content, text, origin)
+        return cls(_read(text, origin), text, origin)
 
     @staticmethod
     def shipped() -> list[str]:
@@ -252,3 +252,9 @@ def _segments(content: PlanFile, origin: str) -> Iterator[Segment]:
 def _whole(seconds: float) -> float:
     """Round up to whole setpoint periods."""
     return round(math.ceil(seconds / SETPOINT_PERIOD - 1e-9) * SETPOINT_PERIOD, 9)
+
+
+@functools.lru_cache(maxsize=32)
+def _read(text: str, origin: str) -> PlanFile:
+    """Return the content of a plan file, kept: the same plans are asked for again and again."""
+    return check(PlanFile, read_yaml(text, origin), origin, kind="plan")
