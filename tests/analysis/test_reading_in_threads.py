@@ -27,6 +27,7 @@ from gyrowheel_analysis.recording.mcap.reader import read_mcap
 from gyrowheel_core import limits, topics, wire
 from gyrowheel_core.errors import InputError
 
+from ..fuzz.chunks import chunk, declarations, file, index, message
 from .recordings import PERIOD_NS, assert_holds, make_run, measurements
 
 SAMPLES = 2000
@@ -213,6 +214,16 @@ def test_damage_is_told_in_the_same_words_whoever_meets_it(own, tmp_path):
         said = refused(path, 1)
         assert refused(path, 3) == said
         assert refused(path, 3, compiled=True) == said
+
+
+def test_time_that_is_another_one_with_a_sign_is_damage_to_either_way(tmp_path):
+    """The index has it as a number below zero, of the same bytes."""
+    time, data = 2**63 + 5, measurements(1)[0]
+    path = tmp_path / "signed.mcap"
+    path.write_bytes(file([declarations(), chunk(message(1, time, data)), index(1, [(time, 0)])]))
+    said = {refused(path, **way) for way in WAYS}
+    assert len(said) == 1
+    assert "and its index differ" in said.pop()
 
 
 def test_damage_that_another_thread_meets(own, tmp_path, monkeypatch):

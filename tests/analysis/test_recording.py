@@ -213,6 +213,19 @@ def test_integrity(order, dropped, doubled, tmp_path_factory):
     assert integrity.complete == (not dropped)
 
 
+def test_copies_are_dropped_whatever_pads_them_and_wherever_they_are(tmp_path):
+    """A row of a setpoint has three bytes that are no field's; all of it was written twice, one after the other."""
+    with RecordingWriter(tmp_path / "bag") as writer:
+        for message in measurements(5):
+            writer.write(topics.MEASUREMENT, message, wire.stamp(message))
+        for k in [*range(1000), *range(1000)]:
+            message = wire.SETPOINT.pack(k * 5_000_000, 1, 1, *[1.0] * 6)
+            writer.write(topics.SETPOINT, message, wire.stamp(message))
+    assert Recording.open(tmp_path / "bag").setpoint["stamp_ns"].tolist() == [
+        k * 5_000_000 for k in range(1000)
+    ]
+
+
 def test_numbers_that_are_none_are_counted_and_kept(tmp_path):
     messages = measurements(5)
     messages[2] = wire.MEASUREMENT.pack(2 * PERIOD_NS, 2, float("nan"), *[0.0] * 9, float("inf"))

@@ -15,6 +15,7 @@ import pytest
 import gyrowheel as gw
 from benchmarks.setups import COIL, TILT, TURN, WRONG, Samples, Spoil, exchanged, scaled, spoilt
 from gyrowheel_analysis.recording import Recording
+from gyrowheel_analysis.setups.blocks import NAMES, blocks_of
 from gyrowheel_analysis.setups.correct import correct, corrected
 from gyrowheel_analysis.setups.cures import Cure
 from gyrowheel_analysis.setups.find import of_one, wrong_setups
@@ -224,3 +225,19 @@ def test_recordings_of_one_machine_belong_together(right: Recording, bench: Benc
         replace(r, environment=[replace(e, machine="") for e in r.environment]) for r in (right, *others)
     ]
     assert not wrong_setups(unnamed, bench)
+
+
+def test_a_block_of_one_sample_has_an_average_and_no_rate(right: Recording) -> None:
+    """Nearly all samples lack one of the readings: the first block has one that is whole, and none before it."""
+    rows = right.measurement[:2000].copy()
+    kept = [0, 40, 58]
+    lost = np.setdiff1d(np.arange(len(rows)), kept)
+    rows["motor_current"][lost] = np.nan
+    found = blocks_of(replace(right, measurement=rows))
+    column = NAMES.index("motor_current")
+    assert found[0, column] == rows["motor_current"][0]
+    turned = np.diff(rows["spin_angle"][kept[:2]]) / np.diff(rows["stamp_ns"][kept[:2]] * 1e-9)
+    whole = 2.0 * math.pi / (np.diff(rows["stamp_ns"][kept[:2]])[0] * 1e-9)
+    assert abs((found[0, NAMES.index("spin_angle")] - turned[0]) / whole % 1.0) == pytest.approx(
+        0.0, abs=1e-6
+    )

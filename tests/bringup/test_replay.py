@@ -120,11 +120,13 @@ class Replay:
         """Call a service."""
         return self.bystander.call(self.bystander.node.create_client(kind, name), request)
 
-    def step(self) -> None:
-        """Ask for a step, once: asked again for an answer that was lost, it would be two."""
+    def step(self, made: Callable[[], Any]) -> None:
+        """Ask for a step, and wait until it is made; once, since asked again for a lost answer it would be two."""
         client = self.bystander.node.create_client(Trigger, STEP)
         self.bystander.spin_until(client.service_is_ready)
-        client.call_async(Trigger.Request())
+        asked = client.call_async(Trigger.Request())
+        self.bystander.spin_until(made)
+        assert not asked.done() or asked.result().success
 
     def _taker(self, name: str) -> Callable[[bytes], None]:
         def take(data: bytes) -> None:
@@ -201,8 +203,7 @@ def test_steps_pauses_and_live_parameters(replay: Replay, bystander: Bystander, 
     bystander.spin_until(lambda: getattr(bystander.diagnoses.get("replay"), "message", "") == "paused")
     assert replay.samples() == []
     for count in (1, 2, 3):
-        replay.step()
-        bystander.spin_until(lambda count=count: len(replay.samples()) >= count)  # type: ignore[misc]
+        replay.step(lambda count=count: len(replay.samples()) >= count)  # type: ignore[misc]
         assert replay.samples() == list(range(count))
     bystander.spin_until(lambda: replay.clock()[-1] == 2 * 500_000)
 
@@ -212,8 +213,7 @@ def test_steps_pauses_and_live_parameters(replay: Replay, bystander: Bystander, 
         return replay.call(SetParameters, "/replay/set_parameters", request).results[0]
 
     assert set_parameter("step", 0.05).successful
-    replay.step()
-    bystander.spin_until(lambda: replay.clock()[-1] == 51_000_000)
+    replay.step(lambda: replay.clock()[-1] == 51_000_000)
     bystander.spin_until(lambda: len(replay.samples()) >= 103)
     assert replay.samples() == list(range(103))
     assert not set_parameter("rate", -1.0).successful
@@ -232,8 +232,7 @@ def test_steps_pauses_and_live_parameters(replay: Replay, bystander: Bystander, 
     samples = len(replay.samples())
     for label in ("deactivate", "cleanup", "configure", "activate"):
         assert change(label)
-    replay.step()
-    bystander.spin_until(lambda: len(replay.samples()) > samples)
+    replay.step(lambda: len(replay.samples()) > samples)
     assert replay.samples()[samples] == 0
     assert replay.process is not None
     replay.process.send_signal(signal.SIGINT)

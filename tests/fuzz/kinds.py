@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from . import formats, nodes, recordings, tables, texts
+from . import chunks, formats, nodes, recordings, tables, texts
 from .harness import Kind
 
 KINDS: dict[str, Kind] = {
     "recording": recordings.stored,
+    "chunks": chunks.chunks,
     "message": recordings.recorded,
     "compare": recordings.compared,
     "diagnose": recordings.diagnosed,

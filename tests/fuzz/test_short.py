@@ -21,6 +21,7 @@ from .texts import MODEL
 #: How many of each kind; some seconds in all.
 _COUNTS = {
     "recording": 30,
+    "chunks": 200,
     "message": 20,
     "compare": 3,
     "text": 30,

@@ -25,7 +25,7 @@ def test_killed_at_random_instants(verb: str, origin: tuple[Zygote, dict[str, Ve
     """The old one or the new one is there, whole; the next command works, and nothing is left beside."""
     found = killed(origin[1][verb], origin[0], 3, random.Random(2))
     assert found.wrong == []
-    assert found.before + found.after == 3
+    assert 1 <= found.instants <= 3 <= found.before + found.after
 
 
 @pytest.mark.slow

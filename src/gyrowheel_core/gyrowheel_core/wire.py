@@ -179,11 +179,12 @@ class Layout:
 
     @functools.cached_property
     def constant_bytes(self) -> npt.NDArray[np.int64]:
-        """Places and values of the bytes that `matches` compares, shape (m, 2)."""
+        """Places and values of the bytes that are the same in every message, shape (m, 2)."""
         own = self.array(1).view(np.uint8)
         fields: Mapping[str, Any] = self.dtype.fields or {}
         spans = [(fields[name][1], fields[name][0].itemsize) for name in self._constants]
-        return np.array([(k, own[k]) for begin, size in spans for k in range(begin, begin + size)], np.int64)
+        found = [(k, own[k]) for begin, size in spans for k in range(begin, begin + size)]
+        return np.array(found, dtype=np.int64).reshape(-1, 2)
 
     @staticmethod
     def stamps(array: npt.NDArray[Any]) -> npt.NDArray[np.int64]:

@@ -82,6 +82,7 @@ class _Entries:
             numba.__version__,
             np.__version__,
             sys.version,
+            str(vars(numba.config)["BOUNDSCHECK"]),  # the module is filled as it is loaded
         )
 
     def _name(self, key: Any) -> str:

@@ -68,10 +68,10 @@ def wanted(layout: Layout) -> Want:
         _put(messages, rows, layout)
         return True
 
-    def copy(records: memoryview, begins: npt.NDArray[np.int64], rows: npt.NDArray[Any]) -> bool:
+    def take_from(records: memoryview, begins: npt.NDArray[np.int64], rows: npt.NDArray[Any]) -> bool:
         return _copied(records, begins, rows, layout)
 
-    return Want(layout.dtype, column_dtype(layout), fits, take, copy)
+    return Want(layout.dtype, column_dtype(layout), fits, take, take_from)
 
 
 def columns(topic: TopicData | None, layout: Layout, where: str) -> npt.NDArray[Any]:
@@ -139,7 +139,7 @@ def _copied(
     """Write messages of a layout into rows from where they are; return False if they are not of it."""
     from gyrowheel_analysis.recording.mcap.loops import copied
 
-    stamps, constants, runs = _places(layout)
+    stamps, constants, runs, stamp_at = _places(layout)
     target = rows.view(np.uint8).data
     as_bytes, as_words = np.dtype(np.uint8), np.dtype(np.uint64)
     return bool(
@@ -149,21 +149,23 @@ def _copied(
             begins,
             constants,
             runs,
-            rows["stamp_ns"],
+            stamp_at,
             (everywhere(target, as_bytes, writeable=True), everywhere(target, as_words, writeable=True)),
         )
     )
 
 
 @functools.cache
-def _places(layout: Layout) -> tuple[np.dtype[Any], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return the stamp in a message as a dtype, the bytes that it must have, and its `_runs`, as loops take them."""
+def _places(layout: Layout) -> tuple[np.dtype[Any], npt.NDArray[np.int64], npt.NDArray[np.int64], int]:
+    """Return how a loop copies messages: the stamp as a dtype, the constant bytes, the `_runs`, place of the stamp."""
     fields: Mapping[str, Any] = layout.dtype.fields or {}
     names = ("sec", "nanosec")
     stamp = np.dtype(
         {"names": names, "formats": [fields[n][0] for n in names], "offsets": [fields[n][1] for n in names]}
     )
-    return stamp, layout.constant_bytes, np.array(_runs(layout), dtype=np.int64)
+    rows: Mapping[str, Any] = column_dtype(layout).fields or {}
+    runs = np.array(_runs(layout), dtype=np.int64).reshape(-1, 3)
+    return stamp, layout.constant_bytes, runs, rows["stamp_ns"][1]
 
 
 @functools.cache

@@ -300,7 +300,9 @@ def _stalls(samples: npt.NDArray[Any], looked: Sequence[_Look]) -> tuple[tuple[f
 def _by_stamp(rows: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Return messages in the order of their stamps, and of several that are the same to the byte one."""
     if _any_step(rows, lambda steps: steps < 0):
-        rows = rows[np.argsort(rows["stamp_ns"], kind="stable")]
+        # as plain bytes: indexing a structured array would leave its padding undefined
+        order = np.argsort(rows["stamp_ns"], kind="stable")
+        rows = rows.view(f"V{rows.dtype.itemsize}")[order].view(rows.dtype)
     return _without_copies(rows)
 
 

@@ -67,7 +67,7 @@ def _smooth(time: Array, period: float) -> Array:
     # the library takes long to load, and the node of the drag estimator has no use for it
     from scipy.ndimage import uniform_filter1d
 
-    # in place where it can be: hours of samples are smoothed at once
+    # in place, since hours of samples are smoothed at once: steps, then their number from the first sample on
     number = np.zeros(len(time))
     steps = np.subtract(time[1:], time[:-1], out=number[1:])
     usual = steps[steps < 1.5 * period]
@@ -75,6 +75,7 @@ def _smooth(time: Array, period: float) -> Array:
     del usual
     np.rint(np.divide(steps, one, out=steps), out=steps)
     np.cumsum(number, out=number)
+    # the line through all stamps, and what is left of them
     number -= number.mean()
     middle = time.mean()
     left = time - middle

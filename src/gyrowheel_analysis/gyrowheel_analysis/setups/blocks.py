@@ -203,24 +203,26 @@ def blocks_of(recording: Recording, *, angle_scale: float = 1.0, absent: Set[str
     end = np.append(begin[1:], edges[-1])
 
     def means(first: int, last: int) -> Array:
-        low, high = max(begin[first] - 1, 0), end[last - 1]
+        # one sample before them, for the first step of the angle; the first of all takes that of the second one
+        low, stop = max(begin[first] - 1, 0), end[last - 1]
+        high = max(stop, low + 2)
         rows = slice(low, high) if kept is None else kept[low:high]
         columns = readings[rows][:, Readings.columns(NAMES)]
         columns[:, [NAMES.index(name) for name in absent]] = 0.0
         _differentiate(columns, time[low:high], angle_scale, period)
-        columns = _with_twins(columns, absent)[begin[first] - low :]
+        columns = _with_twins(columns, absent)[begin[first] - low : stop - low]
         sums = np.add.reduceat(columns, begin[first:last] - begin[first], axis=0)
         return np.asarray(sums / (end - begin)[first:last, None])
 
     if full.any():
         # what lies between a block and the next full one is in the sum: such a block is left out, too
-        whole = (end - begin == samples[full])[:, None]
-        result[full] = np.where(whole, np.concatenate(by_blocks(len(begin), means, _AT_A_TIME)), np.nan)
+        unbroken = (end - begin == samples[full])[:, None]
+        result[full] = np.where(unbroken, np.concatenate(by_blocks(len(begin), means, _AT_A_TIME)), np.nan)
     return result
 
 
 def _differentiate(columns: Array, time: Array, angle_scale: float, period: float) -> None:
-    """Put the rate at which the angle turns in place of the angle; in the first row that of the second one."""
+    """Put the rate at which the angle turns in place of the angle; the first row takes that of the next."""
     place, steps = NAMES.index("spin_angle"), np.diff(time)
     turned = np.diff(angle_scale * columns[:, place])
     turned -= 2.0 * math.pi * np.round(turned / (2.0 * math.pi))

@@ -33,6 +33,7 @@ SETPOINT_PERIOD = 0.005
 RAMP, HOLD = 0, 1
 #: Longest plan [s]; all its samples are held in memory.
 LONGEST = 86_400.0
+_SHORT = 1 << 14  # characters of a text whose content is kept
 SETPOINT_DTYPE = np.dtype(
     [
         ("stamp_ns", np.int64),
@@ -105,7 +106,8 @@ class Plan:
 
     @classmethod
     def _from_text(cls, text: str, origin: str) -> Plan:
-        return cls(_read(text, origin), text, origin)
+        read = _kept if len(text) <= _SHORT else _read
+        return cls(read(text, origin), text, origin)
 
     @staticmethod
     def shipped() -> list[str]:
@@ -254,7 +256,10 @@ def _whole(seconds: float) -> float:
     return round(math.ceil(seconds / SETPOINT_PERIOD - 1e-9) * SETPOINT_PERIOD, 9)
 
 
-@functools.lru_cache(maxsize=32)
 def _read(text: str, origin: str) -> PlanFile:
-    """Return the content of a plan file, kept: the same plans are asked for again and again."""
+    """Return the content of a plan file."""
     return check(PlanFile, read_yaml(text, origin), origin, kind="plan")
+
+
+#: The same, kept: the same plans are asked for again and again.
+_kept = functools.lru_cache(maxsize=32)(_read)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import os
 import struct
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -40,8 +41,9 @@ from gyrowheel_core.limits import require_room
 
 _OBJECT: Final = 40  # bytes that a message takes beside its content
 _MOST_THREADS: Final = 4  # more would wait for one another
-#: Bytes of a file from which on compiled loops are worth being loaded.
-LARGE = 1 << 28
+#: Bytes of a file from which on compiled loops are worth being loaded, and where numba was loaded for something else.
+_LARGE: Final = 1 << 30
+_LARGE_WITH_NUMBA: Final = 1 << 28
 _MOST_OFFSETS: Final = 1 << 16  # bytes of the end of a summary
 _STATISTICS_HEAD: Final = 42  # bytes before the numbers of messages
 _COUNT: Final = struct.Struct("<HQ")  # channel and number of messages
@@ -68,8 +70,8 @@ def read_mcap(
         How many threads read the file, each with memory for a batch; as many as are worth it if not given. The result
         does not depend on them.
     compiled : bool, optional
-        Whether to read with compiled loops, which take half a second to load; if the file is large enough to be worth
-        it if not given. The result does not depend on it.
+        Whether to read with compiled loops; if the file is large enough for them if not given. The result does not
+        depend on it.
 
     Returns
     -------
@@ -88,12 +90,17 @@ def read_mcap(
             size = os.fstat(file.fileno()).st_size
             if size == 0:
                 raise Damaged("the file is empty")
-            own = _File(file, size, wanted, unpack, size >= LARGE if compiled is None else compiled)
+            own = _File(file, size, wanted, unpack, worth_compiled(size) if compiled is None else compiled)
             return list(own.read(_threads(size) if threads is None else threads).values())
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
     except Damaged as error:
         raise Broken(f"{path}: {error}") from None
+
+
+def worth_compiled(size: int) -> bool:
+    """Whether compiled loops are worth it for a file."""
+    return size >= (_LARGE_WITH_NUMBA if "numba" in sys.modules else _LARGE)
 
 
 def _threads(size: int) -> int:
@@ -319,7 +326,7 @@ class _Job:
         share = self.share
         if self.rows is not None and self.want is not None:
             if compiled:
-                taken = self.want.copy(share.records, share.begins, self.rows)
+                taken = self.want.take_from(share.records, share.begins, self.rows)
             else:
                 taken = self.want.take(gathered(share.records, share.begins, self.want.dtype), self.rows)
             if taken:

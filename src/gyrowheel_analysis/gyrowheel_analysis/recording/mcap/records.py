@@ -308,14 +308,15 @@ def _walked(chunks: Indexed, index: npt.NDArray[Any]) -> Found | None:
 
     owner, starts, _ = chunks.parts.T
     begins, lengths = starts + _INDEX_HEAD.itemsize, index["length"].astype(np.int64)
-    parts = np.stack([owner, index["channel"].astype(np.int64), begins, begins + lengths], axis=1)
+    whole = np.stack([owner, index["channel"].astype(np.int64), begins, begins + lengths], axis=1)
     count = int(lengths.sum()) // _ENTRY.itemsize
     if not count or len(chunks.records) < _HEAD or np.any(np.diff(owner) < 0):
         return None
     heads, places = np.empty(count, MESSAGE_HEAD_DTYPE), np.empty(count, np.int64)
     every = everywhere(chunks.records, MESSAGE_HEAD_DTYPE), everywhere(chunks.index, _ENTRY)
-    whole = walk(*every, chunks.spans, parts, heads, places)
-    return Found(chunks.records, places, heads, []) if whole else None
+    if not walk(*every, chunks.spans, whole, heads, places):
+        return None
+    return Found(chunks.records, places, heads, [])
 
 
 def _heads_of_index(chunks: Indexed, where: str) -> npt.NDArray[Any]:
@@ -333,11 +334,11 @@ def _heads_of_index(chunks: Indexed, where: str) -> npt.NDArray[Any]:
 
 
 def _index(
-    chunks: Indexed, heads: npt.NDArray[Any], where: str
+    chunks: Indexed, index: npt.NDArray[Any], where: str
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Return channels, times and places from index records, in the order of places."""
     owner, starts, _ = chunks.parts.T
-    lengths = heads["length"].astype(np.int64)
+    lengths = index["length"].astype(np.int64)
     counts = lengths // _ENTRY.itemsize
     begins = starts + _INDEX_HEAD.itemsize - (np.cumsum(lengths) - lengths)
     total = np.arange(int(counts.sum())) * _ENTRY.itemsize
@@ -348,7 +349,7 @@ def _index(
         raise Damaged(f"damaged: the index of {where} points outside it")
     places = places + np.repeat(spans[:, 0], counts)
     order = np.argsort(places, kind="stable")
-    channels = np.repeat(heads["channel"], counts)
+    channels = np.repeat(index["channel"], counts)
     return channels[order], entries["time"][order], places[order]
 
 
@@ -372,7 +373,10 @@ def gathered(records: memoryview, places: npt.NDArray[np.int64], dtype: np.dtype
 
 
 def everywhere(records: memoryview, dtype: np.dtype[Any], *, writeable: bool = False) -> npt.NDArray[Any]:
-    """Return one element at every byte of a memory where a whole one begins."""
+    """Return one element at every byte of a memory where a whole one begins.
+
+    Memory that may be written to is shown to be read only like any other: a compiled loop is compiled once for both.
+    """
     result: npt.NDArray[Any] = np.ndarray(
         (len(records) - dtype.itemsize + 1,), dtype=dtype, buffer=records, strides=(1,)
     )

@@ -30,15 +30,15 @@ class Want:
         Whether rows can be made of the messages of a topic, by what is declared of it.
     take : callable
         Writes such messages into as many rows; returns False if they are not as declared.
-    copy : callable
-        The same from where they are in a memory; compiled.
+    take_from : callable
+        Does what `take` does by a compiled loop, given the memory that holds the messages and where they begin in it.
     """
 
     dtype: np.dtype[Any]
     row: np.dtype[Any]
     fits: Callable[[TopicData], bool]
     take: Callable[[npt.NDArray[Any], Rows], bool]
-    copy: Callable[[memoryview, npt.NDArray[np.int64], Rows], bool]
+    take_from: Callable[[memoryview, npt.NDArray[np.int64], Rows], bool]
 
 
 #: Topics to read, by name; None: as serialized messages.
