@@ -30,7 +30,7 @@ from gyrowheel_core.files import json_text
 from gyrowheel_sim.environment import Environment, to_json
 
 from .damage import mutated, mutated_text
-from .harness import Case, WrongAnswer
+from .harness import Case, WrongAnswer, begin_again
 
 SAMPLES = 400
 PERIOD_NS = 500_000
@@ -383,6 +383,7 @@ def _asked(verb: Callable[..., Any], rng: random.Random, folder: Path) -> Iterat
         content = _digest(kept)
         if content not in known:
             found = said(kept)
+            begin_again()
             if found != said(same):
                 raise WrongAnswer(
                     f"{verb.__name__} says something else of the same samples of the whole recording"
