@@ -185,7 +185,7 @@ def blocks_of(recording: Recording, *, angle_scale: float = 1.0, absent: Set[str
         What `never_measured` returns.
     """
     readings = recording.readings.array
-    there = Readings.columns(name for name in NAMES if name not in absent)
+    there = Readings.columns([name for name in NAMES if name not in absent])
     finite = by_blocks(
         len(readings), lambda first, last: np.isfinite(readings[first:last, there]).all(axis=1)
     )
