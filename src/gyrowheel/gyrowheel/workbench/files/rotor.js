@@ -1,6 +1,6 @@
 // The rotor in space at the cursor: spin axis, tilt, torque of the coils as measured and as predicted; plays with the recording.
 
-import { ask, at, colours, css, dark, hear, now, still } from "./shared.js";
+import { ask, at, colours, css, dark, fixed, hear, now, still } from "./shared.js";
 import { putCursor, shown, span, zoom } from "./signals.js";
 
 const TIMES = 5; // tilts are drawn so many times larger: they are a few degrees
@@ -238,8 +238,8 @@ export function show() {
 
 let words = "";
 function read(own, hold, time) {
-  const degrees = (value) => ((value * 180) / Math.PI).toFixed(2);
-  const milli = ([x, y]) => `${(1e3 * x).toFixed(2)}, ${(1e3 * y).toFixed(2)} mN·m`;
+  const degrees = (value) => fixed((value * 180) / Math.PI, 2);
+  const milli = ([x, y]) => `${fixed(1e3 * x, 2)}, ${fixed(1e3 * y, 2)} mN·m`;
   const text = own
     ? `${time.toFixed(2)} s: tilt ${degrees(own.tilt_x)}, ${degrees(own.tilt_y)} °; ${((own.spin * 30) / Math.PI).toFixed(0)} rpm; torque of the coils ` +
       (hold ? `in this hold ${milli(hold.measured)}, predicted ${milli(hold.predicted)}` : `${milli([own.torque_x, own.torque_y])}, no hold`)

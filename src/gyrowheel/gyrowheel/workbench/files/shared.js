@@ -66,6 +66,9 @@ export function remembered(name) {
 export const colours = () => (dark.matches ? SIGHT : COLOURS);
 export const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
+// A number in digits, without the sign of what is rounded to nothing.
+export const fixed = (value, digits) => value.toFixed(digits).replace(/^-(?=0\.?0*$)/, "");
+
 export function element(tag, text, properties = {}) {
   const made = Object.assign(document.createElement(tag), properties);
   if (text !== undefined) made.textContent = text;

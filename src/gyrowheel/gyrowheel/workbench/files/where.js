@@ -1,6 +1,6 @@
 // Where the model fails: windows in the tilt plane and over the spin rate, every channel over every variable, linked.
 
-import { P, at, dark, element, now, put, say, send, table, tell, themed } from "./shared.js";
+import { P, at, dark, element, fixed, now, put, say, send, table, tell, themed } from "./shared.js";
 import { choose } from "./signals.js";
 
 const NOISE = 9; // χ²/N of a window up to which it may be noise
@@ -23,8 +23,6 @@ function legible(colour) {
   });
   return 0.2126 * r + 0.7152 * g + 0.0722 * b > 0.179 ? "#000000" : "#ffffff";
 }
-// Without the sign of what is rounded to nothing.
-const fixed = (value, digits) => value.toFixed(digits).replace(/^-(?=0\.?0*$)/, "");
 const short = (value) => (value >= 9.95 ? value.toFixed(0) : value.toFixed(1));
 
 export function showWhere(anew = false) {
