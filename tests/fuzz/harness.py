@@ -179,7 +179,7 @@ def _set_timers(processor: float, clock: float) -> None:
 
 
 def begin_again() -> None:
-    """Give what follows all the time of an input: for a use that has another work to hold its own against."""
+    """Give what follows the whole time of an input: for a use that does its work a second time, to compare."""
     if signal.getitimer(signal.ITIMER_REAL)[0] > 0.0:
         _set_timers(PATIENCE, WAIT)
 
