@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 
 from gyrowheel_analysis.recording import Recording, write_run
+from gyrowheel_analysis.recording import columns as recording_columns
 from gyrowheel_analysis.recording.columns import columns, wanted
 from gyrowheel_analysis.recording.definitions import definition
 from gyrowheel_analysis.recording.mcap import batches, checksum, reader, records
@@ -108,8 +109,8 @@ def test_recording_of_ours_is_read_by_the_compiled_loops_alone(own, monkeypatch)
     def other(*_):
         raise AssertionError
 
-    monkeypatch.setattr(records, "_index", other)
-    monkeypatch.setattr(reader, "gathered", other)
+    monkeypatch.setattr(records, "_entries", other)
+    monkeypatch.setattr(recording_columns, "gathered", other)
     assert read(own, {"compiled": True}) == expected
     with pytest.raises(AssertionError):
         read(own, {"compiled": False})

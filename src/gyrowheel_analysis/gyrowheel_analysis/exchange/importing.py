@@ -21,6 +21,7 @@ from gyrowheel_analysis.tables import Grid
 from gyrowheel_control.plans.plan import SETPOINT_PERIOD
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.memory import picked
 from gyrowheel_core.units import DEG, conversion
 from gyrowheel_sim import environment as environments
 
@@ -216,8 +217,7 @@ def _setpoints(
         changed[1:] |= rows[name][1:] != rows[name][:-1]
     ticks = stamps // round(SETPOINT_PERIOD * wire.SECOND)
     chosen = np.flatnonzero(changed | np.r_[True, np.diff(ticks) > 0])
-    result = rows.view(f"V{rows.dtype.itemsize}")[chosen].view(rows.dtype)  # as bytes: with the padding
-    return topics.SETPOINT, stamps[chosen], result
+    return topics.SETPOINT, stamps[chosen], picked(rows, chosen)
 
 
 def _commands(

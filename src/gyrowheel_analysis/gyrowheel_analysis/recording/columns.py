@@ -15,10 +15,10 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 from rosbags.typesys.store import Typestore
 
 from gyrowheel_analysis.recording.definitions import typestore
-from gyrowheel_analysis.recording.mcap.records import everywhere
 from gyrowheel_analysis.recording.mcap.topics import TopicData, Want, joined
 from gyrowheel_core import wire
 from gyrowheel_core.errors import InputError, one_line
+from gyrowheel_core.memory import everywhere, gathered
 from gyrowheel_core.wire import Layout
 
 _SEPARATOR = "=" * 80 + "\n"
@@ -62,16 +62,18 @@ def wanted(layout: Layout) -> Want:
         except InputError:  # the checksums come first, they may tell why; `columns` raises it again
             return False
 
-    def take(messages: npt.NDArray[Any], rows: npt.NDArray[Any]) -> bool:
+    def take(
+        records: memoryview, begins: npt.NDArray[np.int64], rows: npt.NDArray[Any], compiled: bool
+    ) -> bool:
+        if compiled:
+            return _copied(records, begins, rows, layout)
+        messages = gathered(records, begins, layout.dtype)
         if not layout.matches(messages).all():
             return False
         _put(messages, rows, layout)
         return True
 
-    def take_from(records: memoryview, begins: npt.NDArray[np.int64], rows: npt.NDArray[Any]) -> bool:
-        return _copied(records, begins, rows, layout)
-
-    return Want(layout.dtype, column_dtype(layout), fits, take, take_from)
+    return Want(layout.dtype, column_dtype(layout), fits, take)
 
 
 def columns(topic: TopicData | None, layout: Layout, where: str) -> npt.NDArray[Any]:
@@ -136,7 +138,7 @@ def _rows(messages: npt.NDArray[Any], layout: Layout) -> npt.NDArray[Any]:
 def _copied(
     records: memoryview, begins: npt.NDArray[np.int64], rows: npt.NDArray[Any], layout: Layout
 ) -> bool:
-    """Write messages of a layout into rows from where they are; return False if they are not of it."""
+    """Write messages of a layout into rows by a compiled loop; return False if they are not of it."""
     from gyrowheel_analysis.recording.mcap.loops import copied
 
     stamps, constants, runs, stamp_at = _places(layout)

@@ -21,6 +21,7 @@ from gyrowheel_analysis.recording.part import WHOLE, parted
 from gyrowheel_core import topics, wire
 from gyrowheel_core.blocks import by_blocks
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.memory import picked
 from gyrowheel_core.readings import READINGS, Readings
 from gyrowheel_sim import environment as environments
 from gyrowheel_sim.environment import Environment
@@ -300,9 +301,7 @@ def _stalls(samples: npt.NDArray[Any], looked: Sequence[_Look]) -> tuple[tuple[f
 def _by_stamp(rows: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Return messages in the order of their stamps, and of several that are the same to the byte one."""
     if _any_step(rows, lambda steps: steps < 0):
-        # as plain bytes: indexing a structured array would leave its padding undefined
-        order = np.argsort(rows["stamp_ns"], kind="stable")
-        rows = rows.view(f"V{rows.dtype.itemsize}")[order].view(rows.dtype)
+        rows = picked(rows, np.argsort(rows["stamp_ns"], kind="stable"))
     return _without_copies(rows)
 
 

@@ -24,6 +24,7 @@ from gyrowheel_analysis.recording.metadata import (
 )
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.memory import picked
 from gyrowheel_core.topics import Topic
 
 _LIVE_CHUNK: Final = 1 << 16  # bytes
@@ -152,9 +153,7 @@ class RecordingWriter:
             self.counts[topic.name] += len(times)
             order = np.argsort(times, kind="stable")
             if isinstance(messages, np.ndarray):
-                # as plain bytes: indexing a structured array would leave its padding undefined
-                whole = messages.view(f"V{messages.dtype.itemsize}")
-                blocks.append(Block(channel, times[order], whole[order].view(messages.dtype)))
+                blocks.append(Block(channel, times[order], picked(messages, order)))
                 continue
             sizes = np.array([len(message) for message in messages], dtype=np.int64)[order]
             for size in np.unique(sizes):

@@ -34,7 +34,7 @@ from gyrowheel_analysis.recording.mcap.format import (
     STATISTICS,
     SUMMARY_OFFSET,
 )
-from gyrowheel_analysis.recording.mcap.records import Broken, Damaged, Fields, gathered, record_at
+from gyrowheel_analysis.recording.mcap.records import Broken, Damaged, Fields, record_at
 from gyrowheel_analysis.recording.mcap.topics import Rows, TopicData, Want, Wanted
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.limits import require_room
@@ -324,13 +324,9 @@ class _Job:
     def do(self, unpack: Callable[[bytes], bytes] | None, compiled: bool) -> None:
         """Make the messages a piece of their topic."""
         share = self.share
-        if self.rows is not None and self.want is not None:
-            if compiled:
-                taken = self.want.take_from(share.records, share.begins, self.rows)
-            else:
-                taken = self.want.take(gathered(share.records, share.begins, self.want.dtype), self.rows)
-            if taken:
-                return
+        want, rows = self.want, self.rows
+        if want is not None and rows is not None and want.take(share.records, share.begins, rows, compiled):
+            return
         pairs = zip(share.begins.tolist(), share.sizes.tolist(), strict=True)
         serialized = [share.records[a : a + n].tobytes() for a, n in pairs]
         if unpack is None:

@@ -26,6 +26,7 @@ from gyrowheel_analysis.recording.mcap.format import (
     SCHEMA,
 )
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.memory import everywhere, gathered
 
 #: What signals and messages can be compressed by, generously; only a file made to fill a memory reaches more.
 MOST_COMPRESSED: Final = 1000
@@ -210,10 +211,10 @@ def find_messages(chunks: Sequence[tuple[memoryview, Sequence[Bytes]]], where: s
 def find(chunks: Indexed, where: str, *, compiled: bool = False) -> Found:
     """Find the messages in chunks as `find_messages` does; `compiled` finds the same in many of them sooner."""
     records = chunks.records
-    index = _heads_of_index(chunks, where)
+    index = _index_records(chunks, where)
     if compiled and (found := _walked(chunks, index)) is not None:
         return found
-    channels, times, places = _index(chunks, index, where)
+    channels, times, places = _entries(chunks, index, where)
     heads = heads_at(records, places, where)
     if not np.array_equal(heads["channel"], channels) or not np.array_equal(heads["log_time"], times):
         raise Damaged(f"damaged: {where} and its index differ")
@@ -302,26 +303,23 @@ def record_at(data: memoryview, position: int, end: int) -> tuple[int, int, int]
     raise Damaged(f"damaged: the record at byte {position} is cut off")
 
 
-def _walked(chunks: Indexed, index: npt.NDArray[Any]) -> Found | None:
+def _walked(chunks: Indexed, index: npt.NDArray[np.int64]) -> Found | None:
     """Return what is in chunks that are as nearly all are: messages in the order of the index and nothing else."""
     from gyrowheel_analysis.recording.mcap.loops import walk
 
-    owner, starts, _ = chunks.parts.T
-    begins, lengths = starts + _INDEX_HEAD.itemsize, index["length"].astype(np.int64)
-    whole = np.stack([owner, index["channel"].astype(np.int64), begins, begins + lengths], axis=1)
-    count = int(lengths.sum()) // _ENTRY.itemsize
-    if not count or len(chunks.records) < _HEAD or np.any(np.diff(owner) < 0):
+    count = int((index[:, 3] - index[:, 2]).sum()) // _ENTRY.itemsize
+    if not count or len(chunks.records) < _HEAD or np.any(np.diff(index[:, 0]) < 0):
         return None
     heads, places = np.empty(count, MESSAGE_HEAD_DTYPE), np.empty(count, np.int64)
     every = everywhere(chunks.records, MESSAGE_HEAD_DTYPE), everywhere(chunks.index, _ENTRY)
-    if not walk(*every, chunks.spans, whole, heads, places):
+    if not walk(*every, chunks.spans, index, heads, places):
         return None
     return Found(chunks.records, places, heads, [])
 
 
-def _heads_of_index(chunks: Indexed, where: str) -> npt.NDArray[Any]:
-    """Return channel and length of the entries of index records, checked."""
-    _, starts, sizes = chunks.parts.T
+def _index_records(chunks: Indexed, where: str) -> npt.NDArray[np.int64]:
+    """Return chunk, channel, and begin and end of the entries of index records, checked; shape (m, 4)."""
+    owner, starts, sizes = chunks.parts.T
     if np.any(sizes < _INDEX_HEAD.itemsize):
         raise Damaged("damaged: a record ends within a field")
     heads = gathered(chunks.index, starts, _INDEX_HEAD)
@@ -330,27 +328,27 @@ def _heads_of_index(chunks: Indexed, where: str) -> npt.NDArray[Any]:
         raise Damaged("damaged: a record ends within a field")
     if np.any(lengths % _ENTRY.itemsize):
         raise Damaged(f"damaged: the index of {where}")
-    return heads
+    begins = starts + _INDEX_HEAD.itemsize
+    return np.stack([owner, heads["channel"].astype(np.int64), begins, begins + lengths], axis=1)
 
 
-def _index(
-    chunks: Indexed, index: npt.NDArray[Any], where: str
+def _entries(
+    chunks: Indexed, index: npt.NDArray[np.int64], where: str
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return channels, times and places from index records, in the order of places."""
-    owner, starts, _ = chunks.parts.T
-    lengths = index["length"].astype(np.int64)
+    """Return channels, times and places of the entries of index records, in the order of places."""
+    owner, channels, begins, ends = index.T
+    lengths = ends - begins
     counts = lengths // _ENTRY.itemsize
-    begins = starts + _INDEX_HEAD.itemsize - (np.cumsum(lengths) - lengths)
+    first = begins - (np.cumsum(lengths) - lengths)  # where they would begin, had they none before them
     total = np.arange(int(counts.sum())) * _ENTRY.itemsize
-    entries = gathered(chunks.index, np.repeat(begins, counts) + total, _ENTRY)
+    entries = gathered(chunks.index, np.repeat(first, counts) + total, _ENTRY)
     places = entries["place"]
     spans = chunks.spans[owner]
     if np.any(places < 0) or np.any(places >= np.repeat(spans[:, 1] - spans[:, 0], counts)):
         raise Damaged(f"damaged: the index of {where} points outside it")
     places = places + np.repeat(spans[:, 0], counts)
     order = np.argsort(places, kind="stable")
-    channels = np.repeat(index["channel"], counts)
-    return channels[order], entries["time"][order], places[order]
+    return np.repeat(channels, counts)[order], entries["time"][order], places[order]
 
 
 def heads_at(records: memoryview, places: npt.NDArray[np.int64], where: str) -> npt.NDArray[Any]:
@@ -363,25 +361,6 @@ def heads_at(records: memoryview, places: npt.NDArray[np.int64], where: str) -> 
     if np.any(heads["opcode"] != MESSAGE) or np.any(length < MESSAGE_OVERHEAD) or np.any(length > space):
         raise Damaged(f"damaged: the index of {where} does not point at messages")
     return heads
-
-
-def gathered(records: memoryview, places: npt.NDArray[np.int64], dtype: np.dtype[Any]) -> npt.NDArray[Any]:
-    """Return what is at `places`, one element of `dtype` each."""
-    if len(places) == 0:
-        return np.empty(0, dtype)
-    return everywhere(records, np.dtype(f"V{dtype.itemsize}"))[places].view(dtype)
-
-
-def everywhere(records: memoryview, dtype: np.dtype[Any], *, writeable: bool = False) -> npt.NDArray[Any]:
-    """Return one element at every byte of a memory where a whole one begins.
-
-    Memory that may be written to is shown to be read only like any other: a compiled loop is compiled once for both.
-    """
-    result: npt.NDArray[Any] = np.ndarray(
-        (len(records) - dtype.itemsize + 1,), dtype=dtype, buffer=records, strides=(1,)
-    )
-    result.flags.writeable = writeable
-    return result
 
 
 def _decompress(data: memoryview, compression: str, size: int, where: str) -> memoryview:

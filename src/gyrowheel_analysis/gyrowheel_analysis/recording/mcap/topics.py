@@ -29,16 +29,14 @@ class Want:
     fits : callable
         Whether rows can be made of the messages of a topic, by what is declared of it.
     take : callable
-        Writes such messages into as many rows; returns False if they are not as declared.
-    take_from : callable
-        Does what `take` does by a compiled loop, given the memory that holds the messages and where they begin in it.
+        Writes such messages into as many rows; returns False if they are not as declared. It is given the memory that
+        holds them, where they begin in it, the rows, and whether to do it by a compiled loop.
     """
 
     dtype: np.dtype[Any]
     row: np.dtype[Any]
     fits: Callable[[TopicData], bool]
-    take: Callable[[npt.NDArray[Any], Rows], bool]
-    take_from: Callable[[memoryview, npt.NDArray[np.int64], Rows], bool]
+    take: Callable[[memoryview, npt.NDArray[np.int64], Rows, bool], bool]
 
 
 #: Topics to read, by name; None: as serialized messages.
@@ -102,7 +100,8 @@ class TopicData:
         ):
             return messages
         rows = np.zeros(len(messages), want.row)
-        return rows if want.take(np.frombuffer(b"".join(messages), want.dtype), rows) else messages
+        begins = np.arange(len(messages)) * want.dtype.itemsize
+        return rows if want.take(memoryview(b"".join(messages)), begins, rows, False) else messages
 
     def reserve(self, want: Want, count: int) -> Rows:
         """Append rows of zeros that are to be written; those of a topic follow one another in memory, if they can."""

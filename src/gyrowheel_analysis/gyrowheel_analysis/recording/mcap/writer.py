@@ -41,6 +41,7 @@ from gyrowheel_analysis.recording.mcap.format import (
     SUMMARY_OFFSET,
 )
 from gyrowheel_analysis.recording.mcap.packed import PackedBytes
+from gyrowheel_core.memory import everywhere
 
 
 @dataclass(frozen=True)
@@ -456,6 +457,5 @@ def _records(block: Block, part: slice) -> npt.NDArray[Any]:
 def _scatter(buffer: npt.NDArray[np.uint8], places: npt.NDArray[np.int64], records: npt.NDArray[Any]) -> None:
     """Put records of equal length at places in a buffer."""
     size = records.dtype.itemsize
-    # One element at every byte; elements overlap, but those at the places of records do not.
-    everywhere = np.ndarray((len(buffer) - size + 1,), dtype=f"V{size}", buffer=buffer, strides=(1,))
-    everywhere[places] = records.view(f"V{size}")
+    # elements overlap, but those at the places of records do not
+    everywhere(buffer, np.dtype(f"V{size}"), writeable=True)[places] = records.view(f"V{size}")
