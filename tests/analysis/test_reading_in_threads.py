@@ -17,11 +17,11 @@ import mcap.writer
 import numpy as np
 import pytest
 
-from gyrowheel_analysis.recording import Recording, write_run
+from gyrowheel_analysis.recording import Recording, load_loops, write_run
 from gyrowheel_analysis.recording import columns as recording_columns
 from gyrowheel_analysis.recording.columns import columns, wanted
 from gyrowheel_analysis.recording.definitions import definition
-from gyrowheel_analysis.recording.mcap import batches, checksum, reader, records
+from gyrowheel_analysis.recording.mcap import batches, checksum, loops, reader, records
 from gyrowheel_analysis.recording.mcap.checksum import crc32, joined, joined_with
 from gyrowheel_analysis.recording.mcap.contents import contents
 from gyrowheel_analysis.recording.mcap.reader import read_mcap
@@ -95,6 +95,14 @@ def read(path, way):
             data,
         )
     return result
+
+
+def test_loops_loaded_beforehand_are_those_that_read(own):
+    load_loops()
+    loaded = [len(loop.signatures) for loop in (loops.walk, loops.copied)]
+    read_mcap(own, WANTED, compiled=True)
+    assert loaded == [len(loop.signatures) for loop in (loops.walk, loops.copied)]
+    assert min(loaded) > 0
 
 
 def test_recording_is_the_same_by_any_number_of_threads(own):

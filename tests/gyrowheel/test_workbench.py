@@ -24,7 +24,7 @@ from gyrowheel.simulation import record_simulation
 from gyrowheel.workbench import gate, pictures, tables, views
 from gyrowheel.workbench.bench import SimulatedBench
 from gyrowheel.workbench.decimation import Envelope, envelopes
-from gyrowheel.workbench.desk import Desk
+from gyrowheel.workbench.desk import Desk, Opened
 from gyrowheel.workbench.report import before
 from gyrowheel.workbench.server import Server
 from gyrowheel.workbench.shelf import Shelf
@@ -573,6 +573,32 @@ def test_work_can_be_ended(server: Server, monkeypatch: pytest.MonkeyPatch) -> N
     assert desk.trouble is not None
     assert desk.trouble.sentence == "ended"
     assert desk.step.diagnosis is None
+
+
+def test_signals_stand_before_it_is_summed_up_what_a_recording_holds(
+    wheel: Wheel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    desk = Desk(Shelf([wheel.recording.parent]), gw.Model())
+    drawn, ended = threading.Event(), threading.Event()
+    describe = Opened.with_description
+
+    def slowly(own: Opened) -> Opened:
+        drawn.set()
+        assert ended.wait(240.0)
+        return describe(own)
+
+    monkeypatch.setattr(Opened, "with_description", slowly)
+    desk.open("0/drag", "fitted")
+    assert drawn.wait(240.0)
+    assert [each["key"] for each in views.state(desk)["signals"]] == ["0/drag"]
+    assert "holds" not in views.state(desk)["parts"]["recordings"]
+    desk.end()
+    ended.set()
+    desk.wait(240.0)
+    assert "holds" not in views.state(desk)["parts"]["recordings"]
+    desk.open("0/drag", "not used to fit")  # asked for again, it is summed up
+    desk.wait(240.0)
+    assert "holds" in views.state(desk)["parts"]["recordings"]
 
 
 def test_the_verb_refuses_what_cannot_be(gyrowheel: Shell, tmp_path: Path, server: Server) -> None:

@@ -51,22 +51,30 @@ _PATIENCE = 30.0  # s in which ended work must come to its next line
 
 @dataclass(frozen=True)
 class Opened:
-    """A recording on the desk: what it is used for, its signals and setpoints ready to be drawn."""
+    """A recording on the desk: what it is used for, its signals and setpoints ready to be drawn.
+
+    `described` tells whether what it holds was summed up, which takes a moment for a long one.
+    """
 
     key: str
     recording: Recording
     role: Role
     signals: Mapping[str, Envelope]
     setpoints: Mapping[str, Envelope]
+    described: bool = False
 
     @classmethod
     def of(cls, key: str, recording: Recording, role: Role) -> Opened:
-        """Return a recording made ready: what the page asks for at once is not waited for by other requests."""
+        """Return a recording ready to be drawn: what the page asks for at once is not waited for by other requests."""
         drawn = {name for name, _ in columns()}
         signals, setpoints = (envelopes(rows, drawn) for rows in (recording.measurement, recording.setpoints))
-        own = cls(key, recording, role, signals, setpoints)
-        _ = recording.time, recording.info
-        return own
+        _ = recording.time
+        return cls(key, recording, role, signals, setpoints)
+
+    def with_description(self) -> Opened:
+        """Return it with what it holds summed up."""
+        _ = self.recording.info
+        return replace(self, described=True)
 
 
 @contextlib.contextmanager
@@ -166,7 +174,7 @@ class Desk:
                 recording = Recording.open(entry.path)
                 at.say("looking for spikes")
                 own = Opened.of(key, recording, role)
-            at.change(lambda: self._put(replace(own, role=role)))
+            self._take(replace(own, role=role), at)
 
         self._begin(f"opening {entry.name}", f"open {key}", work)
 
@@ -275,8 +283,14 @@ class Desk:
 
     def _join(self, folder: Path, role: Role, at: Work) -> None:
         at.say(f"opening {folder.name}")
-        own = Opened.of(self.shelf.take(folder), Recording.open(folder), role)
+        self._take(Opened.of(self.shelf.take(folder), Recording.open(folder), role), at)
+
+    def _take(self, own: Opened, at: Work) -> None:
+        """Put a recording on the desk: first to be looked at, then with what it holds."""
         at.change(lambda: self._put(own))
+        if not own.described:
+            whole = own.with_description()
+            at.change(lambda: self.opened.update({own.key: whole}))
 
     def _new_folder(self, name: str) -> Path:
         return new_folder(self.shelf.first, "".join(c if c.isalnum() else "-" for c in name), 1)

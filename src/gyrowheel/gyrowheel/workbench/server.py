@@ -23,6 +23,7 @@ from gyrowheel.workbench import pictures, views
 from gyrowheel.workbench.desk import Desk
 from gyrowheel.workbench.gate import Gate, in_url
 from gyrowheel.workbench.tables import LARGEST as LARGEST_TABLE
+from gyrowheel_analysis.recording import load_loops
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import json_text
 
@@ -421,6 +422,8 @@ class Server:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._ready = threading.Event()
         self._thread = threading.Thread(target=lambda: asyncio.run(self._serve()), daemon=True)
+        # while the user chooses a recording
+        self._loading = threading.Thread(target=load_loops, daemon=True)
 
     @property
     def url(self) -> str:
@@ -431,6 +434,7 @@ class Server:
         """Begin to serve."""
         self._thread.start()
         self._ready.wait(10.0)
+        self._loading.start()
         return self
 
     def __exit__(self, *exception: object) -> None:
@@ -439,6 +443,7 @@ class Server:
         if self._loop is not None:
             self._loop.call_soon_threadsafe(self._end.set)
         self._thread.join(10.0)
+        self._loading.join()
 
     async def _serve(self) -> None:
         self._loop, self._end = asyncio.get_running_loop(), asyncio.Event()

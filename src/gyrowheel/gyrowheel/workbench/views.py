@@ -182,7 +182,7 @@ def _recordings(desk: Desk) -> dict[str, Any]:
                 "size": f"{'' if own else length}{entry.size / 1e6:.1f} MB",
                 "when": time.strftime("%Y-%m-%d %H:%M", time.localtime(entry.changed)),
                 "role": "" if own is None else own.role,
-                "facts": "" if own is None else "; ".join(_facts(own.recording.info)),
+                "facts": "; ".join(_facts(own.recording.info)) if own and own.described else "",
             }
         )
     return {

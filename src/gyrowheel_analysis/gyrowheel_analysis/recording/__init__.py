@@ -3,7 +3,7 @@
 from gyrowheel_analysis.recording.info import RecordingInfo, info
 from gyrowheel_analysis.recording.origins import Origin, described
 from gyrowheel_analysis.recording.part import parted
-from gyrowheel_analysis.recording.reader import Integrity, Recording
+from gyrowheel_analysis.recording.reader import Integrity, Recording, load_loops
 from gyrowheel_analysis.recording.salvage import Loss, Salvaged, salvage
 from gyrowheel_analysis.recording.writer import RecordingWriter, write_run
 
@@ -17,6 +17,7 @@ __all__ = [
     "Salvaged",
     "described",
     "info",
+    "load_loops",
     "parted",
     "salvage",
     "write_run",

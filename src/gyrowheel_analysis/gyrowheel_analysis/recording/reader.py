@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from gyrowheel_analysis.recording.bags import read_bag
 from gyrowheel_analysis.recording.columns import STALL, columns, is_earlier, texts, wanted
+from gyrowheel_analysis.recording.mcap.records import load_walk
 from gyrowheel_analysis.recording.mcap.topics import Want
 from gyrowheel_analysis.recording.namespace import AnyNamespace, bench_in
 from gyrowheel_analysis.recording.origins import Origin, origins_in
@@ -220,6 +221,19 @@ class Recording:
     def integrity(self) -> Integrity:
         """Return which samples are missing or faulty."""
         return self._integrity
+
+
+def load_loops() -> None:
+    """Load the compiled loops that read large recordings, for a program that waits for its user anyway.
+
+    Otherwise the first large recording is the later for it: some tenths of a second, or the seconds of compiling them
+    where that was never done on this machine.
+    """
+    load_walk()
+    for layout in (topic.layout for topic in _COLUMNS if topic.layout):
+        one = layout.array(1)
+        want = wanted(layout)
+        want.take(memoryview(one.tobytes()), np.zeros(1, np.int64), np.zeros(1, want.row), True)
 
 
 def _in_order(samples: npt.NDArray[Any], where: str) -> tuple[npt.NDArray[Any], Integrity]:

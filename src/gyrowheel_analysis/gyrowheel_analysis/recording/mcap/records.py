@@ -317,6 +317,15 @@ def _walked(chunks: Indexed, index: npt.NDArray[np.int64]) -> Found | None:
     return Found(chunks.records, places, heads, [])
 
 
+def load_walk() -> None:
+    """Load the compiled loop of `find`: it finds a message of one byte in a chunk of its own."""
+    head, index = np.zeros(1, MESSAGE_HEAD_DTYPE), np.zeros(1, _INDEX_HEAD)
+    head["opcode"], head["length"], index["length"] = MESSAGE, MESSAGE_OVERHEAD + 1, _ENTRY.itemsize
+    records, content = head.tobytes() + b"\0", index.tobytes() + bytes(_ENTRY.itemsize)
+    spans, parts = np.array([[0, len(records)]]), np.array([[0, 0, len(content)]])
+    find(Indexed(memoryview(records), spans, memoryview(content), parts), "", compiled=True)
+
+
 def _index_records(chunks: Indexed, where: str) -> npt.NDArray[np.int64]:
     """Return chunk, channel, and begin and end of the entries of index records, checked; shape (m, 4)."""
     owner, starts, sizes = chunks.parts.T
