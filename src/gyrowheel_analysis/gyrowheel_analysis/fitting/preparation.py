@@ -181,9 +181,11 @@ def _commanded(recording: Recording) -> Array | None:
     if np.any(np.diff(answered) < 0):
         return None
     last = recording.measurement["sequence"].astype(np.int64) - _ANSWER
-    place = np.searchsorted(answered, last, side="right") - 1
-    own = np.column_stack([commands["coil_voltage_x"], commands["coil_voltage_y"]])
-    return np.asarray(own[np.maximum(place, 0)])
+    place = np.maximum(np.searchsorted(answered, last, side="right") - 1, 0)
+    own = np.empty((len(place), 2))
+    for axis, name in enumerate(("coil_voltage_x", "coil_voltage_y")):
+        np.take(commands[name], place, out=own[:, axis])
+    return own
 
 
 def prepare(

@@ -53,13 +53,19 @@ def evened(data: Samples, period: float) -> Samples:
 
 def even_times(time: Array, period: float) -> Array:
     """Return stamps [s] without their jitter, run by run between gaps; `period` is the sampling period [s]."""
-    jumps = np.diff(time)
-    even = time.copy()
-    breaks = np.flatnonzero((jumps > _GAP) | (jumps <= 0.0)) + 1
-    for first, last in pairwise([0, *breaks.tolist(), len(time)]):
-        if last - first >= _FEWEST:
-            even[first:last] = _smooth(time[first:last], period)
+    breaks = _breaks(time)
+    even = np.empty(len(time))
+    for first, last in pairwise([0, *breaks, len(time)]):
+        run = time[first:last]
+        even[first:last] = _smooth(run, period) if len(run) >= _FEWEST else run
     return even
+
+
+def _breaks(time: Array) -> list[int]:
+    """Return the samples before which the number of lost ones is not certain."""
+    jumps = np.diff(time)
+    found: list[int] = (np.flatnonzero((jumps > _GAP) | (jumps <= 0.0)) + 1).tolist()
+    return found
 
 
 def _smooth(time: Array, period: float) -> Array:
@@ -82,7 +88,7 @@ def _smooth(time: Array, period: float) -> Array:
     number *= number @ left / (number @ number)
     line = np.add(number, middle, out=number)
     np.subtract(time, line, out=left)
-    line += uniform_filter1d(left, min(_AVERAGED, len(time)), mode="nearest")
+    line += uniform_filter1d(left, min(_AVERAGED, len(time)), output=left, mode="nearest")
     return line
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -71,13 +72,21 @@ class Samples:
         A recording may be of another rate than the loop of its bench. Where its stamps agree with the `stated` period
         of the bench, that one holds: by how much the clock is off is for the diagnosis to find.
         """
+        one = self._usual_step
+        if math.isnan(one) or abs(one / stated - 1.0) < _SAME_RATE:
+            return stated
+        steps = self._steps()
+        return float(np.mean(steps[np.abs(steps / one - 1.0) < 0.5]))
+
+    @cached_property
+    def _usual_step(self) -> float:
+        """Median time from one sample to the next one [s], NaN where there is none; hours of them are sorted once."""
+        steps = self._steps()
+        return float(np.median(steps, overwrite_input=True)) if len(steps) else math.nan
+
+    def _steps(self) -> Array:
+        """Return the times from one sample to the next one [s], where they are positive."""
         steps = np.diff(self.time)
         if self.sequence is not None and len(self.sequence) == len(self.time):
-            steps = steps / np.maximum(np.diff(self.sequence.astype(np.int64)), 1)
-        steps = steps[steps > 0.0]
-        if not len(steps):
-            return stated
-        one = float(np.median(steps))
-        if abs(one / stated - 1.0) < _SAME_RATE:
-            return stated
-        return float(np.mean(steps[np.abs(steps / one - 1.0) < 0.5]))
+            steps /= np.maximum(np.diff(self.sequence.astype(np.int64)), 1)
+        return steps[steps > 0.0]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,7 +94,9 @@ def read_stamps(data: Samples, sequence: NDArray[np.integer], period: float) -> 
     if count is None:
         return None
     x = count - count.mean()
-    found = float(x @ time) / float(x @ x)
+    square = float(x @ x)
+    found = float(x @ time) / square
+    del x
     even = even_times(time, period)
     scale = float(np.std(time - even))
     # what rounding of the stamps to whole nanoseconds gives, is none
@@ -101,12 +104,13 @@ def read_stamps(data: Samples, sequence: NDArray[np.integer], period: float) -> 
     sampled, sampled_error = (0.0, math.inf)
     if jitter > 0.0 and np.isfinite(angle).all():
         sampled, sampled_error = share_of_motion(time, even, angle, period)
+    del even
     hidden, hidden_error = _hidden(angle, _speed(angle, found), count)
     if sampled_error < 1.0:
         # the noise that grows with the speed is that of the stamps' own jitter too
         hidden = math.sqrt(max(hidden**2 - (sampled * jitter) ** 2, 0.0))
     counter, counter_error = _counter(time, angle, data.readings.spin_rate, count)
-    slope = math.hypot(scale, _ROUNDING) / math.sqrt(float(x @ x))
+    slope = math.hypot(scale, _ROUNDING) / math.sqrt(square)
     return Stamps(
         stated=period,
         period=found,
@@ -126,10 +130,13 @@ def _counted(time: Array, sequence: NDArray[np.integer]) -> Array | None:
     """Return the numbers of the samples, put right where stamps go on by more or fewer periods; None if uneven."""
     count = (sequence - sequence[0]).astype(np.float64)
     steps, passed = np.diff(time), np.diff(count)
-    period = float(np.median(steps[passed == 1.0])) if np.any(passed == 1.0) else 0.0
+    single = passed == 1.0
+    period = float(np.median(steps[single], overwrite_input=True)) if single.any() else 0.0
     if not period > 0.0:
         return None
-    more = np.round(steps / period - passed)
+    more = np.divide(steps, period, out=steps)
+    more -= passed
+    np.round(more, out=more)
     jumps = np.flatnonzero(more)
     if len(jumps) > 0.05 * len(time):
         return None
@@ -144,11 +151,18 @@ def _wrapped(values: Array) -> Array:
     return values - _TURN * np.round(values / _TURN)
 
 
+def _parts(count: int, parts: int) -> list[slice]:
+    """Return so many parts of an array of `count` elements, as `numpy.array_split` makes them."""
+    size, more = divmod(count, parts)
+    ends = [k * size + min(k, more) for k in range(parts + 1)]
+    return [slice(first, last) for first, last in pairwise(ends)]
+
+
 def _speed(angle: Array, period: float) -> Array:
     """Return the speed of the shaft in blocks of `_BLOCK` samples [rad/s]."""
-    steps = np.mod(np.diff(angle), _TURN)
-    blocks = max(len(steps) // _BLOCK, 1)
-    return np.array([float(np.median(part)) for part in np.array_split(steps, blocks)]) / period
+    steps = len(angle) - 1
+    parts = [angle[part.start : part.stop + 1] for part in _parts(steps, max(steps // _BLOCK, 1))]
+    return np.array([float(np.median(np.mod(np.diff(part), _TURN))) for part in parts]) / period
 
 
 def _even(count: Array) -> NDArray[np.bool_]:
@@ -162,15 +176,20 @@ def _turning(angle: Array) -> Array:
     return steps[3:] - 3.0 * steps[2:-1] + 3.0 * steps[1:-2] - steps[:-3]
 
 
+def _typical_square(angle: Array, count: Array) -> float:
+    """Return the median square of the fourth differences of the angle [rad²], NaN where there is none."""
+    shown, even = _turning(angle), _even(count)
+    square = shown[even & np.isfinite(shown)] ** 2
+    return float(np.median(square)) if len(square) else math.nan
+
+
 def _hidden(angle: Array, speed: Array, count: Array) -> tuple[float, float]:
     """Return the jitter whose noise of the angle grows with the speed [s], and its standard error."""
     if not np.max(speed, initial=0.0) > _SPREAD * np.min(speed, initial=math.inf) > 0.0:
         return 0.0, math.inf
-    shown, even = _turning(angle), _even(count)
-    square = np.where(even & np.isfinite(shown), shown, np.nan) ** 2
-    parts = np.array_split(square, len(speed))
+    parts = [slice(part.start, part.stop + 4) for part in _parts(len(angle) - 4, len(speed))]
     # by the median, which spikes do not move: of the square of a Gaussian number it is 0.4549 of the mean
-    variance = np.array([float(np.nanmedian(p)) if np.isfinite(p).any() else np.nan for p in parts])
+    variance = np.array([_typical_square(angle[part], count[part]) for part in parts])
     variance /= 0.4549 * _FOURTH_SQUARE
     use = np.isfinite(variance)
     if use.sum() < 6:
@@ -189,10 +208,15 @@ def _counter(time: Array, angle: Array, rate: Array, count: Array) -> tuple[floa
     if not (np.isfinite(angle).all() and np.isfinite(rate).all()):
         return math.nan, math.inf
     even = np.diff(count) == 1.0
-    turned = float(np.mod(np.diff(angle), _TURN)[even].sum())
+    steps = np.diff(angle)
+    turned = float(np.mod(steps, _TURN, out=steps)[even].sum())
+    del steps
     passed = np.diff(time)[even]
-    counted = float((0.5 * (rate[1:] + rate[:-1]))[even] @ passed)
+    between = rate[1:] + rate[:-1]
+    between *= 0.5
+    counted = float(between[even] @ passed)
     if not (turned > 0.0 and counted > 0.0):
         return math.nan, math.inf
-    noise = float(np.median(np.abs(np.diff(rate)))) / 0.6745 / math.sqrt(2.0)
+    changes = np.subtract(rate[1:], rate[:-1], out=between)
+    noise = float(np.median(np.abs(changes, out=changes), overwrite_input=True)) / 0.6745 / math.sqrt(2.0)
     return turned / counted - 1.0, noise * float(np.sqrt(np.sum(passed**2))) / counted
