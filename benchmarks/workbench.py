@@ -154,7 +154,8 @@ def _report(
             Figure("zoom, worst", ours["worst"], "ms", **beside("worst"), bar=Bar("<", 600.0)),
             Figure("bytes of a zoom, median", ours["bytes"], "kB", **beside("bytes")),
             Figure("memory", ours["memory"], "GB", **beside("memory"), bar=Bar("<", 2.0)),
-            Figure("memory, compared with a model too", ours["compared"], "GB"),
+            Figure("memory, compared with a model too", ours["compared"], "GB", bar=Bar("<", 2.0)),
+            Figure("memory, after that", ours["kept"], "GB"),
             Figure("diagnosis shown after", shown, "s", bar=Bar("<", 1.0)),
         ],
         notes=notes,
@@ -163,6 +164,8 @@ def _report(
 
 def _look(folder: Path, browser: Any, progress: Callable[[float], None]) -> dict[str, Any]:
     """Open a recording in the workbench and look at parts of it."""
+    from playwright.sync_api import expect
+
     with _serving([sys.executable, "-m", "benchmarks.workbench", str(folder)]) as (process, lines):
         page = _page(browser, lines.after("page: "))
         began = time.perf_counter()
@@ -178,10 +181,14 @@ def _look(folder: Path, browser: Any, progress: Callable[[float], None]) -> dict
         progress(0.7)
         page.locator("button[data-do=compare]").click()
         page.wait_for_selector("#where canvas", timeout=1e3 * _PATIENCE)
-        page.close()
+        expect(page.locator("#job button")).to_have_count(0, timeout=1e3 * _PATIENCE)
         compared = _most_memory(process.pid)
+        page.wait_for_timeout(1000.0)  # what was freed is given back
+        kept = _memory(process.pid)
+        page.close()
     progress(0.8)
-    return found | {"opening": opening, "samples": samples, "memory": memory, "compared": compared}
+    memories = {"memory": memory, "compared": compared, "kept": kept}
+    return found | memories | {"opening": opening, "samples": samples}
 
 
 def _diagnosis(folder: Path, browser: Any) -> float:
@@ -348,10 +355,15 @@ def _await_port(port: int) -> None:
             return
 
 
+def _memory(pid: int, which: str = "VmRSS") -> float:
+    """Return the memory that a process has [GB]."""
+    status = Path(f"/proc/{pid}/status").read_text(encoding="utf-8")
+    return 1.024e-6 * float(next(line.split()[1] for line in status.splitlines() if line.startswith(which)))
+
+
 def _most_memory(pid: int) -> float:
     """Return the most memory that a process has had [GB]."""
-    status = Path(f"/proc/{pid}/status").read_text(encoding="utf-8")
-    return 1.024e-6 * float(next(line.split()[1] for line in status.splitlines() if line.startswith("VmHWM")))
+    return _memory(pid, "VmHWM")
 
 
 def serve(folder: str) -> None:

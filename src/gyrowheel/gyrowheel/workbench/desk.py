@@ -27,7 +27,7 @@ from gyrowheel.workbench.decimation import Envelope, envelopes
 from gyrowheel.workbench.live import LiveBenches
 from gyrowheel.workbench.report import report_page
 from gyrowheel.workbench.shelf import Shelf
-from gyrowheel.workbench.work import Ended, Job, Trouble, Work
+from gyrowheel.workbench.work import Ended, Job, Trouble, Work, give_back_memory
 from gyrowheel_core.errors import InputError, nearest, one_line
 
 if TYPE_CHECKING:
@@ -483,8 +483,8 @@ class Desk:
         trouble = None
         try:
             work(own)
-        except Ended:
-            return
+        except Ended:  # which is shown already
+            pass
         except InputError as error:
             trouble = Trouble(own.place, str(error))
         except Exception as error:  # a defect of ours: the page says so and goes on
@@ -492,6 +492,7 @@ class Desk:
         with self.lock:
             self._finish(own, trouble)
         self.changed()
+        give_back_memory()
 
     def _finish(self, own: Work, trouble: Trouble | None) -> None:
         if not own.ended:
