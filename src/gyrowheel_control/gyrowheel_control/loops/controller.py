@@ -6,18 +6,22 @@ import functools
 import math
 from collections.abc import Sequence
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from gyrowheel_control.loops.kernel import ControllerParameters
 from gyrowheel_control.loops.state import CommandColumn, ControllerState, SetpointColumn
+from gyrowheel_sim import columns
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.effects import Effect
+from gyrowheel_sim.compiled import compile_source, kernel_text
 from gyrowheel_sim.gains import Gains as Gains
 from gyrowheel_sim.instruments.readings import Reading
-from gyrowheel_sim.plant.compose import compose
-from gyrowheel_sim.plant.machine import simulated_effects
+
+if TYPE_CHECKING:
+    from gyrowheel_sim.effects import Effect
+
+_KERNEL = ("gyrowheel_control", "loops/kernel.py")
 
 
 def controller_parameters(bench: Bench, gains: Gains) -> ControllerParameters:
@@ -54,6 +58,13 @@ def controller_parameters(bench: Bench, gains: Gains) -> ControllerParameters:
 
 
 @functools.cache
+def _code() -> ModuleType:
+    """Return the compiled module of the controller alone: its node has no use for the plant."""
+    parts = [columns.source(ControllerState), kernel_text(*_KERNEL)]
+    return compile_source(parts, "the tilt and spin loops")
+
+
+@functools.cache
 def loop_code(declared: tuple[Effect, ...] = ()) -> ModuleType:
     """Return the compiled module of plant, controller and closed loop with every effect that the plant can have.
 
@@ -62,9 +73,13 @@ def loop_code(declared: tuple[Effect, ...] = ()) -> ModuleType:
     declared : tuple of Effect
         Effects beside the registered ones.
     """
+    # the laws of the plant need SymPy, which takes long to load; a controller alone has no use for them
+    from gyrowheel_sim.plant.compose import compose
+    from gyrowheel_sim.plant.machine import simulated_effects
+
     return compose(
         simulated_effects(declared),
-        (("gyrowheel_control", "loops/kernel.py"),),
+        (_KERNEL, ("gyrowheel_control", "loops/loop_kernel.py")),
         (ControllerState, SetpointColumn, CommandColumn),
     )
 
@@ -81,7 +96,7 @@ class Controller:
     """
 
     def __init__(self, bench: Bench, gains: Gains | None = None) -> None:
-        self._update: Any = loop_code().controller_update
+        self._update: Any = _code().controller_update
         self._bench = bench
         self.tune(gains or bench.gains)
         self._state = np.zeros(len(ControllerState))
@@ -92,7 +107,7 @@ class Controller:
     def tune(self, gains: Gains) -> None:
         """Go on with other gains from the next sample on; filters and integrals stay as they are."""
         # the compiled module has a class of its own for the constants; the compiler tells the two apart
-        self._parameters = loop_code().ControllerParameters(*controller_parameters(self._bench, gains))
+        self._parameters = _code().ControllerParameters(*controller_parameters(self._bench, gains))
 
     def reset(self) -> None:
         """Forget everything; the next sample starts the filters."""
