@@ -12,7 +12,6 @@ from pathlib import Path
 from gyrowheel_core.errors import InputError, nearest
 from gyrowheel_core.files import is_file, read_text
 from gyrowheel_core.schema import check, joined
-from gyrowheel_core.yaml_text import read_yaml
 from gyrowheel_sim.gains import Gains
 from gyrowheel_sim.parameter import (
     SCHEMA,
@@ -20,6 +19,7 @@ from gyrowheel_sim.parameter import (
     Parameter,
     SpinLoop,
     check_value,
+    parsed,
     read_parameters,
     unknown,
 )
@@ -102,7 +102,7 @@ class Bench:
     @classmethod
     @functools.lru_cache(maxsize=32)  # a verb reads its bench many times
     def _read(cls, text: str, origin: str) -> Bench:
-        raw = read_yaml(text, origin)
+        raw = parsed(text, origin)
         try:
             content = check(BenchFile, raw, origin, kind="bench file", every=True)
         except InputError as error:

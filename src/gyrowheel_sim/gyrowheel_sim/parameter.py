@@ -239,10 +239,16 @@ def default_text() -> str:
     return resources.files("gyrowheel_sim").joinpath("config/bench.yaml").read_text(encoding="utf-8")
 
 
+@functools.lru_cache(maxsize=4)
+def parsed(text: str, origin: str) -> Any:
+    """Return the content of a bench file, kept: the default one is read as a bench, and for what parameters are."""
+    return read_yaml(text, origin)
+
+
 @functools.cache
 def _known() -> dict[str, tuple[str, str, str]]:
     """Return the SI unit, the group and the description of every parameter, as the default bench has them."""
-    entries = read_yaml(default_text(), "bench.yaml")["parameters"]
+    entries = parsed(default_text(), "bench.yaml")["parameters"]
     return {
         name: (str(entry["unit"]), str(entry.get("group", name)), str(entry["description"]))
         for name, entry in entries.items()
