@@ -6,6 +6,8 @@ import contextlib
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
@@ -17,9 +19,10 @@ from gyrowheel.text.layout import plain_text
 from gyrowheel.text.recordings import info_page
 from gyrowheel_analysis.recording import Recording, info
 from gyrowheel_bringup.graph import Graph, GraphError, Progress
+from gyrowheel_bringup.graph.strangers import Strangers
 from gyrowheel_core import topics, wire
 from gyrowheel_core.node import SURPLUS
-from gyrowheel_core.node.publishers import PublisherWatch
+from gyrowheel_core.node.publishers import NAMELESS, PublisherWatch
 
 from .helpers import SHORT_PLAN, Bystander, wait_for
 
@@ -157,6 +160,23 @@ def test_a_node_with_another_publisher_is_no_stranger_and_its_namesake_is(
     finally:
         one.close()
         namesake.close()
+
+
+@pytest.mark.parametrize(
+    ("nameless", "text"),
+    [(1, "/robot"), (2, f"{NAMELESS}, {NAMELESS}")],
+    ids=["its name", "one of two names"],
+)
+def test_a_name_that_arrives_later_takes_the_place_of_none(nameless: int, text: str) -> None:
+    name = topics.JOINT_STATES.within("")
+    there = [SimpleNamespace(node_name=node, node_namespace="/") for node in ("plant", "robot")]
+    node: Any = SimpleNamespace(get_publishers_info_by_topic=lambda topic: there if topic == name else [])
+    others = Strangers(node, ["plant"])
+    others.note({SURPLUS: f"{name}: {', '.join(['/plant', *[NAMELESS] * nameless])}"})
+    assert others.nameless
+    others.look()
+    assert others.text() == f"{name} was also published by others: {text}"
+    assert others.nameless == (nameless > 1)
 
 
 def test_a_bench_does_not_start_beside_a_stranger_on_its_topics(domain: int) -> None:

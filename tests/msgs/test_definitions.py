@@ -27,7 +27,9 @@ def definitions() -> Iterator[tuple[str, str, list[re.Match[str]]]]:
 
 
 @pytest.mark.parametrize(
-    ("kind", "name", "lines"), definitions(), ids=lambda value: str(value) if isinstance(value, str) else ""
+    ("kind", "name", "lines"),
+    [*definitions()],
+    ids=lambda value: str(value) if isinstance(value, str) else "",
 )
 def test_what_is_installed_has_the_fields_of_its_file(
     kind: str, name: str, lines: list[re.Match[str]]

@@ -33,6 +33,7 @@ _WIND_DOWN = 60.0  # time to stop the motor [s]
 _AT_REST = 30.0  # spin rate of a wheel that the controller has brought to rest [rpm]
 _ACTIVATE = 10.0  # time for a node to say that it is active [s]
 _NOTICED = 2.0 * TAKE_PERIOD  # after a plan, the recorder has seen by then how it ended [s]
+_NAMED = 3.0  # time for the name of a node to arrive after its publisher; it is told once a second [s]
 _LAST = 0.1  # time to take what has arrived [s]
 
 
@@ -142,7 +143,13 @@ class Link:
                 self.strangers.setdefault(name, "unknown")
 
     def others(self) -> str:
-        """Return who else published what the bench lives by, in one line; empty if nobody did."""
+        """Return who else published what the bench lives by, in one line; empty if nobody did.
+
+        Names that have not arrived yet are waited for, for a moment.
+        """
+        end = time.monotonic() + _NAMED
+        while self._others.nameless and time.monotonic() < end:
+            self.spin()
         return self._others.text()
 
     # ---- a plan

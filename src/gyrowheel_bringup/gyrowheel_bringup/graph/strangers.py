@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 from gyrowheel_core import topics
 from gyrowheel_core.node import SURPLUS
+from gyrowheel_core.node.publishers import NAMELESS
 from gyrowheel_core.topics import Topic
 
 if TYPE_CHECKING:
@@ -70,12 +71,19 @@ class Strangers:
             mine, found = f"{self._namespace}/{own}", set(self._names(topic))
             if topic is topics.CLOCK and mine not in found:
                 continue  # a bench in real time has none, and does not listen to one
-            if others := sorted(found - {mine}):
-                self._found.setdefault(topic.within(self._namespace), ", ".join(others))
+            others, name = sorted(found - {mine}), topic.within(self._namespace)
+            before = self._found.get(name, "")
+            if others and (not before or (NAMELESS in before and len(others) > before.count(", "))):
+                self._found[name] = ", ".join(others)
 
     def text(self) -> str:
         """Return who published what, in one line; empty if nobody did."""
         return "; ".join(f"{topic} was also published by others: {who}" for topic, who in self._found.items())
+
+    @property
+    def nameless(self) -> bool:
+        """Whether one of them has no name yet, which arrives a moment after its publisher."""
+        return any(NAMELESS in who for who in self._found.values())
 
     def _names(self, topic: Topic) -> Iterator[str]:
         for info in self._node.get_publishers_info_by_topic(topic.within(self._namespace)):
