@@ -34,7 +34,7 @@ HOUSE = (
         "gyrowheel_core",
         "no physics: what every package uses",
         (
-            ("blocks", "errors", "memory", "wire", "cache", "leftovers"),
+            ("blocks", "errors", "memory", "wire", "cache", "leftovers", "start_node"),
             ("units", "files", "schema", "yaml_text", "readings", "topics", "processes"),
             ("namespaces",),
             ("quantities", "node", "locks", "limits"),

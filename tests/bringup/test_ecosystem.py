@@ -403,7 +403,7 @@ def test_pip_and_colcon_install_the_same_files(monkeypatch: pytest.MonkeyPatch) 
 def test_every_node_has_its_executable(package: str, node: str) -> None:
     script = SRC / package / "scripts" / node
     assert os.access(script, os.X_OK)
-    module = re.search(r"from (\S+) import main", script.read_text())
+    module = re.search(r"-m gyrowheel_core.start_node (\S+) ", script.read_text())
     assert module is not None
     assert module[1].startswith(f"{package}.")
     assert importlib.util.find_spec(module[1]) is not None
