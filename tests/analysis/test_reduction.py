@@ -13,6 +13,7 @@ from gyrowheel_analysis.fitting.preparation import prepare, samples_of
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction import (
     READING_NOISES,
+    Commanded,
     Coverage,
     Samples,
     Windows,
@@ -92,8 +93,9 @@ def test_noise_where_the_controller_comes_later(samples: Samples) -> None:
     """Before its first command nothing but the sensor is in the voltages, and rounding in what counts as commanded."""
     assert samples.commanded is not None
     late, rng = 3000, np.random.default_rng(2)
-    readings, commanded = samples.readings.copy(), samples.commanded.copy()
-    commanded[:late] = 0.137, -0.2
+    readings, x, y = samples.readings.copy(), *(samples.commanded.at(slice(None), axis) for axis in (0, 1))
+    x[:late], y[:late] = 0.137, -0.2
+    commanded = Commanded((x, y), np.arange(len(x)))
     for name in ("coil_voltage_x", "coil_voltage_y"):
         readings[name][:late] = rng.normal(scale=BENCH.value("coil_voltage_noise"), size=late)
     found = reading_noise(replace(samples, readings=readings, commanded=commanded), BENCH)

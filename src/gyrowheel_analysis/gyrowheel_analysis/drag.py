@@ -248,10 +248,13 @@ class DragEstimator:
         The model whose torques are simulated.
     period : float, optional
         Sampling period of the readings, where it is not that of the bench [s].
+    settled : bool
+        Whether to estimate settled holds alone, and not again and again as they go on.
     """
 
-    def __init__(self, model: Model, period: float | None = None) -> None:
+    def __init__(self, model: Model, period: float | None = None, *, settled: bool = False) -> None:
         self._bench = model.bench
+        self._settled = settled
         self._period = self._bench.sample_period if period is None else period
         self._predictor = Predictor(model)
         self._state = np.full(4 * len(COLUMNS) + 1, math.nan)
@@ -331,7 +334,10 @@ class DragEstimator:
                     if time[-1] >= self._hold.due:
                         step = _SHARE * (self._hold.last - self._hold.first)
                         self._hold.due = self._hold.last + min(max(step, _UPDATE), _SELDOM)
-                        estimates += self._estimate(self._hold, settled=False)
+                        if self._settled:
+                            self._shorten(self._hold)
+                        else:
+                            estimates += self._estimate(self._hold, settled=False)
             at = stop
         return estimates
 
@@ -361,14 +367,17 @@ class DragEstimator:
 
     def _simulated(self, hold: _Hold) -> HoldPrediction:
         """Return what the model says of the windows of a hold."""
+        self._shorten(hold)
+        return hold.simulated + self._predicted(hold, hold.times[0], hold.readings[0])
+
+    def _shorten(self, hold: _Hold) -> None:
+        """Reduce the old samples of a hold once and drop them, so that work and memory do not grow with the hold."""
         time, readings = np.concatenate(hold.times), np.vstack(hold.readings)
-        # old samples are reduced once and dropped, so that the work does not grow with the hold
         while time[-1] - time[0] >= LONGEST + _UPDATE:
             cut = int(np.searchsorted(time, time[0] + LONGEST))
             hold.simulated += self._predicted(hold, time[:cut], readings[:cut])
             time, readings = time[cut:], readings[cut:]
         hold.times, hold.readings = [time], [readings]
-        return hold.simulated + self._predicted(hold, time, readings)
 
     def _predicted(self, hold: _Hold, time: Array, readings: Array) -> HoldPrediction:
         """Return what the model says of some samples of a hold."""

@@ -37,6 +37,8 @@ def drag_estimates(
     model: Model,
     environment: Sequence[Environment] = (),
     period: float | None = None,
+    *,
+    settled: bool = False,
 ) -> Iterator[Estimate]:
     """Yield the drag estimates of a whole run, as a `DragStream` gives them.
 
@@ -54,14 +56,20 @@ def drag_estimates(
         Environments of the rig, with times [s] on the clock of the stamps.
     period : float, optional
         Sampling period of the readings, where it is not that of the bench [s].
+    settled : bool
+        Whether to yield the last estimate of each hold alone.
     """
-    estimator = DragEstimator(model, period)
+    estimator = DragEstimator(model, period, settled=settled)
     estimator.set_environment(environment)
-    for row in setpoints:
-        values = [float(row[name]) for name in wire.SETPOINT.fields]
-        estimator.setpoint(int(row["stamp_ns"]), int(row["segment"]), int(row["phase"]), values)
+    asked = setpoints[["stamp_ns", "segment", "phase", *wire.SETPOINT.fields]]
+    told = 0
     for start in range(0, len(stamps_ns), BLOCK):
         block = slice(start, start + BLOCK)
+        # hours of setpoints are told as they begin: one by one they take several times the memory
+        begun = int(np.searchsorted(asked["stamp_ns"][told:], stamps_ns[block][-1], side="right"))
+        for stamp, segment, phase, *values in asked[told : told + begun].tolist():
+            estimator.setpoint(stamp, segment, phase, values)
+        told += begun
         yield from estimator.add_block(stamps_ns[block], readings[block])
     yield from estimator.finish()
 
@@ -92,8 +100,7 @@ def recorded_holds(recording: Recording, model: Model) -> list[Estimate]:
     start = recording.start_ns * 1e-9
     environment = [replace(event, time=event.time + start) for event in recording.environment]
     period = samples.period(model.bench.sample_period)
-    every = drag_estimates(stamps, samples.readings, setpoints, model, environment, period)
-    return [estimate for estimate in every if estimate.settled]
+    return list(drag_estimates(stamps, samples.readings, setpoints, model, environment, period, settled=True))
 
 
 def _found_setpoints(samples: Samples, start_ns: int) -> Any:

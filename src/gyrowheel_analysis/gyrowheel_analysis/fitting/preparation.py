@@ -21,6 +21,7 @@ from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.reduction import (
     NEEDED,
+    Commanded,
     Coverage,
     Samples,
     Shown,
@@ -29,12 +30,14 @@ from gyrowheel_analysis.reduction import (
     reduce_and_account,
 )
 from gyrowheel_analysis.reduction.not_as_stated import ReadingFindings, reading_findings
+from gyrowheel_core.blocks import by_blocks
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
 
 Progress = Callable[[str], None]
 Array = NDArray[np.float64]
 
+_MOST = np.iinfo(np.int32).max  # commands that a number of four bytes tells apart
 _ANSWER = 2  # samples from the one that a command answers to the first whose voltages show it
 #: With fewer windows nothing can be said.
 FEWEST_WINDOWS = 6
@@ -169,23 +172,26 @@ def samples_of(recording: Recording, *, incomplete: bool = False) -> Samples:
     )
 
 
-def _commanded(recording: Recording) -> Array | None:
-    """Return the coil voltages that were commanded for the interval that ends with each sample [V]; None if unknown.
+def _commanded(recording: Recording) -> Commanded | None:
+    """Return the coil voltages that were commanded; None if unknown.
 
     A command that answers sample k acts from sample k + 1 to sample k + 2.
     """
-    commands = recording.command
-    if len(commands) < len(recording.measurement) // 2:
+    commands, samples = recording.command, recording.measurement["sequence"]
+    if not len(commands) or len(commands) < len(samples) // 2:
         return None
     answered = commands["measurement_sequence"].astype(np.int64)
-    if np.any(np.diff(answered) < 0):
+    if np.any(answered[1:] < answered[:-1]):
         return None
-    last = recording.measurement["sequence"].astype(np.int64) - _ANSWER
-    place = np.maximum(np.searchsorted(answered, last, side="right") - 1, 0)
-    own = np.empty((len(place), 2))
-    for axis, name in enumerate(("coil_voltage_x", "coil_voltage_y")):
-        np.take(commands[name], place, out=own[:, axis])
-    return own
+    small = len(commands) <= _MOST
+    places: NDArray[np.integer] = np.empty(len(samples), np.int32 if small else np.int64)
+
+    def find(first: int, last: int) -> None:
+        shown = samples[first:last].astype(np.int64) - _ANSWER
+        places[first:last] = np.maximum(np.searchsorted(answered, shown, side="right") - 1, 0)
+
+    by_blocks(len(samples), find)
+    return Commanded((commands["coil_voltage_x"], commands["coil_voltage_y"]), places)
 
 
 def prepare(

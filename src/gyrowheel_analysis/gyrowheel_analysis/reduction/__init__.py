@@ -17,7 +17,7 @@ from gyrowheel_analysis.reduction.motor_temperature import MOTOR_THERMAL, motor_
 from gyrowheel_analysis.reduction.planned import planned_windows
 from gyrowheel_analysis.reduction.quality import NEEDED, READING_NOISES, readable, reading_noise
 from gyrowheel_analysis.reduction.recorded import reduce, reduce_and_account
-from gyrowheel_analysis.reduction.samples import Samples
+from gyrowheel_analysis.reduction.samples import Commanded, Samples
 from gyrowheel_analysis.reduction.shown import Shown, look
 from gyrowheel_analysis.reduction.stamps import Stamps
 from gyrowheel_analysis.reduction.steady import LONGEST, SETTLING, SPIN_SETTLING, steady_spans
@@ -32,6 +32,7 @@ __all__ = [
     "READING_NOISES",
     "SETTLING",
     "SPIN_SETTLING",
+    "Commanded",
     "Coverage",
     "Samples",
     "Shown",

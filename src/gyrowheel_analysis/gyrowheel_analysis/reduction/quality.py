@@ -153,7 +153,7 @@ def reading_noise(data: Samples, bench: Bench) -> Array:
         lags = np.arange(*_SHOWN_COMMANDS)
         around = np.clip(at[:, :, None] + lags, 0, len(data.commanded) - 1)
         for axis, column in enumerate(coils):
-            commands = np.fft.rfft(data.commanded[around, axis] * window[:, None], axis=1)[:, low:high]
+            commands = np.fft.rfft(data.commanded.at(around, axis) * window[:, None], axis=1)[:, low:high]
             waves[:, :, column] = _not_commanded(waves[:, :, column], commands)
     power = np.abs(waves) ** 2 / np.sum(window**2)
     level = np.median(np.median(power, axis=1), axis=0) / math.log(2.0)

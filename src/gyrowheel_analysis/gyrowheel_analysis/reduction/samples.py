@@ -22,6 +22,35 @@ _SAME_RATE = 0.05
 
 
 @dataclass(frozen=True)
+class Commanded:
+    """Coil voltages that were commanded for the interval that ends with each sample; a table of hours is not made.
+
+    Attributes
+    ----------
+    voltages : (ndarray, ndarray)
+        Coil voltages of the commands, x and y [V].
+    places : ndarray of int (n,)
+        Which of the commands was for the interval of each sample.
+    """
+
+    voltages: tuple[Array, Array]
+    places: NDArray[np.integer]
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self.places)
+
+    def __getitem__(self, rows: Any) -> Commanded:
+        """Return those of some of the samples."""
+        return Commanded(self.voltages, self.places[rows])
+
+    def at(self, rows: Any, axis: int) -> Array:
+        """Return what was commanded to coil x or y (`axis` 0 or 1) for some of the samples [V]."""
+        found: Array = self.voltages[axis][self.places[rows]]
+        return found
+
+
+@dataclass(frozen=True)
 class Samples:
     """The columns of a recording that the reduction needs.
 
@@ -41,8 +70,8 @@ class Samples:
         Between which times steady motion is looked for [s].
     sequence : ndarray (n,), optional
         Numbers of the samples, ascending.
-    commanded : ndarray (n, 2), optional
-        Coil voltages that were commanded for the interval that ends with each sample [V]; None where unknown.
+    commanded : Commanded, optional
+        Coil voltages that were commanded; None where unknown.
     absent : frozenset of str
         Readings that were never taken; `derived` says what stands for them.
     origins : mapping of str to Origin
@@ -56,7 +85,7 @@ class Samples:
     environment: Sequence[Environment] = ()
     part: tuple[float, float] = (-math.inf, math.inf)
     sequence: NDArray[np.integer] | None = None
-    commanded: Array | None = None
+    commanded: Commanded | None = None
     absent: frozenset[str] = frozenset()
     origins: Mapping[str, Origin] = field(default_factory=dict)
 
@@ -88,5 +117,6 @@ class Samples:
         """Return the times from one sample to the next one [s], where they are positive."""
         steps = np.diff(self.time)
         if self.sequence is not None and len(self.sequence) == len(self.time):
-            steps /= np.maximum(np.diff(self.sequence.astype(np.int64)), 1)
+            passed = np.diff(self.sequence.astype(np.int64))
+            steps /= np.maximum(passed, 1, out=passed)
         return steps[steps > 0.0]

@@ -105,7 +105,7 @@ def tapered(data: Samples, windows: Windows, period: float, highest: float) -> S
         n = own.stop - own.start
         rows = np.column_stack([data.readings[name][own] for name in _READ])
         if data.commanded is not None:
-            rows = np.hstack([rows, data.commanded[own]])
+            rows = np.column_stack([rows, *(data.commanded.at(own, axis) for axis in (0, 1))])
         if n not in tapers:
             window = taper(n)
             tapers[n] = (2.0 * window / window.sum())[:, None]
