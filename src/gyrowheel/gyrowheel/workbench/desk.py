@@ -508,7 +508,6 @@ class Desk:
         model = self.step.model
         step = Step(model, compare(fitted, model, progress=at.say))
         at.change(lambda: self._keep([*self.steps[:-1], step]))
-        give_back_memory()
         holds = self._holds(model, at)
         at.change(lambda: self._keep([*self.steps[:-1], replace(step, holds=holds)]))
 

@@ -47,13 +47,14 @@ class Work:
         self.ended = False
 
     def say(self, line: str) -> None:
-        """Show what is being done.
+        """Show what is being done, from one step to the next.
 
         Raises
         ------
         Ended
             If the user has ended it.
         """
+        give_back_memory()
         self.change(lambda: self._desk.tell(line, None))
 
     def advancing(self, line: str) -> Callable[[float], None]:
@@ -78,6 +79,6 @@ class Work:
 
 
 def give_back_memory() -> None:
-    """Give freed memory back to the computer, where the C library can: it keeps what it took for the largest work."""
+    """Give freed memory back to the computer, where the C library can: it keeps what it took for the largest step."""
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).malloc_trim(0)
