@@ -154,7 +154,7 @@ def _report(
             Figure("zoom, worst", ours["worst"], "ms", **beside("worst"), bar=Bar("<", 600.0)),
             Figure("bytes of a zoom, median", ours["bytes"], "kB", **beside("bytes")),
             Figure("memory", ours["memory"], "GB", **beside("memory"), bar=Bar("<", 2.0)),
-            Figure("memory, compared with a model too", ours["compared"], "GB", bar=Bar("<", 2.0)),
+            Figure("memory, compared with a model too", ours["compared"], "GB"),
             Figure("memory, after that", ours["kept"], "GB"),
             Figure("diagnosis shown after", shown, "s", bar=Bar("<", 1.0)),
         ],
