@@ -155,7 +155,7 @@ def _report(
             Figure("bytes of a zoom, median", ours["bytes"], "kB", **beside("bytes")),
             Figure("memory", ours["memory"], "GB", **beside("memory"), bar=Bar("<", 2.0)),
             Figure("memory, compared with a model too", ours["compared"], "GB"),
-            Figure("memory, after that", ours["kept"], "GB"),
+            Figure("memory, kept after the comparison", ours["kept"], "GB"),
             Figure("diagnosis shown after", shown, "s", bar=Bar("<", 1.0)),
         ],
         notes=notes,

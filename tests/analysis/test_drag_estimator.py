@@ -15,7 +15,7 @@ import pytest
 import gyrowheel_analysis.drag_prediction
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.drag import DragEstimator, Estimate
-from gyrowheel_analysis.drag_stream import BLOCK, DragStream
+from gyrowheel_analysis.drag_stream import BLOCK, DragStream, drag_estimates
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction import Samples, Windows, reduce
 from gyrowheel_control.loops.closed_loop import Run, simulate
@@ -78,6 +78,17 @@ def test_a_long_hold_is_estimated_as_a_whole(run: Run) -> None:
     weight = windows.duration * within / np.sum(windows.duration[within])
     expected = [coil.real @ weight, coil.imag @ weight, motor @ weight]
     np.testing.assert_allclose(last.simulated_torque, expected, atol=2e-6)
+
+
+def test_settled_holds_alone_are_estimated_as_among_all(run: Run) -> None:
+    late = run.setpoints[-1:].copy()
+    late["stamp_ns"] += 3_600_000_000_000  # begins after the last sample
+    longer = replace(run, setpoints=np.concatenate([run.setpoints, late]))
+    stamps = np.arange(len(run.measurement), dtype=np.int64) * 500_000
+    alone = drag_estimates(stamps, Readings(run.measurement), longer.setpoints, Model.new(), settled=True)
+    for one, other in zip(alone, (each for each in estimates(longer) if each.settled), strict=True):
+        for name, value in vars(one).items():
+            assert np.array_equal(value, getattr(other, name)), name
 
 
 @pytest.mark.slow

@@ -162,21 +162,26 @@ def test_a_node_with_another_publisher_is_no_stranger_and_its_namesake_is(
         namesake.close()
 
 
-@pytest.mark.parametrize(
-    ("nameless", "text"),
-    [(1, "/robot"), (2, f"{NAMELESS}, {NAMELESS}")],
-    ids=["its name", "one of two names"],
-)
-def test_a_name_that_arrives_later_takes_the_place_of_none(nameless: int, text: str) -> None:
+def test_a_name_that_arrives_later_takes_the_place_of_none_and_stays() -> None:
     name = topics.JOINT_STATES.within("")
     there = [SimpleNamespace(node_name=node, node_namespace="/") for node in ("plant", "robot")]
     node: Any = SimpleNamespace(get_publishers_info_by_topic=lambda topic: there if topic == name else [])
-    others = Strangers(node, ["plant"])
-    others.note({SURPLUS: f"{name}: {', '.join(['/plant', *[NAMELESS] * nameless])}"})
-    assert others.nameless
-    others.look()
-    assert others.text() == f"{name} was also published by others: {text}"
-    assert others.nameless == (nameless > 1)
+
+    def after(*who: str, again: str = "") -> str:
+        others = Strangers(node, ["plant"])
+        others.note({SURPLUS: f"{name}: {', '.join(['/plant', *who])}"})
+        others.look()
+        if again:
+            others.note({SURPLUS: f"{name}: /plant, {again}"})
+        assert others.nameless == (NAMELESS in others.text())
+        return others.text().removeprefix(f"{name} was also published by others: ")
+
+    assert after(NAMELESS) == "/robot"
+    assert after(NAMELESS, NAMELESS) == f"/robot, {NAMELESS}"
+    assert after("/gone", NAMELESS, "2 more that came and went") == "/gone, 2 more that came and went, /robot"
+    assert after("/gone") == "/gone"
+    assert after(NAMELESS, again=NAMELESS) == "/robot"  # said by a node that does not know it yet
+    assert after(NAMELESS, again=f"/robot, {NAMELESS}") == f"/robot, {NAMELESS}"
 
 
 def test_a_bench_does_not_start_beside_a_stranger_on_its_topics(domain: int) -> None:

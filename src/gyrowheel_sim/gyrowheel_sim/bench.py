@@ -18,8 +18,8 @@ from gyrowheel_sim.parameter import (
     BenchFile,
     Parameter,
     SpinLoop,
+    bench_content,
     check_value,
-    parsed,
     read_parameters,
     unknown,
 )
@@ -102,7 +102,7 @@ class Bench:
     @classmethod
     @functools.lru_cache(maxsize=32)  # a verb reads its bench many times
     def _read(cls, text: str, origin: str) -> Bench:
-        raw = parsed(text, origin)
+        raw = bench_content(text, origin)
         try:
             content = check(BenchFile, raw, origin, kind="bench file", every=True)
         except InputError as error:

@@ -240,7 +240,7 @@ def default_text() -> str:
 
 
 @functools.lru_cache(maxsize=4)
-def parsed(text: str, origin: str) -> Any:
+def bench_content(text: str, origin: str) -> Any:
     """Return the content of a bench file, kept: the default one is read as a bench, and for what parameters are."""
     return read_yaml(text, origin)
 
@@ -248,7 +248,7 @@ def parsed(text: str, origin: str) -> Any:
 @functools.cache
 def _known() -> dict[str, tuple[str, str, str]]:
     """Return the SI unit, the group and the description of every parameter, as the default bench has them."""
-    entries = parsed(default_text(), "bench.yaml")["parameters"]
+    entries = bench_content(default_text(), "bench.yaml")["parameters"]
     return {
         name: (str(entry["unit"]), str(entry.get("group", name)), str(entry["description"]))
         for name, entry in entries.items()

@@ -289,6 +289,7 @@ class Desk:
         """Put a recording on the desk: first to be looked at, then with what it holds."""
         at.change(lambda: self._put(own))
         if not own.described:
+            at.say("summing up what it holds")
             whole = own.with_description()
             at.change(lambda: self.opened.update({own.key: whole}))
 
@@ -355,8 +356,8 @@ class Desk:
         def import_it(at: Work) -> None:
             folder = self._new_folder(draft.name.partition(".")[0])
             tables.made(draft, content, folder)
-            self._join(folder, ROLES[0], at)
             self._drop()
+            self._join(folder, ROLES[0], at)
 
         title = f"making a recording of {draft.name}" if take else f"reading {draft.name}"
         self._begin(title, "table", import_it if take else read)
@@ -437,7 +438,7 @@ class Desk:
         return path
 
     def end(self) -> None:
-        """End the work that is under way, at once: the desk is as it was, but for what had been found."""
+        """End the work that is under way, at once: the desk is as it was, but for what was found or opened by then."""
         with self.lock:
             if self._work is not None:
                 self._finish(self._work, Trouble(self._work.place, "ended"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import ipaddress
 import json
 import socket
@@ -377,6 +378,12 @@ def application(desk: Desk, gate: Gate) -> Application:
     )
 
 
+def _load() -> None:
+    """Load what reads large recordings; what is wrong with it, the first of them tells."""
+    with contextlib.suppress(Exception):
+        load_loops()
+
+
 def _is_every(address: str) -> bool:
     """Return whether an address, however it is written, is every one of this computer; OSError if there is none."""
     found = socket.getaddrinfo(address or None, 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
@@ -422,8 +429,8 @@ class Server:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._ready = threading.Event()
         self._thread = threading.Thread(target=lambda: asyncio.run(self._serve()), daemon=True)
-        # while the user chooses a recording
-        self._loading = threading.Thread(target=load_loops, daemon=True)
+        # while the user chooses a recording; waited for at the end, since a compiler does not outlive its program well
+        self._loading = threading.Thread(target=_load)
 
     @property
     def url(self) -> str:

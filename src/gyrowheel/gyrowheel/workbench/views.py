@@ -173,16 +173,17 @@ def _recordings(desk: Desk) -> dict[str, Any]:
         if place >= MOST_LISTED and own is None:
             more += 1
             continue
+        described = own is not None and own.described
         length = "" if entry.duration is None else f"{entry.duration:.1f} s, "
         rows.append(
             {
                 "key": entry.key,
                 "name": entry.name,
                 "inside": entry.inside,
-                "size": f"{'' if own else length}{entry.size / 1e6:.1f} MB",
+                "size": f"{'' if described else length}{entry.size / 1e6:.1f} MB",
                 "when": time.strftime("%Y-%m-%d %H:%M", time.localtime(entry.changed)),
                 "role": "" if own is None else own.role,
-                "facts": "; ".join(_facts(own.recording.info)) if own and own.described else "",
+                "facts": "; ".join(_facts(own.recording.info)) if own and described else "",
             }
         )
     return {

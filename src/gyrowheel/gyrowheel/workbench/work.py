@@ -47,7 +47,7 @@ class Work:
         self.ended = False
 
     def say(self, line: str) -> None:
-        """Show what is being done, from one step to the next.
+        """Show what is being done from now on; memory that the step before took is given back.
 
         Raises
         ------

@@ -37,7 +37,6 @@ from gyrowheel_sim.bench import Bench
 Progress = Callable[[str], None]
 Array = NDArray[np.float64]
 
-_MOST = np.iinfo(np.int32).max  # commands that a number of four bytes tells apart
 _ANSWER = 2  # samples from the one that a command answers to the first whose voltages show it
 #: With fewer windows nothing can be said.
 FEWEST_WINDOWS = 6
@@ -183,8 +182,7 @@ def _commanded(recording: Recording) -> Commanded | None:
     answered = commands["measurement_sequence"].astype(np.int64)
     if np.any(answered[1:] < answered[:-1]):
         return None
-    small = len(commands) <= _MOST
-    places: NDArray[np.integer] = np.empty(len(samples), np.int32 if small else np.int64)
+    places = np.empty(len(samples), np.int32)  # enough for twelve days of them
 
     def find(first: int, last: int) -> None:
         shown = samples[first:last].astype(np.int64) - _ANSWER

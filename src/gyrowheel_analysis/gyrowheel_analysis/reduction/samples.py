@@ -23,7 +23,7 @@ _SAME_RATE = 0.05
 
 @dataclass(frozen=True)
 class Commanded:
-    """Coil voltages that were commanded for the interval that ends with each sample; a table of hours is not made.
+    """Coil voltages that were commanded for the interval that ends with each sample, looked up when they are asked for.
 
     Attributes
     ----------

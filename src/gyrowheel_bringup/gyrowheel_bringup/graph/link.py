@@ -143,14 +143,14 @@ class Link:
                 self.strangers.setdefault(name, "unknown")
 
     def others(self) -> str:
-        """Return who else published what the bench lives by, in one line; empty if nobody did.
+        """Return who else published what the bench lives by, in one line; empty if nobody did."""
+        return self._others.text()
 
-        Names that have not arrived yet are waited for, for a moment.
-        """
+    def await_names(self) -> None:
+        """Wait a moment for names of others that have not arrived yet."""
         end = time.monotonic() + _NAMED
         while self._others.nameless and time.monotonic() < end:
             self.spin()
-        return self._others.text()
 
     # ---- a plan
 

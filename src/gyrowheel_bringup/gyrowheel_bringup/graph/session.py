@@ -335,6 +335,7 @@ class Graph:
             # listen for a while before the namespace counts as free
             if not waiting and time.monotonic() - began > _LISTEN:
                 link.starting = False
+                link.await_names()
                 if found := link.others():
                     raise GraphError(
                         "strangers", f"{found}: end those nodes, or choose another domain or namespace"

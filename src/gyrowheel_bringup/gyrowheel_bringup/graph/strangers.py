@@ -49,7 +49,7 @@ class Strangers:
         self._node, self._namespace = node, namespace
         self._own = {topic: name for topic, name in PUBLISHERS.items() if name in names}
         self._mine = {topic.within(namespace): f"{namespace}/{name}" for topic, name in self._own.items()}
-        self._found: dict[str, str] = {}  # publishers by topic
+        self._found: dict[str, list[str]] = {}  # publishers by topic
         self._due = 0.0
 
     def note(self, values: Mapping[str, str]) -> None:
@@ -59,8 +59,11 @@ class Strangers:
             others = who.split(", ")
             if (mine := self._mine.get(topic)) in others:
                 others.remove(mine)  # once: a second node of that name is another
-            if others:
-                self._found[topic] = ", ".join(others)
+            before = self._found.get(topic, [])
+            # of two nodes that say so, one may know a name that the other does not know yet
+            is_less = NAMELESS in others and NAMELESS not in before and len(others) <= len(before)
+            if others and not is_less:
+                self._found[topic] = others
 
     def look(self) -> None:
         """Look for publishers by name; once a second, however often it is called."""
@@ -71,14 +74,18 @@ class Strangers:
             mine, found = f"{self._namespace}/{own}", set(self._names(topic))
             if topic is topics.CLOCK and mine not in found:
                 continue  # a bench in real time has none, and does not listen to one
-            others, name = sorted(found - {mine}), topic.within(self._namespace)
-            before = self._found.get(name, "")
-            if others and (not before or (NAMELESS in before and len(others) > before.count(", "))):
-                self._found[name] = ", ".join(others)
+            name = topic.within(self._namespace)
+            before = self._found.get(name, [])
+            new = sorted(found - {mine, *before})
+            if new and (not before or NAMELESS in before):
+                nameless = [NAMELESS] * (before.count(NAMELESS) - len(new))
+                self._found[name] = [*(who for who in before if who != NAMELESS), *new, *nameless]
 
     def text(self) -> str:
         """Return who published what, in one line; empty if nobody did."""
-        return "; ".join(f"{topic} was also published by others: {who}" for topic, who in self._found.items())
+        return "; ".join(
+            f"{topic} was also published by others: {', '.join(who)}" for topic, who in self._found.items()
+        )
 
     @property
     def nameless(self) -> bool:
