@@ -18,12 +18,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-import yaml
-
 from gyrowheel_analysis.drag import Estimate
 from gyrowheel_analysis.nodes.replay import ReplayNode
 from gyrowheel_analysis.recording.playback import Tape
 from gyrowheel_bringup.graph import EXECUTABLES, find_executable
+from gyrowheel_bringup.graph.parameter_file import write_parameters
 from gyrowheel_bringup.graph.shared_memory import remove_dead
 from gyrowheel_core import namespaces, topics
 from gyrowheel_core.errors import InputError
@@ -170,8 +169,7 @@ def play(
                 outcome.left_out = {topic.name: why for topic, why in self.left_out.items()}
 
         file = folder / "replay.yaml"
-        content = {"/**": {"ros__parameters": {"directory": str(tape.path), **parameters}}}
-        file.write_text(yaml.safe_dump(content), encoding="utf-8")
+        write_parameters(file, {"directory": str(tape.path), **parameters})
         level = "info" if logs else "warn"
         outcome.code = run_node(
             Shown, ["--ros-args", "--params-file", str(file), *rules, "--log-level", level]
@@ -187,8 +185,7 @@ def _companion(
 ) -> Iterator[Any]:
     """Run the drag estimator as a process that ends with the block."""
     file = folder / f"{_ESTIMATOR}.yaml"
-    content = {"/**": {"ros__parameters": dict(parameters)}}
-    file.write_text(yaml.safe_dump(content), encoding="utf-8")
+    write_parameters(file, parameters)
     with (folder / f"{_ESTIMATOR}.log").open("wb") as log:
         process = subprocess.Popen(
             [

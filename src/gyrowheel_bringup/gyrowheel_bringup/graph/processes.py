@@ -9,10 +9,9 @@ import time
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
-import yaml
-
 from gyrowheel_bringup.graph.children import Child
 from gyrowheel_bringup.graph.nodes import EXECUTABLES, find_executable
+from gyrowheel_bringup.graph.parameter_file import write_parameters
 from gyrowheel_bringup.graph.results import GraphError
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import PARENT_VARIABLE, TORN, ExitCode
@@ -71,8 +70,7 @@ class Processes:
             If its executable is not installed.
         """
         file, log = self._work / f"{name}.yaml", self._work / f"{name}.log"
-        content = {f"{self._namespace}/{name}": {"ros__parameters": dict(parameters)}}
-        file.write_text(yaml.safe_dump(content), encoding="utf-8")
+        write_parameters(file, parameters, f"{self._namespace}/{name}")
         rules = [f"__ns:={self._namespace}"] if self._namespace else []
         rules += [f"{old}:={new}" for old, new in renamed.items()]
         with log.open("wb") as output:
