@@ -113,7 +113,11 @@ def launched(name: str, *, pushed: str = "", **given: str) -> list[Any]:
 
 def parameters_of(action: Any) -> dict[str, Any]:
     """Return the parameters of a node as the node gets them."""
-    (given,) = action.options.get("parameters", [{}])
+    others = {key: value for given in action.options.get("parameters", []) for key, value in given.items()}
+    rules = action.options.get("ros_arguments", [])
+    assert set(rules[::2]) <= {"-p"}
+    texts = dict(rule.split(":=", 1) for rule in rules[1::2])
+    given = others | {key: json.loads(text) for key, text in texts.items()}
     return {key: value.args[0] if isinstance(value, Stub) else value for key, value in given.items()}
 
 

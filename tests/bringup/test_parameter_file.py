@@ -10,6 +10,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+from gyrowheel_bringup.graph.launching import given_to
 from gyrowheel_bringup.graph.parameter_file import write_parameters
 
 pytestmark = pytest.mark.graph
@@ -33,22 +34,37 @@ TEXTS = (
 OTHERS = (True, 3, -7, 0.5, 3e32, 1e-7, 0.0)
 
 
-def test_every_value_keeps_its_type(tmp_path: Path, domain: int) -> None:
-    written = {f"p{k}": value for k, value in enumerate((*TEXTS, *OTHERS))}
-    file = tmp_path / "parameters.yaml"
-    write_parameters(file, written)
+def _read(arguments: list[str], domain: int) -> dict[str, object]:
+    """Return the parameters of a node that is started with some arguments."""
     context = Context()
     rclpy.init(
-        args=["--ros-args", "--params-file", str(file)],
+        args=["--ros-args", *arguments],
         context=context,
         domain_id=domain,
         signal_handler_options=SignalHandlerOptions.NO,
     )
     try:
         node = Node("reader", context=context, automatically_declare_parameters_from_overrides=True)
-        read = {name: node.get_parameter(name).value for name in written}
+        read = {name: node.get_parameter(name).value for name in node._parameters if name.startswith("p")}
         node.destroy_node()
     finally:
         context.shutdown()
+    return read
+
+
+def test_every_value_keeps_its_type(tmp_path: Path, domain: int) -> None:
+    written = {f"p{k}": value for k, value in enumerate((*TEXTS, *OTHERS))}
+    file = tmp_path / "parameters.yaml"
+    write_parameters(file, written)
+    read = _read(["--params-file", str(file)], domain)
     assert read == written
-    assert [type(value) for value in read.values()] == [type(value) for value in written.values()]
+    assert {name: type(value) for name, value in read.items()} == {
+        name: type(value) for name, value in written.items()
+    }
+
+
+def test_texts_that_launch_gives_a_node_stay_texts(domain: int) -> None:
+    texts = {f"p{k}": text for k, text in enumerate(TEXTS)}
+    options = given_to(texts | {"rate": 0.5})
+    assert options["parameters"] == [{"rate": 0.5}]
+    assert _read(options["ros_arguments"], domain) == texts

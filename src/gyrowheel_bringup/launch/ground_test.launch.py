@@ -16,7 +16,14 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from gyrowheel_bringup.graph import EXECUTABLES, find_executable, node_parameters, require_free
-from gyrowheel_bringup.graph.launching import ends_too, ends_with_launch, flag, namespace_of, without
+from gyrowheel_bringup.graph.launching import (
+    ends_too,
+    ends_with_launch,
+    flag,
+    given_to,
+    namespace_of,
+    without,
+)
 from gyrowheel_bringup.viewers import robot_description, rviz_config, viewer_names
 from gyrowheel_control.loops.limits import plan_tilt_limit, usual_tilt_limit
 from gyrowheel_control.plans.fitting import plan_for
@@ -41,11 +48,6 @@ ARGUMENTS = (
 PLAN_CLIENT = ("gyrowheel_bringup", "plan_client_node")
 PUBLISHER = ("robot_state_publisher", "robot_state_publisher")
 RVIZ = ("rviz2", "rviz2")
-
-
-def _typed(value: object) -> object:
-    # launch_ros would parse a text as YAML
-    return ParameterValue(value, value_type=str) if isinstance(value, str) else value
 
 
 def _actions(context: LaunchContext) -> list[Node]:
@@ -82,8 +84,8 @@ def _actions(context: LaunchContext) -> list[Node]:
             package=package,
             executable=executable,
             name=node,
-            parameters=[{key: _typed(value) for key, value in parameters[node].items()}],
             on_exit=Shutdown(reason=f"{node} has ended"),
+            **given_to(parameters[node]),
             **options,
         )
         for node, (package, executable) in EXECUTABLES.items()
@@ -91,7 +93,9 @@ def _actions(context: LaunchContext) -> list[Node]:
     ]
     clock = {"use_sim_time": not asked["realtime"]}
     for package, executable in viewers:
-        description = {"robot_description": _typed(robot_description())} if executable == PUBLISHER[1] else {}
+        description = {}
+        if executable == PUBLISHER[1]:  # as a text, which launch would parse as YAML
+            description["robot_description"] = ParameterValue(robot_description(), value_type=str)
         actions.append(
             Node(
                 package=package,
@@ -109,8 +113,8 @@ def _actions(context: LaunchContext) -> list[Node]:
                 package=PLAN_CLIENT[0],
                 executable=PLAN_CLIENT[1],
                 name="plan_client",
-                parameters=[{"plan": _typed(given["plan"])}],
                 on_exit=Shutdown(reason="the plan has ended"),
+                **given_to({"plan": given["plan"]}),
                 **options,
             )
         )

@@ -14,7 +14,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from gyrowheel_bringup.graph import EXECUTABLES, find_executable
-from gyrowheel_bringup.graph.launching import ends_too, ends_with_launch, flag, namespace_of, number
+from gyrowheel_bringup.graph.launching import ends_too, ends_with_launch, flag, given_to, namespace_of, number
 from gyrowheel_bringup.viewers import robot_description, rviz_config, viewer_names
 from launch import LaunchContext, LaunchDescription
 
@@ -55,15 +55,15 @@ def _actions(context: LaunchContext) -> list[Node]:
             package=REPLAY[0],
             executable=REPLAY[1],
             name="replay",
-            parameters=[
+            on_exit=Shutdown(reason="the replay has ended"),
+            **given_to(
                 {
-                    "directory": ParameterValue(given["recording"], value_type=str),
+                    "directory": given["recording"],
                     **numbers,
                     **{name: asked[name] for name in ("loop", "paused")},
                     "wait_for_subscribers": int(asked["estimate"]),
                 }
-            ],
-            on_exit=Shutdown(reason="the replay has ended"),
+            ),
             **ours,
         )
     ]
@@ -73,7 +73,7 @@ def _actions(context: LaunchContext) -> list[Node]:
                 package=ESTIMATOR[0],
                 executable=ESTIMATOR[1],
                 name="drag_estimator",
-                parameters=[{"model": ParameterValue(given["model"], value_type=str)}],
+                **given_to({"model": given["model"]}),
                 **ours,
             )
         )

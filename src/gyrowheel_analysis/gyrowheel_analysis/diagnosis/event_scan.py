@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from gyrowheel_analysis.diagnosis.evidence import Array, Evidence, Profiles
 from gyrowheel_analysis.fitting.events import AFTER_TILT, TEMPERATURES, TOGETHER, Event, Kind, temperature
 from gyrowheel_analysis.fitting.problem import Problem
+from gyrowheel_analysis.recording.pauses import pauses
 from gyrowheel_analysis.reduction import Windows
 
 _BREAKS = 28  # times at which a trend may begin or end
@@ -22,6 +23,7 @@ _BESIDE = 3  # windows at least before and after a burst
 _PRICE: dict[Kind, float] = {"step": 0.0, "burst": 3.0, "trend": 3.0, "swing": 3.0}
 _FASTEST = 20.0  # s; shortest period of a swing: tilt and speed of a plan change faster
 _FEWEST_SWINGS = 1.5
+_PAUSE = 600.0  # s between windows that no plan leaves
 _PHASES = 6  # of a swing, over half a period
 _WARMER = 0.3  # K by which a temperature must change to show anything
 #: Times in which a torque that follows the tilt may relax [s].
@@ -110,8 +112,10 @@ def _shapes(windows: Windows) -> list[Profiles]:
     start, duration = windows.start, windows.duration
     length = float((start + duration).max(initial=0.0) - start.min(initial=math.inf))
     result = []
-    if length > _FEWEST_SWINGS * _FASTEST:
-        turns = np.arange(_FEWEST_SWINGS, length / _FASTEST, 0.25)
+    # over pauses nobody follows a fast swing, and looking for it would take shapes without end
+    most = (length - float(np.diff(pauses(start, _PAUSE)).sum())) / _FASTEST
+    if most > _FEWEST_SWINGS:
+        turns = np.arange(_FEWEST_SWINGS, most, 0.25)
         edges = [
             (float(start.min() + 0.5 * phase * length / turn / _PHASES), float(length / turn))
             for turn in turns

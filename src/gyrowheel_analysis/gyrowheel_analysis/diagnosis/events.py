@@ -40,6 +40,7 @@ _PREFERRED = 6.0  # likelihood by which a quantity must be better than a simpler
 _ROUNDS = 3  # of selecting effects beside events and looking for events beside effects
 _SAME = 1.0  # s; an event that moves by less is the same
 _FINE = 0.1  # s between the edges that are tried within windows
+_TIMES = 1000  # at most that are tried for an edge
 _ENDS = 25  # times that are tried for each end of a trend
 _SHORTEST = 2.0  # s, of a trend
 #: Errors of the windows' time within which the samples are searched for it, and the most [s].
@@ -466,7 +467,8 @@ def _by_windows(
 ) -> tuple[float, float]:
     """Return the time of edge `k` between two times that is expected, and its standard error [s]."""
     first = events[0]
-    span = np.arange(begin, end, _FINE)
+    # between windows with a pause between them, all times are about as likely
+    span = np.arange(begin, end, max(_FINE, (end - begin) / _TIMES))
     edges = [tuple(t if i == k else own for i, own in enumerate(first.edges)) for t in span.tolist()]
     edges = [own for own in edges if len(own) == 1 or own[1] > own[0] + _FINE]
     gains = _gains(evidence, [[event.at(*own) for event in events] for own in edges])

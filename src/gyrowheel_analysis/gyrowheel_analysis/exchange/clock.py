@@ -15,6 +15,8 @@ Array = NDArray[np.float64]
 #: Sampling periods that a recording of a wheel can have [s].
 SHORTEST: Final = 5e-6
 LONGEST: Final = 0.05
+#: How far from the first row a time can be [s]: some three years.
+FARTHEST: Final = 1e8
 _AROUND: Final = 20  # rows before and after a gap by which its length is told
 _STRIDE: Final = 50  # rows over which the period is taken, so that neither jitter nor rounding shows
 _CLEAR: Final = 6.0  # robust standard deviations of the steps
@@ -65,7 +67,7 @@ def clock_of(time: Array, numbers: NDArray[np.int64] | None = None) -> Clock:
     Parameters
     ----------
     time : ndarray (n,)
-        Times of the rows [s]; they may jitter, and be rounded.
+        Times of the rows [s], up to `FARTHEST` from the first; they may jitter, and be rounded.
     numbers : ndarray (n,), optional
         Numbers of the samples, strictly ascending; where there are none, gaps show in the times.
 

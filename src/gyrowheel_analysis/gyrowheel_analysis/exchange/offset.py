@@ -89,9 +89,9 @@ def _match(
     `moves` is whether the first one is the motion, whose rate counts.
     """
     begin, end = min(here[0][0], there[0][0]), max(here[0][-1], there[0][-1])
-    grid = np.arange(begin, end, _STEP)
-    if not 500 <= len(grid) <= 4_000_000:
+    if not 500 <= (end - begin) / _STEP <= 4_000_000:  # two epochs may be decades apart
         return None
+    grid = np.arange(begin, end, _STEP)
     one, other = _smoothed(grid, *here, rate=moves), _smoothed(grid, *there, rate=not moves)
     size = 1 << (2 * len(grid) - 1).bit_length()
     product = np.fft.irfft(np.fft.rfft(one, size) * np.conj(np.fft.rfft(other, size)), size)

@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.exchange.clock import Clock, ClockError, clock_of, period_of
+from gyrowheel_analysis.exchange.clock import FARTHEST, Clock, ClockError, clock_of, period_of
 from gyrowheel_analysis.exchange.column_map import ColumnMap
 from gyrowheel_analysis.exchange.fields import READINGS, Reading
 from gyrowheel_analysis.exchange.map_file import COUNT, TIMESTAMP, Source, is_time
@@ -171,8 +171,11 @@ class Table:
             where = f", {self.place(error.row)}" if error.row >= 0 else ""
             raise InputError(f"{self.path}: column '{self._map.time.column}'{where}: {error}") from None
 
-    def _seconds(self, name: str, start: Any = None) -> tuple[Array, Any]:
-        """Return the times in a column from its first row on, or from a given start [s], and that start."""
+    def _seconds(self, name: str, start: Any = None, late: float = 0.0) -> tuple[Array, Any]:
+        """Return the times in a column from its first row on, or from a given start [s], and that start.
+
+        `late` [s] is added to them.
+        """
         source = self._map.time
         column = self._column(name)
         if source.unit == TIMESTAMP:
@@ -181,15 +184,36 @@ class Table:
                     f"{self.path}: column '{name}': holds {column.type}; allowed for the unit"
                     f" {TIMESTAMP}: dates with times"
                 )
-            stamps = column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy()
+            try:
+                stamps = column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy()
+            except pa.ArrowInvalid:
+                raise InputError(
+                    f"{self.path}: column '{name}': holds dates beyond 1678 .. 2261; allowed: those of a recording"
+                ) from None
             begin = stamps[0] if start is None else start
-            return (stamps - begin) * 1e-9, begin
-        # large whole numbers keep their last digits
-        whole = pa.types.is_integer(column.type)
-        values = column.to_numpy().astype(np.int64) if whole else self._numbers(name)
+            self._check_span(name, (stamps.astype(np.float64) - float(begin)) * 1e-9 + late)
+            return (stamps - begin) * 1e-9 + late, begin
+        values = self._numbers(name)
+        if pa.types.is_integer(column.type) and np.all(values < 2.0**63):
+            values = column.to_numpy().astype(np.int64)  # large whole numbers keep their last digits
         begin = values[0] if start is None else start
-        passed = (values - begin).astype(np.float64) * source.scale
-        return to_si(passed, source.unit, Reading("s", -math.inf, math.inf)), begin
+
+        def seconds(passed: Array) -> Array:
+            return to_si(passed * source.scale, source.unit, Reading("s", -math.inf, math.inf)) + late
+
+        with np.errstate(over="ignore"):  # as floating-point numbers, whose difference does not wrap around
+            self._check_span(name, seconds(values.astype(np.float64) - float(begin)))
+        return seconds((values - begin).astype(np.float64)), begin
+
+    def _check_span(self, name: str, passed: Array) -> None:
+        """Refuse times so far from the first row [s] that no recording lasts so long."""
+        far = np.flatnonzero(np.abs(passed) > FARTHEST)
+        if len(far):
+            k = int(far[0])
+            raise InputError(
+                f"{self.path}: column '{name}', {self.place(k)}: {passed[k]:.4g} s from the first row; allowed: up to "
+                f"{FARTHEST:g} s (are unit and first row right?)"
+            )
 
     def _put_on_one_clock(self, clocks: Mapping[str, str]) -> None:
         """Interpolate columns of other clocks than the map's at its times; rows that one does not cover go.
@@ -206,8 +230,7 @@ class Table:
                 others.pop(name, None)
         rows = slice(0, len(time))
         for clock in dict.fromkeys(others.values()):
-            there, _ = self._seconds(clock, start)
-            there = there + self._map.clocks.get(clock, 0.0)
+            there, _ = self._seconds(clock, start, self._map.clocks.get(clock, 0.0))
             if len(there) < 2 or np.any(np.diff(there) < 0.0):
                 raise InputError(
                     f"{self.path}: column '{clock}': times do not ascend; allowed: those of a clock"
@@ -301,10 +324,13 @@ class Table:
     def _edge_times(self, source: Source, start: Any) -> Array:
         """Return the times that a counter took of edges [s], from the start of the map's clock."""
         values = self._numbers(source.column, missing=True)
-        passed = (
-            values - (0.0 if self._map.time.unit == TIMESTAMP else start)
-        ) * source.scale + source.offset
-        return to_si(passed, source.unit, Reading("s", -math.inf, math.inf))
+        with np.errstate(over="ignore"):
+            passed = (
+                values - (0.0 if self._map.time.unit == TIMESTAMP else start)
+            ) * source.scale + source.offset
+            when = to_si(passed, source.unit, Reading("s", -math.inf, math.inf))
+        self._check_span(source.column, when)
+        return when
 
     def edges(self, source: Source, even: Array) -> Edges:
         """Return the edges of pulses, at times from the first row on [s].

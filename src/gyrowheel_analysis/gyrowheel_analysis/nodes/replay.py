@@ -22,6 +22,7 @@ from rclpy.time import Time
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
+from gyrowheel_analysis.recording.pauses import LONGEST
 from gyrowheel_analysis.recording.playback import Message, Pace, Tape, parse_names
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
@@ -264,7 +265,12 @@ class ReplayNode(BenchNode):
         return topic
 
     def _tick_to(self, now_ns: float) -> None:
-        """Advance to a time of the recording; /clock is published before the messages of the same time."""
+        """Advance to a time of the recording; /clock is published before the messages of the same time.
+
+        Where that is a pause ahead, as fast as readers can take it, /clock goes on behind the pause.
+        """
+        if now_ns - self._clock_due > LONGEST * wire.SECOND:
+            self._clock_due += int(now_ns - self._clock_due) // _CLOCK_PERIOD_NS * _CLOCK_PERIOD_NS
         while self._clock_outlet is not None and self._clock_due <= now_ns:
             self._clock_outlet.publish(wire.CLOCK.pack(self._clock_due))
             self._clock_due += _CLOCK_PERIOD_NS

@@ -57,7 +57,7 @@ class RecordingInfo:
     duration : float
         From the first to the last sample [s].
     rate : float
-        Samples per second, gaps not counted [1/s]; 0 for a single sample.
+        Samples per second while the bench ran, missing ones counted [1/s]; 0 for a single sample.
     topics : dict of str to int
         Number of messages of every topic.
     integrity : Integrity
@@ -111,6 +111,7 @@ def info(source: str | Path | Recording) -> RecordingInfo:
     recording = source if isinstance(source, Recording) else Recording.open(source)
     samples, faults = recording.measurement, recording.integrity()
     steps = len(samples) - 1 + faults.missing
+    ran = recording.duration - sum(length for _, length in faults.stalls)
     holds = _holds(recording)
     path = recording.path
     files = [path] if path.is_file() else [file for file in path.rglob("*") if file.is_file()]
@@ -119,7 +120,7 @@ def info(source: str | Path | Recording) -> RecordingInfo:
         size=sum(file.stat().st_size for file in files),
         bench=recording.carried_bench[0] if recording.carried_bench else "",
         duration=recording.duration,
-        rate=steps / recording.duration if steps else 0.0,
+        rate=steps / ran if steps else 0.0,
         topics=recording.topics,
         integrity=faults,
         segments=len({hold.segment for hold in holds}),

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import functools
 import itertools
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gyrowheel_analysis.reduction.samples import Array, Samples
 from gyrowheel_sim.bench import Bench
@@ -19,6 +19,7 @@ MOTOR_THERMAL = (
     "motor_thermal_resistance",
 )
 _THERMAL_STEP = 0.1  # s
+_PAUSE = 600  # steps without a sample, after which the rest of a pause is one
 
 
 def motor_temperatures(data: Samples, bench: Bench) -> tuple[Array, Array, Array]:
@@ -43,26 +44,60 @@ def motor_temperatures(data: Samples, bench: Bench) -> tuple[Array, Array, Array
     stated = np.array([bench.value(name) for name in MOTOR_THERMAL])
     if len(data.time) == 0:
         return np.zeros(1), np.full((1, 2), bench.value("air_temperature")), np.zeros((1, 2, len(stated)))
-    block = ((data.time - data.time[0]) / _THERMAL_STEP).astype(np.int64)
-    count = int(block[-1]) + 1
+    numbers = ((data.time - data.time[0]) / _THERMAL_STEP).astype(np.int64)
+    steps, block = _steps(numbers)
     # a block without samples has the heating of the one before
-    samples = np.bincount(block, minlength=count)
-    sums = np.bincount(block, weights=data.readings.motor_current**2, minlength=count)
+    samples = np.bincount(block, minlength=len(steps))
+    sums = np.bincount(block, weights=data.readings.motor_current**2, minlength=len(steps))
     known = np.flatnonzero(samples)
-    last = known[np.searchsorted(known, np.arange(count), side="right") - 1]
+    last = known[np.searchsorted(known, np.arange(len(steps)), side="right") - 1]
     power = bench.value("motor_resistance") * (sums[last] / samples[last])
-    above = _warming(power, stated)
+    above = _warming(power, steps, stated)
     sensitivity = np.empty((*above.shape, len(stated)))
     for k, value in enumerate(stated):
         moved = stated.copy()
         moved[k] *= 1.01
-        sensitivity[..., k] = (_warming(power, moved) - above) / (0.01 * value)
+        sensitivity[..., k] = (_warming(power, steps, moved) - above) / (0.01 * value)
     air = float(np.mean(data.readings.air_temperature))
-    return data.time[0] + _THERMAL_STEP * np.arange(count + 1), air + above, sensitivity
+    ends = np.concatenate([[0], np.cumsum(steps)])
+    return data.time[0] + _THERMAL_STEP * ends, air + above, sensitivity
 
 
-def _warming(power: Array, parameters: Array) -> Array:
-    """Return the temperature rise of winding and magnets (m + 1, 2) [K], given the heating of each step (m,) [W]."""
+def _steps(numbers: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the lengths of blocks [`_THERMAL_STEP`], and in which block each sample is.
+
+    Parameters
+    ----------
+    numbers : ndarray (n,)
+        In which step each sample is, ascending. Steps are blocks of their own; what is behind the first `_PAUSE` ones
+        of a long pause is one block.
+    """
+    count = int(numbers[-1]) + 1
+    if count <= _PAUSE:
+        return np.ones(count, dtype=np.int64), numbers
+    ahead = np.diff(numbers)
+    at = np.flatnonzero(ahead > _PAUSE + 1)
+    joined = ahead[at] - _PAUSE - 1  # steps that are one block
+    fewer = np.zeros_like(numbers)
+    fewer[at + 1] = joined - 1
+    block = numbers - np.cumsum(fewer)
+    steps = np.ones(int(block[-1]) + 1, dtype=np.int64)
+    steps[block[at] + _PAUSE + 1] = joined
+    return steps, block
+
+
+def _warming(power: Array, steps: NDArray[np.int64], parameters: Array) -> Array:
+    """Return the temperature rise of winding and magnets (m + 1, 2) [K].
+
+    Parameters
+    ----------
+    power : ndarray (m,)
+        Heating in each block [W].
+    steps : ndarray (m,)
+        Lengths of the blocks [`_THERMAL_STEP`].
+    parameters : ndarray (4,)
+        Values of `MOTOR_THERMAL`.
+    """
     winding, resistance, magnets, outer = parameters
     inward, outward = 1.0 / resistance, 1.0 / outer
     rates = np.array(
@@ -72,20 +107,23 @@ def _warming(power: Array, parameters: Array) -> Array:
     drive = np.linalg.solve(modes, np.array([1.0 / winding, 0.0]))
     result = np.zeros((len(power) + 1, 2))
     for value, mode, gain in zip(values, modes.T, drive, strict=True):
-        step = math.exp(value * _THERMAL_STEP)
-        heating = (gain * (step - 1.0) / value * power).tolist()
-        own = list(itertools.accumulate(heating, functools.partial(_fading, step), initial=0.0))
+        fading = np.where(steps == 1, math.exp(value * _THERMAL_STEP), np.exp(value * _THERMAL_STEP * steps))
+        heating = gain * (fading - 1.0) / value * power
+        pairs = zip(fading.tolist(), heating.tolist(), strict=True)
+        own = list(itertools.accumulate(pairs, _faded, initial=0.0))
         result += np.array(own)[:, None] * mode[None, :]
     return result
 
 
-def _fading(step: float, before: float, more: float) -> float:
-    return step * before + more
+def _faded(before: float, block: tuple[float, float]) -> float:
+    return block[0] * before + block[1]
 
 
 def interpolated(time: Array, values: Array, when: float) -> Array:
     """Interpolate rows of `values`, as `motor_temperatures` returns them at its instants `time`."""
-    place = float(np.clip((when - time[0]) / _THERMAL_STEP, 0.0, len(time) - 1.0))
+    before = max(int(np.searchsorted(time, when, side="right")) - 1, 0)
+    left_out = time[before] - (time[0] + _THERMAL_STEP * before)  # of pauses
+    place = float(np.clip((when - left_out - time[0]) / _THERMAL_STEP, 0.0, len(time) - 1.0))
     low = min(int(place), max(len(time) - 2, 0))
     high = min(low + 1, len(time) - 1)
     return np.asarray(values[low] + (place - low) * (values[high] - values[low]))

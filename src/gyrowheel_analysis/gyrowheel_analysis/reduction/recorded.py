@@ -5,12 +5,13 @@ from __future__ import annotations
 import itertools
 import math
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_analysis.recording.pauses import pauses
 from gyrowheel_analysis.reduction.coverage import Coverage
 from gyrowheel_analysis.reduction.instants import evened
 from gyrowheel_analysis.reduction.loop_rate import loop_period
@@ -60,6 +61,7 @@ def reduce_and_account(data: Samples, bench: Bench) -> tuple[Windows, Coverage]:
     if len(data.time):
         begin, end = max(float(data.time[0]) - h, data.part[0]), min(float(data.time[-1]), data.part[1])
         length = max(end - begin, 0.0)
+    paused = pauses(data.time)
     data, without, assumed = readable(data, bench)
     data = evened(data, h)
     rows: list[dict[str, Any]] = []
@@ -73,7 +75,7 @@ def reduce_and_account(data: Samples, bench: Bench) -> tuple[Windows, Coverage]:
         # samples that follow each other faster than the loop show a voltage more than once
         return fit_window(data, i, j, (h, min(h, loop), loop), bench, heat, noise)
 
-    for start, stop, segment, turn in steady_spans(data):
+    for start, stop, segment, turn in _unbroken(steady_spans(data), paused):
         if stop <= start:
             continue  # a hold that ends before it has settled
         longest, last = LONGEST, 0.0
@@ -102,6 +104,18 @@ def reduce_and_account(data: Samples, bench: Bench) -> tuple[Windows, Coverage]:
             if begin > a:
                 left_out[_UNSETTLED] += begin - a
     return Windows.of(rows), Coverage(length, used, dict(left_out), assumed)
+
+
+def _unbroken(
+    spans: list[tuple[float, float, int, float]], paused: Array
+) -> Iterator[tuple[float, float, int, float]]:
+    """Yield the parts of steady motions between pauses; of a pause nobody knows whether it was steady."""
+    for start, stop, segment, turn in spans:
+        begin = start
+        for last, first in paused[(paused[:, 1] > start) & (paused[:, 0] < stop)].tolist():
+            yield begin, last, segment, turn
+            begin = max(first, begin)
+        yield begin, stop, segment, turn
 
 
 def _window(

@@ -13,6 +13,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.recording import Recording
+from gyrowheel_analysis.setups.shortened import Shortened
 from gyrowheel_core.blocks import by_blocks
 from gyrowheel_core.readings import Readings
 
@@ -172,6 +173,8 @@ def _weights() -> tuple[Array, Array, Array]:
 def blocks_of(recording: Recording, *, angle_scale: float = 1.0, absent: Set[str] = frozenset()) -> Array:
     """Return the means of the columns `NAMES` over blocks of `BLOCK` seconds, (m, 8) [SI].
 
+    The blocks follow each other without a gap, but for what is left out of long pauses (`Shortened`).
+
     For ``spin_angle`` it is the rate at which the angle turns [rad/s]. Blocks with too few samples are NaN. A column
     that was never measured is zero; of angle and speed, the rate of the one stands for the other.
 
@@ -194,8 +197,9 @@ def blocks_of(recording: Recording, *, angle_scale: float = 1.0, absent: Set[str
     if len(time) < 3:
         return np.zeros((0, len(NAMES)))
     period = float(np.median(np.diff(time), overwrite_input=True))
-    count = int(time[-1] / BLOCK)
-    edges = np.searchsorted(time, BLOCK * np.arange(count + 1) - 0.5 * period)
+    shortened = _shortened(recording)
+    count = int(shortened.without(time[-1]) / BLOCK)
+    edges = np.searchsorted(time, shortened.recorded(BLOCK * np.arange(count + 1) - 0.5 * period))
     samples = np.diff(edges)
     result = np.full((count, len(NAMES)), np.nan)
     full = samples >= _FULL * BLOCK / period
@@ -230,12 +234,26 @@ def _differentiate(columns: Array, time: Array, angle_scale: float, period: floa
     columns[0, place] = columns[1, place]
 
 
+def block_times(recording: Recording, count: int) -> Array:
+    """Return the times at which the first `count` blocks of a recording begin [s]."""
+    return _shortened(recording).recorded(BLOCK * np.arange(count))
+
+
+def block_at(recording: Recording, time: float) -> int:
+    """Return the number of the block that begins next to a time [s]."""
+    return round(float(_shortened(recording).without(np.array(time))) / BLOCK)
+
+
+def _shortened(recording: Recording) -> Shortened:
+    return Shortened.of(recording.time, EVERY * BLOCK)
+
+
 def asked_tilt(recording: Recording, count: int) -> Complex | None:
     """Return the tilt that was asked for at `count` averages [rad]; None without setpoints or where all are zero."""
     rows = recording.setpoint
     if len(rows) < 2:
         return None
-    at = _middles(count)
+    at = _middles(recording, count)
     time = recording.seconds(rows["stamp_ns"])
     tilt = np.interp(at, time, rows["tilt_x"]) + 1j * np.interp(at, time, rows["tilt_y"])
     return np.asarray(tilt) if np.isfinite(tilt).all() and np.any(tilt) else None
@@ -246,7 +264,7 @@ def asked_speed(recording: Recording, count: int) -> Array | None:
     rows = recording.setpoint
     if len(rows) < 2:
         return None
-    speed = np.interp(_middles(count), recording.seconds(rows["stamp_ns"]), rows["spin_rate"])
+    speed = np.interp(_middles(recording, count), recording.seconds(rows["stamp_ns"]), rows["spin_rate"])
     return np.asarray(speed) if np.isfinite(speed).all() and np.any(speed) else None
 
 
@@ -256,14 +274,14 @@ def commanded(recording: Recording, count: int) -> Complex | None:
     if len(rows) < 2:
         return None
     time = recording.seconds(rows["stamp_ns"])
-    half = 0.25 * _WEIGHTS * BLOCK
-    begin, end = (np.searchsorted(time, _middles(count) + way * half) for way in (-1.0, 1.0))
+    half, middles = 0.25 * _WEIGHTS * BLOCK, _middles(recording, count)
+    begin, end = (np.searchsorted(time, middles + way * half) for way in (-1.0, 1.0))
     total = np.r_[0.0, np.cumsum(rows["coil_voltage_x"] + 1j * rows["coil_voltage_y"])]
     with np.errstate(invalid="ignore", divide="ignore"):
         means = (total[end] - total[begin]) / (end - begin)
     return means if np.any(np.nan_to_num(means)) else None
 
 
-def _middles(count: int) -> Array:
+def _middles(recording: Recording, count: int) -> Array:
     """Return the times of the middles of averages [s], (count,)."""
-    return np.asarray(BLOCK * (EVERY * np.arange(count) + 0.5 * _WEIGHTS))
+    return _shortened(recording).recorded(BLOCK * (EVERY * np.arange(count) + 0.5 * _WEIGHTS))

@@ -11,12 +11,12 @@ from threadpoolctl import threadpool_limits
 from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.setups.air import air
 from gyrowheel_analysis.setups.blocks import (
-    BLOCK,
     COIL,
     TILT,
     Array,
     Averages,
     averages,
+    block_times,
     blocks_of,
     never_measured,
 )
@@ -113,7 +113,7 @@ def _at_rest(recording: Recording, blocks: Array) -> Array:
     """Return the blocks in which no rate table turns the rig: the coils then hold more than the tilt needs."""
     if not any(event.table_rate for event in recording.environment):
         return blocks
-    time = BLOCK * np.arange(len(blocks))
+    time = block_times(recording, len(blocks))
     turned = np.zeros(len(blocks), dtype=bool)
     for event in recording.environment:
         turned[time >= event.time - _AROUND] |= bool(event.table_rate)

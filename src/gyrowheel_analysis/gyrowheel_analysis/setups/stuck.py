@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.recording import Recording
-from gyrowheel_analysis.setups.blocks import BLOCK, NAMES
+from gyrowheel_analysis.setups.blocks import BLOCK, NAMES, block_at
 from gyrowheel_analysis.setups.cures import WrongSetup
 from gyrowheel_sim.bench import Bench
 
@@ -26,7 +26,7 @@ def stuck(recording: Recording, blocks: Array, bench: Bench) -> list[WrongSetup]
         begin, end = (float(recording.time[k]) for k in (first, last))
         if end - begin < _SHORTEST:
             continue
-        inside = slice(round(begin / BLOCK), round(end / BLOCK))
+        inside = slice(block_at(recording, begin), block_at(recording, end))
         if _must_move(name, inside, blocks, bench):
             found.append(WrongSetup("stuck", (name,), value=float(recording.readings[name][first])))
     return found

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from typing import Any
 
+from gyrowheel_bringup.graph.parameter_file import text_rule
 from gyrowheel_core import namespaces
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import PARENT_VARIABLE
@@ -74,6 +75,18 @@ def namespace_of(text: str, pushed: str = "") -> str:
     """
     own = namespaces.checked(text)
     return own if text.startswith("/") else namespaces.of_node(pushed) + own
+
+
+def given_to(parameters: Mapping[str, object]) -> dict[str, Any]:
+    """Return the options with which launch gives a node its parameters, each with the type that it has here.
+
+    Texts are given on the command line, in quotes: launch writes them into a file without, where ROS takes 3e32 for a
+    number.
+    """
+    texts = {name: value for name, value in parameters.items() if isinstance(value, str)}
+    others = {name: value for name, value in parameters.items() if name not in texts}
+    rules = [rule for name, text in texts.items() for rule in ("-p", text_rule(name, text))]
+    return {"parameters": [others] if others else [], "ros_arguments": rules}
 
 
 def ends_with_launch(namespace: str) -> dict[str, Any]:

@@ -1,7 +1,8 @@
-"""Parameters of nodes as files of ROS."""
+"""Parameters of nodes as files of ROS, and on its command line."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -33,3 +34,8 @@ def write_parameters(file: Path, parameters: Mapping[str, object], node: str = E
     """
     content = {node: {"ros__parameters": dict(parameters)}}
     file.write_text(yaml.dump(content, Dumper=_Dumper), encoding="utf-8")
+
+
+def text_rule(name: str, text: str) -> str:
+    """Return what stands behind ``-p`` for a parameter that is a text, whatever it looks like."""
+    return f"{name}:={json.dumps(text, ensure_ascii=False)}"

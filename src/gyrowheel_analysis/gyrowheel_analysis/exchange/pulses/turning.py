@@ -151,7 +151,9 @@ def _speed_of(time: Array, when: Array, within: Array, pulses: int) -> Array:
     usual = medfilt(step, min(11, len(step) - (len(step) + 1) % 2))
     number = np.concatenate([[0.0], np.cumsum(np.rint(step / np.maximum(usual, 1e-12)))])
     place = number * (TURN / pulses)
-    at = np.arange(when[0], when[-1] + _STEP, _STEP)
+    # the steps around every row, of which a pause has none
+    steps = np.floor((np.clip(time, when[0], when[-1]) - when[0]) / _STEP)
+    at = when[0] + _STEP * np.unique(np.concatenate([steps, steps + 1.0]))
     rates = np.empty(len(at))
     for k, now in enumerate(at):
         for span in _SPANS:
@@ -247,8 +249,8 @@ def _evened(left: Array, width: Array, number: NDArray[np.int64], pulses: int) -
 
 def _smoothed(time: Array, when: Array, left: Array, width: Array) -> tuple[Array, float]:
     """Return what is left between edges and sum at all times, as smooth as the edges ask, and how far off it may be."""
-    edges = np.arange(when[0], when[-1] + _BLOCK, _BLOCK)
-    starts = np.unique(np.r_[np.searchsorted(when, edges), len(when)])
+    block = np.floor((when - when[0]) / _BLOCK)
+    starts = np.r_[0, np.flatnonzero(np.diff(block)) + 1, len(when)]
     middles, values, variances = [], [], []
     for i, j in itertools.pairwise(starts.tolist()):
         own, wide = left[i:j], width[i:j]
