@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from . import chunks, formats, nodes, recordings, tables, texts
+from . import chunks, contents, formats, nodes, recordings, tables, texts
 from .harness import Kind
 
 KINDS: dict[str, Kind] = {
     "recording": recordings.stored,
     "chunks": chunks.chunks,
     "message": recordings.recorded,
+    "contents": contents.contents,
     "compare": recordings.compared,
     "diagnose": recordings.diagnosed,
     "text": texts.files,

@@ -221,3 +221,18 @@ def test_a_tdms_file_that_breaks_off_is_told(tmp_path: Path, capfd: pytest.Captu
     assert len(grid.columns["run/x"].values) == 40
     assert grid.remarks == ("the file breaks off: its last segment is read as far as it goes",)
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+@pytest.mark.parametrize("odd", ["1e308", "-1e308", "1e12"])
+def test_a_time_that_no_recording_reaches(odd: str, tmp_path: Path) -> None:
+    (tmp_path / "map.yaml").write_text(MAP, encoding="utf-8")
+    table = tmp_path / "table.csv"
+    first, *rows = text_table().strip().split("\n")
+    last = odd + rows[-1][rows[-1].index(",") :]
+    table.write_text("\n".join([first, *rows[:-1], last]), encoding="utf-8")
+    with pytest.raises(
+        InputError, match=r"column 't_ms', row 41: .* s from the first row; allowed: up to 1e\+08 s"
+    ):
+        import_table(table, ColumnMap.load(tmp_path / "map.yaml"), tmp_path / "run")
+    assert not (tmp_path / "run").exists()

@@ -23,6 +23,7 @@ _COUNTS = {
     "recording": 30,
     "chunks": 200,
     "message": 20,
+    "contents": 12,
     "compare": 3,
     "text": 30,
     "formula": 30,

@@ -168,10 +168,9 @@ def calibrate(
             drift_scales=problem.noise.scales,
         )
     white = problem.noise.whiten(fit.residual)
-    tilt = np.concatenate(
-        [part for name in ("tilt_x", "tilt_y") for part in channel_parts(problem.balances, white, name)]
-    )
-    chi2 = float(np.mean(tilt**2))
+    shown = [name for name in ("tilt_x", "tilt_y") if all(name in own.rows for own in problem.balances)]
+    tilt = [part for name in shown for part in channel_parts(problem.balances, white, name)]
+    chi2 = float(np.mean(np.concatenate(tilt) ** 2)) if tilt else 1.0
     widened = _widened(chi2)
     constants, undetermined = {}, {}
     for name, needs in CONSTANTS.items():
@@ -179,7 +178,7 @@ def calibrate(
         if name == _COIL:
             after = Override(after.value, after.standard_error * widened)
         if not after.standard_error <= _USELESS * abs(after.value):
-            part = min(after.standard_error / abs(after.value), _OPEN)
+            part = min(after.standard_error / abs(after.value), _OPEN) if after.value else _OPEN
             undetermined[name] = f"known to {100.0 * part:.0f} % only; it takes {needs}"
             continue
         p = stated.parameters[name]

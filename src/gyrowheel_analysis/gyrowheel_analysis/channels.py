@@ -126,6 +126,8 @@ LISTED: dict[str, Channel] = {
         else [channel]
     )
 }
+#: The channel of the coils' averaged torque; recordings without both coil voltages lack it.
+COILS = "tilt"
 #: Those of the averaged torques, and all others.
 TORQUES = tuple(name for name, c in LISTED.items() if c.group == "average" and c.unit == "N·m")
 FURTHER = tuple(name for name in LISTED if name not in TORQUES)

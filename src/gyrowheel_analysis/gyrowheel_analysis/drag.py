@@ -26,7 +26,6 @@ Array = NDArray[np.float64]
 
 #: Places among the filtered readings.
 _TILT, _DC, _ACTUATION, _CURRENT = slice(0, 2), slice(2, 5), slice(2, 6), 5
-_NEEDED_COLUMNS = Readings.columns(NEEDED)
 _NOTCH_SETTLING = 0.15  # s
 _UPDATE, _SELDOM = 0.5, 5.0  # s between two estimates of one hold, at its beginning and in the long run
 _SHARE = 0.1  # of a hold's length that is new in the next estimate
@@ -303,7 +302,7 @@ class DragEstimator:
         readings : Readings
             Readings (m) [SI]. A sample without one of `NEEDED` (not finite) counts as lost.
         """
-        whole = np.asarray(np.isfinite(readings.array[:, _NEEDED_COLUMNS]).all(axis=1))
+        whole = readings.whole(NEEDED)
         if not whole.all():  # a filter never recovers from NaN
             stamps_ns, readings = stamps_ns[whole], readings[whole]
         filtered = np.empty((len(readings), len(COLUMNS)))

@@ -35,7 +35,7 @@ def notched(readings: Readings, needed: tuple[str, ...], period: float) -> dict[
     dict of str to ndarray (n,)
         The readings `FILTERED` by name; NaN where a sample is lost.
     """
-    whole = np.asarray(np.isfinite(readings.array[:, Readings.columns(needed)]).all(axis=1))
+    whole = readings.whole(needed)
     state, every = np.full(4 * len(COLUMNS) + 1, math.nan), np.full((len(readings), len(COLUMNS)), math.nan)
     own, found = readings[whole], np.empty((int(whole.sum()), len(COLUMNS)))
     notch(own.array, COLUMNS, own.spin_rate, period, RADIUS, state, found)

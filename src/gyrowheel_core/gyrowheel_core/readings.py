@@ -14,7 +14,30 @@ Array = NDArray[np.float64]
 
 #: Names of the columns.
 READINGS: Final = wire.MEASUREMENT.fields
+#: Beyond this no value of a bench is one, whatever its unit [SI].
+LARGEST: Final = 1e12
+#: Between which values a reading can be one, even in a wrong unit such as degrees or millivolts [SI]. Loggers write
+#: 1e30 and the like for one that is missing, or zero for a temperature.
+POSSIBLE: Final = {
+    "tilt_x": (-1e6, 1e6),
+    "tilt_y": (-1e6, 1e6),
+    "spin_angle": (-LARGEST, LARGEST),
+    "spin_rate": (-1e7, 1e7),
+    "coil_voltage_x": (-1e7, 1e7),
+    "coil_voltage_y": (-1e7, 1e7),
+    "motor_voltage": (-1e7, 1e7),
+    "motor_current": (-1e7, 1e7),
+    "coil_temperature": (1.0, 1e5),
+    "air_temperature": (1.0, 1e5),
+    "air_pressure": (0.0, 1e9),
+}
 _PLACES: Final = {name: place for place, name in enumerate(READINGS)}
+
+
+def possible(values: NDArray[np.float64], name: str) -> NDArray[np.bool_]:
+    """Return which values can be readings of a quantity, see `POSSIBLE`; of others, which are finite and not absurd."""
+    low, high = POSSIBLE.get(name, (-LARGEST, LARGEST))
+    return (values >= low) & (values <= high)
 
 
 class _Column:
@@ -82,6 +105,13 @@ class Readings:
         if array.ndim != 2 or array.shape[1] != len(READINGS):
             raise ValueError(f"readings have the shape {array.shape}; it must be (n, {len(READINGS)})")
         self.array = array
+
+    def whole(self, names: Iterable[str]) -> NDArray[np.bool_]:
+        """Return in which samples some readings were all taken, see `possible`."""
+        taken = np.ones(len(self), dtype=bool)
+        for name in names:
+            taken &= possible(self.array[:, _PLACES[name]], name)
+        return taken
 
     @staticmethod
     def columns(names: Iterable[str]) -> list[int]:

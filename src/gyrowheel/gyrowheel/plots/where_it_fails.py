@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gyrowheel.plots.figure import Picture, finished
 from gyrowheel.plots.style import DARK, FAINT, GROUND, SOFT, TICK, style
 from gyrowheel.text.variables import TITLES
-from gyrowheel_analysis.channels import CHANNELS
+from gyrowheel_analysis.channels import CHANNELS, COILS
 from gyrowheel_analysis.reduction.groups import speed_groups
 from gyrowheel_analysis.residuals.maps import VARIABLES, Cell, ResidualMap, Span, residual_map
 from gyrowheel_analysis.residuals.windows import WindowResiduals
@@ -64,7 +64,9 @@ def _draw(data: WindowResiduals, title: str) -> Figure:
     figure.text(
         0.045,
         0.915,
-        "Arrows: residual torque of the coils, from the tilt at which it acts. Colours: χ²/N (1: noise).",
+        "Arrows: residual torque of the coils, from the tilt at which it acts. Colours: χ²/N (1: noise)."
+        if COILS in data.parts
+        else "Colours: χ²/N of all that was measured (1: noise). Without both coil voltages, none of the coils.",
         fontsize=12.5,
         color=SOFT,
         va="center",
@@ -103,7 +105,9 @@ def _arrow_scale(data: WindowResiduals) -> float:
     Windows whose residual is noise do not count, however large it is: short windows are noisy. Where all is noise, its
     arrows are short.
     """
-    part = data.parts["tilt"]
+    if COILS not in data.parts:
+        return 1.0
+    part = data.parts[COILS]
     size, wrong = np.abs(part.values), part.squares / len(part.kind.rows) > _WRONG
     largest = float(np.quantile(size[wrong] if wrong.any() else size, 0.98))
     reach = max(float(np.abs(data.windows.mean_tilt).max()) / DEG, 1.0)
@@ -114,18 +118,21 @@ def _plane(
     axes: Axes, data: WindowResiduals, group: NDArray[np.int64], scale: float, norm: Any, *, first: bool
 ) -> None:
     """Draw the tilts of one speed with the residual of the coils as arrows, and a scale for these."""
-    part, w = data.parts["tilt"], data.windows
-    z, r = np.asarray(w.mean_tilt)[group] / DEG, part.values[group]
-    chi2 = part.squares[group] / len(part.kind.rows)
+    w, part = data.windows, data.parts.get(COILS)
+    z = np.asarray(w.mean_tilt)[group] / DEG
+    shown = list(data.parts.values()) if part is None else [part]
+    chi2 = sum(own.squares[group] for own in shown) / sum(len(own.kind.rows) for own in shown)
     reach = 1.75 * max(float(np.abs(w.mean_tilt).max()) / DEG, 1.0)
     for radius in range(2, math.ceil(reach), 2):
         axes.add_patch(_circle(radius))
     axes.axhline(0.0, color=FAINT, linewidth=0.8, zorder=0)
     axes.axvline(0.0, color=FAINT, linewidth=0.8, zorder=0)
-    axes.quiver(
-        z.real, z.imag, r.real * scale, r.imag * scale, angles="xy", scale_units="xy", scale=1.0, width=0.007,
-        color=DARK, alpha=0.8, zorder=3,
-    )  # fmt: skip
+    if part is not None:
+        r = part.values[group]
+        axes.quiver(
+            z.real, z.imag, r.real * scale, r.imag * scale, angles="xy", scale_units="xy", scale=1.0, width=0.007,
+            color=DARK, alpha=0.8, zorder=3,
+        )  # fmt: skip
     axes.scatter(
         z.real, z.imag, c=np.maximum(chi2, 1.0), norm=norm, cmap=_colours(), s=55, edgecolors=TICK,
         linewidths=0.6, zorder=4,
@@ -137,6 +144,8 @@ def _plane(
     axes.set_xlabel("tilt about x, °")
     if first:
         axes.set_ylabel("tilt about y, °")
+    if part is None:
+        return
     length = _round_down(0.4 * reach / scale)
     name, unit = unit_for(length, "N·m")
     axes.plot([-0.92 * reach, -0.92 * reach + length * scale], [-0.9 * reach] * 2, color=DARK, linewidth=2.0)

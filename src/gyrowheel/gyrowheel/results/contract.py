@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 def comparison_json(found: Comparison) -> dict[str, Any]:
     """Return a comparison as a JSON object."""
-    raw = {name: found.raw_rms[name] for name in TORQUES}
+    raw = {name: found.raw_rms[name] for name in TORQUES if name in found.raw_rms}
     return {
         "schema": 1,
         "error": {"unit": "N·m", "before": found.error_before.to_json(), "raw": {"rms": raw}},

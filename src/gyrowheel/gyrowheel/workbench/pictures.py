@@ -18,7 +18,7 @@ from gyrowheel.text.sentences.events import event_sentence
 from gyrowheel.text.sentences.residuals import region_description, region_name
 from gyrowheel.workbench.decimation import Envelope
 from gyrowheel.workbench.desk import ROLES, Desk, Opened
-from gyrowheel_analysis.channels import CHANNELS
+from gyrowheel_analysis.channels import CHANNELS, COILS
 from gyrowheel_analysis.reduction.groups import UPRIGHT, octants
 from gyrowheel_analysis.residuals.maps import VARIABLES, Cell, residual_map
 from gyrowheel_analysis.residuals.regions import regions
@@ -174,8 +174,10 @@ def windows(desk: Desk) -> dict[str, Any] | None:
     if found is None:
         return None
     data, keys = found.details.data, [own.key for own in desk.opened.values() if own.role == ROLES[0]]
-    w, tilt = data.windows, data.parts["tilt"]
-    unit = unit_for(float(np.median(np.abs(tilt.values))), "N·m")
+    w, tilt = data.windows, data.parts.get(COILS)
+    # without both coil voltages the coils have no residual
+    values = np.zeros(len(w), dtype=complex) if tilt is None else tilt.values
+    unit = unit_for(float(np.median(np.abs(values))), "N·m")
     return {
         "recording": [keys[int(k)] for k in data.recording],
         "start": w.start.tolist(),
@@ -183,8 +185,9 @@ def windows(desk: Desk) -> dict[str, Any] | None:
         "speed": (w.mean_spin / RPM).round(1).tolist(),
         "tilt_x": (np.real(w.mean_tilt) / DEG).round(4).tolist(),
         "tilt_y": (np.imag(w.mean_tilt) / DEG).round(4).tolist(),
-        "residual_x": (np.real(tilt.values) / unit.size).tolist(),
-        "residual_y": (np.imag(tilt.values) / unit.size).tolist(),
+        "residual_x": (np.real(values) / unit.size).tolist(),
+        "residual_y": (np.imag(values) / unit.size).tolist(),
+        "of_coils": tilt is not None,
         "unit": unit.label,
         "chi2": {
             name: {"title": CHANNELS[name].title, "values": (part.squares / len(part.kind.rows)).tolist()}

@@ -8,13 +8,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_analysis.recording.sampling import LONGEST, SHORTEST
 from gyrowheel_core.errors import InputError
 
 Array = NDArray[np.float64]
 
-#: Sampling periods that a recording of a wheel can have [s].
-SHORTEST: Final = 5e-6
-LONGEST: Final = 0.05
 #: How far from the first row a time can be [s]: some three years.
 FARTHEST: Final = 1e8
 _AROUND: Final = 20  # rows before and after a gap by which its length is told

@@ -236,7 +236,11 @@ def _narrowed(
     sigma = np.concatenate(list(white))
     design, rows = regressors[turning] / sigma[:, None], residual[turning] / sigma
     precision = np.eye(design.shape[1]) + design.T @ design
-    root = np.linalg.cholesky(precision)
+    try:
+        root = np.linalg.cholesky(precision)
+    except np.linalg.LinAlgError:  # rows so large that the unit matrix is lost beside their squares
+        root = np.transpose(np.linalg.qr(np.vstack([np.eye(design.shape[1]), design]), mode="r"))
+        root = root * np.where(np.diag(root) < 0.0, -1.0, 1.0)
     mean = cho_solve((root, True), design.T @ rows)
     cost = float(rows @ rows - (design.T @ rows) @ mean + 2.0 * np.log(np.diag(root)).sum())
     spread = solve_triangular(root, np.eye(len(root)), lower=True).T

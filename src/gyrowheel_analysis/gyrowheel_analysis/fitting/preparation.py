@@ -19,6 +19,7 @@ from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.fitting.unknowns import Unknowns
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.recording import Recording
+from gyrowheel_analysis.recording.sampling import require_rate
 from gyrowheel_analysis.reduction import (
     NEEDED,
     Commanded,
@@ -143,8 +144,9 @@ def samples_of(recording: Recording, *, incomplete: bool = False) -> Samples:
     Raises
     ------
     InputError
-        If one that nothing can stand for was never measured.
+        If one that nothing can stand for was never measured, or the samples are too far apart.
     """
+    require_rate(recording)
     absent = unmeasured(recording.readings)
     if incomplete:
         if needed := lacking(recording.readings):
@@ -174,9 +176,17 @@ def samples_of(recording: Recording, *, incomplete: bool = False) -> Samples:
 def _commanded(recording: Recording) -> Commanded | None:
     """Return the coil voltages that were commanded; None if unknown.
 
-    A command that answers sample k acts from sample k + 1 to sample k + 2.
+    A command that answers sample k acts from sample k + 1 to sample k + 2. One that is no number changed nothing.
     """
     commands, samples = recording.command, recording.measurement["sequence"]
+    given = by_blocks(
+        len(commands),
+        lambda first, last: np.isfinite(
+            commands["coil_voltage_x"][first:last] + commands["coil_voltage_y"][first:last]
+        ),
+    )
+    if not all(block.all() for block in given):
+        commands = commands[np.concatenate(given)]
     if not len(commands) or len(commands) < len(samples) // 2:
         return None
     answered = commands["measurement_sequence"].astype(np.int64)

@@ -16,6 +16,7 @@ from gyrowheel_analysis.fitting.fit import Fit, Point
 from gyrowheel_analysis.fitting.noise import Noise
 from gyrowheel_analysis.fitting.prediction import Prediction
 from gyrowheel_analysis.fitting.terms import Term
+from gyrowheel_core.errors import InputError
 from gyrowheel_sim.effects import EffectValues
 
 Array = NDArray[np.float64]
@@ -150,6 +151,11 @@ def solve(objective: Objective, x: Array, nuisance_jacobian: Array, *, iteration
         Derivatives by the nuisance unknowns there, or nearby.
     iterations : int
         Steps at most.
+
+    Raises
+    ------
+    InputError
+        If derivatives are not finite: the readings are absurd.
     """
     count = objective.count
     taken_at = x[:count].copy()
@@ -176,6 +182,11 @@ def solve(objective: Objective, x: Array, nuisance_jacobian: Array, *, iteration
         if gain < _GAIN * max(1.0, 1e-3 * at.chi2):
             break
     scaled = linear.design / linear.size
+    if not np.isfinite(scaled).all():
+        raise InputError(
+            "the model cannot be fitted: at these readings its derivatives are not finite (gyrowheel info shows their "
+            "ranges)"
+        )
     covariance = np.linalg.pinv(scaled.T @ scaled, rcond=1e-13) / np.outer(linear.size, linear.size)
     return Fit(
         objective.terms,
@@ -199,6 +210,9 @@ def _linear(objective: Objective, at: Evaluated, nuisance_jacobian: Array) -> _S
     size = np.linalg.norm(design, axis=0)
     size[size == 0.0] = 1.0
     now = np.concatenate([at.white, -at.pull])
+    if not (np.isfinite(design).all() and np.isfinite(now).all()):
+        # absurd readings, or a bold step into nowhere: no direction is better than another
+        return _Step(jacobian, design, size, np.zeros(design.shape[1]), 0.0)
     step, *_ = np.linalg.lstsq(design / size, now, rcond=1e-12)
     then = now - (design / size) @ step
     return _Step(jacobian, design, size, step / size, float(now @ now - then @ then))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -23,7 +24,7 @@ from gyrowheel_core import topics, wire
 from gyrowheel_core.blocks import by_blocks
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.memory import picked
-from gyrowheel_core.readings import READINGS, Readings
+from gyrowheel_core.readings import READINGS, Readings, possible
 from gyrowheel_sim import environment as environments
 from gyrowheel_sim.environment import Environment
 
@@ -48,7 +49,7 @@ class Integrity:
     out_of_order : int
         Samples that follow a later one in the file; they are sorted.
     not_finite : int
-        Samples with a reading that is not a finite number.
+        Samples with a reading that is not a finite number, or no reading of any bench (`readings.POSSIBLE`).
     stalls : tuple of (float, float)
         Where the stamps go on much later although no sample is missing, so that the bench, or what samples it, stood
         still: start [s from the first sample] and length of each [s], in order.
@@ -79,7 +80,8 @@ class Recording:
     topics : dict of str to int
         Number of messages of every topic in it.
     measurement : structured ndarray, shape (n,)
-        ``stamp_ns`` and the fields of the Measurement message; n > 0, stamps and sequence strictly ascend.
+        ``stamp_ns`` and the fields of the Measurement message; n > 0, stamps and sequence strictly ascend. A value
+        that can be no reading (`readings.POSSIBLE`) is NaN, in commands and setpoints, too.
     command, setpoint, drag_estimate : structured ndarray
         ``stamp_ns`` and the fields of these messages; of length 0 where the recording has none.
     environment : list of Environment
@@ -148,8 +150,8 @@ class Recording:
             topics=counts,
             namespace=namespace,
             measurement=measurement,
-            command=_by_stamp(read[topics.COMMAND]),
-            setpoint=_by_stamp(read[topics.SETPOINT]),
+            command=_with_possible(_by_stamp(read[topics.COMMAND]), wire.COMMAND.fields),
+            setpoint=_with_possible(_by_stamp(read[topics.SETPOINT]), wire.SETPOINT.fields),
             drag_estimate=_by_stamp(read[topics.DRAG_ESTIMATE]),
             environment=_environment(texts(used[topics.ENVIRONMENT], where), start, where),
             bench_text=descriptions[-1] if descriptions else "",
@@ -248,13 +250,16 @@ def _in_order(samples: npt.NDArray[Any], where: str) -> tuple[npt.NDArray[Any], 
         _require_ascending(samples, where)
         looked = by_blocks(len(samples), lambda first, last: _Look.at(samples, first, last))
     gaps = [gap for look in looked for gap in look.gaps]
+    not_finite = sum(look.not_finite for look in looked)
+    if not_finite:
+        samples = _with_possible(samples, READINGS)
     return samples, Integrity(
         samples=len(samples),
         missing=sum(count for _, count in gaps),
         gaps=tuple(gaps),
         duplicates=total - len(samples),
         out_of_order=late,
-        not_finite=sum(look.not_finite for look in looked),
+        not_finite=not_finite,
         stalls=_stalls(samples, looked),
     )
 
@@ -278,7 +283,7 @@ class _Look:
         holes = np.flatnonzero(steps > 1)
         finite = np.ones(last - first, dtype=bool)
         for name in READINGS:
-            finite &= np.isfinite(samples[name][first:last])
+            finite &= possible(samples[name][first:last], name)
         return cls(
             ascending=bool(np.all(steps > 0) and np.all(between > 0)),
             gaps=list(zip((sequence[holes] + 1).tolist(), (steps[holes] - 1).tolist(), strict=True)),
@@ -317,6 +322,23 @@ def _by_stamp(rows: npt.NDArray[Any]) -> npt.NDArray[Any]:
     if _any_step(rows, lambda steps: steps < 0):
         rows = picked(rows, np.argsort(rows["stamp_ns"], kind="stable"))
     return _without_copies(rows)
+
+
+def _with_possible(rows: npt.NDArray[Any], names: Sequence[str]) -> npt.NDArray[Any]:
+    """Return rows with NaN in place of what can be no reading."""
+
+    def odd(name: str) -> bool:
+        column = rows[name]
+        return any(
+            by_blocks(len(rows), lambda first, last: not bool(np.all(possible(column[first:last], name))))
+        )
+
+    changed = [name for name in names if odd(name)]
+    if changed:
+        rows = rows.copy()
+    for name in changed:
+        rows[name][~possible(rows[name], name)] = math.nan
+    return rows
 
 
 def _without_copies(rows: npt.NDArray[Any]) -> npt.NDArray[Any]:

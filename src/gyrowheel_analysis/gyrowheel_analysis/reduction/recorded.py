@@ -5,12 +5,13 @@ from __future__ import annotations
 import itertools
 import math
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_analysis.recording.pauses import LONGEST as LONGEST_PAUSE
 from gyrowheel_analysis.recording.pauses import pauses
 from gyrowheel_analysis.reduction.coverage import Coverage
 from gyrowheel_analysis.reduction.instants import evened
@@ -18,7 +19,14 @@ from gyrowheel_analysis.reduction.loop_rate import loop_period
 from gyrowheel_analysis.reduction.motor_temperature import motor_temperatures
 from gyrowheel_analysis.reduction.quality import clipped_readings, readable, reading_noise
 from gyrowheel_analysis.reduction.samples import Array, Samples
-from gyrowheel_analysis.reduction.steady import LONGEST, SHORTEST, cone_window, steady_spans, window_count
+from gyrowheel_analysis.reduction.steady import (
+    LONGEST,
+    SHORTEST,
+    Span,
+    cone_window,
+    steady_spans,
+    window_count,
+)
 from gyrowheel_analysis.reduction.window_fit import FEWEST_SAMPLES, fit_window
 from gyrowheel_analysis.reduction.windows import DEGREE, MEAN, RISE, Windows
 from gyrowheel_sim.bench import Bench
@@ -61,7 +69,7 @@ def reduce_and_account(data: Samples, bench: Bench) -> tuple[Windows, Coverage]:
     if len(data.time):
         begin, end = max(float(data.time[0]) - h, data.part[0]), min(float(data.time[-1]), data.part[1])
         length = max(end - begin, 0.0)
-    paused = pauses(data.time)
+    recorded = data
     data, without, assumed = readable(data, bench)
     data = evened(data, h)
     rows: list[dict[str, Any]] = []
@@ -75,7 +83,8 @@ def reduce_and_account(data: Samples, bench: Bench) -> tuple[Windows, Coverage]:
         # samples that follow each other faster than the loop show a voltage more than once
         return fit_window(data, i, j, (h, min(h, loop), loop), bench, heat, noise)
 
-    for start, stop, segment, turn in _unbroken(steady_spans(data), paused):
+    spans = steady_spans(data)
+    for start, stop, segment, turn in _unbroken(spans, _without_samples(recorded, spans)):
         if stop <= start:
             continue  # a hold that ends before it has settled
         longest, last = LONGEST, 0.0
@@ -106,9 +115,19 @@ def reduce_and_account(data: Samples, bench: Bench) -> tuple[Windows, Coverage]:
     return Windows.of(rows), Coverage(length, used, dict(left_out), assumed)
 
 
-def _unbroken(
-    spans: list[tuple[float, float, int, float]], paused: Array
-) -> Iterator[tuple[float, float, int, float]]:
+def _without_samples(data: Samples, spans: Sequence[Span]) -> Array:
+    """Return the pauses between samples, and what lies long before the first or after the last one."""
+    found = pauses(data.time)
+    if not len(data.time):
+        return found
+    first, last = float(data.time[0]), float(data.time[-1])
+    early = any(start < first - LONGEST_PAUSE for start, *_ in spans)
+    late = any(stop > last + LONGEST_PAUSE for _, stop, *_ in spans)
+    before, after = [(-math.inf, first)] * early, [(last, math.inf)] * late
+    return np.concatenate([np.reshape(before, (-1, 2)), found, np.reshape(after, (-1, 2))])
+
+
+def _unbroken(spans: Sequence[Span], paused: Array) -> Iterator[Span]:
     """Yield the parts of steady motions between pauses; of a pause nobody knows whether it was steady."""
     for start, stop, segment, turn in spans:
         begin = start

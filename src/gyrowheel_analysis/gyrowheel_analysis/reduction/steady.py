@@ -23,9 +23,12 @@ FEWEST_REVOLUTIONS = 4  # of a window; with fewer, harmonics and slow motion are
 _ARC = 35.0 * DEG  # of a cone in one window
 _LEAST_TURN = FEWEST_REVOLUTIONS + 0.1  # revolutions in a window of a cone
 
+#: A steady motion: start, stop [s], segment, precession rate of the tilt [rad/s].
+Span = tuple[float, float, int, float]
 
-def steady_spans(data: Samples) -> list[tuple[float, float, int, float]]:
-    """Return the steady motions as (start, stop [s], segment, precession rate of the tilt [rad/s]).
+
+def steady_spans(data: Samples) -> list[Span]:
+    """Return the steady motions.
 
     They come from the setpoints if there are any, else from the motion itself; those outside the part of the recording
     that is looked at (`Samples.part`) are left out.
@@ -36,7 +39,7 @@ def steady_spans(data: Samples) -> list[tuple[float, float, int, float]]:
     return [span for span in clipped if span[1] > span[0]]
 
 
-def _spans_from_setpoints(data: Samples) -> list[tuple[float, float, int, float]]:
+def _spans_from_setpoints(data: Samples) -> list[Span]:
     sp, time = data.setpoint, data.setpoint_time
     steps = np.diff(time)
     step = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.005
@@ -59,7 +62,7 @@ def _spans_from_setpoints(data: Samples) -> list[tuple[float, float, int, float]
     return spans
 
 
-def _spans_from_motion(data: Samples) -> list[tuple[float, float, int, float]]:
+def _spans_from_motion(data: Samples) -> list[Span]:
     """Find steady motion without setpoints: tilt rate and spin acceleration change little over 0.25 s."""
     if len(data.time) < 2:
         return []

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_analysis.channels import COILS
 from gyrowheel_analysis.reduction import Windows
 from gyrowheel_analysis.reduction.groups import UPRIGHT, octants, speed_groups
 from gyrowheel_analysis.residuals.windows import WindowResiduals
@@ -180,9 +181,10 @@ def _cell(data: WindowResiduals, spans: dict[str, Span], mask: NDArray[np.bool_]
         squares += own
         chi2[name] = own / here.rows
     turned = None
-    z, tilt = np.asarray(data.windows.mean_tilt)[mask], data.parts["tilt"].at(mask)
+    z = np.asarray(data.windows.mean_tilt)[mask]
     tilted = np.abs(z) >= UPRIGHT
-    if tilted.any():
+    if tilted.any() and COILS in data.parts:
+        tilt = data.parts[COILS].at(mask)
         weight = tilt.weight[tilted]
         along = tilt.values[tilted] * np.conj(z[tilted]) / np.abs(z[tilted])
         turned = complex(np.sum(weight * along) / np.sum(weight))

@@ -9,6 +9,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from gyrowheel_analysis.recording import Recording
+from gyrowheel_analysis.recording.sampling import require_rate
 from gyrowheel_analysis.setups.air import air
 from gyrowheel_analysis.setups.blocks import (
     COIL,
@@ -46,6 +47,11 @@ def wrong_setups(recordings: Sequence[Recording], bench: Bench, *, mixed: bool =
         The bench as stated.
     mixed : bool
         Whether recordings of different machines are wanted; if not, their inertias must agree.
+
+    Raises
+    ------
+    InputError
+        If the samples of a recording are too far apart to say anything.
     """
     found, averaged = [], []
     # the matrices are small: several threads would only wait for each other
@@ -66,6 +72,7 @@ def of_one(recording: Recording, bench: Bench) -> list[WrongSetup]:
 
 def _judged(recording: Recording, bench: Bench) -> tuple[list[WrongSetup], Averages]:
     """Return the wrong setups of one recording, and its averages as they stand."""
+    require_rate(recording)
     absent = never_measured(recording)
     blocks = blocks_of(recording, absent=absent)
     now = averages(_at_rest(recording, blocks), absent)

@@ -38,12 +38,13 @@ export function showWhere(anew = false) {
   at("map").replaceChildren();
   at("chosen").replaceChildren();
   at("where-help").textContent = w
-    ? "Each point is a window of steady motion, each line the residual torque of the coils from the tilt at which it acts. " +
+    ? "Each point is a window of steady motion" +
+      (w.of_coils ? ", each line the residual torque of the coils from the tilt at which it acts. " : ". ") +
       "Choose points with a click or a box, by the arrow keys (right and left in time, down to less bad and up to worse, with Shift " +
       "more of them, Escape none), or a cell of the map below: their samples are shown above."
     : "Compare and diagnose first.";
   if (!w) return;
-  if (!(channel in w.chi2)) channel = "tilt";
+  if (!(channel in w.chi2)) [channel] = Object.keys(w.chi2);
   plane(w);
   map(w);
 }
@@ -58,7 +59,7 @@ function plane(w) {
   const size = Math.max(...w.residual_x.map((x, k) => Math.hypot(x, w.residual_y[k])), 1e-12);
   const reach = 1.2 * Math.max(...w.tilt_x.map((x, k) => Math.hypot(x, w.tilt_y[k])), 0.5);
   // what is noise alone is drawn short
-  const scale = ((Math.max(...w.chi2.tilt.values) > NOISE ? 0.3 : 0.08) * reach) / size;
+  const scale = ((Math.max(...(w.chi2.tilt?.values ?? [0])) > NOISE ? 0.3 : 0.08) * reach) / size;
   source = new Bokeh.ColumnDataSource({
     data: {
       x: w.tilt_x, y: w.tilt_y, speed: w.speed, chi2: chi2.map((v) => Math.max(v, 0.05)),
@@ -196,10 +197,10 @@ async function choosing(indices) {
   place.append(
     element("p", indices.length > 12 ? "The worst twelve of them:" : "Window by window:"),
     table([
-      [...(several ? ["recording"] : []), "time, s", "tilt x, °", "tilt y, °", "rpm", `residual x, ${w.unit}`, `residual y, ${w.unit}`, ...kinds.map((c) => `χ²/N ${c.title}`)],
+      [...(several ? ["recording"] : []), "time, s", "tilt x, °", "tilt y, °", "rpm", ...(w.of_coils ? [`residual x, ${w.unit}`, `residual y, ${w.unit}`] : []), ...kinds.map((c) => `χ²/N ${c.title}`)],
       ...sorted.slice(0, 12).map((k) => [
-        ...(several ? [name(k)] : []), w.start[k].toFixed(2), fixed(w.tilt_x[k], 2), fixed(w.tilt_y[k], 2), w.speed[k].toFixed(0), fixed(w.residual_x[k], 3),
-        fixed(w.residual_y[k], 3), ...kinds.map((c) => c.values[k].toFixed(1)),
+        ...(several ? [name(k)] : []), w.start[k].toFixed(2), fixed(w.tilt_x[k], 2), fixed(w.tilt_y[k], 2), w.speed[k].toFixed(0),
+        ...(w.of_coils ? [fixed(w.residual_x[k], 3), fixed(w.residual_y[k], 3)] : []), ...kinds.map((c) => c.values[k].toFixed(1)),
       ]),
     ]),
   );

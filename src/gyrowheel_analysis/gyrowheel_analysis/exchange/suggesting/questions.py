@@ -7,12 +7,12 @@ from typing import Final
 
 import numpy as np
 
-from gyrowheel_analysis.exchange.clock import LONGEST, SHORTEST
 from gyrowheel_analysis.exchange.map_file import TIMESTAMP
 from gyrowheel_analysis.exchange.naming import SEQUENCE, TIME, UNITS, named, unknown_unit
 from gyrowheel_analysis.exchange.suggesting.records import Problem, Proposal
 from gyrowheel_analysis.exchange.suggesting.sizes import guessed, holes, largest, usual_size
 from gyrowheel_analysis.exchange.suggesting.suspicious import merged, odd_cells, sentinel, suspicious
+from gyrowheel_analysis.recording.sampling import LONGEST, SHORTEST
 from gyrowheel_analysis.tables import Grid
 from gyrowheel_core.units import conversion
 from gyrowheel_sim.bench import Bench

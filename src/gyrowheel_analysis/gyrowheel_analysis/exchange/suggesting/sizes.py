@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.exchange.clock import LONGEST, SHORTEST
 from gyrowheel_analysis.exchange.naming import COIL_CURRENT, TIME, UNITS
 from gyrowheel_analysis.exchange.suggesting.records import Proposal
+from gyrowheel_analysis.recording.sampling import LONGEST, SHORTEST
 from gyrowheel_analysis.tables import Column, Grid
 from gyrowheel_core.units import conversion
 from gyrowheel_sim.bench import Bench

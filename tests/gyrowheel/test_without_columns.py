@@ -1,0 +1,130 @@
+"""Recordings that lack what a logger did not have, or hold what no bench can read: every verb answers, or refuses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import gyrowheel as gw
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.files import json_text
+
+PLAN = """\
+schema: 1
+name: short
+hold_s: 1.2
+segments:
+  - {spin_rpm: 3000, tilt_deg: [[0, 0], [2, 0], [0, 2], [-2, 0]]}
+  - {spin_rpm: 2900, tilt_deg: [[0, 0], [2, 0], [0, 2], [-2, 0]]}
+"""
+COILS = ("coil_voltage_x", "coil_voltage_y")
+MOTOR = ("motor_voltage", "motor_current")
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> gw.Recording:
+    folder = tmp_path_factory.mktemp("runs") / "run"
+    gw.simulate(PLAN, effects={"aero_cross": {}}, machine=6, folder=folder)
+    return gw.Recording.open(folder)
+
+
+def changed(run: gw.Recording, **values: Any) -> gw.Recording:
+    """Return the recording with some readings in place of its own, in all samples or from some sample on."""
+    measurement = run.data.measurement.copy()
+    for name, value in values.items():
+        measurement[name] = value
+    return gw.Recording(Path("run"), replace(run.data, measurement=measurement))
+
+
+def asked(run: gw.Recording) -> Iterator[tuple[str, Callable[[], Any]]]:
+    """Yield everything that can be asked of a recording."""
+    model = gw.Model("gyrowheel")
+    for verb in (gw.compare, gw.diagnose, gw.rate, gw.torques, gw.drag, gw.calibrate):
+        yield verb.__name__, lambda verb=verb: verb(run, model)  # type: ignore[operator]
+    yield "add", lambda: model.add("aero_cross", fit=run)
+
+
+@pytest.mark.parametrize("absent", [COILS, COILS[:1], MOTOR, (*COILS, "motor_current")], ids="+".join)
+def test_every_verb_answers_or_refuses_where_columns_are_missing(
+    run: gw.Recording, absent: tuple[str, ...]
+) -> None:
+    less = changed(run, **dict.fromkeys(absent, np.nan))
+    answered = []
+    for name, ask in asked(less):
+        try:
+            found = ask()
+        except InputError:  # anything else fails
+            continue
+        answered.append(name)
+        assert json_text(found.to_dict())
+        assert str(found)
+        if name == "compare":
+            assert found.plot().axes
+    assert {"compare", "diagnose", "add"} <= set(answered)
+
+
+def test_without_the_voltages_of_the_coils_nothing_is_said_of_their_torque(run: gw.Recording) -> None:
+    model = gw.Model("gyrowheel")
+    found = gw.compare(changed(run, **dict.fromkeys(COILS, np.nan)), model).to_dict()
+    assert set(found["error"]["raw"]["rms"]) == {"spin"}
+    assert not any(name.startswith("tilt") for name in found["channels"])
+    calibrated = gw.calibrate(changed(run, **dict.fromkeys(COILS, np.nan)), model).details
+    assert "coil_constant" in calibrated.undetermined
+
+
+def test_an_impossible_reading_counts_as_one_that_was_not_taken(run: gw.Recording, tmp_path: Path) -> None:
+    """A logger writes 1e30, or zero kelvin, where a sensor gives nothing."""
+    from gyrowheel_analysis.recording import write_run
+    from gyrowheel_core import wire
+    from gyrowheel_sim.environment import to_json
+
+    data = run.data
+    readings = data.readings.array.copy()
+    names = list(wire.MEASUREMENT.fields)
+    readings[2000:2100, names.index("tilt_x")] = 1e30
+    readings[9000:12000, names.index("air_temperature")] = 0.0
+    commands = np.column_stack([data.command[name] for name in wire.COMMAND.fields])
+    commands[500:600] = -3e38
+    write_run(
+        tmp_path / "odd",
+        readings,
+        commands,
+        data.setpoint,
+        to_json(data.environment),
+        data.bench_text,
+        sample_period=5e-4,
+    )
+    odd = gw.Recording.open(tmp_path / "odd")
+    assert odd.info.integrity.not_finite == 3100
+    assert np.isnan(odd.data.measurement["tilt_x"][2000:2100]).all()
+    assert np.isnan(odd.data.command["coil_voltage_x"][500:600]).all()
+    model = gw.Model("gyrowheel")
+    own, whole = (gw.compare(each, model).to_dict()["channels"] for each in (odd, run))
+    for name, channel in whole.items():
+        assert own[name]["rms"] == pytest.approx(channel["rms"], rel=0.3)
+    assert {effect.name for effect in gw.diagnose(odd, model).effects} == {"aero_cross"}
+
+
+def test_a_recording_of_a_few_samples_a_second_is_refused(run: gw.Recording) -> None:
+    slow = changed(run, stamp_ns=run.data.measurement["stamp_ns"] * 200)
+    for verb in (gw.compare, gw.diagnose, gw.rate):
+        with pytest.raises(InputError, match=r"a sample every 100 ms; allowed: 0\.005 \.\. 50 ms"):
+            verb(slow, gw.Model("gyrowheel"))
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@pytest.mark.parametrize("name", MOTOR)
+def test_readings_beyond_all_measure_leave_no_traceback(run: gw.Recording, name: str) -> None:
+    """Where numbers overflow in the fit, it stays where it is, or says so."""
+    for factor in (1e4, 1e6):
+        odd = changed(run, **{name: run.data.measurement[name] * factor})
+        try:
+            found = gw.compare(odd, gw.Model("gyrowheel")).to_dict()
+        except InputError:
+            continue
+        assert json_text(found)
