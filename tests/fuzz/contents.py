@@ -185,8 +185,8 @@ def contents(rng: random.Random, folder: Path) -> Iterator[Case]:
     model = gw.Model("gyrowheel")
     verbs: dict[str, Callable[[gw.Recording], Any]] = {
         "compare": lambda own: gw.compare(own, model).to_dict(),
-        # each of its steps has the time of an input
-        "diagnose": lambda own: gw.diagnose(own, model, progress=lambda _: begin_again()).to_dict(),
+        # where much is wrong at once, it looks for all of it: half a minute
+        "diagnose": lambda own: gw.diagnose(own, model, progress=lambda _: begin_again(6.0)).to_dict(),
         "rate": lambda own: gw.rate(own, model).to_dict(),
         "torques": lambda own: gw.torques(own, model).to_dict(),
         "drag": lambda own: gw.drag(own, model).to_dict(),

@@ -178,10 +178,13 @@ def _set_timers(processor: float, clock: float) -> None:
     signal.setitimer(signal.ITIMER_REAL, clock)
 
 
-def begin_again() -> None:
-    """Give what follows the whole time of an input: for a use that does its work a second time, to compare."""
+def begin_again(times: float = 1.0) -> None:
+    """Give what follows the whole time of an input, or some times as much.
+
+    For a use that does its work a second time, to compare, and for one that is known to be long.
+    """
     if signal.getitimer(signal.ITIMER_REAL)[0] > 0.0:
-        _set_timers(PATIENCE, WAIT)
+        _set_timers(times * PATIENCE, times * WAIT)
 
 
 def smallest(failure: Failure, seconds: float = 20.0) -> bytes:

@@ -232,7 +232,7 @@ def test_a_time_that_no_recording_reaches(odd: str, tmp_path: Path) -> None:
     last = odd + rows[-1][rows[-1].index(",") :]
     table.write_text("\n".join([first, *rows[:-1], last]), encoding="utf-8")
     with pytest.raises(
-        InputError, match=r"column 't_ms', row 41: .* s from the first row; allowed: up to 1e\+08 s"
+        InputError, match=r"column 't_ms', line 41: .* s from the first row; allowed: up to 1e\+08 s"
     ):
         import_table(table, ColumnMap.load(tmp_path / "map.yaml"), tmp_path / "run")
     assert not (tmp_path / "run").exists()

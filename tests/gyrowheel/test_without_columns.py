@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -44,8 +45,16 @@ def changed(run: gw.Recording, **values: Any) -> gw.Recording:
 def asked(run: gw.Recording) -> Iterator[tuple[str, Callable[[], Any]]]:
     """Yield everything that can be asked of a recording."""
     model = gw.Model("gyrowheel")
-    for verb in (gw.compare, gw.diagnose, gw.rate, gw.torques, gw.drag, gw.calibrate):
-        yield verb.__name__, lambda verb=verb: verb(run, model)  # type: ignore[operator]
+    verbs: tuple[Callable[..., Any], ...] = (
+        gw.compare,
+        gw.diagnose,
+        gw.rate,
+        gw.torques,
+        gw.drag,
+        gw.calibrate,
+    )
+    for verb in verbs:
+        yield verb.__name__, functools.partial(verb, run, model)
     yield "add", lambda: model.add("aero_cross", fit=run)
 
 

@@ -8,6 +8,7 @@ import itertools
 import os
 import re
 import sys
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, TextIO, cast
@@ -40,6 +41,8 @@ Fraction = Callable[[float], None]
 def run(app: typer.Typer, arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code; errors of the user become one line on stderr."""
     given = list(sys.argv[1:] if arguments is None else arguments)
+    # of numbers that overflow where readings are absurd: what comes of it is in the result
+    warnings.filterwarnings("ignore", category=RuntimeWarning)
     _open_standard_streams()
     try:
         _refuse_empty(given)

@@ -93,7 +93,7 @@ def integrity_text(found: Integrity, whole: str = "") -> str:
         "missing": found.missing,
         "duplicate": found.duplicates,
         "out of order": found.out_of_order,
-        "not finite": found.not_finite,
+        "not finite or impossible": found.not_finite,
     }
     text = ", ".join(f"{n} {what}" for what, n in counts.items() if n) or whole or "complete"
     if found.stalls:
