@@ -109,9 +109,12 @@ def test_an_impossible_reading_counts_as_one_that_was_not_taken(run: gw.Recordin
         sample_period=5e-4,
     )
     odd = gw.Recording.open(tmp_path / "odd")
-    assert odd.info.integrity.not_finite == 3100
+    assert odd.info.integrity.not_finite == 100
     assert np.isnan(odd.data.measurement["tilt_x"][2000:2100]).all()
     assert np.isnan(odd.data.command["coil_voltage_x"][500:600]).all()
+    assert np.array_equal(
+        odd.data.measurement["air_temperature"], readings[:, names.index("air_temperature")]
+    )
     model = gw.Model("gyrowheel")
     own, whole = (gw.compare(each, model).to_dict()["channels"] for each in (odd, run))
     for name, channel in whole.items():
@@ -137,3 +140,26 @@ def test_readings_beyond_all_measure_leave_no_traceback(run: gw.Recording, name:
         except InputError:
             continue
         assert json_text(found)
+
+
+def test_a_gauge_below_nothing_and_degrees_below_zero_are_readings(run: gw.Recording, tmp_path: Path) -> None:
+    """The bias of a gauge shows in a vacuum, and a cold room in degrees Celsius is still told by its unit."""
+    from gyrowheel_analysis.recording import Recording, RecordingWriter
+    from gyrowheel_analysis.setups.find import wrong_setups
+    from gyrowheel_core import topics, wire
+    from gyrowheel_sim.bench import Bench
+
+    rows = wire.MEASUREMENT.array(len(run.data.measurement))
+    stamps = run.data.measurement["stamp_ns"]
+    wire.MEASUREMENT.set_stamps(rows, stamps)
+    for name in ("sequence", *wire.MEASUREMENT.fields):
+        rows[name] = run.data.measurement[name]
+    rows["air_pressure"] = -30.0
+    rows["air_temperature"] = -8.0
+    with RecordingWriter(tmp_path / "cold") as writer:
+        writer.write_columns([(topics.MEASUREMENT, stamps, rows)])
+    cold = Recording.open(tmp_path / "cold")
+    assert cold.integrity().complete
+    assert np.all(cold.readings.air_pressure == -30.0)
+    (wrong,) = wrong_setups([cold], Bench.load())
+    assert (wrong.kind, wrong.columns, wrong.unit) == ("unit", ("air_temperature",), "deg C")

@@ -168,8 +168,12 @@ def calibrate(
             drift_scales=problem.noise.scales,
         )
     white = problem.noise.whiten(fit.residual)
-    shown = [name for name in ("tilt_x", "tilt_y") if all(name in own.rows for own in problem.balances)]
-    tilt = [part for name in shown for part in channel_parts(problem.balances, white, name)]
+    tilt = [
+        part
+        for name in ("tilt_x", "tilt_y")
+        for part in channel_parts(problem.balances, white, name)
+        if len(part)
+    ]
     chi2 = float(np.mean(np.concatenate(tilt) ** 2)) if tilt else 1.0
     widened = _widened(chi2)
     constants, undetermined = {}, {}

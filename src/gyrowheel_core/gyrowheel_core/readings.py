@@ -16,8 +16,8 @@ Array = NDArray[np.float64]
 READINGS: Final = wire.MEASUREMENT.fields
 #: Beyond this no value of a bench is one, whatever its unit [SI].
 LARGEST: Final = 1e12
-#: Between which values a reading can be one, even in a wrong unit such as degrees or millivolts [SI]. Loggers write
-#: 1e30 and the like for one that is missing, or zero for a temperature.
+#: Between which values a reading can be one, even in a wrong unit such as degrees, millivolts or degrees Celsius [SI].
+#: Loggers write 1e30 and the like for one that is missing. A gauge may read less than nothing in a vacuum.
 POSSIBLE: Final = {
     "tilt_x": (-1e6, 1e6),
     "tilt_y": (-1e6, 1e6),
@@ -27,9 +27,9 @@ POSSIBLE: Final = {
     "coil_voltage_y": (-1e7, 1e7),
     "motor_voltage": (-1e7, 1e7),
     "motor_current": (-1e7, 1e7),
-    "coil_temperature": (1.0, 1e5),
-    "air_temperature": (1.0, 1e5),
-    "air_pressure": (0.0, 1e9),
+    "coil_temperature": (-1e5, 1e5),
+    "air_temperature": (-1e5, 1e5),
+    "air_pressure": (-1e9, 1e9),
 }
 _PLACES: Final = {name: place for place, name in enumerate(READINGS)}
 

@@ -17,14 +17,17 @@ def main() -> int:
     if len(sys.argv) < 2:
         sys.stderr.write("usage: python3 -m gyrowheel_core.start_node MODULE ARGUMENTS\n")
         return 2
-    interrupted = signal.getsignal(signal.SIGINT)
-    if interrupted is signal.default_int_handler:  # not where the parent has it ignored
+    usual = (
+        signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    )  # not where the parent has it ignored
+    if usual:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     gc.disable()
     run = import_module(sys.argv.pop(1)).main
     gc.freeze()
     gc.enable()
-    signal.signal(signal.SIGINT, interrupted)
+    if usual and signal.getsignal(signal.SIGINT) is signal.SIG_DFL:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     code: int = run()
     return code
 

@@ -23,7 +23,7 @@ _BESIDE = 3  # windows at least before and after a burst
 _PRICE: dict[Kind, float] = {"step": 0.0, "burst": 3.0, "trend": 3.0, "swing": 3.0}
 _FASTEST = 20.0  # s; shortest period of a swing: tilt and speed of a plan change faster
 _FEWEST_SWINGS = 1.5
-_PAUSE = 600.0  # s between windows that no plan leaves
+_PAUSE = 3600.0  # s between windows that no plan leaves
 _PHASES = 6  # of a swing, over half a period
 _WARMER = 0.3  # K by which a temperature must change to show anything
 #: Times in which a torque that follows the tilt may relax [s].

@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 from gyrowheel_analysis.recording.metadata import METADATA_FILE, read_metadata
 from gyrowheel_analysis.recording.publishers import ENTRY, Publisher, from_text
 from gyrowheel_analysis.recording.reader import Integrity, Recording
+from gyrowheel_analysis.recording.sampling import usual_step
 from gyrowheel_core.blocks import by_blocks
 
 _HOLD = 1  # Setpoint.HOLD
+_SAME_RATE = 0.1
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,7 @@ class RecordingInfo:
     duration : float
         From the first to the last sample [s].
     rate : float
-        Samples per second while the bench ran, missing ones counted [1/s]; 0 for a single sample.
+        Samples per second, gaps not counted [1/s]; 0 for a single sample.
     topics : dict of str to int
         Number of messages of every topic.
     integrity : Integrity
@@ -110,8 +112,6 @@ def info(source: str | Path | Recording) -> RecordingInfo:
     """
     recording = source if isinstance(source, Recording) else Recording.open(source)
     samples, faults = recording.measurement, recording.integrity()
-    steps = len(samples) - 1 + faults.missing
-    ran = recording.duration - sum(length for _, length in faults.stalls)
     holds = _holds(recording)
     path = recording.path
     files = [path] if path.is_file() else [file for file in path.rglob("*") if file.is_file()]
@@ -120,7 +120,7 @@ def info(source: str | Path | Recording) -> RecordingInfo:
         size=sum(file.stat().st_size for file in files),
         bench=recording.carried_bench[0] if recording.carried_bench else "",
         duration=recording.duration,
-        rate=steps / ran if steps else 0.0,
+        rate=_rate(recording),
         topics=recording.topics,
         integrity=faults,
         segments=len({hold.segment for hold in holds}),
@@ -133,6 +133,16 @@ def info(source: str | Path | Recording) -> RecordingInfo:
         namespace=recording.namespace,
         publishers=_publishers(path),
     )
+
+
+def _rate(recording: Recording) -> float:
+    """Return the samples per second; 0 for a single one."""
+    steps = len(recording.measurement) - 1 + recording.integrity().missing
+    if not steps:
+        return 0.0
+    mean, usual = steps / recording.duration, 1.0 / usual_step(recording)
+    # a bench that stood still for long has the rate at which it ran
+    return mean if abs(mean / usual - 1.0) < _SAME_RATE else usual
 
 
 def _publishers(path: Path) -> tuple[Publisher, ...]:

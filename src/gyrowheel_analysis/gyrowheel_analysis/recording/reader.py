@@ -325,19 +325,25 @@ def _by_stamp(rows: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def _with_possible(rows: npt.NDArray[Any], names: Sequence[str]) -> npt.NDArray[Any]:
-    """Return rows with NaN in place of what can be no reading."""
+    """Return rows with NaN in place of what can be no reading; the same ones where there is nothing to change."""
+
+    def impossible(name: str, first: int, last: int) -> npt.NDArray[np.bool_]:
+        values = rows[name][first:last]
+        return ~(possible(values, name) | np.isnan(values))
 
     def odd(name: str) -> bool:
-        column = rows[name]
-        return any(
-            by_blocks(len(rows), lambda first, last: not bool(np.all(possible(column[first:last], name))))
-        )
+        return any(by_blocks(len(rows), lambda first, last: bool(impossible(name, first, last).any())))
 
     changed = [name for name in names if odd(name)]
-    if changed:
+    if changed and not rows.flags.writeable:
         rows = rows.copy()
-    for name in changed:
-        rows[name][~possible(rows[name], name)] = math.nan
+
+    def change(first: int, last: int) -> None:
+        for name in changed:
+            rows[name][first:last][impossible(name, first, last)] = math.nan
+
+    if changed:
+        by_blocks(len(rows), change)
     return rows
 
 

@@ -17,6 +17,11 @@ LONGEST: Final = 0.05
 _LOOKED_AT: Final = 100_001  # samples
 
 
+def usual_step(recording: Recording) -> float:
+    """Return the usual time from one sample to the next [s], of two samples at least."""
+    return 1e-9 * float(np.median(np.diff(recording.measurement["stamp_ns"][:_LOOKED_AT])))
+
+
 def require_rate(recording: Recording) -> None:
     """Refuse a recording whose samples are too far apart, or too close, for any analysis.
 
@@ -25,10 +30,9 @@ def require_rate(recording: Recording) -> None:
     InputError
         If they are.
     """
-    stamps = recording.measurement["stamp_ns"][:_LOOKED_AT]
-    if len(stamps) < 2:
+    if len(recording.measurement) < 2:
         return
-    step = 1e-9 * float(np.median(np.diff(stamps)))
+    step = usual_step(recording)
     if not SHORTEST <= step <= LONGEST:
         raise InputError(
             f"{recording.path}: a sample every {1e3 * step:.6g} ms; allowed: {1e3 * SHORTEST:g} .. {1e3 * LONGEST:g} ms"

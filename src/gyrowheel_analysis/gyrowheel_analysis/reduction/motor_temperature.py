@@ -77,6 +77,8 @@ def _steps(numbers: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.in
         return np.ones(count, dtype=np.int64), numbers
     ahead = np.diff(numbers)
     at = np.flatnonzero(ahead > _PAUSE + 1)
+    if not len(at):
+        return np.ones(count, dtype=np.int64), numbers
     joined = ahead[at] - _PAUSE - 1  # steps that are one block
     fewer = np.zeros_like(numbers)
     fewer[at + 1] = joined - 1
@@ -124,6 +126,8 @@ def interpolated(time: Array, values: Array, when: float) -> Array:
     before = max(int(np.searchsorted(time, when, side="right")) - 1, 0)
     left_out = time[before] - (time[0] + _THERMAL_STEP * before)  # of pauses
     place = float(np.clip((when - left_out - time[0]) / _THERMAL_STEP, 0.0, len(time) - 1.0))
+    if before + 1 < len(time) and (length := time[before + 1] - time[before]) > 1.5 * _THERMAL_STEP:
+        place = before + float(np.clip((when - time[before]) / length, 0.0, 1.0))  # in a pause
     low = min(int(place), max(len(time) - 2, 0))
     high = min(low + 1, len(time) - 1)
     return np.asarray(values[low] + (place - low) * (values[high] - values[low]))

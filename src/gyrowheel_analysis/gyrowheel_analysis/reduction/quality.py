@@ -37,6 +37,7 @@ _NOISE_SHOWN_BY: dict[str, tuple[str, ...]] = {
 READING_NOISES = tuple(_NOISE_SHOWN_BY)
 #: Readings that a sensor clips at the end of its range.
 _CLIPPED = ("tilt_x", "tilt_y", "spin_rate", "motor_current")
+_FROZEN = 1.0  # K
 _NOISE_BLOCKS = (256, 64)  # samples; short blocks where many samples are lost
 _MOST_BLOCKS = 400
 _FEWEST_BLOCKS = 20
@@ -73,6 +74,7 @@ def readable(data: Samples, bench: Bench) -> tuple[Samples, Array, tuple[str, ..
     assumed : tuple of str
         Quantities that were never measured, and what is assumed instead.
     """
+    data = _without_frozen(data)
     finite = np.isfinite(data.readings.array)
     said = origins_in_words(data.origins)
     if finite.all() and not data.summed:
@@ -111,6 +113,17 @@ def readable(data: Samples, bench: Bench) -> tuple[Samples, Array, tuple[str, ..
         commanded=None if data.commanded is None else data.commanded[whole],
     )
     return read, data.time[~whole], (*in_words(data.absent), *said, *assumed)
+
+
+def _without_frozen(data: Samples) -> Samples:
+    """Return a recording without temperatures near absolute zero: some loggers write 0 where a sensor gives nothing."""
+    frozen = {name: data.readings[name] < _FROZEN for name in ("coil_temperature", "air_temperature")}
+    if not any(where.any() for where in frozen.values()):
+        return data
+    readings = data.readings.copy()
+    for name, where in frozen.items():
+        readings[name][where] = math.nan
+    return replace(data, readings=readings)
 
 
 def reading_noise(data: Samples, bench: Bench) -> Array:

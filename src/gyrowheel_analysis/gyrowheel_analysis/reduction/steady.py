@@ -55,7 +55,7 @@ def _spans_from_setpoints(data: Samples) -> list[Span]:
         settling = SPIN_SETTLING if changed else SETTLING
         speed = math.hypot(sp["tilt_rate_x"][a], sp["tilt_rate_y"][a])
         radius = math.hypot(sp["tilt_x"][a], sp["tilt_y"][a])
-        turn = speed / radius if radius > 0.0 else 0.0
+        turn = speed / radius if radius > 0.0 and math.isfinite(speed / radius) else 0.0
         if changed and turn > 0.0:
             settling += CONE_SETTLING
         spans.append((float(time[a]) + settling, float(time[b - 1]) + step, int(sp["segment"][a]), turn))

@@ -181,11 +181,11 @@ def channel_values(balances: Sequence[Balance], rows: Array, row: str) -> Array:
 
 
 def channel_parts(balances: Sequence[Balance], rows: Array, row: str) -> list[Array]:
-    """Return the rows of one channel of `Balance`, an array a recording."""
+    """Return the rows of one channel of `Balance`, an array a recording; of length 0 for one that lacks it."""
     parts, at = [], 0
     for balance in balances:
         own = rows[at : at + len(balance)]
-        parts.append(own[balance.row(row)])
+        parts.append(own[balance.row(row)] if row in balance.rows else own[:0])
         at += len(balance)
     return parts
 

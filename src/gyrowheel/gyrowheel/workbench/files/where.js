@@ -44,7 +44,7 @@ export function showWhere(anew = false) {
       "more of them, Escape none), or a cell of the map below: their samples are shown above."
     : "Compare and diagnose first.";
   if (!w) return;
-  if (!(channel in w.chi2)) [channel] = Object.keys(w.chi2);
+  if (!(channel in w.chi2)) channel = w.of_coils ? "tilt" : Object.keys(w.chi2)[0];
   plane(w);
   map(w);
 }

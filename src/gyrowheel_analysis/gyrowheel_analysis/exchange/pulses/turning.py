@@ -153,6 +153,7 @@ def _speed_of(time: Array, when: Array, within: Array, pulses: int) -> Array:
     place = number * (TURN / pulses)
     # the steps around every row, of which a pause has none
     steps = np.floor((np.clip(time, when[0], when[-1]) - when[0]) / _STEP)
+    steps = steps[np.concatenate([[True], np.diff(steps) != 0.0])]
     at = when[0] + _STEP * np.unique(np.concatenate([steps, steps + 1.0]))
     rates = np.empty(len(at))
     for k, now in enumerate(at):
