@@ -40,7 +40,7 @@ _PREFERRED = 6.0  # likelihood by which a quantity must be better than a simpler
 _ROUNDS = 3  # of selecting effects beside events and looking for events beside effects
 _SAME = 1.0  # s; an event that moves by less is the same
 _FINE = 0.1  # s between the edges that are tried within windows
-_TIMES = 1000  # at most that are tried for an edge
+_TIMES = 10_000  # at most that are tried for an edge
 _ENDS = 25  # times that are tried for each end of a trend
 _SHORTEST = 2.0  # s, of a trend
 #: Errors of the windows' time within which the samples are searched for it, and the most [s].
