@@ -16,28 +16,27 @@ Array = NDArray[np.float64]
 READINGS: Final = wire.MEASUREMENT.fields
 #: Beyond this no value of a bench is one, whatever its unit [SI].
 LARGEST: Final = 1e12
-#: Between which values a reading can be one, even in a wrong unit such as degrees, millivolts or degrees Celsius [SI].
-#: Loggers write 1e30 and the like for one that is missing. A gauge may read less than nothing in a vacuum.
+#: The largest size that a reading can have, even in a wrong unit such as degrees, millivolts or degrees Celsius [SI].
+#: Loggers write 1e30 and the like for one that is missing.
 POSSIBLE: Final = {
-    "tilt_x": (-1e6, 1e6),
-    "tilt_y": (-1e6, 1e6),
-    "spin_angle": (-LARGEST, LARGEST),
-    "spin_rate": (-1e7, 1e7),
-    "coil_voltage_x": (-1e7, 1e7),
-    "coil_voltage_y": (-1e7, 1e7),
-    "motor_voltage": (-1e7, 1e7),
-    "motor_current": (-1e7, 1e7),
-    "coil_temperature": (-1e5, 1e5),
-    "air_temperature": (-1e5, 1e5),
-    "air_pressure": (-1e9, 1e9),
+    "tilt_x": 1e6,
+    "tilt_y": 1e6,
+    "spin_angle": LARGEST,
+    "spin_rate": 1e7,
+    "coil_voltage_x": 1e7,
+    "coil_voltage_y": 1e7,
+    "motor_voltage": 1e7,
+    "motor_current": 1e7,
+    "coil_temperature": 1e5,
+    "air_temperature": 1e5,
+    "air_pressure": 1e9,
 }
 _PLACES: Final = {name: place for place, name in enumerate(READINGS)}
 
 
 def possible(values: NDArray[np.float64], name: str) -> NDArray[np.bool_]:
     """Return which values can be readings of a quantity, see `POSSIBLE`; of others, which are finite and not absurd."""
-    low, high = POSSIBLE.get(name, (-LARGEST, LARGEST))
-    return (values >= low) & (values <= high)
+    return np.asarray(np.abs(values) <= POSSIBLE.get(name, LARGEST))
 
 
 class _Column:

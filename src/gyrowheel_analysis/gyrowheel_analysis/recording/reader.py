@@ -331,10 +331,11 @@ def _with_possible(rows: npt.NDArray[Any], names: Sequence[str]) -> npt.NDArray[
         values = rows[name][first:last]
         return ~(possible(values, name) | np.isnan(values))
 
-    def odd(name: str) -> bool:
-        return any(by_blocks(len(rows), lambda first, last: bool(impossible(name, first, last).any())))
+    def odd(first: int, last: int) -> set[str]:
+        doubtful = [name for name in names if not possible(rows[name][first:last], name).all()]
+        return {name for name in doubtful if impossible(name, first, last).any()}
 
-    changed = [name for name in names if odd(name)]
+    changed = set[str]().union(*by_blocks(len(rows), odd))
     if changed and not rows.flags.writeable:
         rows = rows.copy()
 
