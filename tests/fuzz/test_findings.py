@@ -26,7 +26,7 @@ from gyrowheel_sim.environment import from_json
 
 from ..domains import next_domain
 from .nodes import Listening
-from .recordings import messages
+from .recordings import messages, originals
 from .tables import text_table
 from .texts import MAP
 
@@ -236,3 +236,15 @@ def test_a_time_that_no_recording_reaches(odd: str, tmp_path: Path) -> None:
     ):
         import_table(table, ColumnMap.load(tmp_path / "map.yaml"), tmp_path / "run")
     assert not (tmp_path / "run").exists()
+
+
+def test_a_database_whose_tables_ask_for_any_memory(tmp_path: Path) -> None:
+    """SQLite refuses such a length before it takes the memory; that is damage, and no lack of memory."""
+    whole = originals(tmp_path / "originals")
+    (folder,) = [own.folder for own in whole if own.folder.name == "sqlite3 plain"]
+    (file,) = folder.glob("*.db3")
+    data = bytearray(file.read_bytes())
+    data[1017:3021] = b"\xff" * 2004
+    file.write_bytes(data)
+    with pytest.raises(InputError, match="damaged: its description of the tables asks"):
+        Recording.open(folder)

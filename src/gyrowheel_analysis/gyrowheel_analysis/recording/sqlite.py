@@ -82,7 +82,7 @@ def read_database(
         raise InputError(f"{file}: {why}")
     try:
         with _opened(file, content) as database:
-            _check(database, file)
+            _check_within_memory(database, file)
             topics = _topics(database, file)
             _read(database, file, topics, wanted, unpack)
     except sqlite3.Error as error:
@@ -122,6 +122,16 @@ def _address(file: Path) -> str:
     logs = (file.with_name(f"{file.name}{end}") for end in ("-wal", "-journal"))
     is_open = any(is_file(log) and log.stat().st_size for log in logs)
     return f"{file.absolute().as_uri()}?mode=ro{'' if is_open else '&immutable=1'}"
+
+
+def _check_within_memory(database: sqlite3.Connection, file: Path) -> None:
+    """Check the tables; lengths in a damaged file may ask for any memory, which SQLite refuses before it takes it."""
+    try:
+        _check(database, file)
+    except MemoryError:
+        raise InputError(
+            f"{file}: damaged: its description of the tables asks for more memory than there is"
+        ) from None
 
 
 def _check(database: sqlite3.Connection, file: Path) -> None:
