@@ -18,7 +18,7 @@ from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.rate_sensor import rates
 from gyrowheel_analysis.recording import Recording, write_run
 from gyrowheel_analysis.recording.info import info
-from gyrowheel_analysis.recording.pauses import LONGEST, pauses
+from gyrowheel_analysis.recording.pauses import PAUSE, pauses
 from gyrowheel_analysis.reduction import Samples, motor_temperatures
 from gyrowheel_analysis.reduction.motor_temperature import interpolated
 from gyrowheel_analysis.setups.find import wrong_setups
@@ -38,7 +38,7 @@ steps = st.lists(st.sampled_from([5e-4, 0.01, 59.0, 61.0, 1e5, DECADES]), min_si
 @given(steps)
 def test_pauses_are_found_wherever_they_are(between: list[float]) -> None:
     time = np.concatenate([[0.0], np.cumsum(between)])
-    at = np.flatnonzero(np.diff(time) > LONGEST)
+    at = np.flatnonzero(np.diff(time) > PAUSE)
     assert np.array_equal(pauses(time), np.column_stack([time[at], time[at + 1]]))
 
 
@@ -53,7 +53,7 @@ def test_a_shortened_clock_goes_on_by_whole_steps_and_comes_back(between: list[f
     own = Shortened.of(time, 0.02)
     short = own.without(time)
     assert np.all(np.diff(short) >= 0.0)
-    assert np.diff(short).max() <= LONGEST + 0.05
+    assert np.diff(short).max() <= PAUSE + 0.05
     late = (time - short) / 0.02
     assert late == pytest.approx(np.round(late), abs=1e-3)
     assert own.recorded(short) == pytest.approx(time, abs=1e-5)

@@ -133,3 +133,13 @@ def test_a_column_without_pulses_is_refused() -> None:
     time, _, rate = machine(6.0)
     with pytest.raises(PulseError, match=r"^0 rising edges; allowed: 8 or more"):
         turned(time, rate, edges_of_level(time, np.full(len(time), 3.0)), 1)
+
+
+@pytest.mark.parametrize("pause", [5.0, 5e6])
+def test_a_pause_is_refused_at_once_however_long_it_is(pause: float) -> None:
+    """Over a pause nobody counts the turns, and no time in it is looked at."""
+    time, rate, angle = machine(8.0)
+    late = time + np.where(time > 4.0, pause, 0.0)
+    for speed in (rate, None):
+        with pytest.raises(PulseError, match="do not come where the speed has them"):
+            turned(late, speed, edges_of_level(late, level(angle, 3)), 3)

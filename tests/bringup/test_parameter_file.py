@@ -10,7 +10,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from gyrowheel_bringup.graph.launching import given_to
+from gyrowheel_bringup.graph.launching import parameter_options
 from gyrowheel_bringup.graph.parameter_file import write_parameters
 
 pytestmark = pytest.mark.graph
@@ -65,6 +65,6 @@ def test_every_value_keeps_its_type(tmp_path: Path, domain: int) -> None:
 
 def test_texts_that_launch_gives_a_node_stay_texts(domain: int) -> None:
     texts = {f"p{k}": text for k, text in enumerate(TEXTS)}
-    options = given_to(texts | {"rate": 0.5})
+    options = parameter_options(texts | {"rate": 0.5})
     assert options["parameters"] == [{"rate": 0.5}]
     assert _read(options["ros_arguments"], domain) == texts

@@ -21,6 +21,7 @@ from rclpy.parameter import Parameter
 from rosbags.rosbag2 import Reader
 from std_srvs.srv import SetBool, Trigger
 
+from gyrowheel_analysis.recording import RecordingWriter
 from gyrowheel_bringup.graph import Graph, find_executable
 from gyrowheel_core import topics, wire
 from gyrowheel_core.node import PARENT_VARIABLE
@@ -315,3 +316,31 @@ def test_the_command_replays_and_estimates(
         code, _, err = call(*options)
         assert (code, err.count("\n")) == (2, 1)
         assert word in err
+
+
+def test_a_pause_of_decades_takes_no_time_as_fast_as_it_goes(tmp_path: Path) -> None:
+    """A clock that was set from 1970 to today: /clock goes on behind it."""
+    recording, pause = tmp_path / "run", 1_700_000_000 * wire.SECOND
+    with RecordingWriter(recording) as writer:
+        for k in range(400):
+            stamp = k * 500_000 + (pause if k >= 200 else 0)
+            writer.write(topics.MEASUREMENT, wire.MEASUREMENT.pack(stamp, k, *(0.0,) * 11), stamp)
+    done = subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            "from gyrowheel.cli import main; main()",
+            "replay",
+            str(recording),
+            "--fast",
+            "--json",
+            "-",
+        ],
+        env=os.environ | {"ROS_DOMAIN_ID": str(next_domain())},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=100.0,
+    )
+    assert json.loads(done.stdout)["messages"]["/gyrowheel/measurement"] == 400

@@ -139,3 +139,18 @@ def test_what_turns_with_the_rotor_is_found_by_pulses(
     del columns["Hall"]
     bare = gw.read_table(lab.write_text(tmp_path / "bare.csv", columns, units))
     assert gw.diagnose(bare, gw.Model("gyrowheel")).verdict != "effect"
+
+
+def test_two_loggers_of_which_one_counts_from_1970_are_asked_about(measurement: Any, tmp_path: Path) -> None:
+    """No offset between their clocks shows, and nothing as long as their distance is made."""
+    columns, units = lab.lab_columns(measurement)
+    motor = {name: columns[name][::2] for name in ("Time", "Motor voltage", "Motor current")}
+    motor["Time"] = motor["Time"] + 1.7e9
+    rest = {name: values for name, values in columns.items() if "Motor" not in name}
+    files = [
+        lab.write_text(tmp_path / "wheel.csv", rest, units),
+        lab.write_text(tmp_path / "drive.csv", motor, units),
+    ]
+    suggested = gw.suggest_map(files)
+    assert not suggested.settled
+    assert any("drive/Time [s]" in question for question in suggested.questions)

@@ -12,26 +12,27 @@ import numpy as np
 import pytest
 
 import gyrowheel as gw
+from gyrowheel.workbench import pictures
+from gyrowheel.workbench.desk import Desk
+from gyrowheel.workbench.shelf import Shelf
+from gyrowheel_analysis.recording import write_run
+from gyrowheel_analysis.setups.find import wrong_setups
+from gyrowheel_core import wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import json_text
+from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.environment import to_json
 
-PLAN = """\
-schema: 1
-name: short
-hold_s: 1.2
-segments:
-  - {spin_rpm: 3000, tilt_deg: [[0, 0], [2, 0], [0, 2], [-2, 0]]}
-  - {spin_rpm: 2900, tilt_deg: [[0, 0], [2, 0], [0, 2], [-2, 0]]}
-"""
+from ..fuzz.recordings import machine_recording
+
 COILS = ("coil_voltage_x", "coil_voltage_y")
+PERIOD = 5e-4  # s
 MOTOR = ("motor_voltage", "motor_current")
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> gw.Recording:
-    folder = tmp_path_factory.mktemp("runs") / "run"
-    gw.simulate(PLAN, effects={"aero_cross": {}}, machine=6, folder=folder)
-    return gw.Recording.open(folder)
+    return gw.Recording.open(machine_recording(tmp_path_factory.mktemp("runs") / "run").path)
 
 
 def changed(run: gw.Recording, **values: Any) -> gw.Recording:
@@ -86,40 +87,67 @@ def test_without_the_voltages_of_the_coils_nothing_is_said_of_their_torque(run: 
     assert "coil_constant" in calibrated.undetermined
 
 
-def test_an_impossible_reading_counts_as_one_that_was_not_taken(run: gw.Recording, tmp_path: Path) -> None:
-    """A logger writes 1e30, or zero kelvin, where a sensor gives nothing."""
-    from gyrowheel_analysis.recording import write_run
-    from gyrowheel_core import wire
-    from gyrowheel_sim.environment import to_json
-
+def written(
+    run: gw.Recording, folder: Path, readings: np.ndarray, commands: np.ndarray | None = None
+) -> Path:
+    """Write the recording with other readings and commands."""
     data = run.data
-    readings = data.readings.array.copy()
-    names = list(wire.MEASUREMENT.fields)
-    readings[2000:2100, names.index("tilt_x")] = 1e30
-    readings[9000:12000, names.index("air_temperature")] = 0.0
-    commands = np.column_stack([data.command[name] for name in wire.COMMAND.fields])
-    commands[500:600] = -3e38
-    write_run(
-        tmp_path / "odd",
+    own = np.column_stack([data.command[name] for name in wire.COMMAND.fields])
+    return write_run(
+        folder,
         readings,
-        commands,
+        own if commands is None else commands,
         data.setpoint,
         to_json(data.environment),
         data.bench_text,
-        sample_period=5e-4,
+        sample_period=PERIOD,
+        stamps=data.measurement["stamp_ns"],
     )
-    odd = gw.Recording.open(tmp_path / "odd")
+
+
+def place(name: str) -> int:
+    return wire.MEASUREMENT.fields.index(name)
+
+
+def test_an_impossible_reading_counts_as_one_that_was_not_taken(run: gw.Recording, tmp_path: Path) -> None:
+    """A logger writes 1e30, or zero kelvin, where a sensor gives nothing."""
+    readings = run.data.readings.array.copy()
+    readings[2000:2100, place("tilt_x")] = 1e30
+    readings[9000:12000, place("air_temperature")] = 0.0
+    commands = np.column_stack([run.data.command[name] for name in wire.COMMAND.fields])
+    commands[500:600] = -3e38
+    odd = gw.Recording.open(written(run, tmp_path / "odd", readings, commands))
     assert odd.info.integrity.not_finite == 100
     assert np.isnan(odd.data.measurement["tilt_x"][2000:2100]).all()
     assert np.isnan(odd.data.command["coil_voltage_x"][500:600]).all()
-    assert np.array_equal(
-        odd.data.measurement["air_temperature"], readings[:, names.index("air_temperature")]
-    )
+    assert np.array_equal(odd.data.measurement["air_temperature"], readings[:, place("air_temperature")])
     model = gw.Model("gyrowheel")
     own, whole = (gw.compare(each, model).to_dict()["channels"] for each in (odd, run))
     for name, channel in whole.items():
         assert own[name]["rms"] == pytest.approx(channel["rms"], rel=0.3)
     assert {effect.name for effect in gw.diagnose(odd, model).effects} == {"aero_cross"}
+
+
+def test_a_workbench_shows_a_recording_without_the_voltages_of_the_coils(
+    run: gw.Recording, tmp_path: Path
+) -> None:
+    readings = run.data.readings.array.copy()
+    readings[:, [place(name) for name in COILS]] = np.nan
+    written(run, tmp_path / "less", readings)
+    desk = Desk(Shelf([tmp_path]), gw.Model())
+    try:
+        desk.open("0/less", "fitted")
+        desk.wait(240.0)
+        desk.compare()
+        desk.wait(240.0)
+        assert desk.trouble is None
+        found = pictures.found(desk)
+        assert found["windows"]["of_coils"] is False
+        assert "spin" in found["windows"]["chi2"]
+        assert "tilt" not in found["windows"]["chi2"]
+        assert json_text(found)
+    finally:
+        desk.shut()
 
 
 def test_a_recording_of_a_few_samples_a_second_is_refused(run: gw.Recording) -> None:
@@ -144,21 +172,10 @@ def test_readings_beyond_all_measure_leave_no_traceback(run: gw.Recording, name:
 
 def test_a_gauge_below_nothing_and_degrees_below_zero_are_readings(run: gw.Recording, tmp_path: Path) -> None:
     """The bias of a gauge shows in a vacuum, and a cold room in degrees Celsius is still told by its unit."""
-    from gyrowheel_analysis.recording import Recording, RecordingWriter
-    from gyrowheel_analysis.setups.find import wrong_setups
-    from gyrowheel_core import topics, wire
-    from gyrowheel_sim.bench import Bench
-
-    rows = wire.MEASUREMENT.array(len(run.data.measurement))
-    stamps = run.data.measurement["stamp_ns"]
-    wire.MEASUREMENT.set_stamps(rows, stamps)
-    for name in ("sequence", *wire.MEASUREMENT.fields):
-        rows[name] = run.data.measurement[name]
-    rows["air_pressure"] = -30.0
-    rows["air_temperature"] = -8.0
-    with RecordingWriter(tmp_path / "cold") as writer:
-        writer.write_columns([(topics.MEASUREMENT, stamps, rows)])
-    cold = Recording.open(tmp_path / "cold")
+    readings = run.data.readings.array.copy()
+    readings[:, place("air_pressure")] = -30.0
+    readings[:, place("air_temperature")] = -8.0
+    cold = gw.Recording.open(written(run, tmp_path / "cold", readings)).data
     assert cold.integrity().complete
     assert np.all(cold.readings.air_pressure == -30.0)
     (wrong,) = wrong_setups([cold], Bench.load())

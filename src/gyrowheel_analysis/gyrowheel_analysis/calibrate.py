@@ -168,13 +168,10 @@ def calibrate(
             drift_scales=problem.noise.scales,
         )
     white = problem.noise.whiten(fit.residual)
-    tilt = [
-        part
-        for name in ("tilt_x", "tilt_y")
-        for part in channel_parts(problem.balances, white, name)
-        if len(part)
-    ]
-    chi2 = float(np.mean(np.concatenate(tilt) ** 2)) if tilt else 1.0
+    tilt = np.concatenate(
+        [part for name in ("tilt_x", "tilt_y") for part in channel_parts(problem.balances, white, name)]
+    )
+    chi2 = float(np.mean(tilt**2)) if len(tilt) else 1.0
     widened = _widened(chi2)
     constants, undetermined = {}, {}
     for name, needs in CONSTANTS.items():

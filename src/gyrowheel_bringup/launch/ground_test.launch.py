@@ -20,8 +20,8 @@ from gyrowheel_bringup.graph.launching import (
     ends_too,
     ends_with_launch,
     flag,
-    given_to,
     namespace_of,
+    parameter_options,
     without,
 )
 from gyrowheel_bringup.viewers import robot_description, rviz_config, viewer_names
@@ -85,7 +85,7 @@ def _actions(context: LaunchContext) -> list[Node]:
             executable=executable,
             name=node,
             on_exit=Shutdown(reason=f"{node} has ended"),
-            **given_to(parameters[node]),
+            **parameter_options(parameters[node]),
             **options,
         )
         for node, (package, executable) in EXECUTABLES.items()
@@ -114,7 +114,7 @@ def _actions(context: LaunchContext) -> list[Node]:
                 executable=PLAN_CLIENT[1],
                 name="plan_client",
                 on_exit=Shutdown(reason="the plan has ended"),
-                **given_to({"plan": given["plan"]}),
+                **parameter_options({"plan": given["plan"]}),
                 **options,
             )
         )

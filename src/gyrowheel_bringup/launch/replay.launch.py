@@ -14,7 +14,14 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from gyrowheel_bringup.graph import EXECUTABLES, find_executable
-from gyrowheel_bringup.graph.launching import ends_too, ends_with_launch, flag, given_to, namespace_of, number
+from gyrowheel_bringup.graph.launching import (
+    ends_too,
+    ends_with_launch,
+    flag,
+    namespace_of,
+    number,
+    parameter_options,
+)
 from gyrowheel_bringup.viewers import robot_description, rviz_config, viewer_names
 from launch import LaunchContext, LaunchDescription
 
@@ -56,7 +63,7 @@ def _actions(context: LaunchContext) -> list[Node]:
             executable=REPLAY[1],
             name="replay",
             on_exit=Shutdown(reason="the replay has ended"),
-            **given_to(
+            **parameter_options(
                 {
                     "directory": given["recording"],
                     **numbers,
@@ -73,7 +80,7 @@ def _actions(context: LaunchContext) -> list[Node]:
                 package=ESTIMATOR[0],
                 executable=ESTIMATOR[1],
                 name="drag_estimator",
-                **given_to({"model": given["model"]}),
+                **parameter_options({"model": given["model"]}),
                 **ours,
             )
         )

@@ -17,9 +17,8 @@ def main() -> int:
     if len(sys.argv) < 2:
         sys.stderr.write("usage: python3 -m gyrowheel_core.start_node MODULE ARGUMENTS\n")
         return 2
-    usual = (
-        signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    )  # not where the parent has it ignored
+    # not where the parent has it ignored
+    usual = signal.getsignal(signal.SIGINT) is signal.default_int_handler
     if usual:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     gc.disable()

@@ -74,7 +74,7 @@ def _draw(data: WindowResiduals, title: str) -> Figure:
     norm = LogNorm(vmin=1.0, vmax=_WORST)
     groups = _chosen(speed_groups(data.windows.mean_spin), data)
     above = figure.add_gridspec(1, len(groups), left=0.06, right=0.975, top=0.83, bottom=0.44, wspace=0.18)
-    scale = _arrow_scale(data)
+    scale = _arrow_scale(data) if COILS in data.parts else None
     for place, group in enumerate(groups):
         _plane(figure.add_subplot(above[0, place]), data, group, scale, norm, first=place == 0)
     maps = [residual_map(data, (name,)) for name in VARIABLES]
@@ -105,8 +105,6 @@ def _arrow_scale(data: WindowResiduals) -> float:
     Windows whose residual is noise do not count, however large it is: short windows are noisy. Where all is noise, its
     arrows are short.
     """
-    if COILS not in data.parts:
-        return 1.0
     part = data.parts[COILS]
     size, wrong = np.abs(part.values), part.squares / len(part.kind.rows) > _WRONG
     largest = float(np.quantile(size[wrong] if wrong.any() else size, 0.98))
@@ -115,24 +113,24 @@ def _arrow_scale(data: WindowResiduals) -> float:
 
 
 def _plane(
-    axes: Axes, data: WindowResiduals, group: NDArray[np.int64], scale: float, norm: Any, *, first: bool
+    axes: Axes,
+    data: WindowResiduals,
+    group: NDArray[np.int64],
+    scale: float | None,
+    norm: Any,
+    *,
+    first: bool,
 ) -> None:
-    """Draw the tilts of one speed with the residual of the coils as arrows, and a scale for these."""
-    w, part = data.windows, data.parts.get(COILS)
+    """Draw the tilts of one speed, with the residual of the coils as arrows where there is a scale for them."""
+    w = data.windows
     z = np.asarray(w.mean_tilt)[group] / DEG
-    shown = list(data.parts.values()) if part is None else [part]
+    shown = list(data.parts.values()) if scale is None else [data.parts[COILS]]
     chi2 = sum(own.squares[group] for own in shown) / sum(len(own.kind.rows) for own in shown)
     reach = 1.75 * max(float(np.abs(w.mean_tilt).max()) / DEG, 1.0)
     for radius in range(2, math.ceil(reach), 2):
         axes.add_patch(_circle(radius))
     axes.axhline(0.0, color=FAINT, linewidth=0.8, zorder=0)
     axes.axvline(0.0, color=FAINT, linewidth=0.8, zorder=0)
-    if part is not None:
-        r = part.values[group]
-        axes.quiver(
-            z.real, z.imag, r.real * scale, r.imag * scale, angles="xy", scale_units="xy", scale=1.0, width=0.007,
-            color=DARK, alpha=0.8, zorder=3,
-        )  # fmt: skip
     axes.scatter(
         z.real, z.imag, c=np.maximum(chi2, 1.0), norm=norm, cmap=_colours(), s=55, edgecolors=TICK,
         linewidths=0.6, zorder=4,
@@ -144,8 +142,16 @@ def _plane(
     axes.set_xlabel("tilt about x, °")
     if first:
         axes.set_ylabel("tilt about y, °")
-    if part is None:
-        return
+    if scale is not None:
+        _arrows(axes, z, data.parts[COILS].values[group] * scale, scale, reach)
+
+
+def _arrows(axes: Axes, z: Any, arrows: Any, scale: float, reach: float) -> None:
+    """Draw arrows [deg] from tilts [deg], and how long one of a round torque is."""
+    axes.quiver(
+        z.real, z.imag, arrows.real, arrows.imag, angles="xy", scale_units="xy", scale=1.0, width=0.007,
+        color=DARK, alpha=0.8, zorder=3,
+    )  # fmt: skip
     length = _round_down(0.4 * reach / scale)
     name, unit = unit_for(length, "N·m")
     axes.plot([-0.92 * reach, -0.92 * reach + length * scale], [-0.9 * reach] * 2, color=DARK, linewidth=2.0)

@@ -178,32 +178,35 @@ class Table:
         """
         source = self._map.time
         column = self._column(name)
+        values: NDArray[Any]
         if source.unit == TIMESTAMP:
-            if not pa.types.is_timestamp(column.type):
-                raise InputError(
-                    f"{self.path}: column '{name}': holds {column.type}; allowed for the unit"
-                    f" {TIMESTAMP}: dates with times"
-                )
-            try:
-                stamps = column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy()
-            except pa.ArrowInvalid:
-                raise InputError(
-                    f"{self.path}: column '{name}': holds dates beyond 1678 .. 2261; allowed: those of a recording"
-                ) from None
-            begin = stamps[0] if start is None else start
-            self._check_span(name, (stamps.astype(np.float64) - float(begin)) * 1e-9 + late)
-            return (stamps - begin) * 1e-9 + late, begin
-        values = self._numbers(name)
-        if pa.types.is_integer(column.type) and np.all(values < 2.0**63):
-            values = column.to_numpy().astype(np.int64)  # large whole numbers keep their last digits
+            values, scale, unit = self._stamps(name, column), 1e-9, "s"
+        else:
+            values, scale, unit = self._numbers(name), source.scale, source.unit
+            if pa.types.is_integer(column.type) and np.all(values < 2.0**63):
+                values = column.to_numpy().astype(np.int64)  # large whole numbers keep their last digits
         begin = values[0] if start is None else start
 
         def seconds(passed: Array) -> Array:
-            return to_si(passed * source.scale, source.unit, Reading("s", -math.inf, math.inf)) + late
+            return to_si(passed * scale, unit, Reading("s", -math.inf, math.inf)) + late
 
         with np.errstate(over="ignore"):  # as floating-point numbers, whose difference does not wrap around
             self._check_span(name, seconds(values.astype(np.float64) - float(begin)))
         return seconds((values - begin).astype(np.float64)), begin
+
+    def _stamps(self, name: str, column: Any) -> NDArray[np.int64]:
+        """Return the dates in a column [ns]."""
+        if not pa.types.is_timestamp(column.type):
+            raise InputError(
+                f"{self.path}: column '{name}': holds {column.type}; allowed for the unit {TIMESTAMP}: dates with times"
+            )
+        try:
+            stamps: NDArray[np.int64] = column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy()
+        except pa.ArrowInvalid:
+            raise InputError(
+                f"{self.path}: column '{name}': holds dates beyond 1678 .. 2261; allowed: those of a recording"
+            ) from None
+        return stamps
 
     def _check_span(self, name: str, passed: Array) -> None:
         """Refuse times so far from the first row [s] that no recording lasts so long."""

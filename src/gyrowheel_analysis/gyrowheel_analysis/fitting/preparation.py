@@ -176,17 +176,9 @@ def samples_of(recording: Recording, *, incomplete: bool = False) -> Samples:
 def _commanded(recording: Recording) -> Commanded | None:
     """Return the coil voltages that were commanded; None if unknown.
 
-    A command that answers sample k acts from sample k + 1 to sample k + 2. One that is no number changed nothing.
+    A command that answers sample k acts from sample k + 1 to sample k + 2.
     """
-    commands, samples = recording.command, recording.measurement["sequence"]
-    given = by_blocks(
-        len(commands),
-        lambda first, last: np.isfinite(
-            commands["coil_voltage_x"][first:last] + commands["coil_voltage_y"][first:last]
-        ),
-    )
-    if not all(block.all() for block in given):
-        commands = commands[np.concatenate(given)]
+    commands, samples = recording.given_commands, recording.measurement["sequence"]
     if not len(commands) or len(commands) < len(samples) // 2:
         return None
     answered = commands["measurement_sequence"].astype(np.int64)

@@ -22,7 +22,7 @@ from rclpy.time import Time
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
-from gyrowheel_analysis.recording.pauses import LONGEST
+from gyrowheel_analysis.recording.pauses import PAUSE
 from gyrowheel_analysis.recording.playback import Message, Pace, Tape, parse_names
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
@@ -269,7 +269,7 @@ class ReplayNode(BenchNode):
 
         Where that is a pause ahead, as fast as readers can take it, /clock goes on behind the pause.
         """
-        if now_ns - self._clock_due > LONGEST * wire.SECOND:
+        if now_ns - self._clock_due > PAUSE * wire.SECOND:
             self._clock_due += int(now_ns - self._clock_due) // _CLOCK_PERIOD_NS * _CLOCK_PERIOD_NS
         while self._clock_outlet is not None and self._clock_due <= now_ns:
             self._clock_outlet.publish(wire.CLOCK.pack(self._clock_due))

@@ -17,7 +17,7 @@ from gyrowheel_analysis.recording.sampling import usual_step
 from gyrowheel_core.blocks import by_blocks
 
 _HOLD = 1  # Setpoint.HOLD
-_SAME_RATE = 0.1
+_SAME_RATE = 0.1  # part by which a mean rate is off where a bench stood still for long
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,6 @@ def _rate(recording: Recording) -> float:
     if not steps:
         return 0.0
     mean, usual = steps / recording.duration, 1.0 / usual_step(recording)
-    # a bench that stood still for long has the rate at which it ran
     return mean if abs(mean / usual - 1.0) < _SAME_RATE else usual
 
 

@@ -7,12 +7,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-#: Longest time without samples that is no pause [s].
-LONGEST: Final = 60.0
+#: A longer time without samples is a pause [s].
+PAUSE: Final = 60.0
 _STRIDE: Final = 1000  # samples between those that are looked at first
 
 
-def pauses(time: NDArray[np.float64], longest: float = LONGEST) -> NDArray[np.float64]:
+def pauses(time: NDArray[np.float64], longest: float = PAUSE) -> NDArray[np.float64]:
     """Find the pauses between samples.
 
     What costs time or memory in proportion to the length of a recording must leave them out: they may last for years.

@@ -204,6 +204,18 @@ class Recording:
         return self.seconds(self.measurement["stamp_ns"])
 
     @cached_property
+    def given_commands(self) -> npt.NDArray[Any]:
+        """The commands whose coil voltages are numbers; any other one changed nothing."""
+        rows = self.command
+        given = by_blocks(
+            len(rows),
+            lambda first, last: np.isfinite(
+                rows["coil_voltage_x"][first:last] + rows["coil_voltage_y"][first:last]
+            ),
+        )
+        return rows if all(block.all() for block in given) else rows[np.concatenate(given)]
+
+    @cached_property
     def readings(self) -> Readings:
         """Readings [SI] with named columns; a view of `measurement`."""
         # every field has eight bytes, the readings are the last ones
@@ -325,26 +337,17 @@ def _by_stamp(rows: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def _with_possible(rows: npt.NDArray[Any], names: Sequence[str]) -> npt.NDArray[Any]:
-    """Return rows with NaN in place of what can be no reading; the same ones where there is nothing to change."""
+    """Return rows with NaN in place of what can be no reading, written into them where that is allowed."""
+    rows = rows if rows.flags.writeable else rows.copy()
 
-    def impossible(name: str, first: int, last: int) -> npt.NDArray[np.bool_]:
-        values = rows[name][first:last]
-        return ~(possible(values, name) | np.isnan(values))
+    def put(first: int, last: int) -> None:
+        for name in names:
+            values = rows[name][first:last]
+            good = possible(values, name)
+            if not good.all():
+                values[~good] = math.nan
 
-    def odd(first: int, last: int) -> set[str]:
-        doubtful = [name for name in names if not possible(rows[name][first:last], name).all()]
-        return {name for name in doubtful if impossible(name, first, last).any()}
-
-    changed = set[str]().union(*by_blocks(len(rows), odd))
-    if changed and not rows.flags.writeable:
-        rows = rows.copy()
-
-    def change(first: int, last: int) -> None:
-        for name in changed:
-            rows[name][first:last][impossible(name, first, last)] = math.nan
-
-    if changed:
-        by_blocks(len(rows), change)
+    by_blocks(len(rows), put)
     return rows
 
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
+from gyrowheel_analysis.recording.reader import Recording
 from gyrowheel_core.errors import InputError
-
-if TYPE_CHECKING:
-    from gyrowheel_analysis.recording.reader import Recording
 
 #: Sampling periods that a recording of a wheel can have [s].
 SHORTEST: Final = 5e-6

@@ -8,6 +8,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_analysis.recording.pauses import PAUSE
 from gyrowheel_analysis.reduction.samples import Array, Samples
 from gyrowheel_sim.bench import Bench
 
@@ -19,7 +20,7 @@ MOTOR_THERMAL = (
     "motor_thermal_resistance",
 )
 _THERMAL_STEP = 0.1  # s
-_PAUSE = 600  # steps without a sample, after which the rest of a pause is one
+_PAUSE = round(PAUSE / _THERMAL_STEP)  # steps without a sample, after which the rest of a pause is one
 
 
 def motor_temperatures(data: Samples, bench: Bench) -> tuple[Array, Array, Array]:
@@ -123,11 +124,8 @@ def _faded(before: float, block: tuple[float, float]) -> float:
 
 def interpolated(time: Array, values: Array, when: float) -> Array:
     """Interpolate rows of `values`, as `motor_temperatures` returns them at its instants `time`."""
-    before = max(int(np.searchsorted(time, when, side="right")) - 1, 0)
-    left_out = time[before] - (time[0] + _THERMAL_STEP * before)  # of pauses
-    place = float(np.clip((when - left_out - time[0]) / _THERMAL_STEP, 0.0, len(time) - 1.0))
-    if before + 1 < len(time) and (length := time[before + 1] - time[before]) > 1.5 * _THERMAL_STEP:
-        place = before + float(np.clip((when - time[before]) / length, 0.0, 1.0))  # in a pause
-    low = min(int(place), max(len(time) - 2, 0))
-    high = min(low + 1, len(time) - 1)
-    return np.asarray(values[low] + (place - low) * (values[high] - values[low]))
+    if len(time) < 2:
+        return np.asarray(values[0])
+    low = min(max(int(np.searchsorted(time, when, side="right")) - 1, 0), len(time) - 2)
+    part = min(max((when - time[low]) / (time[low + 1] - time[low]), 0.0), 1.0)
+    return np.asarray(values[low] + part * (values[low + 1] - values[low]))

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.recording.pauses import LONGEST as LONGEST_PAUSE
-from gyrowheel_analysis.recording.pauses import pauses
+from gyrowheel_analysis.recording.pauses import PAUSE, pauses
 from gyrowheel_analysis.reduction.coverage import Coverage
 from gyrowheel_analysis.reduction.instants import evened
 from gyrowheel_analysis.reduction.loop_rate import loop_period
@@ -69,7 +68,7 @@ def reduce_and_account(data: Samples, bench: Bench) -> tuple[Windows, Coverage]:
     if len(data.time):
         begin, end = max(float(data.time[0]) - h, data.part[0]), min(float(data.time[-1]), data.part[1])
         length = max(end - begin, 0.0)
-    recorded = data
+    sampled = data.time
     data, without, assumed = readable(data, bench)
     data = evened(data, h)
     rows: list[dict[str, Any]] = []
@@ -84,7 +83,7 @@ def reduce_and_account(data: Samples, bench: Bench) -> tuple[Windows, Coverage]:
         return fit_window(data, i, j, (h, min(h, loop), loop), bench, heat, noise)
 
     spans = steady_spans(data)
-    for start, stop, segment, turn in _unbroken(spans, _without_samples(recorded, spans)):
+    for start, stop, segment, turn in _unbroken(spans, _without_samples(sampled, spans)):
         if stop <= start:
             continue  # a hold that ends before it has settled
         longest, last = LONGEST, 0.0
@@ -115,14 +114,14 @@ def reduce_and_account(data: Samples, bench: Bench) -> tuple[Windows, Coverage]:
     return Windows.of(rows), Coverage(length, used, dict(left_out), assumed)
 
 
-def _without_samples(data: Samples, spans: Sequence[Span]) -> Array:
+def _without_samples(time: Array, spans: Sequence[Span]) -> Array:
     """Return the pauses between samples, and what lies long before the first or after the last one."""
-    found = pauses(data.time)
-    if not len(data.time):
+    found = pauses(time)
+    if not len(time):
         return found
-    first, last = float(data.time[0]), float(data.time[-1])
-    early = any(start < first - LONGEST_PAUSE for start, *_ in spans)
-    late = any(stop > last + LONGEST_PAUSE for _, stop, *_ in spans)
+    first, last = float(time[0]), float(time[-1])
+    early = any(start < first - PAUSE for start, *_ in spans)
+    late = any(stop > last + PAUSE for _, stop, *_ in spans)
     before, after = [(-math.inf, first)] * early, [(last, math.inf)] * late
     return np.concatenate([np.reshape(before, (-1, 2)), found, np.reshape(after, (-1, 2))])
 

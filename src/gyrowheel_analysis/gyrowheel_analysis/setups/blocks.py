@@ -270,9 +270,7 @@ def asked_speed(recording: Recording, count: int) -> Array | None:
 
 def commanded(recording: Recording, count: int) -> Complex | None:
     """Return the coil voltages that were commanded, at `count` averages [V]; None without commands."""
-    rows = recording.command
-    if not np.isfinite(given := rows["coil_voltage_x"] + rows["coil_voltage_y"]).all():
-        rows = rows[np.isfinite(given)]
+    rows = recording.given_commands
     if len(rows) < 2:
         return None
     time = recording.seconds(rows["stamp_ns"])

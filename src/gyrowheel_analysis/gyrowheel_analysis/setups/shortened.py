@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.recording.pauses import LONGEST, pauses
+from gyrowheel_analysis.recording.pauses import PAUSE, pauses
 
 Array = NDArray[np.float64]
 Times = NDArray[np.floating[Any]]
@@ -40,10 +40,10 @@ class Shortened:
         step : float
             What is left out of a pause is a multiple of this [s], so that a grid of such steps goes on unmoved.
         """
-        found = pauses(time, LONGEST + 2.0 * step)
+        found = pauses(time, PAUSE + 2.0 * step)
         # one step less than could be left out, so that rounding puts no sample on the other side of it
-        steps = np.floor((found[:, 1] - found[:, 0] - LONGEST) / step) - 1.0
-        return cls(found[:, 0] + LONGEST, steps * step)
+        steps = np.floor((found[:, 1] - found[:, 0] - PAUSE) / step) - 1.0
+        return cls(found[:, 0] + PAUSE, steps * step)
 
     def without(self, time: Times) -> Times:
         """Return times as they are where the pauses are shortened; what is left out is where it begins."""

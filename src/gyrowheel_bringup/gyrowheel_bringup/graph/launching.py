@@ -77,7 +77,7 @@ def namespace_of(text: str, pushed: str = "") -> str:
     return own if text.startswith("/") else namespaces.of_node(pushed) + own
 
 
-def given_to(parameters: Mapping[str, object]) -> dict[str, Any]:
+def parameter_options(parameters: Mapping[str, object]) -> dict[str, Any]:
     """Return the options with which launch gives a node its parameters, each with the type that it has here.
 
     Texts are given on the command line, in quotes: launch writes them into a file without, where ROS takes 3e32 for a
