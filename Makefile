@@ -20,7 +20,7 @@ LOCKED := $(PIP) install --require-hashes --no-deps --requirement
 say = @printf '%s\n' '$(1)'
 
 MSGS := src/gyrowheel_msgs
-PACKAGES := $(addprefix src/gyrowheel,_core _sim _control _analysis _bringup) src/gyrowheel
+PACKAGES := $(addprefix src/gyrowheel,_core _sim _air _control _recording _analysis _bringup) src/gyrowheel
 MSGS_FILES := $(addprefix $(MSGS)/,package.xml CMakeLists.txt pyproject.toml) $(wildcard $(MSGS)/*/*.*)
 # Python modules are used where they stand; these are what an installation copies.
 PACKAGE_FILES := $(foreach p,$(PACKAGES),$(wildcard \
@@ -38,7 +38,7 @@ endif
 
 .PHONY: all demo test quick workspace fuzz bench lint docs notebooks site lock clean help
 
-all: $(DONE)/packages ## create .venv and install the seven packages into it (also: just `make`)
+all: $(DONE)/packages ## create .venv and install the nine packages into it (also: just `make`)
 	$(call say,ready: .venv/bin/gyrowheel ("make demo" shows what it does))
 
 $(DONE)/venv:

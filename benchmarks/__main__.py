@@ -12,7 +12,7 @@ from pathlib import Path
 
 from benchmarks import LONG, SUBJECTS
 from benchmarks.results import MeasurementError, Report, shown, to_json
-from gyrowheel.cli.shell import BAD_INPUT, FINDING, INTERRUPTED, OK, advancing, put_text
+from gyrowheel.cli.console import BAD_INPUT, FINDING, INTERRUPTED, OK, advancing, put_text
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import disk_errors, write_text
 

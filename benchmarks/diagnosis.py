@@ -24,11 +24,11 @@ import numpy as np
 import yaml
 
 from benchmarks.results import Bar, Figure, MeasurementError, Report
-from gyrowheel.text.layout import figures_table
+from gyrowheel.show.layout import figures_table
 
 #: Functions that are stages: module, name, and what the stage is called. What none of them takes is the last one.
 STAGES = (
-    ("gyrowheel_analysis.recording.reader", "Recording.open", "reading"),
+    ("gyrowheel_recording.bags.reader", "Recording.open", "reading"),
     ("gyrowheel_analysis.fitting.preparation", "reduce_and_account", "reduction"),
     ("gyrowheel_analysis.diagnosis.diagnose", "prepare", "balance"),
     ("gyrowheel_analysis.fitting.problem", "Problem.with_drift_estimated", "noise and drift"),
@@ -64,9 +64,9 @@ def plan(name: str) -> str:
 
 def record(folder: Path, text: str, progress: Callable[[float], None]) -> int:
     """Record a machine with something to find and return the number of samples."""
-    from gyrowheel_analysis.recording import write_run
     from gyrowheel_control.loops.closed_loop import simulate
     from gyrowheel_control.plans.plan import Plan
+    from gyrowheel_recording.bags import write_run
     from gyrowheel_sim.bench import Bench
     from gyrowheel_sim.blind.draw import draw_machine
     from gyrowheel_sim.environment import to_json
@@ -153,10 +153,10 @@ def main(recording: str) -> None:
     stages = dict.fromkeys([*(stage for _, _, stage in STAGES), _REST, _REPORT], 0.0)
     for module_name, path, stage in STAGES:
         _watch(module_name, path, stage, stages)
-    from gyrowheel.text import diagnosis as render
+    from gyrowheel.diagnosis import page as render
     from gyrowheel_analysis.diagnosis import diagnose as verdict
     from gyrowheel_analysis.model import Model
-    from gyrowheel_analysis.recording import Recording
+    from gyrowheel_recording.bags import Recording
     from gyrowheel_sim.bench import Bench
 
     model = Model(Bench.load())

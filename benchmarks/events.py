@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gyrowheel.text.layout import plain_text, words_table
+from gyrowheel.show.layout import plain_text, words_table
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
 from gyrowheel_analysis.diagnosis.event_scan import places, price
 from gyrowheel_analysis.diagnosis.events import THRESHOLD
@@ -23,9 +23,9 @@ from gyrowheel_analysis.diagnosis.selection import select
 from gyrowheel_analysis.fitting.events import QUANTITIES, Event
 from gyrowheel_analysis.fitting.preparation import one_thread, prepare
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.recording import Recording, write_run
 from gyrowheel_control.loops.closed_loop import simulate
 from gyrowheel_control.plans.plan import Plan
+from gyrowheel_recording.bags import Recording, write_run
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.blind.draw import draw
 from gyrowheel_sim.environment import to_json

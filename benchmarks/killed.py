@@ -26,8 +26,8 @@ import yaml
 
 from benchmarks.results import Bar, Figure, MeasurementError, Report
 from gyrowheel import Model
-from gyrowheel_analysis.recording import Recording, salvage
 from gyrowheel_core.errors import InputError
+from gyrowheel_recording.bags import Recording, salvage
 
 Fraction = Callable[[float], None]
 
@@ -49,8 +49,8 @@ _ZYGOTE = """
     import json, os, sys
 
     import gyrowheel as gw
-    from gyrowheel.cli import app
-    from gyrowheel.cli.shell import run
+    from gyrowheel.cli.app import app
+    from gyrowheel.cli.console import run
 
     quick = gw.simulate(sys.argv[1], effects={"windage": {}})  # loads what is compiled
     gw.Model("gyrowheel").add("windage", fit=quick)
@@ -282,7 +282,7 @@ def void(_: object) -> None:
 
 def wait_for_nodes(place: Path) -> None:
     """Wait until no process writes a recording any more: nodes end within seconds of whoever started them."""
-    from gyrowheel_analysis.recording.writer import being_written
+    from gyrowheel_recording.bags.writer import being_written
 
     end = time.monotonic() + _PATIENCE
     while being_written(place) and time.monotonic() < end:

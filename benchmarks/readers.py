@@ -24,11 +24,11 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StorageP
 from benchmarks.results import Bar, Figure, MeasurementError, Report
 from benchmarks.source import PERIOD_NS
 from benchmarks.timing import by_turns
-from gyrowheel_analysis.recording import Recording, RecordingWriter, salvage
-from gyrowheel_analysis.recording.definitions import definition, typestore
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.topics import Topic
+from gyrowheel_recording.bags import Recording, RecordingWriter, salvage
+from gyrowheel_recording.bags.definitions import definition, typestore
 from tests.fuzz.damage import mutated
 
 Fraction = Callable[[float], None]

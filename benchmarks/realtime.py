@@ -13,10 +13,10 @@ import numpy as np
 from benchmarks.graph import PLAN
 from benchmarks.results import Bar, Figure, Report
 from benchmarks.timing import processor_time, stolen_time
-from gyrowheel_analysis.recording import info
 from gyrowheel_bringup.graph import Graph, GraphError, Progress
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import prepare_environment
+from gyrowheel_recording.bags import info
 
 MINUTES = 10.0
 WATCHDOG_S = 2.0  # longer than usual, for a computer that does other things meanwhile

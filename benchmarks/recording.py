@@ -24,8 +24,8 @@ from rosbags.highlevel import AnyReader
 from benchmarks.results import Bar, Figure, MeasurementError, Report
 from benchmarks.source import PERIOD_NS, state
 from benchmarks.timing import by_turns
-from gyrowheel_analysis.recording import Recording, RecordingWriter, Salvaged, salvage
 from gyrowheel_core import topics, wire
+from gyrowheel_recording.bags import Recording, RecordingWriter, Salvaged, salvage
 
 Fraction = Callable[[float], None]
 
@@ -38,7 +38,7 @@ LIMIT = 0.25  # s that a killed recorder may lose
 PATIENCE = 60.0
 
 _BEGUN = 20_000  # bytes of a file that has more than its declarations
-_RECORDER = "from gyrowheel_analysis.nodes.recorder import main; raise SystemExit(main())"
+_RECORDER = "from gyrowheel_recording.nodes.recorder import main; raise SystemExit(main())"
 
 
 def write(directory: Path, pairs: int, *, compress: bool = False) -> Path:

@@ -12,7 +12,7 @@ from rich.console import RenderableType
 from rich.padding import Padding
 from rich.text import Text
 
-from gyrowheel.text.layout import figures_table, heading, sentences
+from gyrowheel.show.layout import figures_table, heading, sentences
 
 _INDENT = (0, 0, 0, 2)
 

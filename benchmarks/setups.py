@@ -21,11 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel.campaigns.reality import draw_amounts, draw_event, draw_wrong, events
-from gyrowheel.text.layout import plain_text, words_table
-from gyrowheel_analysis.recording import Recording, write_run
-from gyrowheel_analysis.setups.find import of_one
+from gyrowheel.show.layout import plain_text, words_table
 from gyrowheel_control.loops.closed_loop import simulate
 from gyrowheel_control.plans.plan import Plan
+from gyrowheel_recording.bags import Recording, write_run
+from gyrowheel_recording.mislabelled.find import of_one
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.blind.draw import draw
 from gyrowheel_sim.environment import to_json

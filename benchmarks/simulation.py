@@ -19,7 +19,7 @@ from benchmarks.mechanism import MujocoWheel, rates, reference
 from benchmarks.ours import MECHANICAL, Held, bench, hold, quiet, steps
 from benchmarks.results import Bar, Figure, MeasurementError, Report, number
 from benchmarks.timing import Timing, by_turns
-from gyrowheel.text.layout import figures_table
+from gyrowheel.show.layout import figures_table
 from gyrowheel_control.loops.closed_loop import simulate
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.units import DEG, RPM

@@ -20,9 +20,9 @@ from gyrowheel_analysis.fitting.preparation import one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.fitting.solver import Evaluated, Objective
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.recording import Recording, write_run
 from gyrowheel_control.loops.closed_loop import simulate
 from gyrowheel_control.plans.plan import Plan
+from gyrowheel_recording.bags import Recording, write_run
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.blind.draw import draw_machine
 from gyrowheel_sim.environment import to_json

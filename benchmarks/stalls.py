@@ -24,11 +24,11 @@ from rclpy.signals import SignalHandlerOptions
 
 import gyrowheel as gw
 from benchmarks.results import Bar, Figure, MeasurementError, Report
-from gyrowheel.machine import scenario
-from gyrowheel_analysis.recording import Recording, info
+from gyrowheel.simulation.scenario import scenario
 from gyrowheel_bringup.graph import Graph
 from gyrowheel_core import topics
 from gyrowheel_core.node import prepare_environment
+from gyrowheel_recording.bags import Recording, info
 from gyrowheel_sim.bench import Bench
 
 COUNT, LENGTH, BETWEEN = 20, 0.3, 1.5  # stalls; their length and what lies between two [s]

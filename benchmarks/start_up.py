@@ -44,7 +44,7 @@ def first_step(folder: Path, cache: Path, number: int) -> float:
     """
     plan = folder / "plan.yaml"
     plan.write_text(PLAN, encoding="utf-8")
-    command = [sys.executable, "-c", "from gyrowheel.cli import main; main()", "simulate"]
+    command = [sys.executable, "-c", "from gyrowheel.cli.app import main; main()", "simulate"]
     command += ["--plan", str(plan), "-o", str(folder / f"recording{number}")]
     environment = {**os.environ, "GYROWHEEL_CACHE": str(cache), "NO_COLOR": "1"}
     begin = time.perf_counter()

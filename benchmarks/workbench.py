@@ -205,7 +205,7 @@ def _diagnosis(folder: Path, browser: Any) -> float:
 
 def _peer(recording: Path, browser: Any) -> dict[str, Any] | str:
     """Return what the peer takes for the same samples; why not, where it cannot be installed."""
-    from gyrowheel_analysis.recording import Recording
+    from gyrowheel_recording.bags import Recording
 
     with tempfile.TemporaryDirectory(prefix="gyrowheel-bench-") as name:
         place = Path(name)
@@ -368,10 +368,10 @@ def _most_memory(pid: int) -> float:
 
 def serve(folder: str) -> None:
     """Serve the workbench on recordings of a folder, and say where it is and when a diagnosis was computed."""
-    from gyrowheel.model import Model
-    from gyrowheel.workbench import desk
+    from gyrowheel.models.api import Model
+    from gyrowheel.workbench import session as desk
+    from gyrowheel.workbench.library import Shelf
     from gyrowheel.workbench.server import Server
-    from gyrowheel.workbench.shelf import Shelf
 
     name = "diagnose"
     computed = getattr(desk, name)

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.readers import by_ours, by_rosbags, fates, in_turn, messages
-from gyrowheel_analysis.recording import RecordingWriter
 from gyrowheel_core import topics
+from gyrowheel_recording.bags import RecordingWriter
 
 
 def test_both_readers_give_what_was_written(tmp_path: Path) -> None:

@@ -7,8 +7,9 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from gyrowheel.text import comparison, errors
-from gyrowheel.text.variables import TITLES
+from gyrowheel.comparison import page as comparison
+from gyrowheel.show import error_table as errors
+from gyrowheel.show.variables import TITLES
 from gyrowheel_analysis.channels import CHANNELS
 
 ROOT = Path(__file__).resolve().parents[1]

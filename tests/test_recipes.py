@@ -82,7 +82,8 @@ def test_an_effect_and_a_channel_are_simulated_shown_and_found(run: Run) -> None
         "found = gw.diagnose(quick, gw.Model())\n"
         "print(*(effect.name for effect in found.effects))\n"
         "print(*gw.compare(quick, gw.Model()).to_dict()['error']['before']['channels'])\n"
-        "from gyrowheel.cli import main; import sys; sys.argv = ['gyrowheel', 'effects', 'nonlinear_damping']; main()\n"
+        "import sys; sys.argv = ['gyrowheel', 'effects', 'nonlinear_damping']\n"
+        "from gyrowheel.cli.app import main; main()\n"
     )
     named, channels, *page = said.splitlines()
     assert named == "nonlinear_damping"

@@ -20,17 +20,17 @@ import sympy as sp
 from PIL import Image
 from sympy.printing.latex import LatexPrinter
 
-from gyrowheel.designing import reach
-from gyrowheel.planning import check_text
-from gyrowheel.plots.effect_signature import to_svg
-from gyrowheel.plots.figure import png_bytes
-from gyrowheel.plots.momentum_envelope import body_figure, caps_figure
-from gyrowheel.text.bench import reach_page
-from gyrowheel.text.effects import possible_sizes
-from gyrowheel.text.formulas import in_words, pretty
-from gyrowheel.text.layout import plain_text
-from gyrowheel.text.plans import check_page
-from gyrowheel.text.quantities import minus, quantity, span
+from gyrowheel.catalogue.bench_design import reach
+from gyrowheel.catalogue.bench_page import reach_page
+from gyrowheel.catalogue.effect_page import possible_sizes
+from gyrowheel.catalogue.effect_picture import to_svg
+from gyrowheel.catalogue.plan_check import check_text
+from gyrowheel.catalogue.plan_page import check_page
+from gyrowheel.momentum_envelope.picture import body_figure, caps_figure
+from gyrowheel.show.figure import png_bytes
+from gyrowheel.show.formulas import in_words, pretty
+from gyrowheel.show.layout import plain_text
+from gyrowheel.show.quantities import minus, quantity, span
 from gyrowheel_analysis.fitting.terms import ERRORS
 from gyrowheel_analysis.signature import Signature, signature
 from gyrowheel_control.plans.format import Block, PlanFile

@@ -16,8 +16,8 @@ from rich.text import Text
 from scipy.stats import binomtest
 
 from benchmarks.independent.cases import DETECTABLE, SEQUENCES, Case, solve
-from gyrowheel.cli.shell import BAD_INPUT, FINDING, INTERRUPTED, OK, advancing, put_text
-from gyrowheel.text.layout import figures_table, heading, sentences
+from gyrowheel.cli.console import BAD_INPUT, FINDING, INTERRUPTED, OK, advancing, put_text
+from gyrowheel.show.layout import figures_table, heading, sentences
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import disk_errors, write_text
 

@@ -21,14 +21,14 @@ from benchmarks.independent.sequence import (
     references,
     short_sequence,
 )
-from gyrowheel.text.sentences.diagnosis import verdict_sentence
+from gyrowheel.show.sentences.diagnosis import verdict_sentence
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
 from gyrowheel_analysis.diagnosis.result import Diagnosis
 from gyrowheel_analysis.diagnosis.selection import ERROR_LIMIT, THRESHOLD, threshold
 from gyrowheel_analysis.fitting.preparation import one_thread, prepare
 from gyrowheel_analysis.fitting.terms import Term
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.recording import Recording, write_run
+from gyrowheel_recording.bags import Recording, write_run
 from gyrowheel_sim.bench import Bench
 
 Array = NDArray[np.float64]

@@ -11,5 +11,5 @@ setup(
         ("share/ament_index/resource_index/packages", ["resource/gyrowheel"]),
         ("share/gyrowheel", ["package.xml"]),
     ],
-    entry_points={"console_scripts": ["gyrowheel = gyrowheel.cli:main"]},
+    entry_points={"console_scripts": ["gyrowheel = gyrowheel.cli.app:main"]},
 )

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from gyrowheel_analysis.recording import write_run
-
-from .recordings import make_run
+from gyrowheel_recording.bags import write_run
+from tests.recording.recordings import make_run
 
 
 @pytest.fixture(scope="session")

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from gyrowheel_analysis.recording import Recording, write_run
 from gyrowheel_analysis.reduction import Windows
 from gyrowheel_control.loops.closed_loop import simulate
 from gyrowheel_control.loops.controller import Gains
 from gyrowheel_control.plans.plan import Plan
+from gyrowheel_recording.bags import Recording, write_run
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.blind import draw as blind
 from gyrowheel_sim.effects import EffectValues

@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gyrowheel.results.contract import calibration_json
-from gyrowheel.text.sentences.diagnosis import verdict_sentence
+from gyrowheel.show.contract import calibration_json
+from gyrowheel.show.sentences.diagnosis import verdict_sentence
 from gyrowheel_analysis.add import add_effect
 from gyrowheel_analysis.calibrate import CONSTANTS, Calibration, calibrate
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
 from gyrowheel_analysis.model import Model, Override
-from gyrowheel_analysis.recording import Recording
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError
+from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.effects import EffectValues
 from gyrowheel_sim.plant.scenario import Scenario
 

@@ -12,21 +12,12 @@ import pytest
 import zstandard
 from rosbags.rosbag2 import CompressionMode
 
-from gyrowheel_analysis.recording import Recording, RecordingWriter, salvage
-from gyrowheel_analysis.recording.mcap import survey
-from gyrowheel_analysis.recording.mcap.format import (
-    CHUNK,
-    DATA_END,
-    FOOTER,
-    HEADER,
-    MAGIC,
-    RECORD_HEAD,
-    SCHEMA,
-)
 from gyrowheel_core import limits, topics, wire
 from gyrowheel_core.errors import InputError
-
-from .recordings import foreign, measurements, record
+from gyrowheel_recording.bags import Recording, RecordingWriter, salvage
+from gyrowheel_recording.bags.mcap import survey
+from gyrowheel_recording.bags.mcap.format import CHUNK, DATA_END, FOOTER, HEADER, MAGIC, RECORD_HEAD, SCHEMA
+from tests.recording.recordings import foreign, measurements, record
 
 
 def a_record(opcode: int, *parts: bytes) -> bytes:

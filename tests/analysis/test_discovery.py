@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from gyrowheel.results.contract import comparison_json, diagnosis_json
-from gyrowheel.text.sentences.diagnosis import verdict_sentence
-from gyrowheel.text.sentences.residuals import region_name
+from gyrowheel.show.contract import comparison_json, diagnosis_json
+from gyrowheel.show.sentences.diagnosis import verdict_sentence
+from gyrowheel.show.sentences.residuals import region_name
 from gyrowheel_analysis.add import add_effect
 from gyrowheel_analysis.compare import compare
 from gyrowheel_analysis.diagnosis.diagnose import diagnose

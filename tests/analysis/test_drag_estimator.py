@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-import gyrowheel_analysis.drag_prediction
+import gyrowheel_analysis.drag.prediction
 from gyrowheel_analysis.balance.balance import Balance
-from gyrowheel_analysis.drag import DragEstimator, Estimate
-from gyrowheel_analysis.drag_stream import BLOCK, DragStream, drag_estimates
+from gyrowheel_analysis.drag.estimate import DragEstimator, Estimate
+from gyrowheel_analysis.drag.stream import BLOCK, DragStream, drag_estimates
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction import Samples, Windows, reduce
 from gyrowheel_control.loops.closed_loop import Run, simulate
@@ -99,7 +99,7 @@ def test_the_work_for_a_hold_grows_with_its_length_only(run: Run, monkeypatch: p
         lengths.append(len(data.time))
         return reduce(data, *rest)
 
-    monkeypatch.setattr(gyrowheel_analysis.drag_prediction, "reduce", counting)
+    monkeypatch.setattr(gyrowheel_analysis.drag.prediction, "reduce", counting)
     found = list(estimates(run))
     assert sum(lengths) < 4 * len(run.measurement)
     assert max(lengths) * BENCH.sample_period < 3.0

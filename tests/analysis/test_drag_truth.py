@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.drag import Estimate
-from gyrowheel_analysis.drag_stream import drag_estimates
+from gyrowheel_analysis.drag.estimate import Estimate
+from gyrowheel_analysis.drag.stream import drag_estimates
 from gyrowheel_analysis.model import Model, Override
 from gyrowheel_control.loops.closed_loop import Run, simulate
 from gyrowheel_control.plans.plan import Plan

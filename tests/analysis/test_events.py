@@ -9,7 +9,7 @@ import pytest
 import sympy as sp
 from scipy.signal import lfilter
 
-from gyrowheel.text.sentences.diagnosis import verdict_sentence
+from gyrowheel.show.sentences.diagnosis import verdict_sentence
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
 from gyrowheel_analysis.diagnosis.events import find
 from gyrowheel_analysis.fitting.preparation import one_thread, prepare

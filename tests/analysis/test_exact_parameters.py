@@ -11,8 +11,8 @@ from gyrowheel_analysis.add import add_effect
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
 from gyrowheel_analysis.fitting.terms import candidate_terms
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.recording import Recording
 from gyrowheel_core.errors import InputError
+from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.plant.scenario import Scenario
 
 from .machines import BENCH, record

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from scipy.signal import butter
 
-from gyrowheel.text.sentences.diagnosis import verdict_sentence
+from gyrowheel.show.sentences.diagnosis import verdict_sentence
 from gyrowheel_analysis.add import add_effect
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
 from gyrowheel_analysis.diagnosis.result import Diagnosis
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.recording import Recording
+from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.effects import EffectValues, get, physical
 from gyrowheel_sim.effects.targets import TARGETS
 

@@ -7,15 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from gyrowheel.results.contract import diagnosis_json
-from gyrowheel.text.sentences.diagnosis import verdict_sentence
-from gyrowheel.text.sentences.fits import doubt_sentence
+from gyrowheel.show.contract import diagnosis_json
+from gyrowheel.show.sentences.diagnosis import verdict_sentence
+from gyrowheel.show.sentences.fits import doubt_sentence
 from gyrowheel_analysis.add import add_effect
 from gyrowheel_analysis.compare import compare
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.recording import Recording
 from gyrowheel_core.errors import InputError
+from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.effects import effect_from_text
 
 from .machines import hidden_machine, record

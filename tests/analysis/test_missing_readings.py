@@ -14,11 +14,10 @@ from hypothesis import strategies as st
 
 from gyrowheel_analysis.compare import compare
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
-from gyrowheel_analysis.drag import DragEstimator
+from gyrowheel_analysis.drag.estimate import DragEstimator
 from gyrowheel_analysis.fitting.preparation import samples_of
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.rate_sensor import rates
-from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.reduction import (
     NEEDED,
     Coverage,
@@ -32,6 +31,7 @@ from gyrowheel_analysis.reduction.quality import SLOW
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.readings import READINGS, Readings
+from gyrowheel_recording.bags import Recording
 
 from .machines import BENCH, assert_same_means, hidden_machine, record
 

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 import yaml
 
-from gyrowheel.results.contract import diagnosis_json
+from gyrowheel.show.contract import diagnosis_json
 from gyrowheel_analysis.add import add_effect
 from gyrowheel_analysis.compare import compare
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
-from gyrowheel_analysis.drag import DragEstimator
+from gyrowheel_analysis.drag.estimate import DragEstimator
 from gyrowheel_analysis.model import Model, Override
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.effects import Effect, effect_from_mapping, effect_from_text, registry

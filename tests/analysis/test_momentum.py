@@ -11,8 +11,8 @@ import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
-from gyrowheel.plots.figure import png_bytes
-from gyrowheel.plots.momentum_envelope import body_figure, caps_figure
+from gyrowheel.momentum_envelope.picture import body_figure, caps_figure
+from gyrowheel.show.figure import png_bytes
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.mechanics.momentum import envelope, speeds_of

@@ -15,8 +15,8 @@ from gyrowheel_analysis.diagnosis.diagnose import diagnose
 from gyrowheel_analysis.fitting.preparation import require_one_bench
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.rate_sensor import rates
-from gyrowheel_analysis.recording import Recording
 from gyrowheel_core.errors import InputError
+from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.bench import Bench
 
 from .machines import BENCH, hidden_machine, record

@@ -13,18 +13,18 @@ from hypothesis import strategies as st
 
 from gyrowheel_analysis.compare import compare
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
-from gyrowheel_analysis.drag_stream import drag_estimates
+from gyrowheel_analysis.drag.stream import drag_estimates
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.rate_sensor import rates
-from gyrowheel_analysis.recording import Recording, write_run
-from gyrowheel_analysis.recording.info import info
-from gyrowheel_analysis.recording.pauses import PAUSE, pauses
 from gyrowheel_analysis.reduction import Samples, motor_temperatures
 from gyrowheel_analysis.reduction.motor_temperature import interpolated
-from gyrowheel_analysis.setups.find import wrong_setups
-from gyrowheel_analysis.setups.shortened import Shortened
 from gyrowheel_core import wire
 from gyrowheel_core.readings import READINGS, Readings
+from gyrowheel_recording.bags import Recording, write_run
+from gyrowheel_recording.bags.info import info
+from gyrowheel_recording.bags.pauses import PAUSE, pauses
+from gyrowheel_recording.mislabelled.find import wrong_setups
+from gyrowheel_recording.mislabelled.pauses import Shortened
 from gyrowheel_sim.environment import to_json
 
 from .machines import BENCH, hidden_machine, record

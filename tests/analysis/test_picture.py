@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gyrowheel.plots.error_fall import error_figure
-from gyrowheel.plots.figure import write_figure
+from gyrowheel.show.error_fall import error_figure
+from gyrowheel.show.figure import write_figure
 from gyrowheel_analysis.residuals.error_table import ErrorRow, ErrorTable, Residuals
 from gyrowheel_core.errors import InputError
 

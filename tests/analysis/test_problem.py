@@ -15,10 +15,10 @@ from gyrowheel_analysis.fitting.preparation import FEWEST_WINDOWS, TooFewWindows
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.fitting.terms import Term
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.reduction import planned_windows
 from gyrowheel_analysis.residuals.error_table import errors_of
 from gyrowheel_control.plans.plan import Plan
+from gyrowheel_recording.bags import Recording
 
 from .machines import BENCH, hidden_machine, record
 

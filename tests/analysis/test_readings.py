@@ -12,12 +12,12 @@ import pytest
 
 import gyrowheel as gw
 from gyrowheel_analysis.fitting.preparation import samples_of
-from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.reduction import Shown, look, reduce
 from gyrowheel_analysis.reduction.lattice import steps
 from gyrowheel_analysis.reduction.not_as_stated import ReadingFinding, reading_findings
 from gyrowheel_analysis.reduction.stamps import read_stamps
 from gyrowheel_core.readings import READINGS, Readings
+from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.bench import Bench
 
 BENCH = Bench.load()

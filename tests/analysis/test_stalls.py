@@ -7,12 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gyrowheel.text.recordings import integrity_text
-from gyrowheel_analysis.recording import Recording
-from gyrowheel_analysis.recording.live import StallCount
+from gyrowheel.recordings.page import integrity_text
 from gyrowheel_core import wire
-
-from .recordings import record
+from gyrowheel_recording.bags import Recording
+from gyrowheel_recording.bags.live import StallCount
+from tests.recording.recordings import record
 
 PERIOD = 500_000
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from gyrowheel.results.contract import diagnosis_json
-from gyrowheel.text.sentences.diagnosis import verdict_sentence
-from gyrowheel.text.sentences.proof import proof_sentence
+from gyrowheel.show.contract import diagnosis_json
+from gyrowheel.show.sentences.diagnosis import verdict_sentence
+from gyrowheel.show.sentences.proof import proof_sentence
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
 from gyrowheel_analysis.diagnosis.limits import FAR
 from gyrowheel_analysis.diagnosis.proof import RANGE
@@ -18,8 +18,8 @@ from gyrowheel_analysis.diagnosis.result import Diagnosis
 from gyrowheel_analysis.diagnosis.selection import threshold
 from gyrowheel_analysis.fitting.terms import ERRORS, Term
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.recording import Recording
 from gyrowheel_control.plans.plan import Plan
+from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.effects import Effect, EffectValues, effect_from_mapping, registry
 from gyrowheel_sim.plant.scenario import Scenario
 

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gyrowheel.text.sentences.residuals import (
+from gyrowheel.show.sentences.residuals import (
     dependence_sentences,
     growth_sentence,
     region_description,

@@ -18,8 +18,8 @@ from rclpy.action import ActionClient
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
+from gyrowheel_bringup.graph.plan_run import PlanRequest, walked
 from gyrowheel_bringup.graph.results import GraphError
-from gyrowheel_bringup.graph.walking import PlanRequest, walked
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import topics, wire
 from gyrowheel_core.node import requests

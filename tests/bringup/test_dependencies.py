@@ -29,7 +29,7 @@ BY_PIP = {"dask": "distributed", "foxglove": "foxglove-sdk"} | {
 #: Packages of ROS that are no modules: started by name, or tools of a launch file.
 STARTED = {"gyrowheel_bringup": {"robot_state_publisher", "ros2launch", "rviz2"}}
 #: What a package asks for where it is wanted, by name or for a package below it: ``pip install gyrowheel[foxglove]``.
-EXTRA_NAMES = {"gyrowheel": {"foxglove-sdk"}, "gyrowheel_analysis": {"asammdf", "npTDMS"}}
+EXTRA_NAMES = {"gyrowheel": {"foxglove-sdk"}, "gyrowheel_recording": {"asammdf", "npTDMS"}}
 #: What PyPI calls a module, where that is another name.
 PYPI = {
     "yaml": "PyYAML",

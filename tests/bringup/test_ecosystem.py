@@ -26,7 +26,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.recording.definitions import typestore
 from gyrowheel_bringup.graph import EXECUTABLES, Graph, find_executable, node_parameters
 from gyrowheel_bringup.viewers import robot_description, rviz_config, share_file
 from gyrowheel_control.plans.fitting import plan_for
@@ -36,6 +35,7 @@ from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import PARENT_VARIABLE
 from gyrowheel_core.topics import JOINTS
 from gyrowheel_core.units import DEG
+from gyrowheel_recording.bags.definitions import typestore
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.mechanics.kinematics import axis_of_tilt
 from gyrowheel_sim.plant.scenario import Scenario
@@ -50,7 +50,8 @@ PACKAGES = sorted(path.parent.name for path in SRC.glob("*/package.xml"))
 NODES = {
     "gyrowheel_sim": {"plant_node"},
     "gyrowheel_control": {"controller_node", "conductor_node", "joint_commands_node"},
-    "gyrowheel_analysis": {"drag_estimator_node", "recorder_node", "replay_node"},
+    "gyrowheel_recording": {"recorder_node", "replay_node"},
+    "gyrowheel_analysis": {"drag_estimator_node"},
     "gyrowheel_bringup": {"foxglove_node", "plan_client_node"},
 }
 
@@ -247,7 +248,7 @@ def test_the_client_of_a_launch_walks_a_shipped_plan_within_the_limits_of_anothe
 
 @pytest.mark.usefixtures("stubs", "viewers")
 def test_launch_of_a_replay_has_parameters_that_the_node_takes() -> None:
-    from gyrowheel_analysis.nodes.replay import ReplayNode
+    from gyrowheel_recording.nodes.replay import ReplayNode
 
     actions = launched("replay.launch.py", recording="runs/monday", rate="0", estimate="true")
     assert [action.options["executable"] for action in actions] == [
@@ -462,7 +463,7 @@ def test_colcon_builds_the_packages_finds_their_tests_and_their_nodes_run(tmp_pa
         assert "set parameters by --ros-args" in shell(f"install/{package}/lib/{package}/{node} --help")
     # and the whole bench walks a plan with the nodes of the workspace
     (tmp_path / "plan.yaml").write_text(SHORT_PLAN)
-    code = "import sys; from gyrowheel.cli import main; sys.argv[0] = 'gyrowheel'; main()"
+    code = "import sys; from gyrowheel.cli.app import main; sys.argv[0] = 'gyrowheel'; main()"
     said = shell(
         f"'{sys.executable}' -c \"{code}\" up --plan plan.yaml --record run", ROS_DOMAIN_ID=str(next_domain())
     )

@@ -10,10 +10,10 @@ import pytest
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 
-from gyrowheel_analysis.recording import Recording, info
 from gyrowheel_bringup.graph import Graph, GraphError, Progress
 from gyrowheel_bringup.graph.nodes import REALTIME_PRIORITY
 from gyrowheel_core import topics
+from gyrowheel_recording.bags import Recording, info
 
 from .helpers import SHORT_PLAN, Bystander, NodeProcess
 

@@ -18,12 +18,12 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
-from gyrowheel_analysis.recording import Recording, info
 from gyrowheel_bringup.graph import EXECUTABLES, Graph, GraphError, Progress
 from gyrowheel_control.loops.closed_loop import simulate
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import topics, wire
 from gyrowheel_core.topics import Topic
+from gyrowheel_recording.bags import Recording, info
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.plant.scenario import Scenario
 
@@ -385,7 +385,7 @@ def test_two_graphs_on_two_domains_do_not_meet(tmp_path: Path, watched: Watched)
 def test_ctrl_c_twice_leaves_a_complete_recording(tmp_path: Path, watched: Watched):
     directory, plan = tmp_path / "recording", tmp_path / "plan.yaml"
     plan.write_text(LONG_PLAN, encoding="utf-8")
-    command = [sys.executable, "-c", "from gyrowheel.cli import main; main()", "up"]
+    command = [sys.executable, "-c", "from gyrowheel.cli.app import main; main()", "up"]
     with subprocess.Popen(
         [*command, "--plan", str(plan), "--record", str(directory)],
         env=os.environ | {"ROS_DOMAIN_ID": str(next_domain())},

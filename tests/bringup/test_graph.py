@@ -13,12 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from gyrowheel_analysis.recording import Integrity, Recording
 from gyrowheel_bringup.graph import EXECUTABLES, Graph, GraphError, GraphResult, Progress, find_executable
 from gyrowheel_control.loops.closed_loop import simulate
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import wire
 from gyrowheel_core.errors import InputError
+from gyrowheel_recording.bags import Integrity, Recording
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import registry
 from gyrowheel_sim.plant.scenario import Scenario

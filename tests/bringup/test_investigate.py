@@ -12,12 +12,12 @@ from typing import Any
 import pytest
 
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.recording import Recording
+from gyrowheel_recording.bags import Recording
 
 from ..domains import next_domain
 from ..gyrowheel.helpers import DRAG_PLAN
 
-COMMAND = [sys.executable, "-c", "from gyrowheel.cli import main; main()"]
+COMMAND = [sys.executable, "-c", "from gyrowheel.cli.app import main; main()"]
 
 
 def investigated(folder: Path, *arguments: str) -> tuple[dict[str, Any], str]:

@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import WebSocketClientConnection, websocket_connect
 
-from gyrowheel.simulation import record_simulation
-from gyrowheel_bringup.gate import Gate, refusal, web_origins
+from gyrowheel.simulation.api import record_simulation
+from gyrowheel_bringup.origin_guard import Gate, refusal, web_origins
 from gyrowheel_bringup.viewers import robot_description
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import topics, wire

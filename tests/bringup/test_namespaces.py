@@ -22,16 +22,16 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 import gyrowheel as gw
-from gyrowheel.graph import up as up_here
-from gyrowheel.text.layout import plain_text
-from gyrowheel.text.recordings import info_page
-from gyrowheel_analysis.recording import info
-from gyrowheel_analysis.recording.playback import Tape
-from gyrowheel_analysis.recording.salvage import salvage
+from gyrowheel.graph.api import up as up_here
+from gyrowheel.recordings.page import info_page
+from gyrowheel.show.layout import plain_text
 from gyrowheel_bringup.graph import Graph, require_free
 from gyrowheel_bringup.viewers import foxglove_layout, viewer_names
 from gyrowheel_core import namespaces, topics, wire
 from gyrowheel_core.errors import InputError
+from gyrowheel_recording.bags import info
+from gyrowheel_recording.bags.playback import Tape
+from gyrowheel_recording.bags.salvage import salvage
 
 from .helpers import Bystander
 
@@ -53,7 +53,7 @@ hold_s: 1.0
 segments:
   - {label: "2500", spin_rpm: 2500, tilt_deg: [[0, 0], [2, 0]]}
 """
-GYROWHEEL = [sys.executable, "-c", "from gyrowheel.cli import main; main()"]
+GYROWHEEL = [sys.executable, "-c", "from gyrowheel.cli.app import main; main()"]
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ PAGE = Path(__file__).resolve().parents[2] / "docs" / "your_hardware.md"
 #: its speed until somebody commands it; from then on it waits for each command, so that no computer is too slow for it.
 CARD = """\
 import time
-from gyrowheel.machine import scenario
+from gyrowheel.simulation.scenario import scenario
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import from_json

@@ -10,7 +10,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from gyrowheel_bringup.graph.launching import parameter_options
+from gyrowheel_bringup.graph.launch import parameter_options
 from gyrowheel_bringup.graph.parameter_file import write_parameters
 
 pytestmark = pytest.mark.graph

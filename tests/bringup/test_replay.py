@@ -21,10 +21,10 @@ from rclpy.parameter import Parameter
 from rosbags.rosbag2 import Reader
 from std_srvs.srv import SetBool, Trigger
 
-from gyrowheel_analysis.recording import RecordingWriter
 from gyrowheel_bringup.graph import Graph, find_executable
 from gyrowheel_core import topics, wire
 from gyrowheel_core.node import PARENT_VARIABLE
+from gyrowheel_recording.bags import RecordingWriter
 
 from ..domains import next_domain
 from .helpers import Bystander, NodeProcess, end_process
@@ -286,7 +286,7 @@ def test_the_command_replays_and_estimates(
 
     def call(*options: str) -> tuple[int, str, str]:
         """Return exit code, output and errors of a call in a process of its own."""
-        command = [sys.executable, "-c", "from gyrowheel.cli import main; main()", "replay"]
+        command = [sys.executable, "-c", "from gyrowheel.cli.app import main; main()", "replay"]
         done = subprocess.run(
             [*command, str(recording), *options],
             env=os.environ | {"ROS_DOMAIN_ID": str(next_domain())},
@@ -329,7 +329,7 @@ def test_a_pause_of_decades_takes_no_time_as_fast_as_it_goes(tmp_path: Path) -> 
         [
             sys.executable,
             "-c",
-            "from gyrowheel.cli import main; main()",
+            "from gyrowheel.cli.app import main; main()",
             "replay",
             str(recording),
             "--fast",

@@ -18,13 +18,13 @@ import pytest
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 
-from gyrowheel_analysis.recording import Recording, info
 from gyrowheel_bringup.graph import Graph, Progress, find_executable
 from gyrowheel_bringup.viewers import robot_description
 from gyrowheel_control.loops.controller import Controller
 from gyrowheel_control.loops.efforts import Efforts, efforts_of
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
+from gyrowheel_recording.bags import Recording, info
 from gyrowheel_sim.bench import Bench
 
 from .helpers import SHORT_PLAN, Bystander, NodeProcess, wait_for

@@ -15,14 +15,14 @@ from rclpy.duration import Duration
 from rclpy.serialization import deserialize_message
 from rosbags.highlevel import AnyReader
 
-from gyrowheel.text.layout import plain_text
-from gyrowheel.text.recordings import info_page
-from gyrowheel_analysis.recording import Recording, info
+from gyrowheel.recordings.page import info_page
+from gyrowheel.show.layout import plain_text
 from gyrowheel_bringup.graph import Graph, GraphError, Progress
 from gyrowheel_bringup.graph.strangers import Strangers
 from gyrowheel_core import topics, wire
 from gyrowheel_core.node import SURPLUS
 from gyrowheel_core.node.publishers import NAMELESS, PublisherWatch
+from gyrowheel_recording.bags import Recording, info
 
 from .helpers import SHORT_PLAN, Bystander, wait_for
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gyrowheel_analysis.recording import Recording, info
 from gyrowheel_bringup.graph import Graph, GraphError, Progress
+from gyrowheel_recording.bags import Recording, info
 from gyrowheel_sim.bench import Bench
 
 from .helpers import SHORT_PLAN, Bystander

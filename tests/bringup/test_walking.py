@@ -11,7 +11,8 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS is not installed")
 
-from gyrowheel_bringup.graph import GraphError, Progress, walking
+from gyrowheel_bringup.graph import GraphError, Progress
+from gyrowheel_bringup.graph import plan_run as walking
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.node import requests
 

@@ -12,7 +12,7 @@ import yaml
 from gyrowheel_control.plans import demands
 from gyrowheel_control.plans.fitting import fitted, plan_for
 from gyrowheel_control.plans.format import Block, PlanFile, json_schema
-from gyrowheel_control.plans.inspecting import inspect
+from gyrowheel_control.plans.inspection import inspect
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_control.plans.skeleton import skeleton
 from gyrowheel_core.errors import InputError

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from gyrowheel_core.files import new_directory, new_file, write_bytes
-from gyrowheel_core.leftovers import on_its_way
+from gyrowheel_core.temporary_files import on_its_way
 
 #: A process that forks one that writes for ever, at every line that it reads, and says its number.
 _WRITES = """

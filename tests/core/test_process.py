@@ -213,7 +213,7 @@ def test_a_domain_that_is_none(domain: str, monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_no_end_of_a_node_can_be_taken_for_a_finding_or_an_interruption() -> None:
-    shell = pytest.importorskip("gyrowheel.cli.shell")
+    shell = pytest.importorskip("gyrowheel.cli.console")
     assert {shell.FINDING, shell.INTERRUPTED}.isdisjoint({int(code) for code in ExitCode})
     assert (ExitCode.BAD_INPUT, ExitCode.FAULT, ExitCode.CRASH) == (
         shell.BAD_INPUT,

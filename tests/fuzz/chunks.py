@@ -16,10 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from gyrowheel_analysis.recording.columns import wanted
-from gyrowheel_analysis.recording.definitions import definition
-from gyrowheel_analysis.recording.mcap import batches
-from gyrowheel_analysis.recording.mcap.format import (
+from gyrowheel_core import topics, wire
+from gyrowheel_core.errors import InputError
+from gyrowheel_recording.bags.columns import wanted
+from gyrowheel_recording.bags.definitions import definition
+from gyrowheel_recording.bags.mcap import batches
+from gyrowheel_recording.bags.mcap.format import (
     CHANNEL,
     CHUNK,
     DATA_END,
@@ -30,10 +32,8 @@ from gyrowheel_analysis.recording.mcap.format import (
     MESSAGE_INDEX,
     SCHEMA,
 )
-from gyrowheel_analysis.recording.mcap.reader import read_mcap
-from gyrowheel_analysis.recording.mcap.topics import Want
-from gyrowheel_core import topics, wire
-from gyrowheel_core.errors import InputError
+from gyrowheel_recording.bags.mcap.reader import read_mcap
+from gyrowheel_recording.bags.mcap.topics import Want
 
 from .harness import Case, WrongAnswer
 

@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 
 import gyrowheel as gw
-from gyrowheel_analysis.recording import Recording, RecordingWriter
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import json_text
 from gyrowheel_core.readings import READINGS
+from gyrowheel_recording.bags import Recording, RecordingWriter
 from gyrowheel_sim.environment import to_json
 
 from .harness import Case, begin_again

@@ -17,7 +17,7 @@ import scipy.io
 from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_typestore
 
-from gyrowheel_analysis.tables.formats import read_grid
+from gyrowheel_recording.tables.formats import read_grid
 
 from .damage import mutated
 from .harness import Case

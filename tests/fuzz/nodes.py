@@ -19,9 +19,8 @@ import rclpy
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 
-from gyrowheel_analysis.drag_stream import DragStream
+from gyrowheel_analysis.drag.stream import DragStream
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.recording.live import LiveRecording
 from gyrowheel_control.nodes.conductor import ConductorNode
 from gyrowheel_control.nodes.controller import ControllerNode
 from gyrowheel_core import topics, wire
@@ -29,6 +28,7 @@ from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import BenchNode, prepare_environment
 from gyrowheel_core.node.base import Fault
 from gyrowheel_core.topics import Topic
+from gyrowheel_recording.bags.live import LiveRecording
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.plant.node import PlantNode
 

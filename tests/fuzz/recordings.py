@@ -20,13 +20,13 @@ import numpy.typing as npt
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
 import gyrowheel as gw
-from gyrowheel_analysis.recording import Recording, RecordingWriter, salvage, write_run
-from gyrowheel_analysis.recording.columns import column_dtype
-from gyrowheel_analysis.recording.definitions import typestore
-from gyrowheel_analysis.recording.mcap import reader
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import json_text
+from gyrowheel_recording.bags import Recording, RecordingWriter, salvage, write_run
+from gyrowheel_recording.bags.columns import column_dtype
+from gyrowheel_recording.bags.definitions import typestore
+from gyrowheel_recording.bags.mcap import reader
 from gyrowheel_sim.environment import Environment, to_json
 
 from .damage import mutated, mutated_text

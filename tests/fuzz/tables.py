@@ -12,8 +12,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from gyrowheel_analysis.exchange import ColumnMap, import_table
-from gyrowheel_analysis.recording import Recording
+from gyrowheel_recording.bags import Recording
+from gyrowheel_recording.mapping import ColumnMap, import_table
 
 from .damage import mutated, mutated_text
 from .harness import Case, WrongAnswer

@@ -11,15 +11,15 @@ import mcap.writer
 import numpy as np
 import pytest
 
-from gyrowheel.cli.defects import machine_error
-from gyrowheel_analysis.exchange import ColumnMap, import_table
-from gyrowheel_analysis.recording import Recording, RecordingWriter
-from gyrowheel_analysis.recording.definitions import definition
-from gyrowheel_analysis.tables import read_grid
+from gyrowheel.cli.internal_errors import machine_error
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import files, topics, wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import read_text
+from gyrowheel_recording.bags import Recording, RecordingWriter
+from gyrowheel_recording.bags.definitions import definition
+from gyrowheel_recording.mapping import ColumnMap, import_table
+from gyrowheel_recording.tables import read_grid
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.typed import typed_effect
 from gyrowheel_sim.environment import from_json

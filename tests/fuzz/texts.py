@@ -11,12 +11,12 @@ from typing import NamedTuple
 import numpy as np
 import yaml
 
-from gyrowheel_analysis.exchange import ColumnMap
+from gyrowheel_air.geometry import Geometry
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.recording.part import parted
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError
-from gyrowheel_sim.air.geometry import Geometry
+from gyrowheel_recording.bags.part import parted
+from gyrowheel_recording.mapping import ColumnMap
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import registry
 from gyrowheel_sim.effects.code import laws_source

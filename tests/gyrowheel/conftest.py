@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from gyrowheel.machine import scenario
-from gyrowheel.simulation import record_simulation
+from gyrowheel.simulation.api import record_simulation
+from gyrowheel.simulation.scenario import scenario
 from gyrowheel_analysis.model import Model
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_sim.bench import Bench

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from gyrowheel.cli.app import app
-from gyrowheel.cli.shell import run
+from gyrowheel.cli.console import run
 
 if TYPE_CHECKING:
     from gyrowheel.workbench.server import Server

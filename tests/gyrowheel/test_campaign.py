@@ -15,23 +15,24 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gyrowheel.campaigns import hiding, workers
+from gyrowheel.campaigns import hidden as hiding
+from gyrowheel.campaigns import workers
 from gyrowheel.campaigns.cases import Campaign, Case, cases
-from gyrowheel.campaigns.hiding import LARGEST, Secret, Yardstick, hide, yardstick
+from gyrowheel.campaigns.hidden import LARGEST, Secret, Yardstick, hide, yardstick
 from gyrowheel.campaigns.job import _move, run_case
 from gyrowheel.campaigns.judge import Interval, Judged, judge
 from gyrowheel.campaigns.outside import declared, outside_forms
+from gyrowheel.campaigns.page import campaign_page, case_line
+from gyrowheel.campaigns.report import campaign_page as report_page
+from gyrowheel.campaigns.result import CampaignResult
 from gyrowheel.campaigns.summary import Rate, Summary, covered
-from gyrowheel.report.campaign import campaign_page as report_page
-from gyrowheel.results.campaign import CampaignResult
-from gyrowheel.text.campaign import campaign_page, case_line
-from gyrowheel.text.layout import show
+from gyrowheel.show.layout import show
 from gyrowheel_analysis.fitting.terms import ERRORS
-from gyrowheel_analysis.recording import Recording
 from gyrowheel_control.loops.controller import Gains
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import json_text
+from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.blind.draw import KINDS
 from gyrowheel_sim.effects import physical, registry
@@ -178,10 +179,15 @@ def test_what_is_recorded_loses_samples_and_carries_no_truth(tmp_path: Path, mea
 
 def test_the_finder_can_see_nothing_but_recordings_and_the_model():
     folder = Path(hiding.__file__).parent
-    tree = ast.parse((folder / "finding.py").read_text(encoding="utf-8"))
+    tree = ast.parse((folder / "finder.py").read_text(encoding="utf-8"))
     modules = {n.module for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) and n.module}
     modules |= {a.name for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names}
-    assert {m.split(".")[0] for m in modules} <= {"__future__", "pathlib", "gyrowheel_analysis"}
+    assert {m.split(".")[0] for m in modules} <= {
+        "__future__",
+        "pathlib",
+        "gyrowheel_analysis",
+        "gyrowheel_recording",
+    }
     (function,) = (n for n in tree.body if isinstance(n, ast.FunctionDef))
     assert [a.arg for a in function.args.args] == ["recording", "unused", "model"]
 

@@ -18,9 +18,9 @@ import pytest
 import typer
 
 from gyrowheel.cli.app import app
-from gyrowheel.machine import noise_seed
-from gyrowheel_analysis.recording import Recording
+from gyrowheel.simulation.scenario import noise_seed
 from gyrowheel_core.errors import InputError
+from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.bench import Bench
 
 from .conftest import Wheel
@@ -76,7 +76,7 @@ def test_help_lists_every_verb(gyrowheel: Shell):
 
 def test_help_needs_none_of_the_heavy_modules():
     code = (
-        "import sys; from gyrowheel.cli import app, shell; shell.run(app, ['--help']);"
+        "import sys; from gyrowheel.cli.app import app; from gyrowheel.cli.console import run; run(app, ['--help']);"
         "print('heavy:', sorted({'numba', 'scipy', 'sympy', 'matplotlib', 'rclpy', 'numpy'} & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -253,7 +253,7 @@ def test_interruption_is_exit_130_and_leaves_nothing(
         (directory / "half.mcap").write_bytes(b"half")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("gyrowheel.simulation.write_run", interrupted)
+    monkeypatch.setattr("gyrowheel.simulation.api.write_run", interrupted)
     plan = write(tmp_path / "plan.yaml", SHORT_PLAN)
     assert gyrowheel("simulate", "--plan", plan, "-o", tmp_path / "run").code == 130
     assert list(tmp_path.iterdir()) == [plan]

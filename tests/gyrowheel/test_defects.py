@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 import typer
 
-from gyrowheel.cli.shell import BAD_INPUT, DEFECT, _console, run
+from gyrowheel.cli.console import BAD_INPUT, DEFECT, _console, run
 
 _SECRET = "prototype-of-a-customer"
 
@@ -44,7 +44,7 @@ def test_defect(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.
     text = report.read_text()
     assert _SECRET not in text
     assert "builtins.ZeroDivisionError" in text
-    assert re.search(r"gyrowheel\.cli\.shell:\d+ in run", text)
+    assert re.search(r"gyrowheel\.cli\.console:\d+ in run", text)
     assert re.search(r"numpy \d", text)
     assert report.stat().st_mode & 0o077 == 0
 
@@ -77,7 +77,7 @@ def test_what_the_machine_lacks(error: BaseException, said: str, capsys: pytest.
 def test_signals_leave_nothing_behind(number: signal.Signals, tmp_path: Path) -> None:
     """A hang-up, a quit and a termination unwind: a temporary folder goes, the exit code tells the signal."""
     text = """
-        import tempfile, time, typer, gyrowheel.cli as cli
+        import tempfile, time, typer, gyrowheel.cli.app as cli
         app = typer.Typer()
         @app.command()
         def verb() -> None:
@@ -107,8 +107,8 @@ def test_signals_leave_nothing_behind(number: signal.Signals, tmp_path: Path) ->
 _STREAMS = """
     import os, sys
     import typer
-    from gyrowheel.cli.shell import out, put_json, run
-    from gyrowheel.errors import InputError
+    from gyrowheel.cli.console import out, put_json, run
+    from gyrowheel_core.errors import InputError
 
     app = typer.Typer()
 

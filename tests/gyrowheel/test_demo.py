@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from gyrowheel import blind_trial as judging
-from gyrowheel import demo
-from gyrowheel.simulation import record_simulation
+from gyrowheel.blind_tests import judge as judging
+from gyrowheel.demonstration import api as demo
+from gyrowheel.simulation.api import record_simulation
 from gyrowheel_analysis.model import Model
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_sim.bench import Bench

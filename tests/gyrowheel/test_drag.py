@@ -15,12 +15,12 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 import gyrowheel as gw
-from gyrowheel.plots.drag import air_increments
-from gyrowheel_analysis.drag_stream import recorded_holds
+from gyrowheel.drag_comparison.picture import air_increments
+from gyrowheel_analysis.drag.stream import recorded_holds
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.recording import Recording
-from gyrowheel_analysis.recording.definitions import typestore
 from gyrowheel_core import topics, wire
+from gyrowheel_recording.bags import Recording
+from gyrowheel_recording.bags.definitions import typestore
 
 from .conftest import Wheel
 from .helpers import DRAG_PLAN, Shell, write

@@ -19,10 +19,10 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from gyrowheel_analysis.exchange import ColumnMap, export_recording, import_table
-from gyrowheel_analysis.recording import Recording, RecordingWriter
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
+from gyrowheel_recording.bags import Recording, RecordingWriter
+from gyrowheel_recording.mapping import ColumnMap, export_recording, import_table
 from gyrowheel_sim.bench import Bench
 
 from .conftest import Wheel

@@ -11,14 +11,9 @@ from typing import Any
 
 import pytest
 
-from gyrowheel import investigation
-from gyrowheel.investigation import (
-    BROAD,
-    Investigation,
-    Step,
-    pursue,
-)
-from gyrowheel.text.sentences.investigation import end_sentence, learned
+from gyrowheel.investigation import procedure as investigation
+from gyrowheel.investigation.procedure import BROAD, Investigation, Step, pursue
+from gyrowheel.investigation.sentences import end_sentence, learned
 from gyrowheel_analysis.diagnosis.discrimination import Discrimination
 from gyrowheel_analysis.diagnosis.precision import PrecisionTest, relative_error
 from gyrowheel_analysis.diagnosis.result import Diagnosis, Estimate, NextTest
@@ -62,7 +57,7 @@ def scripted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[..., t
         answers: Sequence[Diagnosis], *, sharper: Any = None, plain: Diagnosis = NOTHING, **options: Any
     ) -> tuple[Investigation, Silent]:
         left = list(answers)
-        monkeypatch.setattr("gyrowheel_analysis.recording.Recording.open", lambda path: path)
+        monkeypatch.setattr("gyrowheel_recording.bags.Recording.open", lambda path: path)
 
         def diagnose(*_: Any, averages: bool = False, **__: Any) -> Diagnosis:
             # a look at averages alone, beside that at everything, is for the explanation

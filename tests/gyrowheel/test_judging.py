@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from gyrowheel.blind_trial import hidden_effects, judge
+from gyrowheel.blind_tests.judge import hidden_effects, judge
 from gyrowheel_core.errors import InputError
 
 from .findings import AMBIGUOUS, UNKNOWN, diagnosis, finding, limit, tie

@@ -13,8 +13,8 @@ import pyarrow as pa
 import pytest
 
 import gyrowheel as gw
-from gyrowheel_analysis.tables import Column, Grid, form_of_file, read_grid
-from gyrowheel_analysis.tables.text import form_of
+from gyrowheel_recording.tables import Column, Grid, form_of_file, read_grid
+from gyrowheel_recording.tables.text import form_of
 
 from .test_wrong_tables import RATE, Lines, N, Table
 
@@ -194,7 +194,7 @@ def test_packed_numbers_of_netcdf_are_unpacked(tmp_path: Path) -> None:
 
 def test_numbers_with_their_bytes_the_other_way_round() -> None:
     grid = Grid.of("t", [Column("a", np.arange(3, dtype=kind)) for kind in (">i4", ">u2", ">f4", ">i8")])
-    from gyrowheel_analysis.exchange.table import _as_arrow
+    from gyrowheel_recording.mapping.table import _as_arrow
 
     for column in grid.columns.values():
         assert _as_arrow(column).to_pylist() == [0, 1, 2]
@@ -302,8 +302,8 @@ def by_two_clocks(
 
 
 def imported(folder: Path, grid: Any, content: dict[str, Any]) -> tuple[Any, tuple[str, ...]]:
-    from gyrowheel_analysis.exchange import ColumnMap, import_table
-    from gyrowheel_analysis.recording import Recording
+    from gyrowheel_recording.bags import Recording
+    from gyrowheel_recording.mapping import ColumnMap, import_table
 
     (folder / "run").mkdir()
     made = import_table("two", ColumnMap.from_mapping(content, "the map"), folder / "run", grid=grid)

@@ -10,7 +10,7 @@ import pyarrow as pa
 import pytest
 
 import gyrowheel as gw
-from gyrowheel_analysis.exchange.naming import TEMPERATURE, named, unknown_unit
+from gyrowheel_recording.mapping.column_names import TEMPERATURE, named, unknown_unit
 
 from .test_wrong_tables import RATE, N, Table
 

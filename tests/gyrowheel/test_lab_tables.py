@@ -15,7 +15,7 @@ import pytest
 import gyrowheel as gw
 import gyrowheel_sim
 from gyrowheel_analysis.fitting.preparation import prepare
-from gyrowheel_analysis.recording import Origin, Recording, described
+from gyrowheel_recording.bags import Origin, Recording, described
 
 from . import lab_tables as lab
 from .helpers import Shell

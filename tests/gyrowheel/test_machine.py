@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from gyrowheel.machine import scenario
+from gyrowheel.simulation.scenario import scenario
+from gyrowheel_air.effects import air_effects
 from gyrowheel_core.errors import InputError
-from gyrowheel_sim.air.effects import air_effects
 from gyrowheel_sim.bench import Bench
 
 BENCH = Bench.load()

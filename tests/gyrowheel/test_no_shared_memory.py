@@ -30,7 +30,7 @@ _COMMAND = """
         return Judged(case.index, case.kind, {{}}, {{}}, True, "effect", [], [], "exact")
 
     workers.run_case = made_up
-    from gyrowheel.cli import main
+    from gyrowheel.cli.app import main
     main()
 """
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 import gyrowheel as gw
-from gyrowheel.cli.shell import BAD_INPUT, OK
+from gyrowheel.cli.console import BAD_INPUT, OK
 
 from .conftest import Wheel
 from .helpers import Shell

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from gyrowheel import Diagnosis
-from gyrowheel.commands import following
-from gyrowheel_analysis.recording import Recording
+from gyrowheel.diagnosis.next_command import following
 from gyrowheel_control.plans.plan import Plan
+from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import registry
 from gyrowheel_sim.effects.sizes import for_bench

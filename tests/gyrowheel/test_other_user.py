@@ -24,7 +24,7 @@ _AS_USER = [
     "setpriv", f"--reuid={_USER}", f"--regid={_USER}", "--clear-groups",
     "--inh-caps=+dac_read_search", "--ambient-caps=+dac_read_search",
 ]  # fmt: skip
-_COMMAND = [*_AS_USER, sys.executable, "-c", "from gyrowheel.cli import main; main()"]
+_COMMAND = [*_AS_USER, sys.executable, "-c", "from gyrowheel.cli.app import main; main()"]
 
 
 def _may_become_another() -> bool:

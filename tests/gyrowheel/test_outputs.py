@@ -196,7 +196,7 @@ def test_an_interruption_before_anything_is_done_writes_and_promises_nothing(
     cases = gyrowheel("campaign", "--cases", 1, "--json", bench / "cases.json")
     assert (cases.code, cases.out) == (130, "")
     assert not (bench / "cases.json").exists()
-    monkeypatch.setattr("gyrowheel.simulation.record_simulation", stop)
+    monkeypatch.setattr("gyrowheel.simulation.api.record_simulation", stop)
     model = bench / "wheel.yaml"
     found = gyrowheel("investigate", "--model", model, "--simulate", "-o", bench / "all")
     assert found.code == 130

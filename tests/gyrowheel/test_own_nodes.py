@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 import gyrowheel as gw
-from gyrowheel_analysis.recording import Recording
 from gyrowheel_bringup.graph import Graph
 from gyrowheel_control.plans.plan import HOLD, Plan
+from gyrowheel_recording.bags import Recording
 
 from ..domains import next_domain
 from .helpers import SHORT_PLAN, write

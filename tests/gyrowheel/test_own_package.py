@@ -33,7 +33,7 @@ def run(tmp_path: Path) -> Run:
             module = ["-m", "pip", "--disable-pip-version-check", "--no-input"]
             arguments += ["--no-build-isolation", "--no-index", "--target", str(site)]
         else:
-            module = ["-c", "from gyrowheel.cli import main; main()"]
+            module = ["-c", "from gyrowheel.cli.app import main; main()"]
         done = subprocess.run(
             [sys.executable, *module, *arguments],
             cwd=tmp_path,

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 import gyrowheel as gw
-from gyrowheel.publication import flow
-from gyrowheel.publication.evidence import TILT, Evidence
-from gyrowheel.publication.run import STATEMENTS
-from gyrowheel.results.paper import VERDICTS
-from gyrowheel_sim.air.flow import Flow, shipped, write
-from gyrowheel_sim.air.table import TorqueTable
+from gyrowheel.paper_figures import flow
+from gyrowheel.paper_figures.api import STATEMENTS
+from gyrowheel.paper_figures.evidence import TILT, Evidence
+from gyrowheel.paper_figures.result import VERDICTS
+from gyrowheel_air.flow import Flow, shipped, write
+from gyrowheel_air.table import TorqueTable
 
 from .helpers import Shell
 from .pages import Page, check_numbers
@@ -74,8 +74,8 @@ def test_pages_and_pictures_are_whole_after_every_statement(gyrowheel: Shell, tm
 
 @pytest.mark.parametrize("width", [80, 120])
 def test_the_table_fits(width: int) -> None:
-    from gyrowheel.text.layout import plain_text
-    from gyrowheel.text.paper import paper_page
+    from gyrowheel.paper_figures.page import paper_page
+    from gyrowheel.show.layout import plain_text
 
     text = plain_text(paper_page(gw.paper(only=QUICK)), width)
     assert max(map(len, text.splitlines())) <= width

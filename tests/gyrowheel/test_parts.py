@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import gyrowheel as gw
-from gyrowheel.results.diagnosis import Diagnosis
-from gyrowheel.text.diagnosis import diagnosis as page
-from gyrowheel.text.layout import plain_text
+from gyrowheel.diagnosis.page import diagnosis as page
+from gyrowheel.diagnosis.result import Diagnosis
+from gyrowheel.show.layout import plain_text
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
 from gyrowheel_analysis.fitting.preparation import samples_of
-from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.reduction import reduce
+from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.bench import Bench
 
 

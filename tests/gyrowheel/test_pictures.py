@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from gyrowheel.plots.where_it_fails import _arrow_scale
-from gyrowheel.text.sentences.investigation import unseen_sentence
+from gyrowheel.comparison.picture import _arrow_scale
+from gyrowheel.investigation.sentences import unseen_sentence
 from gyrowheel_analysis.channels import CHANNELS
 from gyrowheel_analysis.diagnosis.result import DetectionLimit, NextTest
 from gyrowheel_analysis.residuals.windows import Part

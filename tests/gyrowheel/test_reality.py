@@ -11,13 +11,13 @@ import pytest
 
 from gyrowheel.campaigns import judge
 from gyrowheel.campaigns.cases import Campaign, Case, cases
-from gyrowheel.campaigns.hiding import Secret, Yardstick, hide, record, yardstick
+from gyrowheel.campaigns.hidden import Secret, Yardstick, hide, record, yardstick
+from gyrowheel.campaigns.page import campaign_page
 from gyrowheel.campaigns.reality import HiddenEvent, events
 from gyrowheel.campaigns.summary import Summary
-from gyrowheel.text.campaign import campaign_page
-from gyrowheel.text.layout import plain_text
-from gyrowheel_analysis.recording import Recording
+from gyrowheel.show.layout import plain_text
 from gyrowheel_core.errors import InputError
+from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.effects import registry
 from gyrowheel_sim.parameter import INSTRUMENTS
 from gyrowheel_sim.plant.scenario import Scenario

@@ -17,45 +17,36 @@ from hypothesis import strategies as st
 from rich.console import RenderableType
 
 from gyrowheel import Diagnosis
-from gyrowheel.commands import following
-from gyrowheel.text.air import check_page, table_page
-from gyrowheel.text.bench import bench_page
-from gyrowheel.text.comparison import channel_table
-from gyrowheel.text.diagnosis import detection_limits
-from gyrowheel.text.diagnosis import diagnosis as rendered
-from gyrowheel.text.drag import drag_page
-from gyrowheel.text.effects import effect_list, effect_page
-from gyrowheel.text.errors import fall
-from gyrowheel.text.formulas import pretty
-from gyrowheel.text.layout import figures_table, plain_text, words_table
-from gyrowheel.text.models import model_page
-from gyrowheel.text.plans import plan_list, plan_page
-from gyrowheel.text.quantities import (
-    decimal,
-    fixed,
-    minus,
-    quantity,
-    seconds,
-    short,
-    span,
-    with_error,
-)
-from gyrowheel.text.sentences.diagnosis import verdict_sentence
-from gyrowheel.text.sentences.forms import form_sentence
-from gyrowheel.text.sentences.proof import proof_sentence
+from gyrowheel.air_flow.page import check_page, table_page
+from gyrowheel.catalogue.bench_page import bench_page
+from gyrowheel.catalogue.effect_page import effect_list, effect_page
+from gyrowheel.catalogue.plan_page import plan_list, plan_page
+from gyrowheel.comparison.page import channel_table
+from gyrowheel.diagnosis.next_command import following
+from gyrowheel.diagnosis.page import detection_limits
+from gyrowheel.diagnosis.page import diagnosis as rendered
+from gyrowheel.drag_comparison.page import drag_page
+from gyrowheel.models.page import model_page
+from gyrowheel.show.error_table import fall
+from gyrowheel.show.formulas import pretty
+from gyrowheel.show.layout import figures_table, plain_text, words_table
+from gyrowheel.show.quantities import decimal, fixed, minus, quantity, seconds, short, span, with_error
+from gyrowheel.show.sentences.diagnosis import verdict_sentence
+from gyrowheel.show.sentences.forms import form_sentence
+from gyrowheel.show.sentences.proof import proof_sentence
+from gyrowheel_air.check import check_table
+from gyrowheel_air.table import TorqueTable
 from gyrowheel_analysis.channels import LISTED
 from gyrowheel_analysis.compare import ChannelMetrics
 from gyrowheel_analysis.diagnosis.limits import Beyond
 from gyrowheel_analysis.diagnosis.proof import Proof
 from gyrowheel_analysis.diagnosis.result import Estimate
-from gyrowheel_analysis.drag import Estimate as DragEstimate
+from gyrowheel_analysis.drag.estimate import Estimate as DragEstimate
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction import Coverage
 from gyrowheel_analysis.residuals.error_table import ErrorRow
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.units import unit_for
-from gyrowheel_sim.air.check import check_table
-from gyrowheel_sim.air.table import TorqueTable
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import Effect, effect_from_text, registry
 from gyrowheel_sim.effects.formula import parse

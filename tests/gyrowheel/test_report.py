@@ -15,9 +15,9 @@ import pytest
 import yaml
 
 import gyrowheel as gw
-from gyrowheel.files import is_report
+from gyrowheel.diagnosis.result import Diagnosis
 from gyrowheel.report import printing
-from gyrowheel.results.diagnosis import Diagnosis
+from gyrowheel.show.files import is_report
 from gyrowheel_analysis.reduction import Coverage
 from gyrowheel_analysis.reduction.not_as_stated import ReadingFinding, ReadingFindings
 

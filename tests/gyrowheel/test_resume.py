@@ -159,7 +159,7 @@ def test_other_settings_are_refused(
 
 
 def test_another_code_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    from gyrowheel import code_identity
+    from gyrowheel.simulation import code_identity
 
     monkeypatch.setattr(workers, "run_case", made_up)
     campaign(tmp_path / "out")
@@ -173,7 +173,7 @@ def test_another_code_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 
 def test_one_changed_line_is_another_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    from gyrowheel import code_identity
+    from gyrowheel.simulation import code_identity
 
     monkeypatch.syspath_prepend(str(tmp_path))
     (tmp_path / "wheel_effects" / "below").mkdir(parents=True)
@@ -266,7 +266,7 @@ def one(case, keep, scratch, campaign):
     return quick(case)
 
 workers._one = one
-from gyrowheel.cli import main
+from gyrowheel.cli.app import main
 sys.argv[0] = "gyrowheel"
 main()
 """

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 import gyrowheel as gw
-from gyrowheel.investigator import _once
+from gyrowheel.investigation.api import _once
 from gyrowheel_analysis.diagnosis.result import Diagnosis, NextTest
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError
@@ -38,11 +38,11 @@ def answered(monkeypatch: pytest.MonkeyPatch) -> None:
     def diagnose(recordings: Sequence[Path], *_: Any, averages: bool = False, **__: Any) -> Diagnosis:
         return NOTHING if averages else ANSWERS[len(recordings) - 1]
 
-    monkeypatch.setattr("gyrowheel_analysis.recording.Recording.open", lambda path: path)
+    monkeypatch.setattr("gyrowheel_recording.bags.Recording.open", lambda path: path)
     monkeypatch.setattr("gyrowheel_analysis.diagnosis.diagnose.diagnose", diagnose)
     monkeypatch.setattr("gyrowheel_analysis.diagnosis.precision.precision_test", lambda *_, **__: None)
     # a report reads the recordings, of which there are none here
-    monkeypatch.setattr("gyrowheel.cli.investigating._report", lambda *_: None)
+    monkeypatch.setattr("gyrowheel.investigation.verb._report", lambda *_: None)
 
 
 @pytest.mark.usefixtures("answered")
@@ -113,9 +113,9 @@ def test_an_investigation_goes_on_by_the_command_that_it_prints(
 
     interrupted = "2-air_density"
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("gyrowheel.simulation.record_simulation", record)
-    monkeypatch.setattr("gyrowheel.cli.investigating._finish", lambda *_, **__: None)
-    monkeypatch.setattr("gyrowheel.origins.note_machine", lambda *_: None)
+    monkeypatch.setattr("gyrowheel.simulation.api.record_simulation", record)
+    monkeypatch.setattr("gyrowheel.investigation.verb._finish", lambda *_, **__: None)
+    monkeypatch.setattr("gyrowheel.recordings.provenance.note_machine", lambda *_: None)
     gyrowheel.good("model", "new", "--model", "m.yaml")
     hidden = ["--effect", "windage:w=0.0013", "--machine", 5, "--seed", 3]
     settings = ["--model", "m.yaml", "--simulate", "--plan", "check", *hidden]
@@ -156,7 +156,7 @@ def test_a_hidden_machine_is_the_same_one_or_none(tmp_path: Path, monkeypatch: p
             raise KeyboardInterrupt
         place.mkdir()
 
-    monkeypatch.setattr("gyrowheel.simulation.record_simulation", record)
+    monkeypatch.setattr("gyrowheel.simulation.api.record_simulation", record)
     key, folder = tmp_path / "key.json", tmp_path / "run"
 
     def go(**options: Any) -> gw.Investigation:

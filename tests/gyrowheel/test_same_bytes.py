@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-_COMMAND = [sys.executable, "-c", "from gyrowheel.cli import main; main()"]
+_COMMAND = [sys.executable, "-c", "from gyrowheel.cli.app import main; main()"]
 _PLAN = """\
 schema: 1
 name: short

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 import gyrowheel as gw
-from gyrowheel.origins import machine_options, note_machine, noted_machine
-from gyrowheel_analysis.setups.correct import correct
-from gyrowheel_analysis.setups.cures import Cure
+from gyrowheel.recordings.provenance import machine_options, note_machine, noted_machine
+from gyrowheel_recording.mislabelled.correct import correct
+from gyrowheel_recording.mislabelled.fixes import Cure
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.plant.scenario import Scenario
 

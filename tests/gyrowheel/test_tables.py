@@ -15,21 +15,21 @@ from rich.padding import Padding
 from rich.table import Table
 
 import gyrowheel
+from gyrowheel.air_flow.page import mesh_page, result_page, sweep_page, table_page
+from gyrowheel.blind_tests.truth import truth_table
 from gyrowheel.campaigns.judge import Judged
+from gyrowheel.campaigns.page import campaign_page
 from gyrowheel.campaigns.summary import Summary
 from gyrowheel.cli.app import app
-from gyrowheel.investigation import Investigation as Steps
-from gyrowheel.investigation import Step
-from gyrowheel.results.investigation import Investigation
-from gyrowheel.text.air import mesh_page, result_page, sweep_page, table_page
-from gyrowheel.text.campaign import campaign_page
-from gyrowheel.text.diagnosis import diagnosis as diagnosis_page
-from gyrowheel.text.drag import drag_page
-from gyrowheel.text.layout import plain_text
-from gyrowheel.text.replay import replay_page
-from gyrowheel.text.truth import truth_table
-from gyrowheel.text.uncut_table import UncutTable
-from gyrowheel_sim.air.table import TorqueTable
+from gyrowheel.diagnosis.page import diagnosis as diagnosis_page
+from gyrowheel.drag_comparison.page import drag_page
+from gyrowheel.graph.replay_page import replay_page
+from gyrowheel.investigation.procedure import Investigation as Steps
+from gyrowheel.investigation.procedure import Step
+from gyrowheel.investigation.result import Investigation
+from gyrowheel.show.layout import plain_text
+from gyrowheel.show.table import UncutTable
+from gyrowheel_air.table import TorqueTable
 
 from .conftest import Wheel
 from .findings import AMBIGUOUS, UNKNOWN, diagnosis, finding
@@ -227,7 +227,7 @@ def test_commands_have_no_broken_cell(
 
 def test_a_broken_cell_is_seen():
     """A table of rich itself, which breaks cells, does not pass."""
-    from gyrowheel.text.layout import words_table
+    from gyrowheel.show.layout import words_table
 
     table = words_table("name", "what it is")
     table.add_row("x" * 30, "a text of some length that has no room beside the name")

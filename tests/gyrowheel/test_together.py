@@ -11,7 +11,7 @@ import gyrowheel as gw
 from .conftest import Wheel
 from .helpers import Shell
 
-_COMMAND = [sys.executable, "-c", "from gyrowheel.cli import main; main()"]
+_COMMAND = [sys.executable, "-c", "from gyrowheel.cli.app import main; main()"]
 
 
 @pytest.mark.slow

@@ -7,8 +7,8 @@ import xml.etree.ElementTree as ET
 
 import pytest
 
-from gyrowheel.text.formulas import in_words
-from gyrowheel.text.mathml import typeset
+from gyrowheel.show.formulas import in_words
+from gyrowheel.show.mathml import typeset
 from gyrowheel_sim.effects import registry
 
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gyrowheel_analysis.recording import Recording
 from gyrowheel_bringup.graph import EXECUTABLES, Graph, GraphError
+from gyrowheel_recording.bags import Recording
 
 from ..domains import next_domain
 from .helpers import SHORT_PLAN, Shell, write
@@ -31,7 +31,7 @@ OWN = f"""\
     declaration: {{torque: -k*r*z, coefficients: {{k: {{unit: N*m/rad}}}}}}
     k: {{value: 0.03, standard_error: 0.001}}
 """
-COMMAND = [sys.executable, "-c", "from gyrowheel.cli import main; main()"]
+COMMAND = [sys.executable, "-c", "from gyrowheel.cli.app import main; main()"]
 
 pytestmark = pytest.mark.graph
 

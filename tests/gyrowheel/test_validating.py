@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gyrowheel_analysis.recording import Recording, write_run
 from gyrowheel_core import wire
+from gyrowheel_recording.bags import Recording, write_run
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import to_json
 

@@ -12,7 +12,7 @@ from tools.house import HOUSE
 
 #: Where the data goes through, in order; the result then stands in the text.
 WAY = (
-    "gyrowheel_analysis.recording",
+    "gyrowheel_recording.bags",
     "gyrowheel_analysis.reduction",
     "gyrowheel_analysis.balance",
     "gyrowheel_analysis.residuals",
@@ -64,8 +64,8 @@ def test_a_diagnosis_goes_down_the_house_and_each_folder_has_its_turn(tmp_path: 
     recorded = tmp_path / "run"
     for module in (
         "gyrowheel_analysis.diagnosis.diagnose",
-        "gyrowheel.results.diagnosis",
-        "gyrowheel.text.diagnosis",
+        "gyrowheel.diagnosis.result",
+        "gyrowheel.diagnosis.page",
     ):
         importlib.import_module(module)  # what runs on import is no part of the walk
     with Walk() as walk:

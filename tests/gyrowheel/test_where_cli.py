@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from gyrowheel.text.errors import error_table
-from gyrowheel.text.models import difference
+from gyrowheel.models.page import difference
+from gyrowheel.show.error_table import error_table
 from gyrowheel_analysis.model import Model, Override
 
 from .conftest import Wheel

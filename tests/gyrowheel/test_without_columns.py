@@ -13,13 +13,13 @@ import pytest
 
 import gyrowheel as gw
 from gyrowheel.workbench import pictures
-from gyrowheel.workbench.desk import Desk
-from gyrowheel.workbench.shelf import Shelf
-from gyrowheel_analysis.recording import write_run
-from gyrowheel_analysis.setups.find import wrong_setups
+from gyrowheel.workbench.library import Shelf
+from gyrowheel.workbench.session import Desk
 from gyrowheel_core import wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import json_text
+from gyrowheel_recording.bags import write_run
+from gyrowheel_recording.mislabelled.find import wrong_setups
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import to_json
 

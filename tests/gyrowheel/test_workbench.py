@@ -18,20 +18,21 @@ import pytest
 import yaml
 
 import gyrowheel as gw
-from gyrowheel.origins import note_machine
-from gyrowheel.results.diagnosis import Diagnosis
-from gyrowheel.simulation import record_simulation
-from gyrowheel.workbench import gate, pictures, tables, views
+from gyrowheel.diagnosis.result import Diagnosis
+from gyrowheel.recordings.provenance import note_machine
+from gyrowheel.simulation.api import record_simulation
+from gyrowheel.workbench import origin_guard as gate
+from gyrowheel.workbench import pictures, tables, views
 from gyrowheel.workbench.bench import SimulatedBench
 from gyrowheel.workbench.decimation import Envelope, envelopes
-from gyrowheel.workbench.desk import Desk, Opened
+from gyrowheel.workbench.library import Shelf
 from gyrowheel.workbench.report import before
 from gyrowheel.workbench.server import Server
-from gyrowheel.workbench.shelf import Shelf
+from gyrowheel.workbench.session import Desk, Opened
 from gyrowheel_analysis.reduction import Coverage
 from gyrowheel_analysis.reduction.not_as_stated import ReadingFinding, ReadingFindings
-from gyrowheel_analysis.setups.cures import Cure, WrongSetup
 from gyrowheel_control.plans.plan import Plan
+from gyrowheel_recording.mislabelled.fixes import Cure, WrongSetup
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import effect_to_mapping
 from gyrowheel_sim.plant.scenario import Scenario
@@ -563,7 +564,7 @@ def test_work_can_be_ended(server: Server, monkeypatch: pytest.MonkeyPatch) -> N
         assert ended.wait(240.0)  # the work does not run ahead of what is asked here
         return gw.compare(*arguments, **options)
 
-    monkeypatch.setattr("gyrowheel.workbench.desk.compare", compare)
+    monkeypatch.setattr("gyrowheel.workbench.session.compare", compare)
     ask(server, "/do/diagnose", {})
     assert ask(server, "/do/add", {"what": "windage"})[0] == 422  # one thing at a time
     ask(server, "/do/end", {})

@@ -12,12 +12,12 @@ import pytest
 import yaml
 
 import gyrowheel as gw
+from gyrowheel.campaigns.report import campaign_page
+from gyrowheel.campaigns.result import CampaignResult
 from gyrowheel.campaigns.summary import Summary
-from gyrowheel.report.campaign import campaign_page
-from gyrowheel.results.campaign import CampaignResult
-from gyrowheel.workbench.desk import Desk
+from gyrowheel.workbench.library import Shelf
 from gyrowheel.workbench.server import Server
-from gyrowheel.workbench.shelf import Shelf
+from gyrowheel.workbench.session import Desk
 
 from .browser import needs_browser, opened_browser, press, serious_faults
 from .conftest import Wheel
@@ -270,7 +270,7 @@ def test_what_is_told_all_along_takes_neither_the_focus_nor_what_is_typed(
             progress(f"step {step}")  # ends it where the user has
             assert not ended.wait(0.02)
 
-    monkeypatch.setattr("gyrowheel.workbench.desk.compare", compare)
+    monkeypatch.setattr("gyrowheel.workbench.session.compare", compare)
     expect.set_options(timeout=240_000)
     with (
         Server(Desk(Shelf([wheel.recording.parent]), gw.Model()), port=0) as server,

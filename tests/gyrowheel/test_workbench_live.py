@@ -13,10 +13,10 @@ import pytest
 import yaml
 
 import gyrowheel as gw
-from gyrowheel.workbench.desk import Desk
+from gyrowheel.workbench.library import Shelf
 from gyrowheel.workbench.live import LiveBenches
 from gyrowheel.workbench.server import Server
-from gyrowheel.workbench.shelf import Shelf
+from gyrowheel.workbench.session import Desk
 from gyrowheel_core import topics, wire
 
 from ..domains import next_domain
@@ -85,7 +85,7 @@ def test_running_benches_appear_and_their_holds_arrive(wheel: Wheel) -> None:
 @pytest.mark.slow
 def test_a_running_bench_walks_the_next_test_and_goes_on(wheel: Wheel, tmp_path: Path) -> None:
     pytest.importorskip("rclpy", reason="ROS is not installed")
-    from gyrowheel.graph import up
+    from gyrowheel.graph.api import up
 
     plan = write(
         tmp_path / "short.yaml",

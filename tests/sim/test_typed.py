@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gyrowheel.text.formulas import plain, pretty
+from gyrowheel.show.formulas import plain, pretty
 from gyrowheel_analysis.diagnosis.unknown import forms
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.effects import Effect, effect_from_text, registry

@@ -25,83 +25,86 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from gyrowheel.analysis import calibrate, compare, diagnose, rate
-    from gyrowheel.campaigns.run import campaign
-    from gyrowheel.catalogue import benches, effects, own_effect, plans
-    from gyrowheel.correcting import correct
-    from gyrowheel.envelope import momentum
-    from gyrowheel.estimating import drag
-    from gyrowheel.holding import torques
-    from gyrowheel.investigator import investigate
-    from gyrowheel.model import Model
-    from gyrowheel.planning import check_plan
-    from gyrowheel.publication.run import paper
-    from gyrowheel.recording import Recording, salvage
-    from gyrowheel.report.report import Report
-    from gyrowheel.results.addition import Addition
-    from gyrowheel.results.calibration import Calibration
-    from gyrowheel.results.campaign import CampaignResult
-    from gyrowheel.results.comparison import Comparison
-    from gyrowheel.results.diagnosis import Diagnosis
-    from gyrowheel.results.drag import Drag
-    from gyrowheel.results.investigation import Investigation
-    from gyrowheel.results.key import Key
-    from gyrowheel.results.momentum import Momentum
-    from gyrowheel.results.paper import Paper
-    from gyrowheel.results.plan_check import PlanCheck
-    from gyrowheel.results.rates import Rates
-    from gyrowheel.results.suggestion import TableMap
-    from gyrowheel.results.torques import Torques
-    from gyrowheel.sealed_key import open_key
-    from gyrowheel.simulation import simulate
-    from gyrowheel.tables import read_bag, read_table, suggest_map, write_table
+    from gyrowheel.blind_tests.api import open_key
+    from gyrowheel.blind_tests.key import Key
+    from gyrowheel.calibration.api import calibrate
+    from gyrowheel.calibration.result import Calibration
+    from gyrowheel.campaigns.api import campaign
+    from gyrowheel.campaigns.result import CampaignResult
+    from gyrowheel.catalogue.api import benches, effects, own_effect, plans
+    from gyrowheel.catalogue.plan_check import check_plan
+    from gyrowheel.catalogue.plan_check_result import PlanCheck
+    from gyrowheel.comparison.api import compare
+    from gyrowheel.comparison.result import Comparison
+    from gyrowheel.diagnosis.api import diagnose
+    from gyrowheel.diagnosis.result import Diagnosis
+    from gyrowheel.drag_comparison.api import drag
+    from gyrowheel.drag_comparison.result import Drag
+    from gyrowheel.investigation.api import investigate
+    from gyrowheel.investigation.result import Investigation
+    from gyrowheel.models.addition import Addition
+    from gyrowheel.models.api import Model
+    from gyrowheel.momentum_envelope.api import momentum
+    from gyrowheel.momentum_envelope.result import Momentum
+    from gyrowheel.paper_figures.api import paper
+    from gyrowheel.paper_figures.result import Paper
+    from gyrowheel.rate_sensing.api import rate
+    from gyrowheel.rate_sensing.result import Rates
+    from gyrowheel.recordings.api import Recording, salvage
+    from gyrowheel.recordings.correction import correct
+    from gyrowheel.report.api import Report
+    from gyrowheel.simulation.api import simulate
+    from gyrowheel.tables.api import read_bag, read_table, suggest_map, write_table
+    from gyrowheel.tables.table_map import TableMap
+    from gyrowheel.torque_budget.api import torques
+    from gyrowheel.torque_budget.result import Torques
     from gyrowheel_core.errors import InputError
 
 __version__ = "0.1.0"
 
 #: Module of every public name.
 _HOMES = {
-    "Addition": "gyrowheel.results.addition",
-    "Calibration": "gyrowheel.results.calibration",
-    "CampaignResult": "gyrowheel.results.campaign",
-    "Comparison": "gyrowheel.results.comparison",
-    "Diagnosis": "gyrowheel.results.diagnosis",
-    "Drag": "gyrowheel.results.drag",
+    "Addition": "gyrowheel.models.addition",
+    "Calibration": "gyrowheel.calibration.result",
+    "CampaignResult": "gyrowheel.campaigns.result",
+    "Comparison": "gyrowheel.comparison.result",
+    "Diagnosis": "gyrowheel.diagnosis.result",
+    "Drag": "gyrowheel.drag_comparison.result",
     "InputError": "gyrowheel_core.errors",
-    "Investigation": "gyrowheel.results.investigation",
-    "Key": "gyrowheel.results.key",
-    "Model": "gyrowheel.model",
-    "Momentum": "gyrowheel.results.momentum",
-    "Paper": "gyrowheel.results.paper",
-    "PlanCheck": "gyrowheel.results.plan_check",
-    "Rates": "gyrowheel.results.rates",
-    "Recording": "gyrowheel.recording",
-    "Report": "gyrowheel.report.report",
-    "TableMap": "gyrowheel.results.suggestion",
-    "Torques": "gyrowheel.results.torques",
-    "benches": "gyrowheel.catalogue",
-    "calibrate": "gyrowheel.analysis",
-    "campaign": "gyrowheel.campaigns.run",
-    "check_plan": "gyrowheel.planning",
-    "compare": "gyrowheel.analysis",
-    "correct": "gyrowheel.correcting",
-    "diagnose": "gyrowheel.analysis",
-    "drag": "gyrowheel.estimating",
-    "effects": "gyrowheel.catalogue",
-    "investigate": "gyrowheel.investigator",
-    "momentum": "gyrowheel.envelope",
-    "open_key": "gyrowheel.sealed_key",
-    "own_effect": "gyrowheel.catalogue",
-    "paper": "gyrowheel.publication.run",
-    "plans": "gyrowheel.catalogue",
-    "rate": "gyrowheel.analysis",
-    "read_bag": "gyrowheel.tables",
-    "read_table": "gyrowheel.tables",
-    "salvage": "gyrowheel.recording",
-    "simulate": "gyrowheel.simulation",
-    "suggest_map": "gyrowheel.tables",
-    "torques": "gyrowheel.holding",
-    "write_table": "gyrowheel.tables",
+    "Investigation": "gyrowheel.investigation.result",
+    "Key": "gyrowheel.blind_tests.key",
+    "Model": "gyrowheel.models.api",
+    "Momentum": "gyrowheel.momentum_envelope.result",
+    "Paper": "gyrowheel.paper_figures.result",
+    "PlanCheck": "gyrowheel.catalogue.plan_check_result",
+    "Rates": "gyrowheel.rate_sensing.result",
+    "Recording": "gyrowheel.recordings.api",
+    "Report": "gyrowheel.report.api",
+    "TableMap": "gyrowheel.tables.table_map",
+    "Torques": "gyrowheel.torque_budget.result",
+    "benches": "gyrowheel.catalogue.api",
+    "calibrate": "gyrowheel.calibration.api",
+    "campaign": "gyrowheel.campaigns.api",
+    "check_plan": "gyrowheel.catalogue.plan_check",
+    "compare": "gyrowheel.comparison.api",
+    "correct": "gyrowheel.recordings.correction",
+    "diagnose": "gyrowheel.diagnosis.api",
+    "drag": "gyrowheel.drag_comparison.api",
+    "effects": "gyrowheel.catalogue.api",
+    "investigate": "gyrowheel.investigation.api",
+    "momentum": "gyrowheel.momentum_envelope.api",
+    "open_key": "gyrowheel.blind_tests.api",
+    "own_effect": "gyrowheel.catalogue.api",
+    "paper": "gyrowheel.paper_figures.api",
+    "plans": "gyrowheel.catalogue.api",
+    "rate": "gyrowheel.rate_sensing.api",
+    "read_bag": "gyrowheel.tables.api",
+    "read_table": "gyrowheel.tables.api",
+    "salvage": "gyrowheel.recordings.api",
+    "simulate": "gyrowheel.simulation.api",
+    "suggest_map": "gyrowheel.tables.api",
+    "torques": "gyrowheel.torque_budget.api",
+    "write_table": "gyrowheel.tables.api",
 }
 
 __all__ = [

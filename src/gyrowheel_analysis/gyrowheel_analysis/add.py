@@ -27,9 +27,9 @@ from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.fitting.terms import ERRORS, Term
 from gyrowheel_analysis.fitting.unknowns import Unknowns
 from gyrowheel_analysis.model import Model, Override
-from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.residuals.error_table import ErrorTable, Residuals, errors_of
 from gyrowheel_core.errors import InputError
+from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.effects import Effect, effect_from_mapping, effect_to_mapping, get, registry
 from gyrowheel_sim.effects.user import check_name
 
@@ -113,7 +113,7 @@ def add_effect(
     names : sequence of str or Effect
         Effects, or errors of bench parameters (``stiffness_error`` and the like), to add. One that the model has is
         fitted anew. An `Effect` that is not registered goes into the model with its declaration. ``aero:MODEL`` stands
-        for the effects that a model of the air has (`gyrowheel_sim.air.MODELS`); their coefficients are fitted
+        for the effects that a model of the air has (`gyrowheel_air.MODELS`); their coefficients are fitted
         within the uncertainties that it states.
     fit : sequence of Recording
         Recordings on which coefficients and bench parameters are fitted.
@@ -274,7 +274,7 @@ def is_air(name: str) -> bool:
 
 def _air(model: Model, names: Sequence[str]) -> dict[str, dict[str, tuple[float, float]]]:
     """Return the effects of the models of the air among the names: {effect: {coefficient: (value, uncertainty)}}."""
-    from gyrowheel_sim.air.effects import air_effects
+    from gyrowheel_air.effects import air_effects
 
     found: dict[str, dict[str, tuple[float, float]]] = {}
     for text in names:

@@ -25,10 +25,10 @@ from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.preparation import Progress, one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.model import Model, Override
-from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.reduction import Windows
 from gyrowheel_analysis.residuals.error_table import channel_parts
 from gyrowheel_core.errors import InputError
+from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.bench import Bench
 
 #: What is calibrated, and what a recording must contain for it.

@@ -14,7 +14,6 @@ from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.preparation import Prepared, Progress, one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.reduction import Coverage, concatenate
 from gyrowheel_analysis.reduction.not_as_stated import ReadingFindings
 from gyrowheel_analysis.residuals.dependence import (
@@ -37,6 +36,7 @@ from gyrowheel_analysis.residuals.error_table import (
 from gyrowheel_analysis.residuals.maps import ResidualMap, all_maps
 from gyrowheel_analysis.residuals.regions import Region, regions
 from gyrowheel_analysis.residuals.windows import WindowResiduals, window_residuals
+from gyrowheel_recording.bags import Recording
 
 Array = NDArray[np.float64]
 

@@ -17,9 +17,9 @@ from gyrowheel_analysis.balance.balance import ActiveEffect, Balance
 from gyrowheel_analysis.fitting.noise import Noise
 from gyrowheel_analysis.fitting.preparation import one_thread, require_one_bench, samples_of
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.reduction import Windows, concatenate, reduce
 from gyrowheel_core.errors import InputError
+from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.effects import registry
 
 Array = NDArray[np.float64]

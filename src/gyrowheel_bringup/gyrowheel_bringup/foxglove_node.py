@@ -12,13 +12,13 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any, Final
 
-from gyrowheel_analysis.recording.definitions import definition
-from gyrowheel_bringup.gate import Gate, web_origins
+from gyrowheel_bringup.origin_guard import Gate, web_origins
 from gyrowheel_bringup.viewers import ROBOT_DESCRIPTION, robot_description
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError, one_line
 from gyrowheel_core.node import WARN, BenchNode, Diagnosis, Param, run_node
 from gyrowheel_core.topics import Topic
+from gyrowheel_recording.bags.definitions import definition
 
 HOST: Final = "127.0.0.1"
 PORT: Final = 8765

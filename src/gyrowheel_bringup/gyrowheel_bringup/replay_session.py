@@ -1,6 +1,6 @@
 """A replay session: the node ``replay`` in this process, shown as it runs, with a drag estimator beside it if wanted.
 
-`gyrowheel_analysis.recording.playback` orders the messages; the node publishes them; this runs the node.
+`gyrowheel_recording.bags.playback` orders the messages; the node publishes them; this runs the node.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from gyrowheel_analysis.drag import Estimate
-from gyrowheel_analysis.nodes.replay import ReplayNode
-from gyrowheel_analysis.recording.playback import Tape
+from gyrowheel_analysis.drag.estimate import Estimate
 from gyrowheel_bringup.graph import EXECUTABLES, find_executable
 from gyrowheel_bringup.graph.parameter_file import write_parameters
 from gyrowheel_bringup.graph.shared_memory import remove_dead
 from gyrowheel_core import namespaces, topics
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import PARENT_VARIABLE, ExitCode, prepare_environment, run_node
+from gyrowheel_recording.bags.playback import Tape
+from gyrowheel_recording.nodes.replay import ReplayNode
 
 _LOOK: Final = 0.1  # period at which keys and the estimator are checked [s]
 _ESTIMATOR: Final = "drag_estimator"

@@ -16,7 +16,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from gyrowheel_bringup.graph import EXECUTABLES, find_executable, node_parameters, require_free
-from gyrowheel_bringup.graph.launching import (
+from gyrowheel_bringup.graph.launch import (
     ends_too,
     ends_with_launch,
     flag,

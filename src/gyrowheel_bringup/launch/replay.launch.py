@@ -14,7 +14,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from gyrowheel_bringup.graph import EXECUTABLES, find_executable
-from gyrowheel_bringup.graph.launching import (
+from gyrowheel_bringup.graph.launch import (
     ends_too,
     ends_with_launch,
     flag,
@@ -39,7 +39,7 @@ ARGUMENTS = (
     ("viewable", "true", "Publish the model of the wheel and its frames for viewers"),
     ("rviz", "false", "Start RViz"),
 )
-REPLAY = ("gyrowheel_analysis", "replay_node")
+REPLAY = ("gyrowheel_recording", "replay_node")
 ESTIMATOR = EXECUTABLES["drag_estimator"]
 PUBLISHER = ("robot_state_publisher", "robot_state_publisher")
 RVIZ = ("rviz2", "rviz2")

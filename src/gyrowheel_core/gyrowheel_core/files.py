@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from gyrowheel_core.errors import InputError, one_line, with_article
-from gyrowheel_core.leftovers import on_its_way
+from gyrowheel_core.temporary_files import on_its_way
 
 #: More characters than any text that this project reads may have.
 LONGEST_TEXT = 50_000_000

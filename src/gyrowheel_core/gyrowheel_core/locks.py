@@ -11,7 +11,7 @@ from pathlib import Path
 
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import disk_errors
-from gyrowheel_core.leftovers import locked
+from gyrowheel_core.temporary_files import locked
 
 #: How long a process waits for another one that changes the same file [s].
 LONGEST_WAIT = 600.0

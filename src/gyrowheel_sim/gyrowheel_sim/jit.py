@@ -78,6 +78,7 @@ class _Entries:
     def __init__(self, function: Callable[..., Any]) -> None:
         self._of = (
             _source(function.__module__),
+            function.__module__,  # an entry names it: the same source in another module is another entry
             function.__qualname__,
             numba.__version__,
             np.__version__,

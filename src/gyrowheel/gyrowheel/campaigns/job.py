@@ -11,14 +11,14 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from gyrowheel.campaigns.cases import Case
-from gyrowheel.campaigns.finding import find
-from gyrowheel.campaigns.hiding import Secret, hide, record, yardstick
+from gyrowheel.campaigns.finder import find
+from gyrowheel.campaigns.hidden import Secret, hide, record, yardstick
 from gyrowheel.campaigns.judge import Judged, failed, judge
-from gyrowheel.results.contract import diagnosis_json
+from gyrowheel.show.contract import diagnosis_json
 from gyrowheel_analysis.model import Model
 from gyrowheel_core.errors import one_line
 from gyrowheel_core.files import disk_errors, json_text, write_text
-from gyrowheel_core.leftovers import on_its_way
+from gyrowheel_core.temporary_files import on_its_way
 
 
 def run_case(case: Case, keep: str | None = None, scratch: str | None = None) -> Judged:

@@ -6,9 +6,9 @@ import math
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
-from gyrowheel.blind_trial import matched
+from gyrowheel.blind_tests.judge import matched
 from gyrowheel.campaigns.cases import Case
-from gyrowheel.campaigns.hiding import Secret
+from gyrowheel.campaigns.hidden import Secret
 from gyrowheel_analysis.diagnosis.result import Diagnosis
 from gyrowheel_sim.effects import registry
 from gyrowheel_sim.effects.targets import INSTRUMENT_PARAMETERS

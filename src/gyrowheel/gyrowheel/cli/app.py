@@ -2,36 +2,42 @@
 
 from __future__ import annotations
 
+import gc
+import io
+import signal
+import sys
+from types import FrameType
 from typing import Annotated
 
 import typer
 
 from gyrowheel import __version__
-from gyrowheel.cli import (
-    air,
-    calibrating,
-    campaigning,
-    catalogue,
-    correcting,
-    demonstration,
-    editing,
-    estimating,
-    exchanging,
-    finding,
-    holding,
-    investigating,
-    judging,
-    momentum,
-    paper,
-    recordings,
-    replaying,
-    reporting,
-    ros,
-    running,
-    viewing,
-    workbench,
-)
+from gyrowheel.air_flow import verb as air_flow
+from gyrowheel.blind_tests import verb as blind_tests
+from gyrowheel.calibration import verb as calibration
+from gyrowheel.campaigns import verb as campaigns
+from gyrowheel.catalogue import verb as catalogue
+from gyrowheel.cli.console import run
 from gyrowheel.cli.outputs import guard
+from gyrowheel.comparison import verb as comparison
+from gyrowheel.demonstration import verb as demonstration
+from gyrowheel.diagnosis import verb as diagnosis
+from gyrowheel.drag_comparison import verb as drag_comparison
+from gyrowheel.graph import replay_verb as replay
+from gyrowheel.graph import run_verb as run_node
+from gyrowheel.graph import viewer_verb as viewer
+from gyrowheel.investigation import verb as investigation
+from gyrowheel.models import verb as models
+from gyrowheel.momentum_envelope import verb as momentum_envelope
+from gyrowheel.paper_figures import verb as paper_figures
+from gyrowheel.rate_sensing import verb as rate_sensing
+from gyrowheel.recordings import correction_verb as correction
+from gyrowheel.recordings import verb as recordings
+from gyrowheel.report import verb as report
+from gyrowheel.simulation import verb as simulation
+from gyrowheel.tables import verb as tables
+from gyrowheel.torque_budget import verb as torque_budget
+from gyrowheel.workbench import verb as workbench
 
 app = typer.Typer(
     name="gyrowheel",
@@ -62,29 +68,50 @@ def _common(
     pass
 
 
-for module in (
+for verbs in (
     demonstration,
-    running,
+    simulation,
     recordings,
-    replaying,
-    viewing,
-    exchanging,
-    correcting,
-    finding,
-    reporting,
+    replay,
+    viewer,
+    tables,
+    correction,
+    comparison,
+    diagnosis,
+    rate_sensing,
+    report,
     workbench,
-    holding,
-    momentum,
-    paper,
-    estimating,
-    investigating,
-    judging,
-    calibrating,
-    editing,
+    torque_budget,
+    momentum_envelope,
+    paper_figures,
+    drag_comparison,
+    investigation,
+    blind_tests,
+    calibration,
+    models,
     catalogue,
-    air,
-    campaigning,
-    ros,
+    air_flow,
+    campaigns,
+    run_node,
 ):
-    module.register(app)
+    verbs.register(app)
 guard(app)
+
+
+def main() -> None:
+    """Run the command line and end the process with its exit code."""
+    for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
+        if signal.getsignal(number) is not signal.SIG_IGN:  # nohup
+            signal.signal(number, _terminate)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a terminal that has no ± gets a question mark
+            stream.reconfigure(errors="replace")
+    code = run(app)
+    # what is left goes with the process; looking through it for garbage first takes a tenth of a short verb
+    gc.freeze()
+    sys.exit(code)
+
+
+def _terminate(number: int, frame: FrameType | None) -> None:
+    # unwinds, so that nothing half-written and no child process stays behind
+    raise SystemExit(128 + number)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from gyrowheel.errors import InputError
+from gyrowheel_core.errors import InputError
 
 _STEPS = 6  # between the ends of a range without a step
 _MOST = 1000  # steps of a range

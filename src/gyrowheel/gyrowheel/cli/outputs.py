@@ -18,8 +18,8 @@ from typing import Annotated, Any, get_args, get_origin
 
 import typer
 
-from gyrowheel.errors import InputError
-from gyrowheel.files import is_exported_map, is_exported_table, is_report, require_writable
+from gyrowheel.show.files import is_exported_map, is_exported_table, is_report, require_writable
+from gyrowheel_core.errors import InputError
 
 _METADATA = "metadata.yaml"
 _BAGS = ("*.mcap", "*.db3")

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from gyrowheel.plots.panels import PANELS
-from gyrowheel.plots.recording import envelope
-from gyrowheel.text.html import template_text
+from gyrowheel.recordings.picture import envelope
+from gyrowheel.show.html import template_text
+from gyrowheel.show.panels import PANELS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from gyrowheel_analysis.recording import Recording
+    from gyrowheel_recording.bags import Recording
 
 #: The script of the charts. A page with it allows this one script, by its hash, and no other.
 SCRIPT: Final = template_text("gyrowheel.report", "chart.js") or ""

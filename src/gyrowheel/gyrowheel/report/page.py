@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 
-from gyrowheel.files import REPORT_MARKS
 from gyrowheel.report import sections
 from gyrowheel.report.charts import POLICY, SCRIPT, chart
 from gyrowheel.report.pictures import Picture, picture
-from gyrowheel.text.cells import Cells
-from gyrowheel.text.html import embedded, environment, style_sheet
-from gyrowheel.text.layout import plain_text
+from gyrowheel.show.cells import Cells
+from gyrowheel.show.files import REPORT_MARKS
+from gyrowheel.show.html import embedded, environment, style_sheet
+from gyrowheel.show.layout import plain_text
 
 if TYPE_CHECKING:
-    from gyrowheel.report.report import Report
+    from gyrowheel.report.api import Report
 
 _OWN = "gyrowheel.report"
 _WIDTH = 100  # letters of a line in Markdown
@@ -116,9 +116,9 @@ def _where_picture(report: Report) -> Picture | None:
 
 def markdown_page(report: Report) -> str:
     """Return a report as Markdown: the words and tables of the terminal, recordings with hashes, commands."""
-    from gyrowheel.text.bench import bench_page
-    from gyrowheel.text.diagnosis import diagnosis
-    from gyrowheel.text.models import model_page
+    from gyrowheel.catalogue.bench_page import bench_page
+    from gyrowheel.diagnosis.page import diagnosis
+    from gyrowheel.models.page import model_page
 
     def block(text: str) -> str:
         fence = "`" * max(

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from gyrowheel.plots.figure import png_bytes
+from gyrowheel.show.figure import png_bytes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -9,7 +9,7 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-from gyrowheel.files import REPORT_TITLE
+from gyrowheel.show.files import REPORT_TITLE
 from gyrowheel_core.errors import InputError
 
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")

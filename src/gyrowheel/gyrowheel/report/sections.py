@@ -8,26 +8,26 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gyrowheel.text.cells import Cells, declared, label
-from gyrowheel.text.errors import unit_of
-from gyrowheel.text.mathml import typeset
-from gyrowheel.text.quantities import is_pure
-from gyrowheel.text.recordings import integrity_text
-from gyrowheel.text.sentences.diagnosis import physics, purpose, tie_sentence, title
-from gyrowheel.text.sentences.events import tie_of_event
-from gyrowheel.text.sentences.forms import simple_sentence
-from gyrowheel.text.sentences.readings import untold_sentences
-from gyrowheel.text.sentences.setup import cure_of, map_lines, problem
+from gyrowheel.recordings.page import integrity_text
+from gyrowheel.show.cells import Cells, declared, label
+from gyrowheel.show.error_table import unit_of
+from gyrowheel.show.mathml import typeset
+from gyrowheel.show.quantities import is_pure
+from gyrowheel.show.sentences.diagnosis import physics, purpose, tie_sentence, title
+from gyrowheel.show.sentences.events import tie_of_event
+from gyrowheel.show.sentences.forms import simple_sentence
+from gyrowheel.show.sentences.readings import untold_sentences
+from gyrowheel.show.sentences.setup import cure_of, map_lines, problem
 from gyrowheel_analysis.channels import LISTED
 from gyrowheel_core.quantities import short
 from gyrowheel_core.units import DEG, RPM, Unit, unit_for
 
 if TYPE_CHECKING:
-    from gyrowheel.model import Model
-    from gyrowheel.recording import Recording
-    from gyrowheel.results.investigation import Investigation
+    from gyrowheel.investigation.result import Investigation
+    from gyrowheel.models.api import Model
+    from gyrowheel.recordings.api import Recording
     from gyrowheel_analysis.diagnosis.result import DetectionLimit, Diagnosis
-    from gyrowheel_analysis.setups.cures import WrongSetup
+    from gyrowheel_recording.mislabelled.fixes import WrongSetup
 
 _PLAIN = Unit("", 1.0)
 _MEGABYTE = Unit("MB", 1e6)

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from gyrowheel.model import Model
-from gyrowheel.origins import machine_options, note_machine, noted_machine
-from gyrowheel.recording import Recording
-from gyrowheel.simulation import simulate
+from gyrowheel.models.api import Model
+from gyrowheel.recordings.api import Recording
+from gyrowheel.recordings.provenance import machine_options, note_machine, noted_machine
+from gyrowheel.simulation.api import simulate
 from gyrowheel_core.errors import InputError
 
 

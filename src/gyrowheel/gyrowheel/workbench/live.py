@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from gyrowheel_analysis.drag import Estimate
+from gyrowheel_analysis.drag.estimate import Estimate
 from gyrowheel_control.plans.plan import HOLD, Plan
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
@@ -143,7 +143,7 @@ class LiveBenches:
         if own is None or own.silent:
             raise InputError(f"bench {key[:60]!r}: does not run")
         try:
-            from gyrowheel.graph import GraphError, walk
+            from gyrowheel.graph.api import GraphError, walk
         except ImportError as error:
             raise InputError(f"ROS is not installed here ({error})") from None
         try:
@@ -160,7 +160,7 @@ class LiveBenches:
 
     def _listen(self) -> None:
         try:
-            from gyrowheel_bringup.graph.listening import listening
+            from gyrowheel_bringup.graph.listener import listening
         except ImportError as error:
             self.missing = f"ROS is not installed here ({error})"
             return

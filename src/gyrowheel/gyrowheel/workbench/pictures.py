@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel.plots.drag import tilts
-from gyrowheel.plots.panels import columns
-from gyrowheel.plots.where_it_fails import axis_title, cell_label
-from gyrowheel.text.drag import agreement
-from gyrowheel.text.sentences.events import event_sentence
-from gyrowheel.text.sentences.residuals import region_description, region_name
+from gyrowheel.comparison.picture import axis_title, cell_label
+from gyrowheel.drag_comparison.page import agreement
+from gyrowheel.drag_comparison.picture import tilts
+from gyrowheel.show.panels import columns
+from gyrowheel.show.sentences.events import event_sentence
+from gyrowheel.show.sentences.residuals import region_description, region_name
 from gyrowheel.workbench.decimation import Envelope
-from gyrowheel.workbench.desk import ROLES, Desk, Opened
+from gyrowheel.workbench.session import ROLES, Desk, Opened
 from gyrowheel_analysis.channels import CHANNELS, COILS
 from gyrowheel_analysis.reduction.groups import UPRIGHT, octants
 from gyrowheel_analysis.residuals.maps import VARIABLES, Cell, residual_map
@@ -28,7 +28,7 @@ from gyrowheel_core.units import DEG, RPM, unit_for
 from gyrowheel_core.wire import SECOND
 
 if TYPE_CHECKING:
-    from gyrowheel_analysis.drag import Estimate
+    from gyrowheel_analysis.drag.estimate import Estimate
 
 Array = NDArray[np.float64]
 

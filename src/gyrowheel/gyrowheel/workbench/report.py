@@ -6,15 +6,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gyrowheel.commands import diagnosing, following
-from gyrowheel.origins import noted_machine
-from gyrowheel.report.report import Report
+from gyrowheel.diagnosis.next_command import diagnosing, following
+from gyrowheel.recordings.provenance import noted_machine
+from gyrowheel.report.api import Report
 
 if TYPE_CHECKING:
-    from gyrowheel.model import Model
-    from gyrowheel.recording import Recording
-    from gyrowheel.results.comparison import Comparison
-    from gyrowheel.results.diagnosis import Diagnosis
+    from gyrowheel.comparison.result import Comparison
+    from gyrowheel.diagnosis.result import Diagnosis
+    from gyrowheel.models.api import Model
+    from gyrowheel.recordings.api import Recording
 
 #: Name of the file of a model that was not read from one.
 MODEL = "wheel.yaml"

@@ -19,14 +19,14 @@ from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError, RequestHandler, stream_request_body
 
 from gyrowheel.report.charts import POLICY
-from gyrowheel.text.html import style_sheet
+from gyrowheel.show.html import style_sheet
 from gyrowheel.workbench import pictures, views
-from gyrowheel.workbench.desk import Desk
-from gyrowheel.workbench.gate import Gate, in_url
+from gyrowheel.workbench.origin_guard import Gate, in_url
+from gyrowheel.workbench.session import Desk
 from gyrowheel.workbench.tables import LARGEST as LARGEST_TABLE
-from gyrowheel_analysis.recording import load_loops
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import json_text
+from gyrowheel_recording.bags import load_loops
 
 _LARGEST = 1 << 20  # request [bytes]
 _BEAT = 15.0  # seconds between signs of life to a waiting page

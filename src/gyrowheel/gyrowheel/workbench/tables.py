@@ -8,15 +8,15 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from gyrowheel.correcting import wrong_setups
-from gyrowheel.model import Model
-from gyrowheel.plots.figure import png_bytes
-from gyrowheel.recording import Recording
-from gyrowheel.tables import read_table, suggest_map
-from gyrowheel.text.sentences.setup import map_lines, problem
-from gyrowheel_analysis.exchange.fields import READINGS
+from gyrowheel.models.api import Model
+from gyrowheel.recordings.api import Recording
+from gyrowheel.recordings.correction import wrong_setups
+from gyrowheel.show.figure import png_bytes
+from gyrowheel.show.sentences.setup import map_lines, problem
+from gyrowheel.tables.api import read_table, suggest_map
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.quantities import short
+from gyrowheel_recording.mapping.fields import READINGS
 
 #: Largest table that is taken from a browser [bytes].
 LARGEST = 256 << 20

@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 
-from gyrowheel.plots.panels import PANELS
+from gyrowheel.recordings.page import integrity_text
 from gyrowheel.report import sections
-from gyrowheel.text.cells import Cells, declared, label
-from gyrowheel.text.formulas import pretty
-from gyrowheel.text.html import environment, style_sheet
-from gyrowheel.text.mathml import typeset
-from gyrowheel.text.recordings import integrity_text
+from gyrowheel.show.cells import Cells, declared, label
+from gyrowheel.show.formulas import pretty
+from gyrowheel.show.html import environment, style_sheet
+from gyrowheel.show.mathml import typeset
+from gyrowheel.show.panels import PANELS
 from gyrowheel.workbench.bench import SimulatedBench
-from gyrowheel.workbench.desk import NO_BENCH, ROLES, Desk
 from gyrowheel.workbench.report import MODEL
+from gyrowheel.workbench.session import NO_BENCH, ROLES, Desk
 from gyrowheel.workbench.tables import LARGEST
 from gyrowheel_core.errors import InputError, nearest
 from gyrowheel_core.units import DEG, RPM, unit_for
@@ -29,7 +29,7 @@ from gyrowheel_sim.effects.quantities import QUANTITIES
 if TYPE_CHECKING:
     import jinja2
 
-    from gyrowheel_analysis.recording import RecordingInfo
+    from gyrowheel_recording.bags import RecordingInfo
 
 #: Recordings that the page lists: the latest.
 MOST_LISTED = 500

@@ -50,13 +50,13 @@ from gyrowheel_analysis.fitting.preparation import Prepared, TooFewWindowsError,
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.fitting.terms import ERRORS, Term, candidate_terms
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.reduction import concatenate
 from gyrowheel_analysis.residuals.error_table import errors_of
 from gyrowheel_analysis.residuals.growth import growth
 from gyrowheel_analysis.residuals.regions import regions
 from gyrowheel_analysis.residuals.windows import window_residuals
-from gyrowheel_analysis.setups.find import wrong_setups
+from gyrowheel_recording.bags import Recording
+from gyrowheel_recording.mislabelled.find import wrong_setups
 from gyrowheel_sim.effects import effect_to_mapping, registry
 from gyrowheel_sim.effects.typed import effect_to_line
 

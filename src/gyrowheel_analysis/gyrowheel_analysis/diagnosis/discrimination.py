@@ -13,8 +13,8 @@ from gyrowheel_analysis.fitting.preparation import one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.fitting.terms import ERRORS
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.recording import Recording
 from gyrowheel_analysis.residuals.error_table import channel_values
+from gyrowheel_recording.bags import Recording
 
 
 @dataclass(frozen=True)

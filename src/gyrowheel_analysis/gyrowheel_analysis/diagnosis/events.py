@@ -27,9 +27,9 @@ from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.preparation import samples_of
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.fitting.terms import Term
-from gyrowheel_analysis.recording import Recording, parted
 from gyrowheel_analysis.reduction import Windows, readable
 from gyrowheel_analysis.reduction.onset import onset
+from gyrowheel_recording.bags import Recording, parted
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.preparation import Progress, one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.recording import Recording
+from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.effects import registry
 
 #: Relative standard error of an effect from which on no further test is needed.

@@ -19,7 +19,7 @@ from gyrowheel_analysis.reduction.not_as_stated import ReadingFindings
 from gyrowheel_analysis.residuals.error_table import ErrorTable, Residuals
 from gyrowheel_analysis.residuals.growth import Growth
 from gyrowheel_analysis.residuals.regions import Region
-from gyrowheel_analysis.setups.cures import WrongSetup
+from gyrowheel_recording.mislabelled.fixes import WrongSetup
 
 Verdict = Literal["nothing_missing", "effect", "ambiguous", "unknown", "insufficient_data"]
 

@@ -13,13 +13,10 @@ from threadpoolctl import threadpool_limits
 
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.channels import unphased
-from gyrowheel_analysis.derived import assumed_errors, lacking, largest_errors, shares, unmeasured
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.fitting.unknowns import Unknowns
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.recording import Recording
-from gyrowheel_analysis.recording.sampling import require_rate
 from gyrowheel_analysis.reduction import (
     NEEDED,
     Commanded,
@@ -33,6 +30,9 @@ from gyrowheel_analysis.reduction import (
 from gyrowheel_analysis.reduction.not_as_stated import ReadingFindings, reading_findings
 from gyrowheel_core.blocks import by_blocks
 from gyrowheel_core.errors import InputError
+from gyrowheel_recording.bags import Recording
+from gyrowheel_recording.bags.sampling import require_rate
+from gyrowheel_recording.derived import assumed_errors, lacking, largest_errors, shares, unmeasured
 from gyrowheel_sim.bench import Bench
 
 Progress = Callable[[str], None]

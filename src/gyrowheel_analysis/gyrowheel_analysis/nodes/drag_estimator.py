@@ -9,8 +9,8 @@ from gyrowheel_msgs.msg import DragEstimate
 from rclpy.time import Time
 from threadpoolctl import threadpool_limits
 
-from gyrowheel_analysis.drag import Estimate
-from gyrowheel_analysis.drag_stream import BLOCK, DragStream
+from gyrowheel_analysis.drag.estimate import Estimate
+from gyrowheel_analysis.drag.stream import BLOCK, DragStream
 from gyrowheel_analysis.model import Model
 from gyrowheel_core import topics, wire
 from gyrowheel_core.node import PRIORITY, BenchNode, Diagnosis, Inbox, Param, run_node

@@ -8,8 +8,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.recording.pauses import PAUSE
 from gyrowheel_analysis.reduction.samples import Array, Samples
+from gyrowheel_recording.bags.pauses import PAUSE
 from gyrowheel_sim.bench import Bench
 
 #: Bench parameters on which the computed motor temperatures depend.

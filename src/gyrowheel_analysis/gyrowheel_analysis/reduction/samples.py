@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.recording.origins import Origin
 from gyrowheel_core.readings import Readings
+from gyrowheel_recording.bags.provenance import Origin
 from gyrowheel_sim.environment import Environment
 
 Array = NDArray[np.float64]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from gyrowheel_analysis.recording import info
 from gyrowheel_bringup.graph.results import GraphError
 from gyrowheel_control.plans.plan import Plan
+from gyrowheel_recording.bags import info
 
 _CLOCK_PERIOD_NS = 10_000_000  # plans end at whole multiples of this
 

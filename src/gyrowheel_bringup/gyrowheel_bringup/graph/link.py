@@ -15,16 +15,16 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.action import ActionClient
 
-from gyrowheel_analysis.drag import Estimate
-from gyrowheel_analysis.nodes.recorder import ENDED, TAKE_PERIOD
+from gyrowheel_analysis.drag.estimate import Estimate
 from gyrowheel_bringup.graph.own_node import own_node
+from gyrowheel_bringup.graph.plan_run import fault_of, walked
 from gyrowheel_bringup.graph.processes import Processes
 from gyrowheel_bringup.graph.results import GraphError, Progress
 from gyrowheel_bringup.graph.strangers import Strangers
-from gyrowheel_bringup.graph.walking import fault_of, walked
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import namespaces, topics
 from gyrowheel_core.node import PRIORITY, RepeatedRequest, is_refused
+from gyrowheel_recording.nodes.recorder import ENDED, TAKE_PERIOD
 
 _SETTLE_TIMEOUT = 30.0  # time for a node to take what was sent to it [s]
 _FINISH_TIMEOUT = 120.0  # time for the recorder to complete its files [s]

@@ -18,7 +18,7 @@ EXECUTABLES: Mapping[str, tuple[str, str]] = {
     "plant": ("gyrowheel_sim", "plant_node"),
     "controller": ("gyrowheel_control", "controller_node"),
     "conductor": ("gyrowheel_control", "conductor_node"),
-    "recorder": ("gyrowheel_analysis", "recorder_node"),
+    "recorder": ("gyrowheel_recording", "recorder_node"),
     "drag_estimator": ("gyrowheel_analysis", "drag_estimator_node"),
 }
 

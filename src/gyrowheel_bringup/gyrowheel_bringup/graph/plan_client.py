@@ -12,7 +12,7 @@ from typing import Any
 from gyrowheel_msgs.action import RunPlan
 from rclpy.action import ActionClient
 
-from gyrowheel_bringup.graph.walking import PlanRequest, fault_of
+from gyrowheel_bringup.graph.plan_run import PlanRequest, fault_of
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.node import BenchNode, Diagnosis, Param, RepeatedRequest, run_node
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from gyrowheel_analysis.drag import Estimate
+from gyrowheel_analysis.drag.estimate import Estimate
 
 
 class GraphError(RuntimeError):

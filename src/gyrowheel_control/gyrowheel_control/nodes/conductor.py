@@ -30,8 +30,8 @@ from rclpy.action.server import ServerGoalHandle
 from rclpy.subscription import Subscription
 from std_msgs.msg import String
 
-from gyrowheel_control.loops.following import Tracking
 from gyrowheel_control.loops.limits import plan_tilt_limit, tilt_limit
+from gyrowheel_control.loops.reference import Tracking
 from gyrowheel_control.nodes.controller_limit import ControllerLimit
 from gyrowheel_control.nodes.plan_server import PlanServer
 from gyrowheel_control.nodes.time_sources import TimeSources

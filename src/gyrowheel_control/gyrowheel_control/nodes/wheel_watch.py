@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
-from gyrowheel_control.loops.following import Tracking
+from gyrowheel_control.loops.reference import Tracking
 from gyrowheel_core import topics, wire
 
 #: How often it is looked whether the wheel follows [ns].

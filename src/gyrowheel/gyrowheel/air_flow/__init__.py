@@ -1,0 +1,1 @@
+"""Computed and published torques of the air: verbs `air` and `cfd`."""

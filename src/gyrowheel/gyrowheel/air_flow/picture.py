@@ -1,0 +1,299 @@
+"""Pictures of the air: mesh and what depends on it, torques by tilt and speed, pressure, secondary flow."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel.air_flow.flow_fields import blank, mesh_section, pressure, section
+from gyrowheel.show.figure import finished, headline
+from gyrowheel.show.style import BLUE, FAINT, GREEN, PINK, SOFT, VERMILION, style
+from gyrowheel_air import get_model
+from gyrowheel_air.cfd.case import Result
+from gyrowheel_air.correlations import drag
+from gyrowheel_air.flow import of_study
+from gyrowheel_air.geometry import Geometry
+from gyrowheel_air.state import density_change, reynolds_number
+from gyrowheel_air.table import TorqueTable
+from gyrowheel_core.units import DEG, RPM
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+_MODEL_LOOK = {
+    "correlation": (GREEN, "--"),
+    "vorticity": (PINK, "-."),
+    "table": (BLUE, "-"),
+    "surrogate": (VERMILION, ":"),
+}
+_TURBULENCE_LOOK = {
+    "sst": (BLUE, "o", "SST, wall layer resolved"),
+    "paper": (VERMILION, "s", "k-ε, wall functions (as the paper)"),
+    "laminar": (GREEN, "^", "laminar"),
+}
+_NAMES = ("T1, back to the case axis", "T2, across", "T3, brakes the spin")
+
+
+def air_figures(table: TorqueTable, study: Path | None = None) -> Iterator[tuple[str, Figure, str]]:
+    """Draw everything for which there is something.
+
+    Parameters
+    ----------
+    table : TorqueTable
+        Torques.
+    study : Path, optional
+        Folder of a study whose solutions are still there: for the pictures of mesh and flow.
+
+    Yields
+    ------
+    tuple of str, Figure and str
+        Name of the picture, the picture, and a sentence that says what to see.
+
+    Raises
+    ------
+    InputError
+        If the study cannot be read.
+    """
+    drawings: dict[str, Callable[[], tuple[Figure, str] | None]] = {
+        "mesh_dependence": lambda: mesh_dependence(table),
+        "reynolds": lambda: numbers(table),
+        "torque_by_tilt": lambda: by_tilt(table),
+        "torque_by_speed": lambda: by_speed(table),
+    }
+    if study is not None:
+        cases = of_study(study)
+        drawings |= {
+            "mesh": lambda: mesh_section(cases),
+            "pressure": lambda: pressure(cases),
+            "axial_velocity": lambda: section(cases, "axial"),
+            "radial_velocity": lambda: section(cases, "radial"),
+        }
+    for name, draw in drawings.items():
+        with style():
+            result = draw()
+            if result is not None:
+                finished(result[0])
+        if result is not None:
+            yield name, *result
+
+
+# ---- from the table
+
+
+def mesh_dependence(table: TorqueTable) -> tuple[Figure, str] | None:
+    """Return a picture of the torques against the number of cells (the paper's Fig. 6)."""
+    rows = [row for row, _ in table.alternatives()]
+    if not rows:
+        return None
+    tilt = max(row.case.tilt for row in rows)
+    speed = next(row.case.spin_rate for row in rows if row.case.tilt == tilt)
+    base = [r for r in (table.at(tilt, speed), table.at(0.0, speed)) if r is not None]
+    figure, axes = _figure(1, 3, (12.0, 4.6))
+    for i, panel in enumerate(axes):
+        for model, (colour, marker, label) in _TURBULENCE_LOOK.items():
+            for place, filled in ((tilt, True), (0.0, False)):
+                if i < 2 and not filled:
+                    continue  # zero by symmetry: shows nothing
+                found = sorted(
+                    (
+                        r
+                        for r in [*rows, *base]
+                        if r.case.model == model and r.case.tilt == place and r.case.spin_rate == speed
+                    ),
+                    key=lambda r: int(r.provenance["cells"]),
+                )
+                if found:
+                    panel.errorbar(
+                        [r.provenance["cells"] / 1e3 for r in found],
+                        [1e3 * abs(r.torque.mean[i]) for r in found],
+                        [1e3 * r.torque.scatter[i] for r in found],
+                        color=colour,
+                        marker=marker,
+                        markerfacecolor=colour if filled else "white",
+                        markersize=7,
+                        # the k-epsilon rows differ in more than their number of cells
+                        linestyle="-" if model == "sst" else "none",
+                        linewidth=1.0,
+                        capsize=3,
+                        label=label if filled else None,
+                    )
+                for r in found if model == "paper" and filled else []:
+                    panel.annotate(
+                        f"y⁺ {r.y_plus['rotor'][0]:.0f}",
+                        (r.provenance["cells"] / 1e3, 1e3 * abs(r.torque.mean[i])),
+                        xytext=(7, -12),
+                        textcoords="offset points",
+                        fontsize=9,
+                        color=colour,
+                    )
+        if i == 2:
+            expected = drag(_geometry(table), table.air, speed, regime="II")
+            panel.axhline(1e3 * expected.total, color=SOFT, linestyle="--", linewidth=1)
+            panel.annotate(
+                "disc II + Bilgen & Boulos",
+                (0.98, 1e3 * expected.total),
+                xycoords=("axes fraction", "data"),
+                ha="right",
+                va="bottom",
+                fontsize=9,
+                color=SOFT,
+            )
+        panel.set_title(_NAMES[i])
+        panel.set_xlabel("thousand cells")
+        panel.set_ylim(bottom=0.0)
+    axes[0].set_ylabel("magnitude of the torque, mN·m")
+    _legend(figure, axes[0])
+    headline(
+        figure,
+        f"Mesh and turbulence model, {speed / RPM:.0f} rpm",
+        f"filled: tilt {tilt / DEG:.0f}°; hollow: no tilt, where symmetry makes T1 and T2 zero on any mesh; "
+        "bars: scatter over the iterations",
+    )
+    return figure, (
+        "Torques against the number of cells; not at zero tilt, where symmetry makes T1 and T2 zero on every mesh."
+    )
+
+
+def numbers(table: TorqueTable) -> tuple[Figure, str]:
+    """Return a picture of Reynolds number and change of density over speed (the paper's Fig. 7)."""
+    geometry = _geometry(table)
+    speeds = np.linspace(0.0, 5000.0, 101)[1:] * RPM
+    re = np.array([reynolds_number(table.air, geometry.rotor_radius, w) for w in speeds])
+    change = np.array([density_change(table.air, geometry.rotor_radius, w) for w in speeds])
+    figure, axes = _figure(1, 2, (10.0, 4.2))
+    left, right = axes
+    left.plot(speeds / RPM, re / 1e3, color=BLUE)
+    left.axhline(158.0, color=SOFT, linestyle="--", linewidth=1)
+    left.annotate("end faces turn turbulent (II to IV)", (100.0, 161.0), fontsize=9, color=SOFT)
+    left.set_title("Reynolds number, thousands (eq 9)")
+    right.plot(speeds / RPM, 100.0 * change, color=BLUE)
+    right.set_title("change of density, % (eq 10)")
+    for panel in axes:
+        panel.axvspan(table.speeds[0] / RPM, table.speeds[-1] / RPM, color=FAINT, alpha=0.6, zorder=0)
+        panel.set_xlabel("spin rate, rpm")
+        panel.set_ylim(bottom=0.0)
+        panel.set_xlim(0.0, 5000.0)
+    left.set_ylim(0.0, 180.0)
+    at = float(np.interp(table.speeds[-1], speeds, re))
+    headline(
+        figure,
+        "Incompressible, and below the transition of the end faces",
+        f"grey: the speeds of the table, up to Re = {at / 1e3:.0f} thousand; "
+        f"the density changes by {100 * float(np.interp(table.speeds[-1], speeds, change)):.2f} % at most",
+    )
+    return figure, "Reynolds number and change of density at the rim over the spin rate."
+
+
+def by_tilt(table: TorqueTable) -> tuple[Figure, str]:
+    """Return a picture of the torques over the tilt at one speed (the paper's Fig. 8)."""
+    speed = float(min(table.speeds, key=lambda w: abs(w - 3500.0 * RPM)))
+    tilts = np.linspace(0.0, table.tilts[-1], 51)
+    return _torques(
+        table,
+        tilts / DEG,
+        [(tilt, speed) for tilt in tilts],
+        [(r.case.tilt / DEG, r) for r in table.grid if r.case.spin_rate == speed],
+        "tilt, deg",
+        f"Torque of the air over the tilt, {speed / RPM:.0f} rpm",
+        "Tilting about one axis gives both transverse torques; the drag on the spin changes much less.",
+    )
+
+
+def by_speed(table: TorqueTable) -> tuple[Figure, str]:
+    """Return a picture of the torques over the speed at the largest tilt (the paper's Fig. 9)."""
+    tilt = float(table.tilts[-1])
+    speeds = np.linspace(table.speeds[0], table.speeds[-1], 51)
+    return _torques(
+        table,
+        speeds / RPM,
+        [(tilt, speed) for speed in speeds],
+        [(r.case.spin_rate / RPM, r) for r in table.grid if r.case.tilt == tilt],
+        "spin rate, rpm",
+        f"Torque of the air over the speed, tilt {tilt / DEG:.0f}°",
+        "All three grow with the speed: the transverse ones nearly as its square, the drag as its power 1.5.",
+    )
+
+
+def _torques(
+    table: TorqueTable,
+    x: Array,
+    places: Sequence[tuple[float, float]],
+    rows: Sequence[tuple[float, Result]],
+    label: str,
+    title: str,
+    sentence: str,
+) -> tuple[Figure, str]:
+    geometry = _geometry(table)
+    figure, axes = _figure(1, 3, (12.0, 4.6))
+    for name, (colour, line) in _MODEL_LOOK.items():
+        model = get_model(name, table)
+        found = [model.torque(geometry, table.air, (tilt, 0.0), speed) for tilt, speed in places]
+        mean = 1e3 * np.abs([t.components for t in found])
+        error = 1e3 * np.array([t.uncertainty for t in found])
+        for i, panel in enumerate(axes):
+            if np.isfinite(mean[1:, i]).all():
+                panel.plot(x, mean[:, i], line, color=colour, label=name, linewidth=1.6)
+                if name in ("correlation", "vorticity", "table"):
+                    low, high = mean[:, i] - error[:, i], mean[:, i] + error[:, i]
+                    panel.fill_between(x, low, high, color=colour, alpha=0.12, linewidth=0)
+    for i, panel in enumerate(axes):
+        for at, row in rows:
+            panel.errorbar(
+                at,
+                1e3 * abs(row.torque.mean[i]),
+                1e3 * row.torque.scatter[i],
+                color=BLUE,
+                marker="o",
+                markersize=5,
+                capsize=3,
+                linewidth=1,
+            )
+        panel.set_title(_NAMES[i])
+        panel.set_xlabel(label)
+        panel.set_ylim(bottom=0.0)
+    axes[0].set_ylabel("magnitude of the torque, mN·m")
+    _legend(figure, *axes)
+    headline(
+        figure,
+        title,
+        "dots: computed cases with their scatter; bands: standard uncertainty that the model states",
+    )
+    return figure, sentence
+
+
+def _geometry(table: TorqueTable) -> Geometry:
+    geometry = Geometry.load()
+    for name, value in table.lengths.items():
+        geometry = geometry.with_value(name, value)
+    return geometry
+
+
+def _figure(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, list[Axes]]:
+    figure = blank(size)
+    grid = figure.add_gridspec(rows, columns, left=0.065, right=0.98, top=0.74, bottom=0.13, wspace=0.2)
+    axes = [figure.add_subplot(grid[row, column]) for row in range(rows) for column in range(columns)]
+    for panel in axes:
+        panel.grid(axis="y", color=FAINT, linewidth=0.8)
+        panel.set_axisbelow(True)
+    return figure, axes
+
+
+def _legend(figure: Figure, *axes: Axes) -> None:
+    found: dict[str, Any] = {}
+    for panel in axes:
+        for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
+            found.setdefault(label, handle)
+    figure.legend(
+        found.values(),
+        found.keys(),
+        loc="upper right",
+        ncols=4,
+        fontsize=10,
+        bbox_to_anchor=(0.985, 1.0 - 0.08 / figure.get_figheight()),
+    )

@@ -1,0 +1,1 @@
+"""Sealed machines: the key of a hidden machine, and the one judge of an answer."""

@@ -1,0 +1,1 @@
+"""Torque constants of coils and motor."""

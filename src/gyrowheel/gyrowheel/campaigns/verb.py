@@ -1,0 +1,243 @@
+"""The verb `campaign`."""
+
+from __future__ import annotations
+
+import contextlib
+import shlex
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from gyrowheel.cli.console import INTERRUPTED, notes, put_json, put_text
+from gyrowheel.cli.options import BenchName, Json, example
+from gyrowheel.cli.outputs import CASE_LIST
+from gyrowheel.cli.resume import Resume, going_on, going_on_command, merged, place_of
+
+if TYPE_CHECKING:
+    from gyrowheel.campaigns.judge import Judged
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+    app.command(epilog=example("gyrowheel campaign --cases 40 --seed 3 --plan quick"))(campaign)
+
+
+def campaign(
+    context: typer.Context,
+    plan: Annotated[
+        str, typer.Option("--plan", metavar="P", help="Plan that is diagnosed: shipped name, or a plan file.")
+    ] = "survey",
+    validation_plan: Annotated[
+        str,
+        typer.Option("--validation-plan", metavar="P", help="Plan of the recording that is only predicted."),
+    ] = "check",
+    cases: Annotated[int, typer.Option("--cases", metavar="N", help="Number of cases.")] = 100,
+    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Seed of everything that is drawn.")] = 0,
+    kinds: Annotated[
+        str | None,
+        typer.Option(
+            "--kinds",
+            metavar="K,K..",
+            help="What may be hidden: none, single, pair, outside; with --reality also event.",
+            show_default="none,single,pair,outside; with --reality none,single,event",
+        ),
+    ] = None,
+    reality: Annotated[
+        bool,
+        typer.Option(
+            "--reality", help="Imperfect instruments as well, several at once, and events in the recordings."
+        ),
+    ] = False,
+    noise: Annotated[
+        float, typer.Option("--noise", metavar="X", help="White noise, as a multiple of the stated one.")
+    ] = 1.0,
+    drift: Annotated[
+        float, typer.Option("--drift", metavar="X", help="Slow drifts, as a multiple of the stated ones.")
+    ] = 1.0,
+    gains: Annotated[
+        float,
+        typer.Option(
+            "--gains", metavar="X", help="Spin gains, as a multiple of those of the default controller."
+        ),
+    ] = 1.0,
+    lost: Annotated[
+        float,
+        typer.Option("--lost", metavar="PART", help="Fraction of the samples that is lost: 0.01 is 1 %."),
+    ] = 0.0,
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            "--jobs", metavar="N", help="Cases at a time on this machine.", show_default="one per core"
+        ),
+    ] = None,
+    dask: Annotated[
+        str | None,
+        typer.Option(
+            "--dask",
+            metavar="ADDRESS",
+            help="Address of a Dask scheduler whose workers run the cases.",
+            show_default=False,
+        ),
+    ] = None,
+    only: Annotated[
+        list[int] | None,
+        typer.Option(
+            "--only", metavar="I", help="Run this case only, by number. Repeatable.", show_default=False
+        ),
+    ] = None,
+    keep: Annotated[
+        Path | None,
+        typer.Option(
+            "--keep",
+            metavar="DIR",
+            help="Keep recordings, keys and diagnoses here (tens of megabytes per case).",
+            show_default=False,
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="DIR",
+            help="New folder that keeps each finished case, to go on from.",
+            show_default="out/campaign-N",
+        ),
+    ] = None,
+    resume: Resume = None,
+    list_file: Annotated[
+        Path | None,
+        typer.Option("--list", metavar="FILE", help="Write every case as JSON here.", show_default=False),
+        CASE_LIST,
+    ] = None,
+    bench: BenchName = "gyrowheel",
+    json: Json = None,
+) -> None:
+    """Test the diagnosis on many blind cases, each judged by its key.
+
+    Each case is a machine of its own: parameters within their uncertainties,
+    noise, drift and controller varied, and hidden in it nothing, one effect,
+    two, or one that no library has, 1 to 10 times as large as the detection
+    limit of the plan. With --reality instruments are not as the bench file
+    states them, and events happen. Ctrl-C ends it and reports the cases that
+    were finished; --resume goes on with the others, after a kill too.
+    """
+    from gyrowheel.campaigns.api import campaign as run
+    from gyrowheel.campaigns.api import settings_of
+    from gyrowheel.campaigns.page import campaign_page, case_line
+    from gyrowheel.campaigns.workers import one_at_a_time
+
+    folder = place_of(output, resume, "campaign")
+    settings: dict[str, Any] = {
+        "plan": plan,
+        "validation_plan": validation_plan,
+        "cases": cases,
+        "seed": seed,
+        "kinds": [] if kinds is None else [kind.strip() for kind in kinds.split(",")],
+        "reality": reality,
+        "noise": noise,
+        "drift": drift,
+        "gains": gains,
+        "lost": lost,
+        "bench": bench,
+        "only": only or (),
+    }
+    if resume is not None:
+        settings = merged(context, settings, settings_of(resume))
+    others = {"jobs": jobs, "dask": dask, "keep": keep, "list": list_file, "json": json}
+    if jobs is None and dask is None and (why := one_at_a_time()):
+        notes().print(why, soft_wrap=True)
+    again = going_on_command("campaign", folder, others)
+    with going_on(again) as begun, _counting() as (count, say):
+
+        def progress(done: Sequence[Judged], total: int) -> None:
+            if begun():
+                if done:
+                    say(f"{total} cases, {len(done)} of them finished before")
+            elif not done[-1].right:
+                say(f"not right: {case_line(done[-1])}")
+            count(len(done), sum(not case.right for case in done), total)
+
+        result = run(
+            **settings,
+            jobs=jobs,
+            dask=dask,
+            keep=keep,
+            folder=folder,
+            resume=resume is not None,
+            progress=progress,
+        )
+    from gyrowheel.campaigns.report import save_campaign
+
+    report = folder / "report.html"
+    save_campaign(result, report, _command(settings))
+    if json is not None:
+        put_json(json, result.to_dict())
+    if list_file is not None:
+        put_json(str(list_file), [case.to_json() for case in result.cases])
+    if json != "-":
+        put_text(campaign_page(result.details, result.title))
+    notes().print(f"report: {report}", soft_wrap=True)
+    if result.interrupted:
+        notes().print(f"to go on: {again}", soft_wrap=True)
+        raise typer.Exit(INTERRUPTED)
+
+
+def _command(settings: Mapping[str, Any]) -> str:
+    """Return what to type for the same cases."""
+    words = ["gyrowheel", "campaign"]
+    for name, value in settings.items():
+        option = f"--{name.replace('_', '-')}"
+        if name == "kinds":
+            words += [option, ",".join(value)] if value else []
+        elif isinstance(value, bool):
+            words += [option] if value else []
+        else:
+            words += [
+                w
+                for own in (value if isinstance(value, list | tuple) else [value])
+                for w in (option, str(own))
+            ]
+    return shlex.join(words)
+
+
+@contextlib.contextmanager
+def _counting() -> Iterator[tuple[Callable[[int, int, int], None], Callable[[str], None]]]:
+    """Show on stderr how many cases are done and how many are wrong; a line every tenth where there is no terminal."""
+    console = notes()
+
+    def say(text: str) -> None:
+        console.print(text, soft_wrap=True)
+
+    if not console.is_terminal:
+        shown = 0
+
+        def tell(done: int, wrong: int, total: int) -> None:
+            nonlocal shown
+            if not done:
+                say(f"{total} cases")
+            tenth = 10 * done // total
+            if tenth > shown:
+                shown = tenth
+                say(f"{done} of {total} cases, {wrong} not right")
+
+        yield tell, say
+        return
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (
+        TextColumn("cases"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.description}"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task("none not right", total=None)
+
+        def advance(done: int, wrong: int, total: int) -> None:
+            progress.update(task, total=total, completed=done, description=f"{wrong or 'none'} not right")
+
+        yield advance, say

@@ -1,0 +1,1 @@
+"""Shipped effects, benches and test plans."""

@@ -1,0 +1,348 @@
+"""What all verbs share: exit codes, one-line errors, consoles, progress and JSON results."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import itertools
+import os
+import re
+import sys
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any, TextIO, cast
+
+import typer
+
+from gyrowheel_core.errors import InputError, one_line, printable
+
+if TYPE_CHECKING:
+    from rich.console import Console, RenderableType
+
+
+OK, FINDING, BAD_INPUT, NODE_FAILED, DEFECT, INTERRUPTED = 0, 1, 2, 3, 70, 130
+#: Nobody reads the output any more: as of a process that SIGPIPE ended, so that no script takes it for a result.
+CUT_OFF = 141
+
+#: How limits of values, and kinds of numbers, are told.
+_LIMITS = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
+_NUMBERS = {"int": "whole numbers", "float": "numbers"}
+_BLIND = "--blind"
+_NARROWEST, _WIDEST = 40, 110  # lines [characters]
+_TRAILING = re.compile(r" +$", re.MULTILINE)
+
+#: A line about what is being done.
+Say = Callable[[str], None]
+#: The part that is done, 0 .. 1.
+Fraction = Callable[[float], None]
+
+
+def run(app: typer.Typer, arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return the exit code; errors of the user become one line on stderr."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    # of numbers that overflow where readings are absurd: what comes of it is in the result
+    warnings.filterwarnings("ignore", category=RuntimeWarning)
+    _open_standard_streams()
+    try:
+        _refuse_empty(given)
+        given = _with_key(given)
+        result = _command(app).main(given or ["--help"], prog_name="gyrowheel", standalone_mode=False)
+        sys.stdout.flush()
+        if result == INTERRUPTED:
+            raise KeyboardInterrupt
+        return result if isinstance(result, int) else OK
+    except InputError as error:
+        return _bad_input(str(error))
+    except typer.TyperException as error:
+        return _usage(error)
+    except (KeyboardInterrupt, typer.Abort):
+        _tell("interrupted")
+        return INTERRUPTED
+    except BrokenPipeError:
+        return _cut_off()
+    except SystemExit as end:
+        if isinstance(end.__context__, BrokenPipeError):  # rich and typer end with 1, which is a finding
+            return _cut_off()
+        raise
+    except Exception as error:
+        return _failed(error)
+
+
+@functools.cache  # typer makes all verbs anew for every call
+def _command(app: typer.Typer) -> typer.core.TyperCommand | typer.core.TyperGroup:
+    return cast("typer.core.TyperCommand | typer.core.TyperGroup", typer.main.get_command(app))
+
+
+def _cut_off() -> int:
+    """Whoever read the output has had enough: what is left in the buffer has nowhere to go."""
+    for number, stream in ((1, sys.stdout), (2, sys.stderr)):
+        try:
+            stream.flush()
+        except OSError:
+            _drop(number)
+    return CUT_OFF
+
+
+def _tell(line: str) -> None:
+    """Write a line to stderr; where it takes none, the exit code alone tells.
+
+    An error here would end the process with 1, which is a finding.
+    """
+    try:
+        sys.stderr.write(f"{line}\n")
+        sys.stderr.flush()
+    except OSError:
+        _drop(2)
+
+
+def _drop(number: int) -> None:
+    """Let what is left in the buffer of a standard stream go nowhere, so that the end of the process does not fail."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, number)
+    os.close(nowhere)
+
+
+def _open_standard_streams() -> None:
+    """Open those that are closed: else the next file takes the place of one, and what is printed goes into it."""
+    for number, name, way in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
+        with contextlib.suppress(OSError):
+            os.fstat(number)
+            continue
+        opened = os.open(os.devnull, os.O_RDWR)
+        if opened != number:
+            os.dup2(opened, number)
+            os.close(opened)
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(number, way, closefd=False))  # noqa: SIM115
+
+
+def _failed(error: Exception) -> int:
+    """Tell of an error that is none of the user, and return its exit code."""
+    # the module is heavy: where it was not imported, nothing of it can have been raised
+    graph = sys.modules.get("gyrowheel_bringup.graph")
+    if graph is not None and isinstance(error, graph.GraphError):
+        # it may quote the names that other nodes of the network have
+        for line in (f"error: {one_line(error)}", *error.report.splitlines()):
+            _tell(printable(line))
+        return NODE_FAILED
+    from gyrowheel.cli.internal_errors import defect, machine_error
+
+    if (said := machine_error(error)) is not None:
+        return _bad_input(said)
+    _tell(f"error: {defect(error)}")
+    return DEFECT
+
+
+def finding(asked: bool) -> None:
+    """End with the exit code of a finding if the user asked for it."""
+    if asked:
+        raise typer.Exit(FINDING)
+
+
+@functools.cache
+def out() -> Console:
+    """Return the console of the results."""
+    return _console(stderr=False)
+
+
+@functools.cache
+def notes() -> Console:
+    """Return the console of everything else."""
+    return _console(stderr=True)
+
+
+def warn_of(setup: Sequence[Any]) -> None:
+    """Say on stderr in one line that the setup of a recording is wrong, if it is."""
+    if setup:
+        from gyrowheel.show.sentences.setup import setup_line
+
+        notes().print(f"warning: {setup_line(setup)}", soft_wrap=True, highlight=False, style="yellow")
+
+
+def put_text(parts: Iterable[RenderableType]) -> None:
+    """Write a result for people to stdout."""
+    from gyrowheel.show.layout import show
+
+    show(out(), parts)
+
+
+def put_json(target: str, content: Any) -> None:
+    """Write a result as JSON: to a file that is whole or as it was, or to stdout for ``-``.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    from gyrowheel.show.files import json_text, write_text
+
+    text = json_text(content)
+    if target == "-":
+        sys.stdout.write(text)
+    else:
+        write_text(Path(target), text)
+
+
+def put_picture(path: Path | None, draw: Callable[[], Any], *, quiet: bool = False) -> None:
+    """Write a picture where one was asked for, and say where it is.
+
+    Parameters
+    ----------
+    path : Path or None
+        The file; nothing is drawn without one.
+    draw : callable
+        Makes the matplotlib figure.
+    quiet : bool
+        Whether stdout must hold nothing but JSON.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written, or there is nothing to draw.
+    """
+    if path is None:
+        return
+    from gyrowheel.show.figure import write_figure
+
+    write_figure(draw(), path)
+    if not quiet:
+        out().print(f"\npicture: {path}", soft_wrap=True)
+
+
+@contextlib.contextmanager
+def editing(file: Path) -> Iterator[None]:
+    """Keep other processes from changing a file from its reading to its writing; say so if there is need to wait.
+
+    Raises
+    ------
+    InputError
+        If another process does not end with it, or it cannot be written.
+    """
+    from gyrowheel.show.files import changing
+
+    with changing(file, waiting=lambda text: notes().print(text, soft_wrap=True)):
+        yield
+
+
+@contextlib.contextmanager
+def working(first: str) -> Iterator[Say]:
+    """Show on stderr what is being done: one changing line on a terminal, a line each elsewhere."""
+    console = notes()
+    if not console.is_terminal:
+        console.print(first, soft_wrap=True)
+        yield lambda text: console.print(f"  {text}", soft_wrap=True)
+        return
+    with console.status(first) as status:
+        yield lambda text: status.update(f"{first}: {text}")
+
+
+@contextlib.contextmanager
+def advancing(title: str) -> Iterator[Fraction]:
+    """Show on stderr how far something is: a bar on a terminal, a line every quarter elsewhere."""
+    console = notes()
+    if not console.is_terminal:
+        shown = 0
+
+        def tell(part: float) -> None:
+            nonlocal shown
+            quarter = int(4.0 * part + 1e-9)
+            if quarter > shown:
+                shown = quarter
+                console.print(f"{title}: {25 * quarter} %", soft_wrap=True)
+
+        yield tell
+        return
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task(title, total=1.0)
+        yield lambda part: progress.update(task, completed=part)
+
+
+def _refuse_empty(given: Sequence[str]) -> None:
+    """Refuse an option with an empty text, as an unset variable of a shell gives; a path would make a folder of it."""
+    if given and given[0] == "run":  # whose arguments are those of a node
+        return
+    for before, text in itertools.pairwise(["", *given]):
+        option = before if not text else text.removesuffix("=")
+        if (not text or text.endswith("=")) and re.fullmatch(r"--[a-z-]+|-[a-z]", option):
+            raise InputError(f"{option}: the value is empty")
+
+
+def _with_key(given: list[str]) -> list[str]:
+    """Return the arguments with the name of a new key file behind a ``--blind`` that has none."""
+    if not given or given[0] == "run" or _BLIND not in given:
+        return given
+    after = given.index(_BLIND) + 1
+    if after < len(given) and not given[after].startswith("-"):
+        return given
+    file = next(name for name in _key_names() if not os.path.lexists(name))
+    sys.stderr.write(f"{_BLIND}: the key goes into {file}\n")
+    return [*given[:after], file, *given[after:]]
+
+
+def _key_names() -> Iterator[str]:
+    yield "key.json"
+    yield from (f"key-{number}.json" for number in itertools.count(2))
+
+
+def _bad_input(text: str) -> int:
+    _tell(f"error: {' '.join(text.split())}")
+    return BAD_INPUT
+
+
+def _usage(error: typer.TyperException) -> int:
+    message = _value_message(error) or getattr(error, "format_message", lambda: str(error))()
+    if type(error).__name__ == "NoArgsIsHelpError":  # has shown the help
+        return BAD_INPUT
+    context = getattr(error, "ctx", None)
+    hint = f" (see: {context.command_path} --help)" if context is not None else ""
+    return _bad_input(message.rstrip(".") + hint)
+
+
+def _value_message(error: typer.TyperException) -> str:
+    """Return what is wrong with a value, and what is allowed; empty where the error is of another kind."""
+    found = getattr(error.__cause__, "errors", None)
+    parameter = getattr(error, "param", None)
+    if found is None or parameter is None:
+        return ""
+    first = found()[0]
+    limits = first.get("ctx", {})
+    allowed = [f"{sign} {limits[name]:g}" for name, sign in _LIMITS.items() if name in limits]
+    allowed += [words for name, words in _NUMBERS.items() if first["type"].startswith(name)]
+    if not allowed:
+        return ""
+    return f"{parameter.get_error_hint()}: {first['input']} is not allowed; allowed: {', '.join(allowed)}"
+
+
+class _Trimmed:
+    """A file in which no line ends with spaces: rich fills tables up to the width of the terminal."""
+
+    def __init__(self, *, stderr: bool) -> None:
+        self._stderr = stderr
+
+    @property
+    def _stream(self) -> TextIO:
+        """The stream as it is now: others may put another one in its place."""
+        return sys.stderr if self._stderr else sys.stdout
+
+    def write(self, text: str) -> int:
+        self._stream.write(_TRAILING.sub("", text))
+        return len(text)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+def _console(*, stderr: bool) -> Console:
+    from rich.console import Console
+
+    # paths and texts of users may hold what rich takes for markup
+    trimmed = _Trimmed(stderr=stderr)
+    file = None if trimmed.isatty() else cast(IO[str], trimmed)
+    console = Console(file=file, stderr=stderr, highlight=False, markup=False, emoji=False)
+    # long lines are hard to read, and tables without room lose what they hold
+    console.width = min(max(console.width, _NARROWEST), _WIDEST)
+    return console

@@ -1,0 +1,109 @@
+"""What nobody foresaw: an exception that is no error of the user becomes one line and a report without their data."""
+
+from __future__ import annotations
+
+import errno
+import os
+import platform
+import sys
+import tempfile
+import traceback
+from collections.abc import Iterator
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from types import TracebackType
+
+from gyrowheel_core.errors import one_line, printable
+
+#: Errors of the machine, not of the program: no descriptors, memory or room left, a broken disk.
+_OF_THE_MACHINE = {
+    errno.EMFILE,
+    errno.ENFILE,
+    errno.ENOMEM,
+    errno.ENOSPC,
+    errno.EDQUOT,
+    errno.EFBIG,
+    errno.EIO,
+    errno.EROFS,
+}
+#: Errors of a path that the user gave.
+_OF_A_PATH = {errno.EACCES, errno.EPERM, errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EISDIR}
+_PACKAGES = (
+    "gyrowheel", "gyrowheel_core", "gyrowheel_sim", "gyrowheel_control", "gyrowheel_analysis", "gyrowheel_bringup",
+    "gyrowheel_msgs", "numpy", "scipy", "numba", "sympy", "pydantic", "rosbags", "pyarrow", "matplotlib", "typer",
+)  # fmt: skip
+_LONGEST = 300  # characters of what an exception says
+
+
+def machine_error(error: BaseException) -> str | None:
+    """Return what is wrong with the machine or a path, if that is what an exception says; None for any other."""
+    for cause in _causes(error):
+        if isinstance(cause, MemoryError):
+            return f"not enough memory{f': {one_line(cause)}' if str(cause) else ''}"
+        if isinstance(cause, OSError) and (
+            cause.errno in _OF_THE_MACHINE
+            or (cause is error and cause.errno in _OF_A_PATH and cause.filename)
+        ):
+            return printable(
+                f"{cause.strerror or one_line(cause)}{f': {cause.filename}' if cause.filename else ''}"
+            )
+    return None
+
+
+def defect(error: BaseException) -> str:
+    """Return the line about a defect of the program; its details go into a file, whose name the line ends with."""
+    said = printable(one_line(error))
+    said = said if len(said) <= _LONGEST else f"{said[:_LONGEST]}..."
+    kind = type(error).__name__
+    line = f"this is a defect in gyrowheel: {kind if said == kind else f'{kind}: {said}'}"
+    place = _kept(_report(error))
+    return f"{line}; details in {place}" if place else f"{line}; no file could be written for its details"
+
+
+def _report(error: BaseException) -> str:
+    """Return where an exception came from: no arguments, values, messages or texts of it, which may be the user's."""
+    lines = ["A defect in gyrowheel. No data, file names or arguments of yours are in this report.", ""]
+    for cause in reversed(list(_causes(error))):
+        lines.append(f"{type(cause).__module__}.{type(cause).__qualname__}")
+        lines += [f"  {place}" for place in _places(cause.__traceback__)]
+    lines += ["", f"python {platform.python_version()}, {platform.system()} {platform.machine()}"]
+    for name in _PACKAGES:
+        try:
+            lines.append(f"{name} {version(name)}")
+        except PackageNotFoundError:
+            continue
+    return "\n".join(lines) + "\n"
+
+
+def _causes(error: BaseException) -> Iterator[BaseException]:
+    """Yield an exception and those that led to it, the last one first."""
+    seen: set[int] = set()
+    current: BaseException | None = error
+    while current is not None and id(current) not in seen:
+        seen.add(id(current))
+        yield current
+        current = current.__cause__ or current.__context__
+
+
+def _places(at: TracebackType | None) -> Iterator[str]:
+    """Yield the places that an exception passed, by module and line; code of the user's own has no name here."""
+    for frame, line in traceback.walk_tb(at):
+        module = str(frame.f_globals.get("__name__", "?"))
+        known = module == "__main__" or module.partition(".")[0] in {*_PACKAGES, *sys.stdlib_module_names}
+        yield f"{module}:{line} in {frame.f_code.co_name}" if known else f"(another package):{line}"
+
+
+def _kept(report: str) -> Path | None:
+    """Write a report into the user's folder for the state of programs, else that for temporary files."""
+    state = os.environ.get("XDG_STATE_HOME") or os.path.expanduser("~/.local/state")
+    for folder in (Path(state) / "gyrowheel", None):  # None: where temporary files are
+        try:
+            if folder is not None:
+                folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            number, place = tempfile.mkstemp(dir=folder, prefix="gyrowheel-defect-", suffix=".txt")
+            with os.fdopen(number, "w", encoding="utf-8") as file:
+                file.write(report)
+        except OSError:
+            continue
+        return Path(place)
+    return None

@@ -1,0 +1,1 @@
+"""Error of a model on recordings, and where it sits."""

@@ -1,0 +1,248 @@
+"""Where a model fails: errors of each channel, regions, and what the residual depends on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from gyrowheel.show.error_table import unit_of
+from gyrowheel.show.layout import figures_table, heading, sentences, words_table
+from gyrowheel.show.quantities import decimal, fixed
+from gyrowheel.show.sentences.readings import reading_sentence, untold_sentences
+from gyrowheel.show.sentences.residuals import dependence_sentences, region_description, region_name
+from gyrowheel.show.variables import TITLES
+from gyrowheel_analysis.channels import CHANNELS, LISTED
+from gyrowheel_analysis.residuals.maps import DEFAULT
+from gyrowheel_core.units import DEG, RPM, unit_for
+
+if TYPE_CHECKING:
+    from gyrowheel_analysis.compare import Comparison
+    from gyrowheel_analysis.reduction import Coverage
+    from gyrowheel_analysis.reduction.not_as_stated import ReadingFindings
+    from gyrowheel_analysis.residuals.dependence import PartDependence
+    from gyrowheel_analysis.residuals.maps import ResidualMap, Span
+    from gyrowheel_analysis.residuals.regions import Region
+    from gyrowheel_analysis.residuals.windows import WindowResiduals
+
+_MOST_REGIONS = 5
+_NO_SIGNAL = 1.0  # FIT of a channel in which there is nothing but noise [%]
+_MAP_LEGEND = (
+    "Mean residual torque: of the coils along the tilt and a quarter turn ahead of it, and of the motor."
+)
+_POOR, _BAD = 2.0, 5.0  # χ²/N
+_SAME_SPEED = 0.04
+_SHORT = {
+    "tilt": "tilt", "spin": "spin",
+    "tilt_1n": "1N", "tilt_2n": "2N", "angle_1n": "a1N", "angle_2n": "a2N",
+    "spin_ripple": "rip", "motor_voltage": "volt", "voltage_ripple": "vrip",
+}  # fmt: skip
+_SUSPICIOUS = 1.3  # mean square of the residuals in units of their noise
+_LEGEND = (
+    "FIT: part of the signal explained. Theil: 0 perfect, 1 useless; its parts: a constant offset (bias), "
+    "a wrong amplitude (var), a wrong shape (cov). Raw: RMS of the model file as it stands, nothing fitted."
+)
+
+
+def comparison(result: Comparison, maps: Iterable[ResidualMap] | None = None) -> Iterator[RenderableType]:
+    """Yield what a comparison says, part by part.
+
+    Parameters
+    ----------
+    result : Comparison
+        The comparison.
+    maps : iterable of ResidualMap, optional
+        Maps to show; one over speed and tilt where the model fails, if not given.
+    """
+    yield heading("Prediction error, bench parameters fitted within their uncertainties")
+    yield channel_table(result)
+    yield Text(_LEGEND, style="dim")
+    yield from coverage(result.coverage)
+    yield from readings(result.readings)
+    failing = fails(result)
+    yield from failures(result.where, result.dependence, failing=failing)
+    for each in [m for m in result.maps if m.over == DEFAULT and failing] if maps is None else maps:
+        yield from map_table(each, result)
+
+
+def coverage(found: Coverage) -> Iterator[RenderableType]:
+    """Yield how much of the recordings takes part; in yellow if it is not nearly all of their steady motion."""
+    yield Text(f"{found.sentence()}.", style="dim" if found.complete else "yellow")
+
+
+def readings(found: ReadingFindings) -> Iterator[RenderableType]:
+    """Yield what the samples themselves show of the instruments beside what is stated."""
+    if found.found:
+        yield heading("Instruments, by the samples themselves")
+        yield from sentences([reading_sentence(item) for item in found.found])
+    for text in untold_sentences(found):
+        yield Text(text, style="dim")
+
+
+def channel_table(result: Comparison) -> Table:
+    """Return the metrics of every channel."""
+    table = figures_table(
+        "",
+        "\nunit",
+        "RMS\n",
+        "noise\n",
+        "χ²/N\n",
+        "FIT\n%",
+        "Theil\n",
+        "bias var cov\n%  ",
+        "raw\n",
+    )
+    table.columns[0].no_wrap = True
+    table.columns[1].justify = "left"
+    shown = unit_of({name: m.noise_floor_rms for name, m in result.channels.items()})
+    for name, m in result.channels.items():
+        unit = shown[name]
+        table.add_row(
+            LISTED[name].title,
+            Text(unit.label, style="dim"),
+            fixed(m.rms / unit.size),
+            fixed(m.noise_floor_rms / unit.size),
+            Text(fixed(m.chi2_per_n), style="bold red" if m.chi2_per_n > 2.0 else "green"),
+            f"{m.fit_percent:.1f}" if m.fit_percent > _NO_SIGNAL else "–",
+            f"{m.theil:.3f}",
+            " ".join(f"{100.0 * part:3.0f}" for part in (m.theil_bias, m.theil_variance, m.theil_covariance)),
+            fixed(result.raw_rms[name] / unit.size),
+        )
+    return table
+
+
+def map_table(shown: ResidualMap, result: Comparison) -> Iterator[RenderableType]:
+    """Yield a map as a table: over one variable with the mean residuals, over two with χ²/N of what fails."""
+    if len(shown.over) == 1:
+        yield heading(f"Residual over the {TITLES[shown.over[0]]}")
+        yield _list_of(shown, result.data)
+        yield Text(_MAP_LEGEND, style="dim")
+        return
+    rows, columns = shown.over
+    total = {
+        name: sum(cell.count * cell.chi2_per_n[name] for cell in shown.cells)
+        / sum(cell.count for cell in shown.cells)
+        for name in result.data.parts
+    }
+    worst = max(total, key=lambda name: total[name])
+    for name in [n for n in total if total[n] > 2.0] or [worst]:
+        yield heading(f"χ²/N of {CHANNELS[name].title} over {TITLES[rows]} and {TITLES[columns]}")
+        yield _grid_of(shown, name)
+
+
+def _grid_of(shown: ResidualMap, part: str) -> Table:
+    rows, columns = shown.over
+    across = shown.along(columns)
+    table = figures_table(_axis_title(rows), *(span_text(columns, span) for span in across))
+    table.columns[0].justify, table.columns[0].no_wrap = "right", True
+    cells = {(_key(c.spans[rows]), _key(c.spans[columns])): c for c in shown.cells}
+    for row in shown.along(rows):
+        line = [cells.get((_key(row), _key(span))) for span in across]
+        table.add_row(
+            span_text(rows, row),
+            *(Text("·", style="dim") if cell is None else _chi2(cell.chi2_per_n[part]) for cell in line),
+        )
+    return table
+
+
+def _list_of(shown: ResidualMap, data: WindowResiduals) -> Table:
+    """Return a table of the cells along one variable."""
+    (variable,) = shown.over
+    # of what is noise everywhere nothing is said
+    parts = [
+        name
+        for name in data.parts
+        if name in ("tilt", "spin") or max(cell.chi2_per_n[name] for cell in shown.cells) > _POOR
+    ]
+    name, size = unit_for(min(float(np.median(data.parts[part].sigma)) for part in ("tilt", "spin")), "N·m")
+    table = figures_table(
+        f"\n{_axis_title(variable)}",
+        "\nno.",
+        f"along\n{name}",
+        f"across\n{name}",
+        f"spin\n{name}",
+        *(f"{'χ²/N' if part == parts[0] else ''}\n{_SHORT[part]}" for part in parts),
+    )
+    table.columns[0].justify, table.columns[0].no_wrap = "right", True
+    for cell in shown.cells:
+        values = (
+            None if cell.turned is None else cell.turned.real,
+            None if cell.turned is None else cell.turned.imag,
+            cell.mean["spin"].real,
+        )
+        table.add_row(
+            span_text(variable, cell.spans[variable]),
+            str(cell.count),
+            *("–" if value is None else decimal(value / size, 0, sign=True) for value in values),
+            *(_chi2(cell.chi2_per_n[part]) for part in parts),
+        )
+    return table
+
+
+def _key(span: Span) -> tuple[float, float] | None:
+    return None if math.isnan(span.low) else (span.low, span.high)
+
+
+def _chi2(value: float) -> Text:
+    style = "bold red" if value > _BAD else "yellow" if value > _POOR else "green"
+    return Text(f"{value:.0f}" if value >= 9.95 else f"{value:.1f}", style=style)
+
+
+def _axis_title(variable: str) -> str:
+    return {
+        "tilt": "tilt °",
+        "azimuth": "azimuth °",
+        "speed": "rpm",
+        "time": "time s",
+        "temperature": "coils °C",
+    }[variable]
+
+
+def span_text(variable: str, span: Span) -> str:
+    """Return where a cell lies, as people say it."""
+    if math.isnan(span.low):
+        return "upright"
+    if variable == "azimuth":
+        return decimal(math.degrees(span.middle), 0)
+    size, offset = {
+        "tilt": (DEG, 0.0), "speed": (RPM, 0.0), "time": (1.0, 0.0), "temperature": (1.0, 273.15),
+    }[variable]  # fmt: skip
+    low, high = (span.low - offset) / size, (span.high - offset) / size
+    digits = 1 if variable == "tilt" else 0
+    if variable == "speed":
+        low, high = round(low, -1), round(high, -1)
+    a, b = decimal(low, digits), decimal(high, digits)
+    return a if a == b or (variable == "speed" and high - low < _SAME_SPEED * high) else f"{a} .. {b}"
+
+
+def fails(result: Comparison) -> bool:
+    """Whether the error of a channel is visibly more than noise."""
+    return max(metrics.chi2_per_n for metrics in result.channels.values()) > _SUSPICIOUS
+
+
+def failures(
+    where: Iterable[Region], dependence: Iterable[PartDependence] = (), *, failing: bool = True
+) -> Iterator[RenderableType]:
+    """Yield the regions where the model fails, and on what the residual depends."""
+    regions = list(where)
+    if regions:
+        yield heading(
+            "Where the model fails"
+            if failing
+            else "The model fails nowhere visibly; most of the noise is here"
+        )
+        table = words_table("share of χ²", "where, and what the residual looks like", "")
+        table.columns[0].justify = "right"
+        for region in regions[:_MOST_REGIONS]:
+            table.add_row(
+                f"{100.0 * region.share_of_chi2:.0f} %",
+                Text(region_name(region), style="bold"),
+                region_description(region),
+            )
+        yield table
+    yield from sentences(dependence_sentences(dependence))

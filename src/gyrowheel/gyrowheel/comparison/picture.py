@@ -1,0 +1,217 @@
+"""One picture of where a model fails: the residual in the plane of the tilt, and how bad it is over every variable."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel.show.figure import Picture, finished
+from gyrowheel.show.style import DARK, FAINT, GROUND, SOFT, TICK, style
+from gyrowheel.show.variables import TITLES
+from gyrowheel_analysis.channels import CHANNELS, COILS
+from gyrowheel_analysis.reduction.groups import speed_groups
+from gyrowheel_analysis.residuals.maps import VARIABLES, Cell, ResidualMap, Span, residual_map
+from gyrowheel_analysis.residuals.windows import WindowResiduals
+from gyrowheel_core.quantities import number
+from gyrowheel_core.units import DEG, RPM, unit_for
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from gyrowheel_analysis.compare import Comparison
+
+_MOST_SPEEDS = 4
+_LONG, _SHORT = 0.55, 0.12  # of the largest tilt: the longest arrow, and that of noise
+_WRONG = 9.0  # χ²/N from which on a window is not noise alone
+_WORST = 1.0e3  # χ²/N at the end of the colours
+_UNITS = {"tilt": "°", "azimuth": "°", "speed": "rpm", "time": "s", "temperature": "°C"}
+
+
+def figure_of_failure(result: Comparison, *, title: str = "") -> Figure:
+    """Draw where a model fails, 1600 by 1000 dots.
+
+    Above, for every speed, the tilts that were held, with the residual torque of the coils as an arrow; below, χ²/N of
+    every part of the residual over each variable.
+
+    Parameters
+    ----------
+    result : Comparison
+        The comparison.
+    title : str
+        What stands above; the names of the recordings if not given.
+    """
+    names = ", ".join(Path(name).name for name in result.recordings)
+    return residual_figure(result.data, title=title or f"Where the model fails: {names}")
+
+
+def residual_figure(data: WindowResiduals, *, title: str) -> Figure:
+    """Return the figure of `figure_of_failure` of residuals alone."""
+    with style(framed=True):
+        return finished(_draw(data, title))
+
+
+def _draw(data: WindowResiduals, title: str) -> Figure:
+    from matplotlib.colors import LogNorm
+
+    figure = Picture(16.0, 10.0)
+    size = min(22.0, 22.0 * 88.0 / max(len(title), 1))
+    figure.text(0.045, 0.955, title, fontsize=size, fontweight="bold", va="center")
+    figure.text(
+        0.045,
+        0.915,
+        "Arrows: residual torque of the coils, from the tilt at which it acts. Colours: χ²/N (1: noise)."
+        if COILS in data.parts
+        else "Colours: χ²/N of all that was measured (1: noise). Without both coil voltages, none of the coils.",
+        fontsize=12.5,
+        color=SOFT,
+        va="center",
+    )
+    norm = LogNorm(vmin=1.0, vmax=_WORST)
+    groups = _chosen(speed_groups(data.windows.mean_spin), data)
+    above = figure.add_gridspec(1, len(groups), left=0.06, right=0.975, top=0.83, bottom=0.44, wspace=0.18)
+    scale = _arrow_scale(data) if COILS in data.parts else None
+    for place, group in enumerate(groups):
+        _plane(figure.add_subplot(above[0, place]), data, group, scale, norm, first=place == 0)
+    maps = [residual_map(data, (name,)) for name in VARIABLES]
+    widths = [max(len(m.cells), 3) for m in maps]
+    below = figure.add_gridspec(
+        1, len(maps), left=0.115, right=0.905, top=0.32, bottom=0.1, wspace=0.06, width_ratios=widths
+    )
+    strips = [
+        _strip(figure.add_subplot(below[0, place]), shown, data, norm, first=place == 0)
+        for place, shown in enumerate(maps)
+    ]
+    bar = figure.colorbar(strips[0], cax=figure.add_axes((0.925, 0.1, 0.012, 0.22)), extend="both")
+    bar.set_label("χ²/N")
+    bar.ax.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    return figure
+
+
+def _chosen(groups: list[NDArray[np.int64]], data: WindowResiduals) -> list[NDArray[np.int64]]:
+    """Return the speeds that are drawn, slowest first: those with most tilted windows where there are many."""
+    tilted = np.abs(data.windows.mean_tilt) > 0.3 * DEG
+    ranked = sorted(groups, key=lambda g: -int(tilted[g].sum()))[:_MOST_SPEEDS]
+    return sorted(ranked, key=lambda g: float(data.windows.mean_spin[g].mean()))
+
+
+def _arrow_scale(data: WindowResiduals) -> float:
+    """Return degrees an N m: the longest arrow of what is wrong is as long as most of the largest tilt.
+
+    Windows whose residual is noise do not count, however large it is: short windows are noisy. Where all is noise, its
+    arrows are short.
+    """
+    part = data.parts[COILS]
+    size, wrong = np.abs(part.values), part.squares / len(part.kind.rows) > _WRONG
+    largest = float(np.quantile(size[wrong] if wrong.any() else size, 0.98))
+    reach = max(float(np.abs(data.windows.mean_tilt).max()) / DEG, 1.0)
+    return (_LONG if wrong.any() else _SHORT) * reach / largest if largest > 0.0 else 1.0
+
+
+def _plane(
+    axes: Axes,
+    data: WindowResiduals,
+    group: NDArray[np.int64],
+    scale: float | None,
+    norm: Any,
+    *,
+    first: bool,
+) -> None:
+    """Draw the tilts of one speed, with the residual of the coils as arrows where there is a scale for them."""
+    w = data.windows
+    z = np.asarray(w.mean_tilt)[group] / DEG
+    shown = list(data.parts.values()) if scale is None else [data.parts[COILS]]
+    chi2 = sum(own.squares[group] for own in shown) / sum(len(own.kind.rows) for own in shown)
+    reach = 1.75 * max(float(np.abs(w.mean_tilt).max()) / DEG, 1.0)
+    for radius in range(2, math.ceil(reach), 2):
+        axes.add_patch(_circle(radius))
+    axes.axhline(0.0, color=FAINT, linewidth=0.8, zorder=0)
+    axes.axvline(0.0, color=FAINT, linewidth=0.8, zorder=0)
+    axes.scatter(
+        z.real, z.imag, c=np.maximum(chi2, 1.0), norm=norm, cmap=_colours(), s=55, edgecolors=TICK,
+        linewidths=0.6, zorder=4,
+    )  # fmt: skip
+    axes.set_xlim(-reach, reach)
+    axes.set_ylim(-reach, reach)
+    axes.set_aspect("equal")
+    axes.set_title(f"{round(float(w.mean_spin[group].mean()) / RPM, -1):.0f} rpm", fontsize=13, loc="center")
+    axes.set_xlabel("tilt about x, °")
+    if first:
+        axes.set_ylabel("tilt about y, °")
+    if scale is not None:
+        _arrows(axes, z, data.parts[COILS].values[group] * scale, scale, reach)
+
+
+def _arrows(axes: Axes, z: Any, arrows: Any, scale: float, reach: float) -> None:
+    """Draw arrows [deg] from tilts [deg], and how long one of a round torque is."""
+    axes.quiver(
+        z.real, z.imag, arrows.real, arrows.imag, angles="xy", scale_units="xy", scale=1.0, width=0.007,
+        color=DARK, alpha=0.8, zorder=3,
+    )  # fmt: skip
+    length = _round_down(0.4 * reach / scale)
+    name, unit = unit_for(length, "N·m")
+    axes.plot([-0.92 * reach, -0.92 * reach + length * scale], [-0.9 * reach] * 2, color=DARK, linewidth=2.0)
+    axes.text(-0.92 * reach, -0.86 * reach, f"{number(length / unit, 1)} {name}", fontsize=10, color=DARK)
+
+
+def _circle(radius: float) -> Any:
+    from matplotlib.patches import Circle
+
+    return Circle((0.0, 0.0), radius, fill=False, edgecolor=FAINT, linewidth=0.8, zorder=0)
+
+
+def _strip(axes: Axes, shown: ResidualMap, data: WindowResiduals, norm: Any, *, first: bool) -> Any:
+    """Draw χ²/N of every part over one variable."""
+    (variable,) = shown.over
+    names = list(data.parts)
+    values = np.array([[cell.chi2_per_n[name] for cell in shown.cells] for name in names])
+    image = axes.imshow(np.maximum(values, 1e-3), norm=norm, cmap=_colours(), aspect="auto")
+    for i, j in np.ndindex(*values.shape):
+        dark = values[i, j] > math.sqrt(_WORST)
+        text = f"{values[i, j]:.0f}" if values[i, j] >= 9.95 else f"{values[i, j]:.1f}"
+        if values.shape[1] <= 9:
+            axes.text(j, i, text, ha="center", va="center", fontsize=8, color="white" if dark else DARK)
+    axes.set_xticks(range(len(shown.cells)), [cell_label(variable, cell) for cell in shown.cells], fontsize=9)
+    if any(len(cell_label(variable, cell)) > 4 for cell in shown.cells) or len(shown.cells) > 6:
+        axes.tick_params(axis="x", rotation=45)
+    axes.set_yticks(range(len(names)), [CHANNELS[name].title for name in names] if first else [])
+    axes.set_title(axis_title(variable), fontsize=10.5, loc="center")
+    axes.tick_params(length=0)
+    for side in axes.spines.values():
+        side.set_visible(False)
+    return image
+
+
+def axis_title(variable: str) -> str:
+    """Return the title of a variable, with the unit of `cell_label`."""
+    return f"{TITLES[variable]}, {_UNITS[variable]}"
+
+
+def cell_label(variable: str, cell: Cell) -> str:
+    """Return the label of a cell of a map over one variable."""
+    span: Span = cell.spans[variable]
+    if math.isnan(span.low):
+        return "none"
+    if variable == "azimuth":
+        return f"{math.degrees(span.middle):.0f}"
+    if variable == "speed":
+        return f"{round(span.middle / RPM, -1):.0f}"
+    middle = {"tilt": span.middle / DEG, "time": span.middle, "temperature": span.middle - 273.15}[variable]
+    return f"{middle:.1f}" if variable == "tilt" else f"{middle:.0f}"
+
+
+def _colours() -> Any:
+    """Return the colours, from white for noise on."""
+    from matplotlib import colormaps
+
+    return colormaps["OrRd"].with_extremes(under=GROUND)
+
+
+def _round_down(value: float) -> float:
+    """Return the largest of 1, 2, 5 times a power of ten that is not above a value."""
+    power = 10.0 ** math.floor(math.log10(value))
+    return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= value * (1.0 + 1e-9))

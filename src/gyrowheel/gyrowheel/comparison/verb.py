@@ -1,0 +1,64 @@
+"""The verb `compare`."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from gyrowheel.cli.console import finding, put_json, put_picture, put_text, warn_of, working
+from gyrowheel.cli.options import Json, Mixed, ModelFile, Picture, Recordings, example
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+    app.command(epilog=example("gyrowheel compare runs/monday --model wheel.yaml --map speed,azimuth"))(
+        compare
+    )
+
+
+def compare(
+    directories: Recordings,
+    model: ModelFile,
+    fail_above: Annotated[
+        float | None,
+        typer.Option(
+            "--fail-above",
+            metavar="X",
+            min=0.0,
+            help="Exit with 1 if χ²/N of a channel is above X (1: nothing but noise).",
+            show_default=False,
+        ),
+    ] = None,
+    map_over: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--map",
+            metavar="VAR[,VAR]",
+            help="Show a map of the residual over one or two of tilt, azimuth, speed, time, temperature. Repeatable.",
+            show_default="speed,tilt where the model fails",
+        ),
+    ] = None,
+    mixed: Mixed = False,
+    picture: Picture = None,
+    json: Json = None,
+) -> None:
+    """Compare a model with recordings: size of the error, where it is large, and what it depends on."""
+    import gyrowheel as gw
+    from gyrowheel.comparison.result import map_variables
+    from gyrowheel.recordings.inputs import opened
+
+    over = None if map_over is None else [map_variables(text) for text in map_over]
+    loaded = gw.Model.load(model)
+    recordings = opened(directories)
+    with working("comparing") as say:
+        from gyrowheel.comparison.page import comparison
+
+        result = gw.compare(recordings, loaded, mixed=mixed, progress=say)
+    warn_of(result.setup)
+    if json is not None:
+        put_json(json, result.to_dict())
+    if json != "-":
+        put_text(comparison(result.details, None if over is None else [result.map(*own) for own in over]))
+    put_picture(picture, result.plot, quiet=json == "-")
+    finding(fail_above is not None and result.worst > fail_above)

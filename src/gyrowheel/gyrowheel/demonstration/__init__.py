@@ -1,0 +1,1 @@
+"""The whole loop on a hidden effect: `gyrowheel demo`."""

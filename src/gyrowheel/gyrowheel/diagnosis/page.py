@@ -1,0 +1,244 @@
+"""What is missing in a model, with its evidence and with what could not have been seen."""
+
+from __future__ import annotations
+
+import itertools
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Group, RenderableType
+from rich.padding import Padding
+from rich.panel import Panel
+from rich.text import Text
+
+from gyrowheel.comparison.page import coverage, failures, readings
+from gyrowheel.show.error_table import error_table
+from gyrowheel.show.formulas import pretty
+from gyrowheel.show.layout import Unbroken, command, heading, sentences, words_table
+from gyrowheel.show.quantities import is_pure, quantity, span, with_error
+from gyrowheel.show.sentences.diagnosis import (
+    evidence,
+    physics,
+    purpose,
+    tie_sentence,
+    title,
+    verdict_sentence,
+)
+from gyrowheel.show.sentences.events import tie_of_event
+from gyrowheel.show.sentences.forms import form_sentence, place_text, simple_sentence
+from gyrowheel.show.sentences.instruments import instrument_sentence
+from gyrowheel.show.sentences.proof import proof_line
+from gyrowheel.show.sentences.setup import cure, map_lines, problem
+
+if TYPE_CHECKING:
+    from gyrowheel_analysis.diagnosis.instruments import InstrumentFinding
+    from gyrowheel_analysis.diagnosis.result import DetectionLimit, Diagnosis, EffectFinding, FreeForm
+    from gyrowheel_recording.mislabelled.fixes import WrongSetup
+
+_COLOURS = {
+    "nothing_missing": "green",
+    "effect": "yellow",
+    "ambiguous": "yellow",
+    "unknown": "red",
+    "insufficient_data": "magenta",
+}
+_SETTLED = ("nothing_missing", "effect")
+_INDENT = (0, 0, 0, 2)
+_NEVER = 10.0  # times the largest usual size: nothing on a real bench is so far from what is usual
+_MOVED = 1.0  # stated uncertainties
+
+
+def diagnosis(
+    result: Diagnosis, *, following: str | None = None, parts: Sequence[str] = ()
+) -> Iterator[RenderableType]:
+    """Yield what a diagnosis says, part by part.
+
+    Parameters
+    ----------
+    result : Diagnosis
+        The diagnosis.
+    following : str, optional
+        The command to type next.
+    parts : sequence of str
+        Commands that diagnose what lies between events.
+    """
+    if result.setup:
+        yield from setup_page(result.setup)
+        return
+    if result.verdict != "nothing_missing":
+        yield from failures(result.where)
+    yield Text()
+    yield from findings(result)
+    yield from error_section(result)
+    if not result.coverage.complete:
+        yield from coverage(result.coverage)
+    yield from readings(result.readings)
+    yield from _moved(result.nuisance)
+    yield from detection_limits(result.detection_limits)
+    if parts:
+        yield heading("What lies before and after, by itself")
+        for part in parts:
+            yield command(part)
+    if following:
+        yield heading("Next")
+        yield command(following)
+
+
+def setup_page(found: Sequence[WrongSetup]) -> Iterator[RenderableType]:
+    """Yield what is wrong with the setup of recordings, and for each recording the cure."""
+    for place in dict.fromkeys(item.recording for item in found):
+        own = [item for item in found if item.recording == place]
+        yield Text()
+        yield Unbroken(place, style="bold")
+        yield from sentences([problem(item) for item in own])
+        mended = all(item.cure for item in own)
+        yield heading("Cure")
+        yield command(cure(own)) if mended else Padding(Text(f"{cure(own)}."), _INDENT)
+        lines = [line for item in own for line in map_lines(item)]
+        if mended and lines:
+            yield Padding(
+                Text(f"or, where it was imported, in the map: {'; '.join(lines)}", style="dim"), _INDENT
+            )
+
+
+def error_section(result: Diagnosis) -> Iterator[RenderableType]:
+    """Yield the error without and with what was found; nothing where there was too little to compare."""
+    if result.error is not None:
+        yield heading(
+            "Error before and after" if result.effects or result.instruments or result.free_form else "Error"
+        )
+        yield Padding(error_table(result.error), _INDENT)
+
+
+def findings(result: Diagnosis) -> Iterator[RenderableType]:
+    """Yield the verdict and what it rests on."""
+    colour = _COLOURS.get(result.verdict, "")
+    verdict = Text(verdict_sentence(result), style="bold")
+    yield Panel(Group(verdict, proof_line(result.proof, result.error)), border_style=colour, expand=False)
+    if told := [text for text in map(tie_of_event, result.events) if text]:
+        yield heading("What happened")
+        yield from sentences(told)
+    for finding in result.effects:
+        yield from _finding(finding)
+    yield from _instruments(result.instruments)
+    for form in result.free_form:
+        yield from _free_form(form)
+    if result.next_test is not None:
+        test = result.next_test
+        yield heading("Test that would show more" if result.verdict in _SETTLED else "Test that settles it")
+        about = f"{test.minutes:.1f} min, expected Δχ² {test.expected_separation:.0f}"
+        yield from sentences([f"plan {test.plan} ({about}): {purpose(test)}"])
+
+
+def detection_limits(limits: list[DetectionLimit]) -> Iterator[RenderableType]:
+    """Yield what could not have been seen, or only where it is large."""
+    never = [limit for limit in limits if not limit.value <= _NEVER * limit.usual[1]]
+    hidden = [limit for limit in limits if not limit.visible and limit not in never]
+    partly = [limit for limit in limits if limit.visible and limit.value > limit.usual[0]]
+    seen = len(limits) - len(never) - len(hidden) - len(partly)
+    if not limits:
+        return
+    yield heading("Detection limits: what these recordings could not show")
+    table = words_table("effect", "visible from", "usual size", "", whole=(0, 1, 2, 3))
+    for group, remark in ((hidden, "not visible"), (partly, "only if large")):
+        for limit in group:
+            table.add_row(
+                f"{limit.effect} {limit.coefficient}",
+                quantity(limit.value, limit.unit, digits=2),
+                span(*limit.usual, limit.unit),
+                remark,
+            )
+    if hidden or partly:
+        yield Padding(table, _INDENT)
+    if never:
+        names = ", ".join(dict.fromkeys(limit.effect for limit in never))
+        yield Padding(Text(f"Not visible at any realistic size: {names}."), _INDENT)
+    rest = "All other known effects" if never or hidden or partly else "All known effects"
+    if seen:
+        yield Padding(Text(f"{rest} would show at any usual size.", style="dim"), _INDENT)
+
+
+def _finding(finding: EffectFinding) -> Iterator[RenderableType]:
+    yield Text.assemble(("\n" + finding.name, "bold cyan"), f"  {title(finding)}")
+    body = words_table("", "")
+    for name, estimate in finding.coefficients.items():
+        pure = is_pure(finding.name, name)
+        shown = with_error(estimate.value, estimate.standard_error, estimate.unit, pure=pure)
+        if finding.in_model is not None:
+            of_model = finding.in_model[name]
+            shown += f"  in the model {with_error(of_model.value, of_model.standard_error, of_model.unit, pure=pure)}"
+        body.add_row(name, shown)
+    body.add_row("law", pretty(finding.formula))
+    yield Padding(body, _INDENT)
+    yield from sentences([physics(finding), *evidence(finding)])
+    for tie in finding.ties:
+        yield from sentences([tie_sentence(tie)])
+
+
+def _instruments(found: Sequence[InstrumentFinding]) -> Iterator[RenderableType]:
+    for name, own in itertools.groupby(found, lambda f: f.name):
+        items = list(own)
+        yield Text.assemble((f"\n{name}", "bold cyan"), f"  {items[0].title}")
+        body = words_table("", "")
+        for item in items:
+            shown = with_error(item.value, item.standard_error, item.unit)
+            stated = quantity(item.stated, item.unit) if item.stated else "0"
+            body.add_row(
+                f"{item.channel} {item.quantity.removeprefix('encoder_')}", f"{shown}, stated {stated}"
+            )
+        yield Padding(body, _INDENT)
+        yield from sentences(
+            [
+                items[0].sentence,
+                *(instrument_sentence(item) for item in items),
+                f"without it χ² is {items[0].delta_chi2:.0f} worse, all else fitted again",
+            ]
+        )
+        for tie in items[0].ties:
+            yield from sentences([tie_sentence(tie)])
+
+
+def _free_form(form: FreeForm) -> Iterator[RenderableType]:
+    yield Text.assemble((f"\n{form.name or 'proposed form'}", "bold cyan"), "  proposed form")
+    body = words_table("", "")
+    for name, estimate in form.coefficients.items():
+        shown = with_error(estimate.value, estimate.standard_error, estimate.unit, pure=True)
+        if name in form.places:
+            shown = f"{place_text(form, name)} ({shown} of the reference)"
+        body.add_row(name, shown)
+    coefficients = tuple(f"{name} " for name in form.coefficients)
+    laws = [part for part in form.formula.split("; ") if not part.startswith(coefficients)]
+    body.add_row("law", pretty("; ".join(laws)))
+    body.add_row("Δχ²", f"{form.delta_chi2:.0f} without it")
+    yield Padding(body, _INDENT)
+    yield from sentences(filter(None, [form_sentence(form), simple_sentence(form)]))
+    if form.simple:
+        yield command(f"--formula {shlex.quote(f'{form.name}: {form.simple}')}")
+
+
+def _moved(nuisance: Mapping[str, Any]) -> Iterator[RenderableType]:
+    moved = {
+        name: n
+        for name, n in nuisance.items()
+        if n.prior_uncertainty > 0.0 and abs(n.value - n.prior_value) > _MOVED * n.prior_uncertainty
+    }
+    if not moved:
+        return
+    yield heading("Bench parameters that moved by more than their stated uncertainty")
+    table = words_table("parameter", "fitted", "stated", whole=(0, 1, 2))
+    for name, n in moved.items():
+        table.add_row(
+            name,
+            with_error(n.value, n.standard_error, n.unit, pure=True),
+            with_error(n.prior_value, n.prior_uncertainty, n.unit, pure=True),
+        )
+    yield Padding(table, _INDENT)
+
+
+def coefficients_line(finding: EffectFinding) -> str:
+    """Return the coefficients of a finding in one line."""
+    return ", ".join(
+        f"{name} = {with_error(e.value, e.standard_error, e.unit, pure=is_pure(finding.name, name))}"
+        for name, e in finding.coefficients.items()
+    )

@@ -1,0 +1,1 @@
+"""DC voltages next to simulated torques."""

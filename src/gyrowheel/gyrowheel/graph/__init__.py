@@ -1,0 +1,1 @@
+"""The running bench: nodes, replay, viewers."""

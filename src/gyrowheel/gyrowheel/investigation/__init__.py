@@ -1,0 +1,1 @@
+"""Diagnosis and tests in turn until the verdict is settled."""

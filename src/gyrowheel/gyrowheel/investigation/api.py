@@ -1,0 +1,308 @@
+"""An investigation on a simulated machine, or on a bench of one's own."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from gyrowheel.investigation.procedure import Investigation as State
+from gyrowheel.investigation.procedure import Listener, Run, Step, pursue
+from gyrowheel.investigation.result import Investigation
+from gyrowheel.recordings.inputs import Recordings, opened
+from gyrowheel.show.files import new_folder
+from gyrowheel.simulation.code_identity import code_identity
+from gyrowheel.simulation.scenario import scenario
+from gyrowheel_control.plans.fitting import plan_for
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core.cache import digest
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.files import json_text, read_text
+from gyrowheel_core.journal import Journal, Work, begun, journal
+from gyrowheel_recording.bags.part import parted
+
+if TYPE_CHECKING:
+    from gyrowheel.models.api import Model
+    from gyrowheel_sim.effects import Effect
+    from gyrowheel_sim.plant.scenario import Scenario
+
+KIND = "investigation"
+_KEY = "key"  # in the journal: a digest of the key file
+
+
+def investigate(
+    model: Model,
+    recordings: Recordings = (),
+    *,
+    plans: Sequence[str | Path | Plan] | None = None,
+    budget: float = 15.0,
+    thorough: bool = False,
+    averages: bool = False,
+    effects: Mapping[str, Mapping[str, float]] | Sequence[str | Effect] = (),
+    machine: int | None = None,
+    seed: int = 0,
+    blind: str | Path | None = None,
+    nodes: bool = False,
+    run: Run | None = None,
+    folder: str | Path | None = None,
+    resume: bool = False,
+    listener: Listener | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Investigation:
+    """Find out what a model lacks by running the tests that it takes, until all is settled.
+
+    Runs a plan, diagnoses, runs the test that the diagnosis names, and so on. The model stays as it is.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    recordings : Recording, path or list, optional
+        Existing recordings to begin with.
+    plans : sequence, optional
+        Plans to begin with; ``quick`` if there are no recordings.
+    budget : float
+        Time on the bench that may be spent [min].
+    thorough : bool
+        Go on until every known effect would have shown at a usual size.
+    averages : bool
+        Use averages over whole revolutions alone, as where filters hide what happens within one.
+    effects, machine, seed, blind
+        The simulated machine; see `gyrowheel.simulate`.
+    nodes : bool
+        Run the plans in the graph of ROS nodes instead of simulating them at once.
+    run : callable, optional
+        Runs a plan on a bench of your own and records it: takes plan, directory to create and number of the run.
+    folder : str or Path, optional
+        New directory for all recordings; a temporary one that is removed with the result if not given.
+    resume : bool
+        Go on with the investigation in `folder`: what it recorded is not recorded again, and is diagnosed again, with
+        the same result. Settings must be the same, and so must the code.
+    listener : Listener, optional
+        Receives what happens, step by step.
+    progress : callable, optional
+        Called with a line of text now and then, where there is no listener.
+
+    Returns
+    -------
+    Investigation
+        Also after Ctrl-C, with what was finished.
+
+    Raises
+    ------
+    InputError
+        If something is not known or out of range, there is nothing to begin with or to go on with, or the first plans
+        take more time than there is.
+    """
+    if resume and folder is None:
+        raise InputError("resume: needs the folder of the investigation to go on with")
+    bench = model.stated_bench
+    at_hand = [recording.path for recording in opened(recordings)]
+    named = plans if plans is not None else [] if at_hand else ["quick"]
+    first = [plan_for(plan, bench) for plan in named]
+    key = None if blind is None else Path(blind)
+
+    def hidden(plan: Plan, number: int) -> Scenario:
+        name = f"{plan.name} {number}"  # every run has noise of its own
+        return scenario(bench, name, effects=effects, blind=key, seed=seed, machine=machine)
+
+    if first and effects:
+        hidden(first[0], 1)  # refuses bad effects before anything is made
+    told = listener or _Quiet(progress or (lambda text: None))
+    if run is None:
+        run = _in_nodes(told, model, hidden) if nodes else _at_once(told, model, hidden)
+    scratch = None if folder is not None else tempfile.TemporaryDirectory(prefix="gyrowheel-")
+    place = Path(scratch.name if scratch is not None else folder or "")
+    done = State(model.origin, budget, averages=averages)
+    work = _work(
+        model,
+        at_hand,
+        named,
+        effects,
+        budget=budget,
+        thorough=thorough,
+        averages=averages,
+        machine=machine,
+        seed=seed,
+        blind=None if key is None else str(key.absolute()),
+        nodes=nodes,
+    )
+    interrupted = False
+    try:
+        with journal(place, work, resume=resume) as kept:
+            once = _once(run, kept, key)
+            pursue(done, model.details, place, once, told, plans=first, at_hand=at_hand, thorough=thorough)
+    except KeyboardInterrupt:
+        interrupted = True
+    return Investigation(done, place, interrupted, scratch)
+
+
+def settings_of(folder: str | Path) -> dict[str, Any]:
+    """Return the arguments of `investigate` with which the one in a folder was begun; ``model`` is a path.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    found = begun(Path(folder), KIND).settings
+    found["blind"] = None if found["blind"] is None else _near(found["blind"])
+    for name in ("recordings", "plans"):
+        found[name] = [_near(path) for path in found[name]]
+    return found | {"model": _near(found["model"])}
+
+
+def _work(
+    model: Model,
+    at_hand: Sequence[Path],
+    plans: Sequence[str | Path | Plan],
+    effects: Mapping[str, Mapping[str, float]] | Sequence[str | Effect],
+    **settings: object,
+) -> Work:
+    """Return what determines the results of an investigation."""
+    items = (
+        effects.items()
+        if isinstance(effects, Mapping)
+        else [effects]
+        if isinstance(effects, str)
+        else effects
+    )
+    believed = model.details.to_mapping()
+    loaded = [plan if isinstance(plan, Plan) else Plan.load(plan) for plan in plans]
+    return Work(
+        kind=KIND,
+        settings={
+            "model": str(Path(model.origin).absolute()),
+            "recordings": [str(path.absolute()) for path in at_hand],
+            "plans": [plan.to_yaml() if isinstance(plan, Plan) else _whole(str(plan)) for plan in plans],
+            "effects": [item if isinstance(item, str) else repr(item) for item in items],
+            **settings,
+        },
+        contents={
+            "model": digest(json_text(believed | {"history": []}), model.stated_bench.describe()),
+            "plans": digest(*(plan.to_yaml() for plan in loaded)),
+            "recordings": digest(*(_digest_of(path) for path in at_hand)),
+        },
+        versions=code_identity(),
+    )
+
+
+def _whole(plan: str) -> str:
+    """Return the path of a plan file from the root; names of shipped plans as they are."""
+    return str(Path(plan).absolute()) if "\n" not in plan and Path(plan).is_file() else plan
+
+
+def _near(path: str) -> str:
+    """Return a path as one types it: from the current folder if it is below that."""
+    try:
+        return str(Path(path).relative_to(Path.cwd()))
+    except ValueError:
+        return path
+
+
+def _digest_of(recording: Path) -> str:
+    """Return a digest of the files of a recording."""
+    place, _ = parted(recording)
+    sums = []
+    for path in sorted(place.rglob("*")) if place.is_dir() else [place]:
+        if path.is_file():
+            with path.open("rb") as stream:
+                sums.append(f"{path.name} {hashlib.file_digest(stream, 'sha256').hexdigest()}")
+    return digest(*sums)
+
+
+def _once(run: Run, kept: Journal, key: Path | None) -> Run:
+    """Return what runs a plan unless that was done before; what an interrupted run has recorded is put aside."""
+    finished = kept.finished()
+    if key is not None and finished and finished.get(_KEY) != _key_digest(key):
+        raise InputError(
+            f"blind: {key} is not the key file with which the investigation in {kept.folder} began"
+        )
+
+    def go(plan: Plan, directory: Path, number: int) -> None:
+        before = finished.get(directory.name)
+        if before is not None and directory.is_dir():
+            if before.get("recording") != _digest_of(directory):
+                raise InputError(
+                    f"{directory}: has changed since the investigation in {kept.folder} recorded it"
+                )
+            return
+        if directory.exists():
+            directory.rename(new_folder(directory.parent, f"{directory.name}-interrupted", 1))
+        run(plan, directory, number)
+        if key is not None:
+            kept.finish(_KEY, _key_digest(key))
+        kept.finish(directory.name, {"plan": plan.called, "recording": _digest_of(directory)})
+
+    return go
+
+
+def _key_digest(key: Path) -> str | None:
+    return digest(read_text(key)) if key.exists() else None
+
+
+class _Quiet:
+    """A listener that passes on what happens as lines of text."""
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self._say = say
+
+    def begin(self, number: int, plans: Sequence[str], why: str) -> None:
+        self._say(f"step {number}: {' and '.join(plans)}: {why}" if plans else f"step {number}: {why}")
+
+    @contextlib.contextmanager
+    def working(self, title: str) -> Iterator[Callable[[str], None]]:
+        yield self._say
+
+    @contextlib.contextmanager
+    def advancing(self, title: str) -> Iterator[Callable[[float], None]]:
+        self._say(title)
+        yield lambda part: None
+
+    def learned(self, step: Step) -> None:
+        for sentence in step.learned:
+            self._say(sentence)
+
+
+def _at_once(listener: Listener, model: Model, hidden: Callable[[Plan, int], Scenario]) -> Run:
+    """Return what simulates a plan; the drag estimates in its recording are those of the model under test."""
+
+    def run(plan: Plan, directory: Path, number: int) -> None:
+        from gyrowheel.simulation.api import record_simulation
+
+        with listener.advancing(f"plan {plan.name}") as advance:
+            record_simulation(
+                directory,
+                model.stated_bench,
+                hidden(plan, number),
+                plan,
+                model=model.details,
+                progress=advance,
+            )
+
+    return run
+
+
+def _in_nodes(listener: Listener, model: Model, hidden: Callable[[Plan, int], Scenario]) -> Run:
+    """Return what runs a plan in the graph of nodes, whose drag estimator believes the model under test."""
+
+    def run(plan: Plan, directory: Path, number: int) -> None:
+        from gyrowheel_bringup.graph import Graph
+
+        with (
+            Graph(
+                plan,
+                bench=model.bench_source,
+                scenario=hidden(plan, number),
+                model=model.details,
+                record=directory,
+            ) as graph,
+            listener.advancing(f"plan {plan.name}") as advance,
+        ):
+            graph.run(progress=lambda p: advance(min(p.elapsed / p.duration, 1.0)))
+            advance(1.0)
+
+    return run

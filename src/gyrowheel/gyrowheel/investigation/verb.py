@@ -1,0 +1,275 @@
+"""The verb `investigate`."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from gyrowheel.cli.console import INTERRUPTED, notes, out, put_json, put_picture
+from gyrowheel.cli.options import Averages, Blind, Effects, ErrorPicture, Json, Machine, Seed, example
+from gyrowheel.cli.progress import Terminal
+from gyrowheel.cli.resume import Resume, going_on, going_on_command, merged, place_of
+from gyrowheel_core.errors import InputError
+
+if TYPE_CHECKING:
+    from gyrowheel.investigation.procedure import Step
+    from gyrowheel.investigation.result import Investigation
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+    app.command(epilog=example("gyrowheel investigate --model wheel.yaml --blind key.json --budget 10"))(
+        investigate
+    )
+
+
+def investigate(
+    context: typer.Context,
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            "--model", metavar="M.yaml", help="Model file; needed unless --resume.", show_default=False
+        ),
+    ] = None,
+    directories: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="DIR", help="Existing recordings to begin with.", show_default=False),
+    ] = None,
+    budget: Annotated[
+        float,
+        typer.Option("--budget", metavar="MINUTES", min=0.0, help="Time on the bench that may be spent."),
+    ] = 15.0,
+    plan: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--plan",
+            metavar="P",
+            help="Plan to begin with: shipped name, or a plan file. Repeatable.",
+            show_default="quick, if there are no recordings",
+        ),
+    ] = None,
+    thorough: Annotated[
+        bool,
+        typer.Option("--thorough", help="Go on until every known effect would have shown at a usual size."),
+    ] = False,
+    averages: Averages = False,
+    simulate: Annotated[
+        bool, typer.Option("--simulate", help="Simulate the plans at once, without the graph of nodes.")
+    ] = False,
+    effect: Effects = None,
+    blind: Blind = None,
+    machine: Machine = None,
+    seed: Seed = 0,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="DIR",
+            help="New directory for all recordings.",
+            show_default="out/investigation-N",
+        ),
+    ] = None,
+    resume: Resume = None,
+    picture: ErrorPicture = None,
+    json: Json = None,
+) -> None:
+    """Find what a model lacks: run a test, diagnose, run the next test, until the verdict is settled.
+
+    Each diagnosis names the test to run next.
+    The machine is the simulated bench with --effect, --blind and --machine.
+    Recordings are kept, also after Ctrl-C; the model file is not changed.
+    A report, report.html beside the recordings, holds all that was found.
+    --resume goes on after that, and after a kill: no plan is run again.
+    """
+    from gyrowheel import Model, Recording
+    from gyrowheel.investigation.api import investigate as run
+    from gyrowheel.investigation.api import settings_of
+    from gyrowheel.recordings.provenance import machine_options, note_machine
+
+    folder = place_of(output, resume, "investigation")
+    chosen: dict[str, Any] = {
+        "model": model,
+        "directories": list(directories or ()),
+        "plan": plan,
+        "budget": budget,
+        "thorough": thorough,
+        "averages": averages,
+        "simulate": simulate,
+        "effect": effect,
+        "blind": blind,
+        "machine": machine,
+        "seed": seed,
+    }
+    if resume is not None:
+        chosen = merged(context, chosen, _as_typed(settings_of(resume)))
+    if chosen["model"] is None:
+        raise InputError("--model: missing; name the model file")
+    place = Path(chosen["model"])
+    # with JSON on stdout the tour goes to stderr
+    stage = Terminal(notes() if json == "-" else out())
+    machine_of = {name: chosen[name] for name in ("effect", "blind", "machine", "seed")}
+    on = going_on_command("investigate", folder, {"picture": picture, "json": json})
+    with going_on(on) as begun:
+        done = run(
+            Model.load(place),
+            chosen["directories"],
+            plans=chosen["plan"],
+            budget=chosen["budget"],
+            thorough=chosen["thorough"],
+            averages=chosen["averages"],
+            effects=machine_of["effect"] or (),
+            machine=machine_of["machine"],
+            seed=machine_of["seed"],
+            blind=machine_of["blind"],
+            nodes=not chosen["simulate"],
+            folder=folder,
+            resume=resume is not None,
+            listener=_Teller(stage, begun),
+        )
+    for path in done.recordings[:1]:
+        note_machine(Recording.open(path), machine_options(**machine_of))
+    recordings = [*map(Path, chosen["directories"]), *done.recordings]
+    switches = {name: chosen[name] for name in ("averages", "simulate", "thorough")}
+    again = _again(recordings, place, machine_of | {"seed": machine_of["seed"] or None}, switches)
+    _finish(
+        done, recordings, place, stage, again=on if done.interrupted else again, thorough=chosen["thorough"]
+    )
+    if not done.interrupted:
+        _report(done, recordings, place, stage)
+    if json is not None:
+        put_json(json, done.to_dict())
+    if done.diagnosis is not None:
+        put_picture(picture, done.diagnosis.plot, quiet=json == "-")
+    if done.interrupted:
+        raise typer.Exit(INTERRUPTED)
+
+
+def _as_typed(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return settings of the API by the names of the parameters of the verb."""
+    names = {"recordings": "directories", "plans": "plan", "effects": "effect"}
+    result = {names.get(name, name): value for name, value in settings.items()}
+    return result | {"simulate": not settings["nodes"]}
+
+
+class _Teller:
+    """Shows on the terminal what an investigation does.
+
+    Parameters
+    ----------
+    stage : Terminal
+        Where.
+    begun : callable
+        Called when it begins, and everything given is known to be right.
+    """
+
+    def __init__(self, stage: Terminal, begun: Callable[[], object]) -> None:
+        self._stage, self._begun = stage, begun
+
+    def begin(self, number: int, plans: Sequence[str], why: str) -> None:
+        self._begun()
+        what = f"{'plans' if len(plans) > 1 else 'plan'} {' and '.join(plans)}: {why}" if plans else why
+        self._stage.step(what[0].upper() + what[1:])
+
+    def working(self, title: str) -> AbstractContextManager[Callable[[str], None]]:
+        return self._stage.working(title)
+
+    def advancing(self, title: str) -> AbstractContextManager[Callable[[float], None]]:
+        return self._stage.advancing(title)
+
+    def learned(self, step: Step) -> None:
+        from rich.text import Text
+
+        from gyrowheel.show.quantities import seconds
+
+        self._stage.show([Text(sentence) for sentence in step.learned])
+        change = _verdicts(step)
+        left = f"{seconds(60.0 * step.left)} of bench time left" if step.minutes or step.left else ""
+        self._stage.show([Text("; ".join(part for part in (change, left) if part), style="dim")])
+
+
+def _verdicts(step: Step) -> str:
+    """Return the verdict and the one before it."""
+    now = step.diagnosis.verdict.replace("_", " ")
+    if step.before is None:
+        return f"verdict: {now}"
+    before = step.before.replace("_", " ")
+    return f"verdict: still {now}" if before == now else f"verdict: {before} → {now}"
+
+
+def _again(
+    recordings: Sequence[Path],
+    model: Path,
+    options: Mapping[str, object],
+    switches: Mapping[str, bool],
+) -> str:
+    """Return the command that goes on from recordings, on the same machine."""
+    words = ["gyrowheel", "investigate", *map(str, recordings), "--model", str(model)]
+    for name, value in options.items():
+        for item in value if isinstance(value, list) else [value]:
+            words += [] if item is None else [f"--{name}", str(item)]
+    words += [f"--{name}" for name, on in switches.items() if on]
+    return shlex.join(words)
+
+
+def _report(done: Investigation, recordings: Sequence[Path], model: Path, stage: Terminal) -> None:
+    """Write the report of what is known now, beside the recordings."""
+    import gyrowheel as gw
+    from gyrowheel.diagnosis.next_command import diagnosing, following
+    from gyrowheel.show.layout import Unbroken
+
+    if done.diagnosis is None:
+        return
+    averages = done.details.averages
+    with stage.working("writing the report") as say:
+        report = gw.Report.around(
+            done.diagnosis,
+            gw.Model.load(model),
+            [gw.Recording.open(path) for path in recordings],
+            commands=[diagnosing(recordings, model, (), averages=averages)],
+            next_command=following(done.diagnosis, recordings, (), model, averages=averages),
+            investigation=done,
+            progress=say,
+        )
+        report.save(done.folder / "report.html")
+    stage.show([Unbroken(f"report: {done.folder / 'report.html'}")])
+
+
+def _finish(
+    done: Investigation,
+    recordings: Sequence[Path],
+    model: Path,
+    stage: Terminal,
+    *,
+    again: str,
+    thorough: bool,
+) -> None:
+    """Show how the investigation ended, what is known now, and the next command."""
+    from rich.text import Text
+
+    from gyrowheel.diagnosis.next_command import following
+    from gyrowheel.diagnosis.page import detection_limits, error_section, findings
+    from gyrowheel.investigation.sentences import end_sentence, unseen_sentence
+    from gyrowheel.show.layout import Unbroken, command, heading
+
+    last = done.diagnosis
+    if last is not None:
+        stage.step("What is known now")
+        stage.show([*findings(last.details), *detection_limits(last.details.detection_limits)])
+        stage.show(error_section(last.details))
+        if done.settled and (next_command := following(last, recordings, (), model)):
+            stage.show([heading("Next"), command(next_command)])
+        unseen = unseen_sentence(last.details)
+        if done.settled and not thorough and unseen:
+            stage.show([heading("To be thorough"), Text(unseen), command(f"{again} --thorough")])
+    if done.interrupted or (done.steps and not done.settled and recordings):
+        stage.show([heading("To go on from here"), command(again)])
+    colour = "green" if done.settled else "yellow"
+    stage.show([Text(f"\n{end_sentence(done.details)}", style=f"bold {colour}")])
+    if done.folder.is_dir() and any(part.is_dir() for part in done.folder.iterdir()):
+        stage.show([Unbroken(f"recordings: {done.folder}")])

@@ -1,0 +1,1 @@
+"""Model files: bench, effects and history."""

@@ -1,0 +1,280 @@
+"""A model of the wheel: a bench, the effects added to it, and the history of these changes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from gyrowheel.models.addition import Addition
+from gyrowheel.recordings.correction import wrong_setups
+from gyrowheel.recordings.inputs import Recordings, Say, data, opened_apart, require_one_machine
+from gyrowheel_analysis.model import Model as Details
+from gyrowheel_core.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.figure import Figure
+    from rich.console import RenderableType
+
+    from gyrowheel.diagnosis.result import Diagnosis
+    from gyrowheel_analysis.model import Override
+    from gyrowheel_sim.bench import Bench
+    from gyrowheel_sim.effects import Effect
+
+
+class Model:
+    """A bench with added effects and estimated parameter values; immutable: every change makes a new model.
+
+    Parameters
+    ----------
+    bench : str or Path
+        Shipped name of a bench (``gyrowheel``, ``dtg``) or path of a bench file. The model has no effects.
+
+    Raises
+    ------
+    InputError
+        If there is no such bench, or its file has errors.
+    """
+
+    def __init__(self, bench: str | Path = "gyrowheel") -> None:
+        # what is neither would become the name of a file that is not there
+        self._details = Details.new(str(bench) if isinstance(bench, Path) else bench)
+        self._added: Addition | None = None
+
+    @classmethod
+    def load(cls, path: str | Path) -> Model:
+        """Read a model file.
+
+        Raises
+        ------
+        InputError
+            If the file is missing, is not a model file, or a field is missing, unknown or out of range.
+        """
+        return cls.of(Details.load(path))
+
+    @classmethod
+    def of(cls, details: Details, added: Addition | None = None) -> Model:
+        """Return the model around one of the analysis package."""
+        made = cls.__new__(cls)
+        made._details, made._added = details, added
+        return made
+
+    @property
+    def details(self) -> Details:
+        """The model as the analysis package has it."""
+        return self._details
+
+    @property
+    def bench(self) -> Bench:
+        """The bench with the parameter values estimated from recordings."""
+        return self._details.bench
+
+    @property
+    def stated_bench(self) -> Bench:
+        """The bench as its file describes it."""
+        return self._details.stated_bench
+
+    @property
+    def bench_source(self) -> str:
+        """Shipped name of the bench or path of its file, usable from the working directory."""
+        from gyrowheel.simulation.scenario import bench_place
+
+        return bench_place(self._details, Path(self._details.origin))
+
+    @property
+    def effects(self) -> Mapping[str, Mapping[str, float]]:
+        """Effects with their coefficients [SI]: {effect: {coefficient: value}}."""
+        return {name: dict(values) for name, values in self._details.effects.items()}
+
+    @property
+    def effect_errors(self) -> Mapping[str, Mapping[str, float]]:
+        """Standard errors of the coefficients [SI]: {effect: {coefficient: standard error}}."""
+        return {name: dict(values) for name, values in self._details.effect_errors.items()}
+
+    @property
+    def parameters(self) -> Mapping[str, Override]:
+        """Bench parameters estimated from recordings [SI], each with ``.value`` and ``.standard_error``."""
+        return dict(self._details.overrides)
+
+    @property
+    def history(self) -> tuple[Mapping[str, Any], ...]:
+        """Every change, oldest first: time, what, recordings, errors before and after."""
+        return tuple(dict(entry) for entry in self._details.history)
+
+    @property
+    def origin(self) -> str:
+        """File that it was read from; ``model`` if it was not read from one."""
+        return self._details.origin
+
+    @property
+    def added(self) -> Addition | None:
+        """Outcome of the `add` that made this model; None for a model made in another way."""
+        return self._added
+
+    def add(
+        self,
+        what: Diagnosis | str | Effect | Sequence[str | Effect],
+        *,
+        fit: Recordings,
+        validate: Recordings = (),
+        mixed: bool = False,
+        progress: Say | None = None,
+    ) -> Model:
+        """Return a new model with further effects, refitted.
+
+        Parameters
+        ----------
+        what : Diagnosis, str, Effect or a sequence of these two
+            A diagnosis stands for all effects that it found. A name is that of an effect (`gyrowheel.effects`) or of
+            the error of a bench parameter (``stiffness_error`` and the like); ``aero:MODEL`` stands for all
+            effects of an air model. `gyrowheel.own_effect` makes an effect from a formula.
+        fit : Recording, path or list
+            Recordings on which coefficients and bench parameters are fitted.
+        validate : Recording, path or list, optional
+            Recordings that are only predicted.
+        mixed : bool
+            Join recordings that state different machines.
+        progress : callable, optional
+            Called with a line of text now and then.
+
+        Returns
+        -------
+        Model
+            The new model; `added` has its errors before and after, `history` has one more entry.
+
+        Raises
+        ------
+        InputError
+            If an effect is unknown or already in the model, the diagnosis names nothing or cannot decide, or the
+            recordings have too little steady motion.
+        """
+        from gyrowheel_analysis.add import add_effect
+
+        chosen = _chosen(what)
+        for item in chosen:
+            if isinstance(item, str):
+                require_known(item)
+        fitted, unused = opened_apart(fit, validate)
+        require_one_machine(data([*fitted, *unused]), mixed=mixed)
+        if wrong := wrong_setups([*fitted, *unused], self._details, mixed=mixed):
+            from gyrowheel.show.sentences.setup import setup_line
+
+            raise InputError(setup_line(wrong))
+        found = add_effect(self._details, chosen, data(fitted), data(unused), progress=progress)
+        return Model.of(found.model, Addition(found))
+
+    def remove(self, *names: str) -> Model:
+        """Return a new model without the named effects; the other coefficients keep their values.
+
+        Raises
+        ------
+        InputError
+            If the model does not have one of them.
+        """
+        from datetime import UTC, datetime
+
+        details = self._details
+        now = datetime.now(UTC).isoformat(timespec="seconds")
+        for name in names:
+            details = details.removed(name, now)
+        return Model.of(details)
+
+    def undo(self) -> Model:
+        """Return the model as it was before its last change.
+
+        Raises
+        ------
+        InputError
+            If there is nothing to undo.
+        """
+        return Model.of(self._details.undone())
+
+    def diff(self, other: Model) -> list[str]:
+        """Return the differences between this model and `other`, one line each."""
+        return self._details.diff(other.details)
+
+    def save(self, path: str | Path) -> None:
+        """Write the model file atomically: a failure leaves the old file.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be written.
+        """
+        self._details.save(path)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of the model file."""
+        return self._details.to_mapping()
+
+    def to_columns(self) -> Mapping[str, list[Any]]:
+        """Return the coefficients as columns: effect, coefficient, value, standard_error [SI]."""
+        rows = [
+            (name, key, value, self._details.effect_errors.get(name, {}).get(key, 0.0))
+            for name, values in self._details.effects.items()
+            for key, value in values.items()
+        ]
+        names = ("effect", "coefficient", "value", "standard_error")
+        return {name: [row[k] for row in rows] for k, name in enumerate(names)}
+
+    def to_frame(self) -> pandas.DataFrame:
+        """Return `to_columns` as a data frame; InputError if pandas is not installed."""
+        from gyrowheel.show.result import data_frame
+
+        return data_frame(self.to_columns())
+
+    def plot(self) -> Figure:
+        """Return the picture of the error before and after the `add` that made this model.
+
+        Raises
+        ------
+        InputError
+            If the model was made in another way.
+        """
+        if self._added is None:
+            raise InputError(f"{self.origin}: has no error before and after to draw: it was not made by add")
+        return self._added.plot()
+
+    def __str__(self) -> str:
+        """Return bench and effects in a few lines."""
+        lines = [f"model of the bench {self._details.bench_source}"]
+        for name, values in self._details.effects.items():
+            lines.append(f"  {name}: " + ", ".join(f"{key} = {value:.4g}" for key, value in values.items()))
+        return "\n".join(lines if len(lines) > 1 else [f"{lines[0]}, without effects"])
+
+    def __repr__(self) -> str:
+        """Return bench and names of the effects."""
+        return f"<Model: {self._details.bench_source}; {', '.join(self._details.effects) or 'no effects'}>"
+
+    def _page(self) -> Iterable[RenderableType]:
+        from gyrowheel.models.page import model_page
+
+        return model_page(self._details, self.origin)
+
+    def _repr_html_(self) -> str:
+        from gyrowheel.show.notebook import html
+
+        return html(self._page())
+
+
+def _chosen(what: Diagnosis | str | Effect | Sequence[str | Effect]) -> list[str | Effect]:
+    from gyrowheel.diagnosis.result import Diagnosis
+    from gyrowheel_sim.effects import Effect
+
+    if isinstance(what, Diagnosis):
+        return what.to_add()
+    chosen = [what] if isinstance(what, str | Effect) else list(what)
+    if not chosen:
+        raise InputError("nothing to add: name an effect, or give a formula")
+    return chosen
+
+
+def require_known(name: str) -> None:
+    """Refuse a name that is no effect, no air model and no error of a bench parameter."""
+    from gyrowheel_analysis.add import is_air
+    from gyrowheel_analysis.fitting.terms import ERRORS
+    from gyrowheel_sim.effects import get
+
+    if name not in ERRORS and not is_air(name):
+        get(name)

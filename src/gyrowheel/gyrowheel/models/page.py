@@ -1,0 +1,181 @@
+"""A model file as text: effects, estimated parameters, history."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import RenderableType
+from rich.padding import Padding
+from rich.text import Text
+
+from gyrowheel.show.formulas import pretty
+from gyrowheel.show.layout import heading, words_table
+from gyrowheel.show.quantities import decimal, fixed, with_error
+
+if TYPE_CHECKING:
+    from gyrowheel_analysis.model import Model
+
+_INDENT = (0, 0, 0, 2)
+_MOVED = 0.5  # stated uncertainties by which a parameter must move to be named
+
+
+def model_page(model: Model, path: str) -> Iterator[RenderableType]:
+    """Yield a model: its effects, its parameters and its history."""
+    yield Text.assemble((path, "bold cyan"), f"  bench {model.bench_source}")
+    yield from content(model)
+    yield heading("History")
+    history = words_table("time", "what", "χ²/N", "recordings", whole=(0, 2))
+    for entry in model.history:
+        time = str(entry.get("time", "")).replace("T", " ").removesuffix("+00:00")
+        words = (Text(text, overflow="fold") for text in (str(entry.get("what", "")), _recordings(entry)))
+        what, recordings = words
+        history.add_row(time.rpartition(":")[0], what, _fall(entry), recordings)
+    yield Padding(history if model.history else Text("none", style="dim"), _INDENT)
+
+
+def content(model: Model) -> Iterator[RenderableType]:
+    """Yield what has been learned: effects, and parameters of the bench."""
+    yield heading("Effects")
+    yield Padding(_effects(model) if model.effects else Text("none", style="dim"), _INDENT)
+    yield heading("Bench parameters fitted to recordings")
+    yield Padding(
+        _overrides(model, model.overrides) if model.overrides else Text("none", style="dim"), _INDENT
+    )
+
+
+def changes(model: Model) -> Iterator[RenderableType]:
+    """Yield what is worth a look after a fit: the effects, and the parameters far from what the bench file says."""
+    yield heading("Effects")
+    yield Padding(_effects(model) if model.effects else Text("none", style="dim"), _INDENT)
+    stated = model.stated_bench.parameters
+    far = [
+        name
+        for name, override in model.overrides.items()
+        if abs(override.value - stated[name].value) > stated[name].uncertainty
+    ]
+    if far:
+        yield heading("Bench parameters that moved by more than their stated uncertainty")
+        yield Padding(_overrides(model, far), _INDENT)
+
+
+def difference(old: Model, new: Model) -> Iterator[RenderableType]:
+    """Yield the differences of two models, coloured as a diff: effects, then the parameters that have moved."""
+    if not old.diff(new):
+        yield Text("no difference", style="dim")
+        return
+    if old.bench_source != new.bench_source:
+        yield Text(f"~ bench  {old.bench_source} → {new.bench_source}", style="yellow")
+    for name in [*old.effects, *(n for n in new.effects if n not in old.effects)]:
+        yield from _changed_effect(name, old, new)
+    moved, rest = _moved_parameters(old, new)
+    if moved:
+        table = words_table("parameter", "before", "after", "", whole=(0, 1, 2, 3))
+        for row in moved:
+            table.add_row(*row)
+        yield Text()
+        yield table
+    if rest:
+        more = "more parameters" if moved else "parameters"
+        yield Text(
+            f"{rest} {more} of the bench refitted, by less than half their stated uncertainty",
+            style="dim",
+        )
+
+
+def _changed_effect(name: str, old: Model, new: Model) -> Iterator[Text]:
+    if name in old.effects and name in new.effects:
+        before, after = _coefficients(old, name), _coefficients(new, name)
+        for key in after:
+            if before.get(key) != after[key]:
+                yield Text(f"~ {name} {key}  {before.get(key, '–')} → {after[key]}", style="yellow")
+        if old.library[name].laws != new.library[name].laws:
+            yield Text(f"~ {name} law  {pretty(new.library[name].formula)}", style="yellow")
+        return
+    model, sign, style = (old, "−", "red") if name in old.effects else (new, "+", "green")
+    yield Text(f"{sign} {name}  {model.library[name].title}", style=style)
+    for key, text in _coefficients(model, name).items():
+        yield Text(f"{sign}   {key}  {text}", style=style)
+
+
+def _coefficients(model: Model, name: str) -> dict[str, str]:
+    """Return the coefficients of an effect with their errors, for people."""
+    units = {c.name: (c.unit, c.shape is not None) for c in model.library[name].coefficients}
+    errors = model.effect_errors.get(name, {})
+    return {
+        key: with_error(value, errors.get(key, 0.0), units[key][0], pure=units[key][1])
+        for key, value in model.effects[name].items()
+    }
+
+
+def _moved_parameters(old: Model, new: Model) -> tuple[list[tuple[str, str, str, str]], int]:
+    """Return the parameters that moved by half their stated uncertainty, as rows, and how many others moved."""
+    rows, rest = [], 0
+    for name, p in new.stated_bench.parameters.items():
+        stated = old.stated_bench.parameters.get(name, p)
+        before, after = old.overrides.get(name), new.overrides.get(name)
+        if before == after and stated.value == p.value:
+            continue
+        was = stated.value if before is None else before.value
+        now = p.value if after is None else after.value
+        uncertainty = p.uncertainty or abs(p.value)
+        if abs(now - was) < _MOVED * uncertainty:
+            rest += 1
+            continue
+        shown = (
+            "as stated" if value is None else with_error(value.value, value.standard_error, p.unit, pure=True)
+            for value in (before, after)
+        )
+        rows.append((name, *shown, f"{decimal((now - was) / uncertainty, 1, sign=True)} σ"))
+    return rows, rest  # type: ignore[return-value]
+
+
+def _effects(model: Model) -> RenderableType:
+    table = words_table("", "", "")
+    for name, values in model.effects.items():
+        effect = model.library[name]
+        units = {c.name: (c.unit, c.shape is not None) for c in effect.coefficients}
+        first = Text(name, style="cyan")
+        for key, value in values.items():
+            unit, pure = units[key]
+            error = model.effect_errors.get(name, {}).get(key, 0.0)
+            table.add_row(first, key, with_error(value, error, unit, pure=pure))
+            first = Text()
+        table.add_row("", "law", pretty(effect.formula))
+    return table
+
+
+def _overrides(model: Model, names: Iterable[str]) -> RenderableType:
+    table = words_table("parameter", "fitted", "stated", whole=(0, 1, 2))
+    for name in names:
+        override = model.overrides[name]
+        p = model.stated_bench.parameters[name]
+        table.add_row(
+            Text(name, style="cyan"),
+            with_error(override.value, override.standard_error, p.unit, pure=True),
+            with_error(p.value, p.uncertainty, p.unit, pure=True),
+        )
+    return table
+
+
+def _fall(entry: Mapping[str, Any]) -> str:
+    """Return how the error fell with a change: on what was fitted, and on what was not."""
+    error = entry.get("error")
+    lines = []
+    for before, after in (("before", "after"), ("validation_before", "validation_after")):
+        try:
+            pair = [float(error[key]["chi2_per_n"]) for key in (before, after)]  # type: ignore[index]
+        except (KeyError, TypeError, ValueError):
+            continue
+        lines.append(f"{fixed(pair[0])} → {fixed(pair[1])}")
+    return "\n".join(lines)
+
+
+def _recordings(entry: Mapping[str, Any]) -> str:
+    parts = []
+    for key, words in (("fit", "fitted on"), ("validate", "validated on")):
+        paths = entry.get(key)
+        if isinstance(paths, list) and paths:
+            parts.append(f"{words} {', '.join(Path(str(path)).name for path in paths)}")
+    return "\n".join(parts)

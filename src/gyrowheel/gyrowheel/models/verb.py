@@ -1,0 +1,189 @@
+"""The verb `model`: everything that changes a model file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from gyrowheel.cli.console import editing, out, put_json, put_picture, put_text, working
+from gyrowheel.cli.options import BenchName, ErrorPicture, Json, Mixed, ModelFile, Validation, example
+from gyrowheel.show.files import require_writable
+from gyrowheel_core.errors import InputError
+
+if TYPE_CHECKING:
+    from gyrowheel import Model
+    from gyrowheel.catalogue.api import Effect
+
+model_app = typer.Typer(
+    help="Edit a model file: new, add, remove, show, undo, diff.",
+    no_args_is_help=True,
+    rich_markup_mode="rich",
+)
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+    app.add_typer(model_app, name="model", epilog=example("gyrowheel model show --model wheel.yaml"))
+
+
+@model_app.command(epilog=example("gyrowheel model new --model wheel.yaml"))
+def new(model: ModelFile, bench: BenchName = "gyrowheel") -> None:
+    """Make a model file: a bench without effects."""
+    from gyrowheel import Model
+
+    with editing(model):
+        if model.exists():
+            raise InputError(f"{model}: exists; name a new file")
+        Model(bench).save(model)
+    out().print(f"model: {model}", soft_wrap=True)
+
+
+@model_app.command(epilog=example("gyrowheel model add windage --model wheel.yaml --fit runs/monday"))
+def add(
+    model: ModelFile,
+    fit: Annotated[
+        list[Path],
+        typer.Option("--fit", metavar="DIR", help="Recording to fit. Repeatable.", show_default=False),
+    ],
+    effects: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="EFFECT...",
+            help="Effects to add; aero:MODEL adds all effects of an air model, fitted within its uncertainties.",
+            show_default=False,
+        ),
+    ] = None,
+    formula: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--formula",
+            metavar="TEXT",
+            help="Effect of your own, such as '-k*r^2*z'; docs/formulas.md describes the grammar. Repeatable.",
+            show_default=False,
+        ),
+    ] = None,
+    name: Annotated[
+        str | None,
+        typer.Option("--name", metavar="NAME", help="Name of the formula's effect.", show_default="own"),
+    ] = None,
+    target: Annotated[
+        str | None,
+        typer.Option("--target", metavar="T", help="What the formula acts on.", show_default="rotor_torque"),
+    ] = None,
+    validate: Validation = None,
+    mixed: Mixed = False,
+    picture: ErrorPicture = None,
+    json: Json = None,
+) -> None:
+    """Add effects or formulas: fit their coefficients, show the error before and after, save the model."""
+    from gyrowheel import Model
+    from gyrowheel.models.api import require_known
+    from gyrowheel.recordings.inputs import opened_apart
+
+    require_writable(model)
+    with editing(model):
+        loaded = Model.load(model)
+        chosen: list[str | Effect] = [*(effects or ()), *_typed(formula or (), name, target, loaded)]
+        if not chosen:
+            raise InputError("nothing to add: name an effect, or give --formula")
+        for effect in effects or ():
+            require_known(effect)
+        recordings, unused = opened_apart(fit, validate or ())
+        with working("fitting") as say:
+            from gyrowheel.models.page import changes
+            from gyrowheel.show.error_table import error_table
+            from gyrowheel.show.layout import heading, sentences
+            from gyrowheel.show.sentences.proof import proof_line
+
+            better = loaded.add(chosen, fit=recordings, validate=unused, mixed=mixed, progress=say)
+            better.save(model)
+    added = better.added
+    assert added is not None  # what made it
+    if json is not None:
+        put_json(json, added.to_dict())
+    if json != "-":
+        errors = [heading("Error"), error_table(added.error), *sentences(added.notes)]
+        put_text([*changes(better.details), *errors, proof_line(added.details.proof, added.error)])
+        out().print(f"\nmodel: {model}", soft_wrap=True)
+    put_picture(picture, added.plot, quiet=json == "-")
+
+
+@model_app.command(epilog=example("gyrowheel model remove windage --model wheel.yaml"))
+def remove(
+    effects: Annotated[
+        list[str], typer.Argument(metavar="EFFECT...", help="Effects to remove.", show_default=False)
+    ],
+    model: ModelFile,
+) -> None:
+    """Remove effects; the other coefficients keep their values."""
+    from gyrowheel import Model
+    from gyrowheel.models.page import difference
+
+    with editing(model):
+        before = Model.load(model)
+        after = before.remove(*effects)
+        after.save(model)
+    put_text(difference(before.details, after.details))
+
+
+@model_app.command(epilog=example("gyrowheel model show --model wheel.yaml"))
+def show(model: ModelFile, json: Json = None) -> None:
+    """Show effects, estimated parameters and history of a model."""
+    from gyrowheel import Model
+    from gyrowheel.models.page import model_page
+
+    loaded = Model.load(model)
+    if json is not None:
+        put_json(json, loaded.to_dict())
+    if json != "-":
+        put_text(model_page(loaded.details, str(model)))
+
+
+@model_app.command(epilog=example("gyrowheel model undo --model wheel.yaml"))
+def undo(model: ModelFile) -> None:
+    """Undo the last change of a model."""
+    from gyrowheel import Model
+    from gyrowheel.models.page import difference
+
+    with editing(model):
+        before = Model.load(model)
+        after = before.undo()
+        after.save(model)
+    last = before.history[-1]
+    out().print(f"taken back: {last.get('what', 'the last change')} ({last.get('time', 'no time')})")
+    put_text(difference(before.details, after.details))
+
+
+@model_app.command(epilog=example("gyrowheel model diff old.yaml new.yaml"))
+def diff(
+    old: Annotated[Path, typer.Argument(help="Model file.", show_default=False)],
+    new: Annotated[Path, typer.Argument(help="Model file to compare with it.", show_default=False)],
+    json: Json = None,
+) -> None:
+    """Show the differences between two models."""
+    from gyrowheel import Model
+    from gyrowheel.models.page import difference
+
+    before, after = Model.load(old), Model.load(new)
+    if json is not None:
+        put_json(json, {"schema": 1, "differences": before.diff(after)})
+    if json != "-":
+        put_text(difference(before.details, after.details))
+
+
+def _typed(formulas: Sequence[str], name: str | None, target: str | None, model: Model) -> list[Effect]:
+    """Return the effects that were typed as formulas, under names that nothing has yet."""
+    if len(formulas) != 1 and (name or target):
+        raise InputError(f"--{'name' if name else 'target'}: is for one --formula; {len(formulas)} are given")
+    if not formulas:
+        return []
+    from gyrowheel import own_effect
+
+    typed: list[Effect] = []
+    for text in formulas:
+        taken = {*model.effects, *(effect.name for effect in typed)}
+        typed.append(own_effect(text, name=name, target=target, taken=taken, where="--formula"))
+    return typed

@@ -1,0 +1,1 @@
+"""Angular momentum that the wheel can store and exchange."""

@@ -1,0 +1,45 @@
+"""The angular momentum that a wheel can reach, as tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich.console import RenderableType
+from rich.padding import Padding
+from rich.text import Text
+
+from gyrowheel.show.layout import figures_table, heading
+from gyrowheel_core.quantities import fixed, short
+from gyrowheel_core.units import DEG, RPM, unit_for
+
+if TYPE_CHECKING:
+    from gyrowheel.momentum_envelope.result import Momentum
+
+_INDENT = (0, 0, 0, 2)
+_DIGITS = 4
+
+
+def momentum_page(result: Momentum) -> Iterator[RenderableType]:
+    """Yield the momenta at every spin rate, and the error of eq (1) at every tilt."""
+    d = result.details
+    unit = unit_for(result.along[1], "N·m·s")
+    limit = f"{short(d.tilt[-1] / DEG)}°"
+    yield Text.assemble((result.bench.name, "bold cyan"), f"  {result.bench.title}")
+    yield heading(f"Momentum in {unit.label}, eqs (1) and (2)")
+    table = figures_table(
+        "spin, rpm", "upright", f"{limit}, along\ncase axis", "across\nit", "exact, within\na revolution"
+    )
+    for s, speed in enumerate(d.speed):
+        x, y, along = d.approximate[s, -1, 0]
+        values = (d.approximate[s, 0, 0, 2], along, np.hypot(x, y), d.smallest[s, -1, 0], d.largest[s, -1, 0])
+        upright, axial, across, low, high = (fixed(float(value) / unit.size, _DIGITS) for value in values)
+        table.add_row(f"{speed / RPM:.0f}", upright, axial, across, f"{low} .. {high}")
+    yield Padding(table, _INDENT)
+    yield heading("Largest error of eq (1) within a revolution, % of the exact momentum")
+    errors = figures_table("tilt, °", "last form", "middle expression")
+    for tilt, last, middle in zip(d.tilt, d.error_last, d.error_middle, strict=True):
+        if tilt > 0.0:
+            errors.add_row(short(tilt / DEG), *(fixed(100.0 * float(value), 2) for value in (last, middle)))
+    yield Padding(errors, _INDENT)

@@ -1,0 +1,71 @@
+"""The verb `momentum`."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from gyrowheel.cli.console import put_json, put_picture, put_text
+from gyrowheel.cli.numbers import numbers
+from gyrowheel.cli.options import BenchName, Json, example
+from gyrowheel.cli.outputs import PICTURE
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+    app.command(epilog=example("gyrowheel momentum --bench dtg --picture caps.png"))(momentum)
+
+
+def momentum(
+    bench: BenchName = "gyrowheel",
+    speed: Annotated[
+        str | None,
+        typer.Option(
+            "--speed",
+            metavar="RPM",
+            help="Spin rates: 3000, or 3000,4000, or 2000..4000, or 2000..4000:500, in rpm.",
+            show_default="highest, reference, and as far below it",
+        ),
+    ] = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option(
+            "--picture",
+            metavar="FILE.png",
+            help="Draw the caps of up to three spin rates.",
+            show_default=False,
+        ),
+        PICTURE,
+    ] = None,
+    body: Annotated[
+        Path | None,
+        typer.Option(
+            "--body", metavar="FILE.png", help="Draw the body between all spin rates.", show_default=False
+        ),
+        PICTURE,
+    ] = None,
+    json: Json = None,
+) -> None:
+    """Show which angular momentum a wheel can reach by speed and tilt.
+
+    Eqs (1) and (2) of Huo et al. 2016 with the caps and the body of Figs 3 and 4,
+    for any bench, beside the exact momentum of the rotor.
+    """
+    import gyrowheel as gw
+
+    rates = None if speed is None else [value * math.pi / 30.0 for value in numbers(speed, "--speed")]
+    result = gw.momentum(bench, spin_rate=rates)
+    # a body that cannot be is refused before anything is written
+    solid = None if body is None else result.plot("body")
+    if json is not None:
+        put_json(json, result.to_dict())
+    if json != "-":
+        from gyrowheel.momentum_envelope.page import momentum_page
+
+        put_text(momentum_page(result))
+    put_picture(picture, result.plot, quiet=json == "-")
+    if solid is not None:
+        put_picture(body, lambda: solid, quiet=json == "-")

@@ -1,0 +1,90 @@
+"""The paper judged statement by statement: for the terminal, and as a page of HTML that needs no other file."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
+
+from rich.console import RenderableType
+from rich.padding import Padding
+from rich.text import Text
+
+from gyrowheel.show.cells import Cells
+from gyrowheel.show.html import embedded, environment, style_sheet
+from gyrowheel.show.layout import heading, words_table
+
+if TYPE_CHECKING:
+    from gyrowheel.paper_figures.result import Paper, Verdict
+
+CITATION = (
+    "Huo, X.; Feng, S.; Liu, K.; Wang, L.; Chen, W. Aerodynamic Drag Analysis of 3-DOF Flex-Gimbal GyroWheel System in "
+    "the Sense of Ground Test. Sensors 2016, 16, 2081, doi:10.3390/s16122081"
+)
+_COLOURS: Mapping[Verdict, str] = {"agree": "green", "disagree": "red", "cannot be decided": "yellow"}
+#: Colours of the verdicts on the page, by their names in the style sheet.
+_MOODS: Mapping[Verdict, str] = {"agree": "good", "disagree": "bad", "cannot be decided": "open"}
+_INDENT = (0, 0, 0, 2)
+
+
+def paper_page(result: Paper) -> Iterator[RenderableType]:
+    """Yield the table of verdicts, and number and reason for those statements that are not agreed with."""
+    yield heading("Statements of Huo et al. 2016 (Sensors 16, 2081)")
+    table = words_table("where", "name", "verdict")
+    for row in result.rows:
+        verdict = row.finding.verdict
+        table.add_row(row.where, row.name, Text(verdict, style=_COLOURS[verdict]))
+    yield Padding(table, _INDENT)
+    open_ones = [row for row in result.rows if row.finding.verdict != "agree"]
+    if open_ones:
+        yield heading("Not agreed with")
+    for row in open_ones:
+        verdict = row.finding.verdict
+        yield Text.assemble(f"{row.where}: ", (verdict, _COLOURS[verdict]), f" ({row.name})")
+        yield Padding(Text(row.statement, style="italic"), _INDENT)
+        yield Padding(Text(f"{row.finding.ours} {row.finding.why}"), _INDENT)
+        yield Text()
+    yield Text(_summary(result))
+
+
+def _summary(result: Paper) -> str:
+    counted = ", ".join(f"{number} {verdict}" for verdict, number in result.counts().items())
+    rest = result.total - len(result.rows)
+    return f"{len(result.rows)} statements: {counted}." + (f" {rest} not judged." if rest else "")
+
+
+def html_page(result: Paper, pictures: Mapping[str, bytes]) -> str:
+    """Return the page: a table of all statements, then each with number, reason and picture.
+
+    Parameters
+    ----------
+    result : Paper
+        The statements.
+    pictures : mapping of str to bytes
+        PNG files by the name of the row.
+    """
+    content = result.to_dict()
+    cells = Cells(content)
+    rows = [
+        {
+            "name": row.name,
+            "where": cells.words(f"rows.{k}.where"),
+            "statement": cells.words(f"rows.{k}.statement"),
+            "verdict": cells.words(f"rows.{k}.verdict"),
+            "mood": _MOODS[row.finding.verdict],
+            "ours": cells.words(f"rows.{k}.ours"),
+            "why": cells.words(f"rows.{k}.why"),
+            "title": f"{row.where}: {row.statement}",
+            "picture": base64.b64encode(pictures[row.name]).decode() if row.name in pictures else "",
+        }
+        for k, row in enumerate(result.rows)
+    ]
+    page = environment().get_template("paper.html")
+    return page.render(
+        style=style_sheet(),
+        citation=cells.words("paper"),
+        seed=result.seed,
+        summary=_summary(result),
+        rows=rows,
+        json=embedded(content),
+    )

@@ -1,0 +1,33 @@
+"""The verb `rate`."""
+
+from __future__ import annotations
+
+import typer
+
+from gyrowheel.cli.console import put_json, put_text, working
+from gyrowheel.cli.options import Json, Mixed, ModelFile, Recordings, example
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+    app.command(epilog=example("gyrowheel rate runs/rate_table --model wheel.yaml"))(rate)
+
+
+def rate(directories: Recordings, model: ModelFile, mixed: Mixed = False, json: Json = None) -> None:
+    """Use the wheel as a two-axis rate sensor: estimate the angular rate of the case.
+
+    Where a rate table turned the rig (plan rate_table), scale and bias of both axes are calibrated against it.
+    """
+    import gyrowheel as gw
+    from gyrowheel.recordings.inputs import opened
+
+    loaded = gw.Model.load(model)
+    recordings = opened(directories)
+    with working("estimating rates") as say:
+        from gyrowheel.rate_sensing.page import rates_page
+
+        result = gw.rate(recordings, loaded, mixed=mixed, progress=say)
+    if json is not None:
+        put_json(json, result.to_dict())
+    if json != "-":
+        put_text(rates_page(result.details))

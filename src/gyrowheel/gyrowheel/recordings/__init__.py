@@ -1,0 +1,1 @@
+"""Recordings: open, summarise, salvage, correct."""

@@ -1,0 +1,1 @@
+"""Presentation shared by all subjects: units, tables, sentences, HTML, figures."""

@@ -1,0 +1,259 @@
+"""Results as JSON objects, fields and units as the contract has them (SI; schema 1)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from gyrowheel.show.sentences.diagnosis import evidence, several, verdict_sentence
+from gyrowheel.show.sentences.events import event_sentence, shape_sentence
+from gyrowheel.show.sentences.fits import calibration_notes
+from gyrowheel.show.sentences.instruments import instrument_sentence
+from gyrowheel.show.sentences.proof import proof_sentence
+from gyrowheel.show.sentences.readings import reading_sentence
+from gyrowheel.show.sentences.residuals import dependence_sentences, region_description, region_name
+from gyrowheel.show.sentences.setup import cure_of, map_lines, problem
+from gyrowheel_analysis.channels import LISTED, TORQUES
+from gyrowheel_analysis.residuals.maps import maps_json
+
+if TYPE_CHECKING:
+    from gyrowheel_analysis.calibrate import Calibration
+    from gyrowheel_analysis.compare import Comparison
+    from gyrowheel_analysis.diagnosis.events import DatedEvent
+    from gyrowheel_analysis.diagnosis.instruments import InstrumentFinding
+    from gyrowheel_analysis.diagnosis.proof import Proof
+    from gyrowheel_analysis.diagnosis.result import Diagnosis, EffectFinding, Estimate, TieReport
+    from gyrowheel_analysis.model import Override
+    from gyrowheel_analysis.reduction.not_as_stated import ReadingFindings
+    from gyrowheel_analysis.residuals.error_table import ErrorTable
+    from gyrowheel_analysis.residuals.regions import Region
+    from gyrowheel_recording.mislabelled.fixes import WrongSetup
+
+
+def comparison_json(found: Comparison) -> dict[str, Any]:
+    """Return a comparison as a JSON object."""
+    raw = {name: found.raw_rms[name] for name in TORQUES if name in found.raw_rms}
+    return {
+        "schema": 1,
+        "error": {"unit": "N·m", "before": found.error_before.to_json(), "raw": {"rms": raw}},
+        "channels": {
+            name: {"unit": LISTED[name].unit, **asdict(metrics), "raw_rms": found.raw_rms[name]}
+            for name, metrics in found.channels.items()
+        },
+        "where": [_region(region) for region in found.where],
+        "dependence": dependence_sentences(found.dependence),
+        "tests": [test.to_json() for test in found.tests],
+        "whiteness": [test.to_json() for test in found.whiteness],
+        "maps": maps_json(found.maps),
+        "instruments": reading_json(found.readings),
+        "recordings": found.recordings,
+        "model": found.model,
+        "coverage": found.coverage.to_json(),
+    }
+
+
+def reading_json(found: ReadingFindings) -> list[dict[str, Any]]:
+    """Return what the samples show of the instruments as JSON objects."""
+    return [
+        {
+            **asdict(item),
+            "shown_by": "samples",
+            "sentence": reading_sentence(item),
+            "ties": [],
+        }
+        for item in found.found
+    ]
+
+
+def setup_json(found: Sequence[WrongSetup]) -> list[dict[str, Any]]:
+    """Return wrong setups as JSON objects, each with the cure of its recording."""
+    return [
+        {"problem": problem(item), "cure": cure_of(item, found), "map": map_lines(item), **item.to_json()}
+        for item in found
+    ]
+
+
+def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
+    """Return a diagnosis as a JSON object."""
+    test = found.next_test
+    return {
+        "schema": 1,
+        "verdict": found.verdict,
+        "summary": verdict_sentence(found),
+        "effects": [_effect(finding) for finding in found.effects],
+        "free_form": [
+            {
+                "name": form.name,
+                "formula": form.formula,
+                "delta_chi2": form.delta_chi2,
+                "coefficients": _coefficients(form.coefficients),
+                "declaration": form.declaration,
+                "simple": form.simple or None,
+            }
+            for form in found.free_form
+        ],
+        "events": [event_json(event, several=several(found)) for event in found.events],
+        "drift": dict(found.drift_scales),
+        "drift_shapes": [
+            {**asdict(shape), "sentence": shape_sentence(shape, several=several(found))}
+            for shape in found.drift_shapes
+        ],
+        "error": None if found.error is None else found.error.to_json(),
+        "where": [_region(region) for region in found.where],
+        "next_test": None
+        if test is None
+        else {
+            "plan": test.plan,
+            "expected_separation": test.expected_separation,
+            "minutes": test.minutes,
+        },
+        "proof": proof_json(found.proof, found.error),
+        "beyond": [
+            {key: value if value != math.inf else None for key, value in asdict(item).items()}
+            for item in found.beyond
+        ],
+        "nuisance": {
+            name: {
+                "value": n.value,
+                "standard_error": n.standard_error,
+                "prior_value": n.prior_value,
+                "prior_uncertainty": n.prior_uncertainty,
+            }
+            for name, n in found.nuisance.items()
+        },
+        "instruments": [
+            *(_instrument(finding) for finding in found.instruments),
+            *reading_json(found.readings),
+        ],
+        "detection_limits": [
+            {
+                "effect": limit.effect,
+                "coefficient": limit.coefficient,
+                "value": limit.value if math.isfinite(limit.value) else None,
+                "unit": limit.unit,
+                "visible": limit.visible,
+            }
+            for limit in found.detection_limits
+        ],
+        "setup": setup_json(found.setup),
+        "recordings": found.recordings,
+        "model": found.model,
+        "coverage": found.coverage.to_json(),
+        "versions": found.versions,
+    }
+
+
+def proof_json(proof: Proof | None, table: ErrorTable | None) -> dict[str, Any] | None:
+    """Return a proof as a JSON object; its reason is a sentence, its cause a word."""
+    if proof is None:
+        return None
+    own = asdict(proof)
+    own["causes"] = list(proof.causes)
+    return {
+        "recording": own.pop("recording"),
+        "proven": own.pop("proven"),
+        "reason": proof_sentence(proof, table),
+        "kind": own.pop("reason"),
+        **own,
+    }
+
+
+def calibration_json(found: Calibration) -> dict[str, Any]:
+    """Return a calibration as a JSON object."""
+
+    def pair(value: Override) -> dict[str, float]:
+        return {"value": value.value, "standard_error": value.standard_error}
+
+    return {
+        "schema": 1,
+        "constants": {
+            c.name: {
+                "unit": c.unit,
+                "stated": {"value": c.stated.value, "uncertainty": c.stated.standard_error},
+                "before": pair(c.before),
+                "after": pair(c.after),
+                "limited_by": c.limited_by or None,
+            }
+            for c in found.constants.values()
+        },
+        "undetermined": found.undetermined,
+        "chi2_per_n": found.chi2_per_n,
+        "notes": calibration_notes(found),
+        "recordings": found.recordings,
+    }
+
+
+def _effect(finding: EffectFinding) -> dict[str, Any]:
+    return {
+        "name": finding.name,
+        "coefficients": _coefficients(finding.coefficients),
+        "delta_chi2": finding.delta_chi2,
+        "formula": finding.formula,
+        "evidence": evidence(finding),
+        "in_model": None if finding.in_model is None else _coefficients(finding.in_model),
+        "ties": _ties(finding.ties),
+    }
+
+
+def event_json(event: DatedEvent, *, several: bool) -> dict[str, Any]:
+    """Return an event as a JSON object; `several` as in `event_sentence`."""
+    return {
+        "time": event.time,
+        "time_standard_error": event.time_error,
+        "end": event.end,
+        "end_standard_error": event.end_error,
+        "kind": event.kind,
+        "channel": event.channel,
+        "size": event.size,
+        "standard_error": event.standard_error,
+        "unit": event.unit,
+        "recording": event.recording,
+        "gain": event.gain,
+        "ties": list(event.ties),
+        "sentence": event_sentence(event, several=several),
+    }
+
+
+def _instrument(finding: InstrumentFinding) -> dict[str, Any]:
+    return {
+        "name": finding.name,
+        "channel": finding.channel,
+        "quantity": finding.quantity,
+        "value": finding.value,
+        "standard_error": finding.standard_error,
+        "stated": finding.stated,
+        "unit": finding.unit,
+        "delta_chi2": finding.delta_chi2,
+        "shown_by": "torques",
+        "sentence": instrument_sentence(finding),
+        "ties": _ties(finding.ties),
+    }
+
+
+def _ties(ties: Sequence[TieReport]) -> list[dict[str, Any]]:
+    return [
+        {
+            "name": tie.name,
+            "delta_chi2": tie.delta_chi2,
+            "separating_plan": tie.separating_plan,
+            "expected_separation": tie.expected_separation,
+        }
+        for tie in ties
+    ]
+
+
+def _region(region: Region) -> dict[str, Any]:
+    return {
+        "region": region_name(region),
+        "share_of_chi2": region.share_of_chi2,
+        "description": region_description(region),
+    }
+
+
+def _coefficients(values: Mapping[str, Estimate]) -> dict[str, Any]:
+    return {
+        name: {"value": e.value, "standard_error": e.standard_error, "unit": e.unit}
+        for name, e in values.items()
+    }

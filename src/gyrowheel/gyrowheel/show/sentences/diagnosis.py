@@ -1,0 +1,191 @@
+"""What a diagnosis says: the verdict, the evidence for each finding, its ties, and the test to run next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from gyrowheel.show.quantities import is_pure, quantity
+from gyrowheel.show.sentences.events import drift_sentence, event_sentences, shape_sentence
+from gyrowheel.show.sentences.forms import form_sentence
+from gyrowheel.show.sentences.instruments import instrument_sentence
+from gyrowheel.show.sentences.residuals import growth_sentence
+from gyrowheel.show.sentences.setup import problem
+from gyrowheel_core.quantities import listed
+
+if TYPE_CHECKING:
+    from gyrowheel_analysis.diagnosis.limits import Beyond
+    from gyrowheel_analysis.diagnosis.result import Diagnosis, EffectFinding, NextTest, TieReport
+
+_ERROR_TITLES = {
+    "stiffness_error": "flexure stiffness differs from the bench file",
+    "gimbal_inertia_error": "gimbal inertia differs from the bench file",
+    "shaft_inertia_error": "shaft inertia differs from the bench file",
+    "rotor_inertia_error": "rotor spin inertia differs from the bench file",
+    "coil_gain_error": "torque constant of the coils differs from the bench file",
+    "motor_constant_error": "motor constant differs from the bench file",
+}
+_COUNTS = {2: "Two", 3: "Three", 4: "Four"}
+
+
+def title(item: EffectFinding | TieReport) -> str:
+    """Return what a finding, or what ties with it, is called."""
+    if item.name in _ERROR_TITLES:
+        return _ERROR_TITLES[item.name]
+    in_model = item.in_model not in (None, False)
+    return f"{item.effect_title} of another size than in the model" if in_model else item.effect_title
+
+
+def named(item: EffectFinding | TieReport) -> str:
+    """Return title and name: ``drag of the air on the spin (windage)``."""
+    return f"{title(item)} ({item.name})"
+
+
+def physics(finding: EffectFinding) -> str:
+    """Return in a sentence what physics a finding stands for."""
+    return finding.effect_sentence or "The parameter lies beyond five of its stated uncertainties."
+
+
+def verdict_sentence(found: Diagnosis) -> str:
+    """Return the verdict in plain words; the same in terminal, notebook, pictures and JSON.
+
+    What is impossible or far from usual comes first, then what happened in the middle of a recording and what shape its
+    drifts have; how large drifts without a shape are comes last.
+    """
+    said = [beyond_sentence(item) for item in found.beyond]
+    said += event_sentences(found.events, several=several(found))
+    said += [shape_sentence(shape, several=several(found)) for shape in found.drift_shapes]
+    drift = drift_sentence(found.drift_scales, shaped=bool(found.drift_shapes or found.events))
+    return " ".join(filter(None, [*said, _verdict(found), drift]))
+
+
+def beyond_sentence(item: Beyond) -> str:
+    """Return in a sentence what is impossible, or far beyond what is usual."""
+    name = f"{item.name} {item.coefficient}".strip()
+    pure = item.unit == "1" and is_pure(item.name, item.coefficient)
+    value, limit = (quantity(v, item.unit, pure=pure) for v in (item.value, item.limit))
+    if item.kind == "impossible":
+        return f"{name} would have to be {value}, which is impossible: the limit is {limit}."
+    if item.kind == "not_as_stated":
+        return (
+            f"{name} would have to be {value}, {item.times:.1f} stated uncertainties from the stated {limit}."
+        )
+    if item.coefficient == "relative_error":
+        return f"{item.name} of {value} is far beyond what a bench file can be wrong by."
+    return f"{name} of {value} is {item.times:.1f} times the largest usual size."
+
+
+def several(found: Diagnosis) -> bool:
+    """Whether events must name their recording."""
+    return len({*found.recordings, *(event.recording for event in found.events)}) > 1
+
+
+def _verdict(found: Diagnosis) -> str:
+    if found.setup:
+        wrong = "; ".join(dict.fromkeys(problem(item).rstrip(".") for item in found.setup))
+        return f"Nothing was diagnosed, the setup is wrong: {wrong}."
+    if found.verdict == "nothing_missing":
+        explained = "the model explains the recordings within noise and stated uncertainties."
+        hidden = dict.fromkeys(limit.effect for limit in found.detection_limits if not limit.visible)
+        nothing = "Besides, nothing" if found.events else "Nothing"
+        if not hidden:
+            return f"{nothing} is missing: {explained}"
+        return f"{nothing} shows: {explained} {_some(list(hidden))} of a usual size could hide in them."
+    if found.verdict == "unknown":
+        if _fails_elsewhere(found):
+            return (
+                "Nothing shows in these recordings, but something is missing: "
+                f"the model does not predict {found.proof.recording if found.proof else 'others'}."
+            )
+        if any(b.kind == "impossible" for b in found.beyond) or (
+            (found.effects or found.instruments) and not found.free_form and found.beyond
+        ):
+            return "That is no explanation: something is missing that no known effect explains."
+        known = listed([named(f) for f in found.effects], "and") if found.effects else ""
+        what = f"Besides {known}, something" if known else "Something"
+        formula = f"; proposed formula: {form_sentence(found.free_form[0])}" if found.free_form else ""
+        return f"{what} is missing that no known effect explains{formula.rstrip('.')}."
+    if found.verdict == "ambiguous":
+        choices = [_either([named(f), *(named(tie) for tie in f.ties)]) for f in found.effects]
+        choices += [
+            _either([f"{f.title} ({f.name})", *(named(tie) for tie in f.ties)])
+            for f in {f.name: f for f in found.instruments}.values()
+        ]
+        begin = "Missing" if found.effects else "Not as stated"
+        return f"{begin}: {'; and '.join(choices)}. These recordings do not separate them."
+    if found.verdict == "insufficient_data":
+        return f"These recordings do not show whether anything is missing: {_too_little(found)}."
+    said = [instrument_sentence(f) for f in found.instruments]
+    return " ".join([*_named_effects(found.effects), *said])
+
+
+def _fails_elsewhere(found: Diagnosis) -> bool:
+    """Whether nothing was found, and the model does not predict a recording for validation."""
+    proof = found.proof
+    missed = proof is not None and proof.proven is False and not proof.left_out
+    return missed and not found.effects and not found.free_form
+
+
+def _some(names: Sequence[str], most: int = 4) -> str:
+    """Return some names as a subject, and how many more there are."""
+    if len(names) <= most:
+        return f"{'A ' if len(names) == 1 else ''}{listed(names, 'or')}"
+    return f"{', '.join(names[: most - 1])} or one of {len(names) - most + 1} more"
+
+
+def _named_effects(findings: Sequence[EffectFinding]) -> list[str]:
+    """Return what is missing, what has another size, and which parameters of the bench are not as stated."""
+    missing = [named(f) for f in findings if f.in_model is None and f.name not in _ERROR_TITLES]
+    wrong = [f.name for f in findings if f.in_model is not None]
+    said = []
+    if len(missing) == 1:
+        said.append(f"An effect is missing: {missing[0]}.")
+    elif missing:
+        said.append(
+            f"{_COUNTS.get(len(missing), str(len(missing)))} effects are missing: {listed(missing, 'and')}."
+        )
+    if wrong:
+        sizes, verb = ("size", "disagrees") if len(wrong) == 1 else ("sizes", "disagree")
+        said.append(f"The {sizes} of {listed(wrong, 'and')} in the model {verb} with these recordings.")
+    said += [f"The {named(f)}." for f in findings if f.name in _ERROR_TITLES]
+    return said
+
+
+def _too_little(found: Diagnosis) -> str:
+    """Return why recordings are not enough."""
+    from gyrowheel_analysis.fitting.preparation import FEWEST_WINDOWS, too_few_windows
+
+    if found.windows < FEWEST_WINDOWS:
+        return too_few_windows(found.windows, found.coverage)
+    if found.proof is not None and found.proof.proven is False:
+        return f"nothing shows in them, but the model does not predict {found.proof.recording}"
+    return "nothing was found, but no effect of a usual size would have shown"
+
+
+def evidence(finding: EffectFinding) -> list[str]:
+    """Return the evidence for a finding, a sentence each."""
+    return [
+        *(f"with all else fitted, {growth_sentence(law)}" for law in finding.growth),
+        f"without it χ² is {finding.delta_chi2:.0f} worse, all else fitted again",
+        *(f"with {r.name} in its place χ² is {r.delta_chi2:.0f} worse" for r in finding.rivals),
+    ]
+
+
+def tie_sentence(tie: TieReport) -> str:
+    """Return what else a finding could be, and the test that separates the two."""
+    text = f"could also be {named(tie)}: χ² is only {tie.delta_chi2:.1f} worse"
+    if tie.separating_plan is not None:
+        gain = "" if tie.expected_separation is None else f", expected Δχ² {tie.expected_separation:.0f}"
+        return f"{text}. Plan {tie.separating_plan} separates them{gain}."
+    return f"{text}. No test on this bench separates them."
+
+
+def purpose(test: NextTest) -> str:
+    """Return what a test is for."""
+    if test.separates is not None:
+        return "separates {} from {}".format(*test.separates)
+    return f"would show a {test.reveals} of usual size, which these recordings do not"
+
+
+def _either(names: list[str]) -> str:
+    return f"{'either ' if len(names) > 1 else ''}{listed(names, 'or')}"

@@ -1,0 +1,104 @@
+"""Whether what was found predicts what was not fitted: the line that ends every verdict."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rich.text import Text
+
+from gyrowheel.show.error_table import unit_of, units_of
+from gyrowheel.show.quantities import fixed, quantity
+from gyrowheel_analysis.channels import LISTED
+from gyrowheel_core.quantities import listed
+
+if TYPE_CHECKING:
+    from gyrowheel_analysis.diagnosis.proof import Proof
+    from gyrowheel_analysis.residuals.error_table import ErrorTable
+
+_PARTS = {
+    "recording": "recordings",
+    "speed": "spin rates",
+    "azimuth": "tilt directions",
+    "time": "stretches of time",
+}
+#: What a reader can do where nothing was tried or proven.
+HOW = "A recording that was not fitted proves it: --validate."
+
+
+def proof_sentence(proof: Proof | None, table: ErrorTable | None = None) -> str:
+    """Return whether what was found is proven, and why not where it is not.
+
+    Parameters
+    ----------
+    proof : Proof or None
+        The proof; None where nothing could be diagnosed.
+    table : ErrorTable, optional
+        The table of errors on the same page, whose units are taken.
+    """
+    if proof is None:
+        return "NOT proven: nothing could be diagnosed."
+    if proof.proven is None:
+        return f"Not tried on anything that was not fitted: too few windows to leave some out. {HOW}"
+    on = f" on {proof.recording}" if not proof.left_out else ""
+    if proof.proven:
+        return f"Proven{on}: {_parts(proof)}{_error(proof, table)}."
+    return f"NOT proven{on}: {_parts(proof)}{_why(proof, table)}."
+
+
+def proof_line(proof: Proof | None, table: ErrorTable | None = None) -> Text:
+    """Return the same as the line that ends what was said: bold, and green or red where there is an answer."""
+    colour = "" if proof is None or proof.proven is None else "green" if proof.proven else "red"
+    return Text(proof_sentence(proof, table), style=f"bold {colour}".strip())
+
+
+def _parts(proof: Proof) -> str:
+    if not proof.left_out:
+        return ""
+    return f"each of {proof.parts} {_PARTS[proof.left_out]} predicted from the others, "
+
+
+def _error(proof: Proof, table: ErrorTable | None) -> str:
+    """Return how the error falls on what was predicted."""
+    if not proof.channel:
+        return _chi2(proof)
+    channel = LISTED[proof.channel]
+    units = {} if table is None else units_of(table)
+    unit = units.get(proof.channel) or unit_of({proof.channel: proof.noise})[proof.channel]
+    before, after, noise = (fixed(v / unit.size) for v in (proof.before, proof.after, proof.noise))
+    fall = after if before == after else f"{before} → {after}"
+    floor = "noise" if not proof.left_out else "noise and uncertainty of the prediction"
+    return f"error of {channel.title} {fall} {unit.label} ({floor} {noise}), {_chi2(proof)}"
+
+
+def _chi2(proof: Proof) -> str:
+    return f"χ²/N {fixed(proof.chi2_per_n)}"
+
+
+def _why(proof: Proof, table: ErrorTable | None) -> str:
+    misfit = f"{_chi2(proof)}, where chance allows {fixed(proof.allowed)}"
+    if proof.reason == "no_gain":
+        return f"the error does not fall there, {_error(proof, table)}"
+    if proof.reason == "unfixed":
+        causes = listed(list(proof.causes), "and") or "what was fitted"
+        verb = "are" if len(proof.causes) > 1 else "is"
+        return f"{misfit}: {causes} {verb} not known well enough from what was fitted"
+    if proof.reason == "event":
+        return f"{misfit}; something happened in it, without which it is predicted"
+    if proof.reason == "differs":
+        return f"{misfit}; {_differs(proof)}"
+    if proof.reason == "resembles":
+        return f"{misfit}; what is left there looks like {proof.causes[0]}"
+    return f"{misfit}; no single parameter or known effect accounts for it"
+
+
+def _differs(proof: Proof) -> str:
+    """Return which unknown would need another value there."""
+    (name,) = proof.causes
+    if proof.value is None or proof.fitted is None:
+        return f"{name} would have to be another one there: the machine may be another one, or have changed"
+    there = quantity(proof.value, proof.unit, pure=proof.unit == "1")
+    fitted = quantity(proof.fitted, proof.unit, pure=proof.unit == "1")
+    return (
+        f"it would take {name} {there} there instead of {fitted}: another machine, one that has changed, "
+        "or a law that does not hold there"
+    )

@@ -1,0 +1,188 @@
+"""What is wrong with the setup of a recording, and its cure."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from gyrowheel_core.quantities import listed
+
+if TYPE_CHECKING:
+    from gyrowheel_recording.mislabelled.fixes import Cure, WrongSetup
+
+_SPIN = ("spin_angle", "spin_rate", "motor_voltage", "motor_current")
+#: What a reading has, where it should be in SI units.
+_UNITS = {
+    "deg": "in degrees, not in radians",
+    "turns": "in turns, not in radians",
+    "mrad": "in mrad, not in radians",
+    "urad": "in µrad, not in radians",
+    "arcmin": "in arc minutes, not in radians",
+    "rad twice converted": "57.3 times too small: converted from degrees to radians twice",
+    "rpm": "in rpm, not in rad/s",
+    "Hz": "in turns a second, not in rad/s",
+    "deg/s": "in degrees a second, not in rad/s",
+    "mV": "in mV, not in V",
+    "uV": "in µV, not in V",
+    "kV": "1000 times too small, as mV read as µV or V as kV",
+    "MV": "a million times too small",
+    "mA": "in mA, not in A",
+    "uA": "in µA, not in A",
+    "kA": "1000 times too small, as A read as kA",
+    "hPa": "in hPa, not in Pa",
+    "kPa": "in kPa, not in Pa",
+    "bar": "in bar, not in Pa",
+    "mmHg": "in mmHg, not in Pa",
+    "psi": "in psi, not in Pa",
+    "deg C": "in °C, not in K",
+}
+
+
+def problem(found: WrongSetup) -> str:
+    """Return what is wrong, in one sentence, with the physics that shows it."""
+    return f"{_what(found)}: {_evidence(found)}."
+
+
+def _what(found: WrongSetup) -> str:
+    names, verb = listed(found.columns, "and"), "is" if len(found.columns) == 1 else "are"
+    other = "".join(f", or {listed(columns, 'and')}" for columns in found.otherwise)
+    if found.kind == "sign":
+        signs = "sign" if len(found.columns) == 1 else "signs"
+        turned = f"the {signs} of {names}{other} {verb} turned"
+        mirrored = ", or the axes x and y of both are exchanged, or the wheel turns the other way"
+        return turned + mirrored if _mirrored(found.columns) else turned
+    if found.kind == "unit":
+        units = [_UNITS.get(unit, f"in {unit}") for unit in found.unit.split(", ")]
+        if len(units) > 1:
+            return listed(
+                [f"{name} is {unit}" for name, unit in zip(found.columns, units, strict=True)], "and"
+            )
+        return f"{names}{other} {verb} {units[0]}"
+    if found.kind == "exchanged":
+        if len(found.columns) > 2:
+            return (
+                "the axes x and y of tilts and coil voltages are exchanged, or the wheel turns the other way"
+            )
+        turned = ", and one of them has the other sign" if found.unit == "sign" else ""
+        return f"{names} are exchanged{turned}"
+    if found.kind == "same":
+        return f"one signal stands in both {names}"
+    if found.kind == "shifted":
+        seconds = next(iter(found.cure.shift.values()))
+        way = "late" if seconds < 0.0 else "early"
+        return f"{names}{other} {verb} {abs(seconds):.2f} s {way} beside the other readings, or of another recording"
+    if found.kind == "stuck":
+        return f"{names} stays at {found.value:.6g} [SI]"
+    if found.kind == "foreign":
+        return "tilts and coil voltages do not belong together, as of two recordings or of other wires"
+    if found.kind == "reversed":
+        mirrored = "" if _reads_negative(found) else ", or the axes x and y of tilts and coils are mirrored"
+        return f"the wheel turns the other way{mirrored}"
+    if found.kind == "scale":
+        factor = next(iter(found.cure.scale.values()))
+        if found.columns == ("spin_angle",):
+            sense = " the other way" if factor < 0.0 else ""
+            return f"spin_angle counts {1.0 / abs(factor):g} turns a turn of the rotor{sense}"
+        return f"{names} {verb} read {'half' if factor > 1.0 else 'twice'} as large as they are"
+    return f"is of another machine than {found.unit}"
+
+
+def _evidence(found: WrongSetup) -> str:
+    if found.kind == "unit" and not math.isnan(found.value):
+        return f"{found.value:.5g} cannot be meant"
+    if found.kind == "stuck":
+        return "what it must follow moves"
+    if found.kind == "same":
+        return (
+            "the coils of two axes never take the same voltage"
+            if "coil" in found.columns[0]
+            else "to the last digit"
+        )
+    if found.kind == "another_machine" and math.isnan(found.value):
+        return "the recordings say so"
+    if found.kind == "another_machine":
+        return f"the inertia that precession and ramps of the speed show is {found.value:.2f} times the one there"
+    if set(found.columns) <= set(_SPIN) and found.kind != "reversed":
+        return "angle, speed, motor voltage and current contradict each other, and agree with the cure"
+    if found.kind == "foreign":
+        return f"precession leaves {100.0 * found.before:.0f} % of the coil torque unexplained"
+    if not math.isnan(found.after):
+        return (
+            f"as it stands, precession leaves {100.0 * min(found.before, 9.99):.0f} % of the coil torque unexplained, "
+            f"with the cure {100.0 * found.after:.0f} %"
+        )
+    return "the torque of precession and what was asked for say so"
+
+
+def cure(found: Sequence[WrongSetup]) -> str:
+    """Return the cure of all that is wrong with one recording: a command, or what to do where no command helps."""
+    hopeless = [item for item in found if not item.cure]
+    if hopeless:
+        return "; ".join(dict.fromkeys(_hopeless(item) for item in hopeless))
+    whole = found[0].cure
+    for item in found[1:]:
+        whole = whole.and_then(item.cure)
+    place = found[0].recording.rstrip("/")
+    return " ".join(
+        ["gyrowheel correct", shlex.quote(place), "-o", shlex.quote(f"{place}-corrected"), *_options(whole)]
+    )
+
+
+def _options(whole: Cure) -> list[str]:
+    """Return the options of ``gyrowheel correct``."""
+    words = [f"--exchange {one}:{other}" for one, other in whole.exchange]
+    for option, values in (("scale", whole.scale), ("offset", whole.offset), ("shift", whole.shift)):
+        words += [f"--{option} {name}={value:.10g}" for name, value in values.items()]
+    return words
+
+
+def _hopeless(found: WrongSetup) -> str:
+    if found.kind == "same":
+        return f"give {listed(found.columns, 'and')} a column (or a wire) each, and import or record again"
+    if found.kind == "stuck":
+        return f"check sensor, wire and imported column of {listed(found.columns, 'and')}, and record again"
+    if found.kind == "another_machine":
+        return "diagnose the recordings of one machine at a time, or give --mixed"
+    return "take all readings from one recording, and import or record again"
+
+
+def problem_and_map(found: WrongSetup) -> str:
+    """Return what is wrong with an imported table, and what to change in its map."""
+    lines = "; ".join(map_lines(found))
+    return f"{problem(found)} In the map: {lines}." if lines else problem(found)
+
+
+def map_lines(found: WrongSetup) -> list[str]:
+    """Return what to change in the map of an imported table; nothing where a map cannot say it."""
+    own = found.cure
+    if own.shift or (found.kind == "scale" and "spin_angle" in own.scale):
+        return []  # neither times nor the turns of another gear
+    lines = [f"exchange the columns of columns.{one} and columns.{other}" for one, other in own.exchange]
+    lines += [f"columns.{name}.scale: {value:.10g}" for name, value in own.scale.items()]
+    # an offset of a map is in the unit of the table
+    lines += [f"columns.{name}.unit: degC" for name in own.offset]
+    return lines
+
+
+def setup_line(found: Sequence[WrongSetup]) -> str:
+    """Return problems and cures of recordings in one line, as for an error or a warning."""
+    said = []
+    for place in dict.fromkeys(item.recording for item in found):
+        own = [item for item in found if item.recording == place]
+        said.append(f"{place}: {'; '.join(_what(item) for item in own)}; cure: {cure(own)}")
+    return "; ".join(said)
+
+
+def cure_of(item: WrongSetup, found: Sequence[WrongSetup]) -> str:
+    """Return the cure of the recording that a problem is of, all its other problems included."""
+    return cure([other for other in found if other.recording == item.recording])
+
+
+def _mirrored(columns: tuple[str, ...]) -> bool:
+    return columns in (("tilt_x", "coil_voltage_x"), ("tilt_y", "coil_voltage_y"))
+
+
+def _reads_negative(found: WrongSetup) -> bool:
+    return "spin_rate" in found.cure.scale

@@ -1,0 +1,208 @@
+"""Verbs that exchange recordings with other programs as tables."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from gyrowheel.cli.console import advancing, out, put_json, put_picture, put_text, working
+from gyrowheel.cli.options import Json, example
+from gyrowheel.cli.outputs import COLUMN_MAP, PICTURE, TABLE, NewRecording
+from gyrowheel_core.errors import InputError
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verbs."""
+    app.command("import", epilog=example("gyrowheel import test.csv --map test.map.yaml -o runs/test"))(
+        import_
+    )
+    app.command(epilog=example("gyrowheel export runs/monday -o monday.parquet"))(export)
+
+
+def import_(
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FILE...",
+            help="Text (CSV), Parquet, MATLAB, HDF5, TDMS, MDF, or a bag; of several loggers one each.",
+            show_default=False,
+        ),
+    ],
+    column_map: Annotated[
+        Path | None,
+        typer.Option(
+            "--map", metavar="MAP.yaml", help="Meaning and units of the columns.", show_default=False
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="DIR|MAP.yaml",
+            help="New directory for the recording; with --suggest, the map to write.",
+            show_default=False,
+        ),
+        NewRecording(),
+    ] = None,
+    suggest: Annotated[
+        bool, typer.Option("--suggest", help="Look at the table and propose a map, with reasons.")
+    ] = False,
+    picture: Annotated[
+        Path | None,
+        typer.Option(
+            "--picture",
+            metavar="FILE.png",
+            help="Draw the signals as the map reads them.",
+            show_default=False,
+        ),
+        PICTURE,
+    ] = None,
+    bench: Annotated[
+        str, typer.Option("--bench", metavar="NAME|FILE", help="With --suggest: the bench it is of.")
+    ] = "gyrowheel",
+    json: Json = None,
+) -> None:
+    """Convert a table, one row per sample, into a recording.
+
+    A map says which column holds which reading, in which unit. --suggest proposes
+    one: it looks at names, units and ranges, asks the laws of the wheel, and tells
+    at once all that is doubtful or missing, each with its cure.
+    Files of several loggers become one recording: their clocks are put together.
+    docs/exchange.md shows maps, and a lab's recording in ten minutes.
+    """
+    if suggest:
+        _suggest(files, column_map, output, picture, bench, json)
+        return
+    if column_map is None:
+        raise InputError(
+            "--map: missing; allowed: a map file; `gyrowheel import --suggest FILE -o MAP.yaml` proposes one"
+        )
+    if output is None:
+        raise InputError("-o: missing; allowed: a new directory for the recording")
+    from gyrowheel import Recording
+    from gyrowheel.show.layout import heading, sentences
+    from gyrowheel.tables.api import import_table
+
+    table = files if len(files) > 1 else files[0]
+    names = " and ".join(map(str, files))
+    with working(f"reading {names}"):
+        made = import_table(table, column_map, output, question=True)
+    if json is not None:
+        put_json(
+            json,
+            {
+                "schema": 1,
+                "table": names,
+                "recording": str(output),
+                "bench": made.bench,
+                "samples": made.samples,
+                "seconds": made.seconds,
+                "rate": made.rate,
+                "remarks": list(made.remarks),
+                "questions": list(made.questions),
+            },
+        )
+    if json != "-":
+        out().print(f"{made.samples} samples, {made.seconds:.2f} s")
+        for remark in made.remarks:
+            out().print(f"  {remark}")
+        if made.questions:
+            put_text([heading("To be answered before anything is diagnosed"), *sentences(made.questions)])
+        out().print(f"recording: {output}", soft_wrap=True)
+    put_picture(picture, lambda: Recording.open(output).plot(), quiet=json == "-")
+
+
+def _suggest(
+    files: list[Path],
+    column_map: Path | None,
+    output: Path | None,
+    picture: Path | None,
+    bench: str,
+    json: str | None,
+) -> None:
+    """Propose a map."""
+    from gyrowheel import suggest_map
+    from gyrowheel.show.files import is_suggested_map
+    from gyrowheel.show.layout import command
+    from gyrowheel.tables.page import suggestion_page
+
+    if column_map is not None:
+        raise InputError("--map: is not allowed beside --suggest, which proposes one")
+    if output is not None and output.exists() and not is_suggested_map(output):
+        raise InputError(f"-o: {output} exists and is not an earlier suggested map; name a new file")
+    with working(f"looking at {' and '.join(map(str, files))}"):
+        found = suggest_map(files if len(files) > 1 else files[0], bench=bench)
+    if output is not None:
+        found.save(output)
+    if json is not None:
+        put_json(json, found.to_dict())
+    if json != "-":
+        put_text(suggestion_page(found))
+        if output is not None:
+            out().print(f"map: {output}", soft_wrap=True)
+            names = " ".join(map(str, files))
+            put_text(
+                [
+                    command(
+                        f"gyrowheel import {names} --map {output} -o runs/{files[0].name.partition('.')[0]}"
+                    )
+                ]
+            )
+    put_picture(picture, found.plot, quiet=json == "-")
+
+
+def export(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Recording.", show_default=False)],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o", "--output", metavar="FILE", help="Table to write, .csv or .parquet.", show_default=False
+        ),
+        TABLE,
+    ],
+    column_map: Annotated[
+        Path | None,
+        typer.Option(
+            "--map",
+            metavar="MAP.yaml",
+            help="Also write the map with which import reads the table.",
+            show_default=False,
+        ),
+        COLUMN_MAP,
+    ] = None,
+    json: Json = None,
+) -> None:
+    """Convert a recording into a table, one row per sample, in SI units.
+
+    Beside the readings stand the command that answers the sample and the
+    setpoint in force. A Parquet file carries the units of its columns and what
+    is known of bench and rig; a CSV file has the names alone.
+    """
+    from gyrowheel import Recording
+    from gyrowheel.tables.api import check_suffix, write_table
+
+    check_suffix(output)
+    with working(f"reading {directory}"):
+        recording = Recording.open(directory)
+    with advancing(f"writing {output}") as advance:
+        columns = write_table(recording, output, column_map=column_map, progress=advance)
+    if json is not None:
+        put_json(
+            json,
+            {
+                "schema": 1,
+                "recording": str(directory),
+                "table": str(output),
+                "map": None if column_map is None else str(column_map),
+                "rows": len(recording),
+                "columns": columns,
+            },
+        )
+    if json != "-":
+        out().print(f"{len(recording)} rows, {len(columns)} columns")
+        out().print(f"table: {output}", soft_wrap=True)
+        if column_map is not None:
+            out().print(f"map: {column_map}", soft_wrap=True)

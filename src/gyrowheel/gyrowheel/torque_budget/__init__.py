@@ -1,0 +1,1 @@
+"""Torque that coils and motor supply, part by part."""

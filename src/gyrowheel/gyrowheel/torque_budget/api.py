@@ -1,0 +1,144 @@
+"""What coils and motor hold: of a recording, or of holds that a model is simulated in."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import replace
+
+import numpy as np
+
+from gyrowheel.models.api import Model
+from gyrowheel.recordings.inputs import Fraction, Recordings, data, opened, require_one_machine
+from gyrowheel.torque_budget.result import Torques
+from gyrowheel_analysis.fitting.preparation import one_thread, samples_of
+from gyrowheel_analysis.reduction import Samples, reduce
+from gyrowheel_analysis.torques import HoldTorques, hold_torques
+from gyrowheel_control.loops.closed_loop import simulate
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.readings import Readings
+from gyrowheel_core.units import DEG, RPM
+from gyrowheel_sim.environment import ORBIT
+from gyrowheel_sim.plant.scenario import Scenario
+
+_HOLD = 6.0  # s; what the start and the pump leave behind has died away
+_MOST = 500  # holds
+
+
+@one_thread()
+def torques(
+    recordings: Recordings | None = None,
+    model: Model | None = None,
+    *,
+    tilt: float | Sequence[float] = 0.0,
+    azimuth: float = 0.0,
+    spin_rate: float | Sequence[float] | None = None,
+    air_density_ratio: float = 1.0,
+    rig: str = "upright",
+    orbit: bool = False,
+    mixed: bool = False,
+    progress: Fraction | None = None,
+) -> Torques:
+    """Take apart what coils and motor hold: springs, gimbal, ripple of the shaft, losses, air, bearing and the rest.
+
+    Parameters
+    ----------
+    recordings : Recording, path or list, optional
+        Recordings whose holds are taken apart, with what was measured and what the model leaves unexplained. Without
+        them the model itself is simulated in the holds given by the arguments below, without noise.
+    model : Model, optional
+        The model; one of the bench ``gyrowheel`` without effects if not given.
+    tilt : float or sequence
+        Tilt magnitudes [rad].
+    azimuth : float
+        Direction of the tilt, from the case x axis [rad].
+    spin_rate : float or sequence, optional
+        Spin rates [rad/s]; the reference rate of the bench if not given.
+    air_density_ratio : float
+        Density of the air over that of the laboratory; 0 is a vacuum.
+    rig : str
+        ``upright`` or ``inverted``.
+    orbit : bool
+        Simulate the holds in orbit: without air, weight and the rate of the Earth.
+    mixed : bool
+        Join recordings that state different machines.
+    progress : callable, optional
+        Called with the fraction done, 0 .. 1.
+
+    Raises
+    ------
+    InputError
+        If a recording cannot be read or has no steady hold, or a hold is beyond the limits of the bench,
+        or `orbit` is combined with recordings, with `air_density_ratio` or with `rig`.
+    """
+    if orbit and (recordings is not None or air_density_ratio != 1.0 or rig != "upright"):
+        raise InputError(
+            "orbit: cannot be combined with recordings, density or an inverted rig: "
+            "simulated holds alone can be in orbit, where is no air and no weight"
+        )
+    known = Model() if model is None else model
+    if recordings is not None:
+        given = opened(recordings)
+        require_one_machine(data(given), mixed=mixed)
+        found = [
+            hold_torques(reduce(samples_of(own), known.details.reference_bench), known.details)
+            for own in data(given)
+        ]
+        if not any(len(own) for own in found):
+            raise InputError(f"{', '.join(str(own.path) for own in given)}: no steady hold")
+        return Torques(
+            HoldTorques.joined([own for own in found if len(own)]), known, tuple(str(r.path) for r in given)
+        )
+    bench = known.bench
+    rates = np.atleast_1d(bench.value("spin_rate_reference") if spin_rate is None else spin_rate)
+    holds = [(float(w), float(t)) for w in rates for t in np.atleast_1d(tilt)]
+    if not holds or len(holds) > _MOST:
+        raise InputError(f"holds: {len(holds)} are asked for; allowed: 1 .. {_MOST}")
+    done = []
+    for number, (rate, magnitude) in enumerate(holds):
+        plan = _plan(rate, magnitude, azimuth, air_density_ratio, rig)
+        plan.check(bench)
+        done.append(_simulated(known, _in_orbit(plan) if orbit else plan, orbit=orbit))
+        if progress is not None:
+            progress((number + 1) / len(holds))
+    return Torques(HoldTorques.joined(done), known, (), orbit)
+
+
+def _plan(spin_rate: float, tilt: float, azimuth: float, density: float, rig: str) -> Plan:
+    """Return a plan of one hold."""
+    # tilts about the two axes whose tangents are the components of the spin axis
+    tangent = math.tan(tilt)
+    about = [math.atan(tangent * part) / DEG for part in (math.cos(azimuth), math.sin(azimuth))]
+    return Plan.load(
+        f"schema: 1\nname: hold\nhold_s: {_HOLD}\nsegments:\n"
+        f"  - {{spin_rpm: {spin_rate / RPM!r}, tilt_deg: [{about[0]!r}, {about[1]!r}], "
+        f"air_density_ratio: {density!r}, rig: {rig}}}\n"
+    )
+
+
+def _in_orbit(plan: Plan) -> Plan:
+    """Return a plan whose holds are in orbit."""
+    result = copy(plan)
+    result.segments = tuple(
+        replace(own, environment=replace(own.environment, rig=ORBIT, air_density_ratio=0.0))
+        for own in plan.segments
+    )
+    return result
+
+
+def _simulated(model: Model, plan: Plan, *, orbit: bool) -> HoldTorques:
+    """Return one hold of the machine that a model describes, its readings free of noise."""
+    bench, details = model.bench, model.details
+    values = {name: 0.0 for name in bench.values() if name.endswith(("_noise", "_drift"))}
+    if orbit:
+        values["air_pressure"] = 0.0  # outside too: there is nothing to pump
+    machine = Scenario(values=values, effects=details.effects, declared=details.declared)
+    run = simulate(bench, machine, plan)
+    time = np.arange(len(run.measurement), dtype=np.float64) * bench.sample_period
+    samples = Samples(
+        time, Readings(run.measurement), run.setpoints["stamp_ns"] * 1e-9, run.setpoints, run.environment
+    )
+    windows = reduce(samples, bench)
+    return hold_torques(windows.select([-1]), details, measured=False)

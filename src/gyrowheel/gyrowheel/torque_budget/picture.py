@@ -1,0 +1,101 @@
+"""What coils and motor hold: the parts stacked over the spin rate or over the tilt."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gyrowheel.show.figure import Picture, finished
+from gyrowheel.show.style import (
+    BLUE,
+    DARK,
+    GREEN,
+    INK,
+    NOISE,
+    ORANGE,
+    PINK,
+    SKY,
+    SOFT,
+    VERMILION,
+    ZERO,
+    style,
+)
+from gyrowheel.torque_budget.page import ACROSS, ALONG, MOTOR, rows_of
+from gyrowheel_core.quantities import short
+from gyrowheel_core.units import DEG, RPM
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from gyrowheel.torque_budget.result import Torques
+
+_COLOURS = (BLUE, VERMILION, GREEN, ORANGE, SKY, PINK, NOISE, "#F0E442", DARK)
+_HATCHES = ("", "//", "..")
+_MILLI = 1e3
+_LINE = ("all", "beyond the model")
+
+
+def figure_of_torques(result: Torques) -> Figure:
+    """Draw the torques of all holds, 1500 by 600 dots: parts stacked, their sum as a line.
+
+    The horizontal axis is what varies: the spin rate, else the tilt magnitude, else the number of the hold.
+    """
+    with style():
+        return finished(_draw(result))
+
+
+def _draw(result: Torques) -> Figure:
+    d = result.details
+    figure = Picture(15.0, 6.0)
+    rpm, tilt = d.spin_rate / RPM, np.abs(d.tilt) / DEG
+    if len(d) > 1 and np.ptp(rpm) > 1.0 and np.ptp(tilt) < 0.05:
+        names, label = [f"{value:.0f}" for value in rpm], "spin rate, rpm"
+        where = f"tilt {short(float(tilt[0]))}°"
+    elif len(d) > 1 and np.ptp(rpm) <= 1.0 and np.all(np.diff(tilt) > 0.0):
+        names, label = [short(float(value)) for value in tilt], "tilt, °"
+        where = f"{rpm[0]:.0f} rpm"
+    else:
+        names = [f"{short(round(float(t), 2))}\n{w:.0f}" for t, w in zip(tilt, rpm, strict=True)]
+        label, where = "tilt in °, spin rate in rpm", f"{len(d)} holds"
+    source = ", ".join(result.recordings) or f"model of the bench {result.model.bench.name}"
+    figure.text(
+        0.03, 0.955, "What coils and motor hold", fontsize=18, fontweight="bold", color=INK, va="center"
+    )
+    figure.text(0.03, 0.905, f"{where}; {source}", fontsize=11, color=SOFT, va="center")
+    styles: dict[str, tuple[str, str]] = {}
+    axes = [figure.add_axes((0.055 + 0.28 * k, 0.12, 0.225, 0.68)) for k in range(3)]
+    for ax, direction in zip(axes, (ALONG, ACROSS, MOTOR), strict=True):
+        _stack(ax, rows_of(result, direction), styles)
+        ax.set_title(direction)
+        ax.set_xticks(range(len(d)), names)
+        ax.set_xlabel(label)
+    axes[0].set_ylabel("torque, mN·m")
+    handles: dict[str, Any] = {}
+    for ax in axes:
+        for handle, name in zip(*ax.get_legend_handles_labels(), strict=True):
+            handles.setdefault(name, handle)
+    figure.legend(
+        handles.values(), handles.keys(), loc="upper left", bbox_to_anchor=(0.855, 0.82), fontsize=10
+    )
+    return figure
+
+
+def _stack(ax: Axes, rows: list[tuple[str, Any]], styles: dict[str, tuple[str, str]]) -> None:
+    places = np.arange(len(rows[0][1]))
+    above, below = np.zeros(len(places)), np.zeros(len(places))
+    ax.axhline(0.0, color=ZERO, lw=0.8, zorder=1)
+    for title, values in rows:
+        torque = _MILLI * np.asarray(values)
+        if title in _LINE:
+            marker, colour = ("D", INK) if title == "all" else ("x", VERMILION)
+            ax.plot(places, torque, color=colour, marker=marker, ms=5, lw=1.4, label=title, zorder=4)
+            continue
+        number = len(styles)
+        colour, hatch = styles.setdefault(
+            title, (_COLOURS[number % len(_COLOURS)], _HATCHES[number // len(_COLOURS) % len(_HATCHES)])
+        )
+        start = np.where(torque >= 0.0, above, below)
+        ax.bar(places, torque, 0.7, bottom=start, color=colour, hatch=hatch, label=title, zorder=2)
+        above, below = above + np.maximum(torque, 0.0), below + np.minimum(torque, 0.0)

@@ -1,0 +1,74 @@
+"""The verb `workbench`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from gyrowheel.cli.console import notes, out
+from gyrowheel.cli.options import example
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+    app.command(epilog=example("gyrowheel workbench runs --model wheel.yaml"))(workbench)
+
+
+def workbench(
+    directories: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="[DIR]...", help="Folders with recordings.", show_default="the working directory"
+        ),
+    ] = None,
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            "--model", metavar="M.yaml", help="Model file.", show_default="the bench without effects"
+        ),
+    ] = None,
+    port: Annotated[
+        int, typer.Option("--port", metavar="N", min=0, max=65535, help="Port; 0: any that is free.")
+    ] = 8080,
+    address: Annotated[
+        str,
+        typer.Option(
+            "--address", metavar="A", help="Address to listen on; any but loopback asks for a token."
+        ),
+    ] = "127.0.0.1",
+    token: Annotated[
+        bool,
+        typer.Option("--token", help="Ask for a token on this computer, too, where others have accounts."),
+    ] = False,
+    live: Annotated[
+        bool, typer.Option("--live/--no-live", help="Show a bench that runs on this computer, where ROS is.")
+    ] = True,
+) -> None:
+    """Compare, diagnose, add and undo in a browser, until Ctrl-C.
+
+    Opens a page on this computer alone: recordings of the folders, their
+    signals, where the model fails, what is missing, and how the error falls.
+    """
+    import contextlib
+    import threading
+
+    import gyrowheel as gw
+    from gyrowheel.workbench.library import Shelf
+    from gyrowheel.workbench.server import Server
+    from gyrowheel.workbench.session import Desk
+
+    loaded = gw.Model() if model is None else gw.Model.load(model)
+    shelf = Shelf(directories or [Path()])
+    desk = Desk(shelf, loaded, model)
+    with Server(desk, address, port, token=token) as server, desk.live if live else contextlib.nullcontext():
+        out().print(f"page: {server.url}", soft_wrap=True)
+        if server.gate.token:
+            notes().print(f"token: {server.gate.token}", soft_wrap=True)
+        notes().print("Ctrl-C ends it")
+        try:
+            threading.Event().wait()
+        finally:
+            if desk.step.model is not desk.kept:
+                notes().print("the changes of the model were not saved")

@@ -1,0 +1,218 @@
+"""Published correlations for the drag of discs and cylinders that turn in a case.
+
+A rotor is taken apart into two end faces (a disc in a closed case, Daily & Nece 1960) and a rim (a cylinder in a
+cylinder, Bilgen & Boulos 1973; Wendt 1933 and Vrancik 1968 as alternatives). The gap between them is not in any of the
+experiments.
+
+References
+----------
+- Daily, J. W.; Nece, R. E. Chamber dimension effects on induced flow and frictional resistance of enclosed rotating
+  disks. J. Basic Eng. 1960, 82, 217-230.
+- Bilgen, E.; Boulos, R. Functional dependence of torque coefficient of coaxial cylinders on gap width and Reynolds
+  numbers. J. Fluids Eng. 1973, 95, 122-126.
+- Wendt, F. Turbulente Stroemungen zwischen zwei rotierenden konaxialen Zylindern. Ing.-Arch. 1933, 4, 577-595.
+- Vrancik, J. E. Prediction of windage power loss in alternators. NASA TN D-4849, 1968.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+from scipy.optimize import brentq
+
+from gyrowheel_air.geometry import Geometry
+from gyrowheel_air.state import AirState, reynolds_number
+from gyrowheel_core.errors import InputError
+
+CYLINDERS: Final = ("bilgen_boulos", "wendt", "vrancik")
+REGIMES: Final = ("I", "II", "III", "IV")
+#: What each regime of a disc is: gap thick or thin against the wall layers, laminar or turbulent.
+REGIME_SENSE: Final[dict[str, str]] = {
+    "I": "laminar, wall layers merged",
+    "II": "laminar, wall layers separate",
+    "III": "turbulent, wall layers merged",
+    "IV": "turbulent, wall layers separate",
+}
+#: Scatter of the measurements about the correlations, as their authors' figures show it (1 sigma, relative).
+DISC_SCATTER: Final = 0.05
+CYLINDER_SCATTER: Final = 0.06
+
+
+@dataclass(frozen=True)
+class Drag:
+    """Drag of the spinning rotor without tilt, taken apart.
+
+    Attributes
+    ----------
+    discs, cylinder : float
+        Torque that brakes both end faces, and the rim [N m], above zero.
+    disc_uncertainty, cylinder_uncertainty : float
+        Standard uncertainty of each [N m]: scatter of the measurements, and the spread of the alternatives.
+    regime : str
+        Regime of the discs, of `REGIMES`.
+    reynolds, gap_reynolds : float
+        Re of the disc (rho Omega R^2/mu) and of the rim gap (rho Omega R t/mu).
+    """
+
+    discs: float
+    cylinder: float
+    disc_uncertainty: float
+    cylinder_uncertainty: float
+    regime: str
+    reynolds: float
+    gap_reynolds: float
+
+    @property
+    def total(self) -> float:
+        """Torque that brakes the rotor [N m]."""
+        return self.discs + self.cylinder
+
+    @property
+    def uncertainty(self) -> float:
+        """Standard uncertainty of `total` [N m]."""
+        return math.hypot(self.disc_uncertainty, self.cylinder_uncertainty)
+
+
+def disc_coefficient(regime: str, reynolds: float, gap_ratio: float) -> float:
+    """Return Cm = T / (rho Omega^2 a^5 / 2) of both faces of a disc in one regime (Daily & Nece).
+
+    Parameters
+    ----------
+    regime : str
+        ``"I"`` .. ``"IV"``.
+    reynolds : float
+        rho Omega a^2/mu.
+    gap_ratio : float
+        Gap between disc and case over the disc's radius, s/a.
+    """
+    if regime == "I":
+        return 2.0 * math.pi / (gap_ratio * reynolds)
+    if regime == "II":
+        return 3.70 * gap_ratio**0.1 * reynolds**-0.5
+    if regime == "III":
+        return 0.080 * gap_ratio ** (-1.0 / 6.0) * reynolds**-0.25
+    if regime == "IV":
+        return 0.102 * gap_ratio**0.1 * reynolds**-0.2
+    raise InputError(f"disc regime: {regime!r} is not known; allowed: {', '.join(REGIMES)}")
+
+
+def disc_boundary(first: str, second: str, gap_ratio: float) -> float:
+    """Return the Reynolds number at which two regimes of a disc give the same torque.
+
+    That is where one ends and the other begins: each curve is the larger one on its side.
+    """
+
+    def difference(log_re: float) -> float:
+        re = math.exp(log_re)
+        return math.log(disc_coefficient(first, re, gap_ratio) / disc_coefficient(second, re, gap_ratio))
+
+    return math.exp(brentq(difference, math.log(1e-3), math.log(1e12), xtol=1e-13, rtol=1e-14))
+
+
+def disc_regime(reynolds: float, gap_ratio: float) -> str:
+    """Return the regime of a disc: laminar before turbulent, merged wall layers before separate ones.
+
+    Laminar flow ends where the first turbulent curve crosses the laminar one; within each, the merged form holds below
+    the crossing of its two curves.
+    """
+    laminar = "I" if reynolds < disc_boundary("I", "II", gap_ratio) else "II"
+    turbulent = "III" if reynolds < disc_boundary("III", "IV", gap_ratio) else "IV"
+    both = [disc_coefficient(regime, reynolds, gap_ratio) for regime in (laminar, turbulent)]
+    return laminar if both[0] >= both[1] else turbulent
+
+
+def cylinder_coefficient(kind: str, gap_reynolds: float, gap_ratio: float) -> float:
+    """Return C = T / (pi rho Omega^2 R^4 L / 2) of a cylinder in a cylinder.
+
+    Parameters
+    ----------
+    kind : str
+        Of `CYLINDERS`.
+    gap_reynolds : float
+        rho Omega R t/mu with the gap t.
+    gap_ratio : float
+        Gap over the inner radius, t/R.
+    """
+    if kind == "bilgen_boulos":
+        for limit, factor, power in ((64.0, 10.0, -1.0), (500.0, 2.0, -0.6), (1e4, 1.03, -0.5)):
+            if gap_reynolds < limit:
+                return factor * gap_ratio**0.3 * gap_reynolds**power
+        return 0.065 * gap_ratio**0.3 * gap_reynolds**-0.2
+    if kind == "wendt":
+        return _wendt(gap_reynolds, gap_ratio)
+    if kind == "vrancik":
+        # 1/sqrt(Cd) = 2.04 + 1.768 ln(Re_g sqrt(Cd)), and C = 2 Cd here; T = Cd pi rho Omega^2 R^4 L
+        log_cd = brentq(
+            lambda x: math.exp(-0.5 * x) - 2.04 - 1.768 * math.log(gap_reynolds * math.exp(0.5 * x)),
+            -20.0,
+            10.0,
+        )
+        return 2.0 * math.exp(log_cd)
+    raise InputError(f"cylinder: {kind!r} is not known; allowed: {', '.join(CYLINDERS)}")
+
+
+def _wendt(gap_reynolds: float, gap_ratio: float) -> float:
+    """Wendt's torque of the inner cylinder, 400 < Re_g < 1e5, in the form of Lewis & Swinney (1999) and Dubrulle."""
+    eta = 1.0 / (1.0 + gap_ratio)
+    if gap_reynolds < 1e4:
+        nu_form = 1.45 * eta**1.5 / (1.0 - eta) ** 1.75 * gap_reynolds**1.5
+    else:
+        nu_form = 0.23 * eta**1.5 / (1.0 - eta) ** 1.75 * gap_reynolds**1.7
+    # G = T/(rho nu^2 L), and T = C pi rho Omega^2 R^4 L/2 with Omega R = Re_g nu/t
+    return nu_form * 2.0 / math.pi * (gap_ratio / gap_reynolds) ** 2
+
+
+def drag(
+    geometry: Geometry,
+    air: AirState,
+    spin_rate: float,
+    *,
+    cylinder: str = "bilgen_boulos",
+    regime: str | None = None,
+) -> Drag:
+    """Return the drag of the spinning rotor without tilt.
+
+    Parameters
+    ----------
+    geometry : Geometry
+        Rotor and case.
+    air : AirState
+        The air.
+    spin_rate : float
+        Spin rate [rad/s], not zero.
+    cylinder : str
+        Correlation of the rim, of `CYLINDERS`.
+    regime : str, optional
+        Regime of the end faces; by default the one in which they are.
+
+    Raises
+    ------
+    InputError
+        If a name is unknown or the spin rate is zero.
+    """
+    if not abs(spin_rate) > 0.0 or not math.isfinite(spin_rate):
+        raise InputError(f"spin rate: {spin_rate:g} rad/s is out of range; allowed: not zero")
+    re = reynolds_number(air, geometry.rotor_radius, spin_rate)
+    radial, axial = geometry.rim_gap / geometry.rotor_radius, geometry.end_gap / geometry.rotor_radius
+    re_gap = re * radial
+    in_regime = disc_regime(re, axial) if regime is None else regime
+    pressure = air.density * spin_rate**2
+    disc_size = 0.5 * pressure * geometry.rotor_radius**5
+    rim_size = 0.5 * math.pi * pressure * geometry.rotor_radius**4 * geometry.rotor_height
+    discs = disc_size * disc_coefficient(in_regime, re, axial)
+    rim = rim_size * cylinder_coefficient(cylinder, re_gap, radial)
+    others = [rim_size * cylinder_coefficient(kind, re_gap, radial) for kind in CYLINDERS]
+    return Drag(
+        discs=discs,
+        cylinder=rim,
+        disc_uncertainty=DISC_SCATTER * discs,
+        # half the range of three, taken as that of a uniform distribution
+        cylinder_uncertainty=math.hypot(
+            CYLINDER_SCATTER * rim, 0.5 * (max(others) - min(others)) / math.sqrt(3.0)
+        ),
+        regime=in_regime,
+        reynolds=re,
+        gap_reynolds=re_gap,
+    )

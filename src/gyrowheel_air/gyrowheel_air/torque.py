@@ -1,0 +1,126 @@
+"""The torque of the air on the rotor: one form for all models, on the rotor's axes and in the frame of the case."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gyrowheel_air.geometry import Geometry
+from gyrowheel_air.state import AirState
+from gyrowheel_core.errors import InputError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class AirTorque:
+    """Torque of the air on a rotor whose tilt is held.
+
+    Three components on the axes of `tilt_axes`: about the axis of the tilt (negative: back towards the case axis), a
+    quarter turn ahead of it round the rotor's axis, and about the rotor's axis (negative: brakes the spin). A component
+    about which a model says nothing is NaN.
+
+    Attributes
+    ----------
+    components, uncertainty : (3,) array
+        The components and their standard uncertainties [N m].
+    axes : (3, 3) array
+        The axes, one a row, in the frame of the case.
+    """
+
+    components: Array
+    uncertainty: Array
+    axes: Array
+
+    @property
+    def case(self) -> Array:
+        """The torque in the frame of the case [N m], shape (3,); NaN where a component is missing."""
+        return np.asarray(self.axes.T @ self.components)
+
+    @property
+    def case_uncertainty(self) -> Array:
+        """Standard uncertainty of `case` [N m], the components taken as independent."""
+        return np.sqrt(np.square(self.axes.T) @ np.square(self.uncertainty))
+
+
+@runtime_checkable
+class AirModel(Protocol):
+    """A model of the air: what all four have in common."""
+
+    @property
+    def name(self) -> str:
+        """Name by which users ask for it."""
+
+    def torque(self, geometry: Geometry, air: AirState, tilt: ArrayLike, spin_rate: float) -> AirTorque:
+        """Return the torque of the air.
+
+        Parameters
+        ----------
+        geometry : Geometry
+            Rotor and case.
+        air : AirState
+            The air in the case.
+        tilt : (2,) array_like
+            Tilt of the rotor as read by the sensors: phi_x, phi_y [rad].
+        spin_rate : float
+            Spin rate [rad/s], above zero.
+
+        Raises
+        ------
+        InputError
+            If the model does not hold there.
+        """
+
+
+def tilt_axes(tilt: float, direction: float = 0.0) -> Array:
+    """Return the axis of a tilt, the direction a quarter turn ahead of it round the rotor's axis, and that axis.
+
+    Parameters
+    ----------
+    tilt : float
+        Angle of the tilt [rad].
+    direction : float
+        Angle of its axis from the case's x axis [rad].
+
+    Returns
+    -------
+    (3, 3) array
+        Unit vectors in the frame of the case, one a row.
+    """
+    first = np.array([math.cos(direction), math.sin(direction), 0.0])
+    flat = np.array([-math.sin(direction), math.cos(direction), 0.0])
+    rotor = math.cos(tilt) * np.array([0.0, 0.0, 1.0]) - math.sin(tilt) * flat
+    return np.array([first, np.cross(rotor, first), rotor])
+
+
+def split_tilt(tilt: ArrayLike) -> tuple[float, float]:
+    """Return the angle of a tilt and the direction of its axis [rad] from phi_x and phi_y [rad].
+
+    ``tan phi = |z|`` and the direction is ``arg z`` with ``z = tan phi_x + i tan phi_y``.
+
+    Raises
+    ------
+    InputError
+        If it is not two finite angles below a right angle.
+    """
+    values = np.asarray(tilt, dtype=float)
+    if values.shape != (2,) or not np.all(np.abs(values) < 0.5 * math.pi):
+        raise InputError(f"tilt: {tilt!r} is not two angles phi_x, phi_y below 90 deg")
+    z = complex(math.tan(values[0]), math.tan(values[1]))
+    return math.atan(abs(z)), math.atan2(z.imag, z.real)
+
+
+def check_speed(spin_rate: float) -> None:
+    """Refuse a spin rate that is not above zero.
+
+    Raises
+    ------
+    InputError
+        See above.
+    """
+    if not (math.isfinite(spin_rate) and spin_rate > 0.0):
+        raise InputError(f"spin rate: {spin_rate:g} rad/s is out of range; allowed: > 0")

@@ -1,0 +1,1 @@
+"""Drag estimates: DC voltages of holds next to simulated torques."""

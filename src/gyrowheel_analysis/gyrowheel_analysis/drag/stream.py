@@ -1,0 +1,259 @@
+"""Drag estimates from serialized samples and setpoints, as the topics deliver them. Needs no ROS."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel_analysis.drag.estimate import DragEstimator, Estimate
+from gyrowheel_analysis.model import Model
+from gyrowheel_analysis.reduction import SETTLING, SPIN_SETTLING, Samples, steady_spans
+from gyrowheel_analysis.reduction.steady import SPEED_CHANGE
+from gyrowheel_control.plans.plan import HOLD, RAMP, SETPOINT_DTYPE, SETPOINT_PERIOD
+from gyrowheel_core import wire
+from gyrowheel_core.readings import READINGS, Readings
+from gyrowheel_core.units import DEG
+from gyrowheel_recording.bags import Recording
+from gyrowheel_sim import environment as environments
+from gyrowheel_sim.environment import Environment
+
+#: Samples that are handed over together: estimates are rare, and a block costs little more than a sample.
+BLOCK: Final = 100
+#: Most samples that wait for the setpoint after them: where there are as many, none is coming.
+PATIENCE: Final = 2000
+_SETPOINT_PERIOD_NS: Final = round(SETPOINT_PERIOD * 1e9)
+_STILL: Final = 0.1 * DEG  # a tilt that changes less is held
+
+
+def drag_estimates(
+    stamps_ns: NDArray[np.int64],
+    readings: Readings,
+    setpoints: Any,
+    model: Model,
+    environment: Sequence[Environment] = (),
+    period: float | None = None,
+    *,
+    settled: bool = False,
+) -> Iterator[Estimate]:
+    """Yield the drag estimates of a whole run, as a `DragStream` gives them.
+
+    Parameters
+    ----------
+    stamps_ns : ndarray (n,)
+        Sampling instants, ascending [ns].
+    readings : Readings
+        Readings (n) [SI].
+    setpoints : structured ndarray (m,)
+        ``stamp_ns`` and the fields of the Setpoint message, in the order of time.
+    model : Model
+        The believed model.
+    environment : sequence of Environment
+        Environments of the rig, with times [s] on the clock of the stamps.
+    period : float, optional
+        Sampling period of the readings, where it is not that of the bench [s].
+    settled : bool
+        Whether to yield the last estimate of each hold alone.
+    """
+    estimator = DragEstimator(model, period, settled=settled)
+    estimator.set_environment(environment)
+    asked = setpoints[["stamp_ns", "segment", "phase", *wire.SETPOINT.fields]]
+    told = 0
+    for start in range(0, len(stamps_ns), BLOCK):
+        block = slice(start, start + BLOCK)
+        # hours of setpoints are told as they begin: one by one they take several times the memory
+        begun = int(np.searchsorted(asked["stamp_ns"][told:], stamps_ns[block][-1], side="right"))
+        for stamp, segment, phase, *values in asked[told : told + begun].tolist():
+            estimator.setpoint(stamp, segment, phase, values)
+        told += begun
+        yield from estimator.add_block(stamps_ns[block], readings[block])
+    yield from estimator.finish()
+
+
+def recorded_holds(recording: Recording, model: Model) -> list[Estimate]:
+    """Return the last drag estimates of the holds of a recording, computed from its measurements.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording. Without setpoints the holds are found in the motion, and numbered from 0.
+    model : Model
+        The believed model.
+
+    Raises
+    ------
+    InputError
+        If a reading that nothing can stand for was never taken.
+    """
+    # loads the optimisers of SciPy, which takes long, and the node has no use for them
+    from gyrowheel_analysis.fitting.preparation import samples_of
+
+    samples = samples_of(recording)
+    setpoints = (
+        recording.setpoint if len(recording.setpoint) else _found_setpoints(samples, recording.start_ns)
+    )
+    stamps = recording.measurement["stamp_ns"]
+    start = recording.start_ns * 1e-9
+    environment = [replace(event, time=event.time + start) for event in recording.environment]
+    period = samples.period(model.bench.sample_period)
+    return list(drag_estimates(stamps, samples.readings, setpoints, model, environment, period, settled=True))
+
+
+def _found_setpoints(samples: Samples, start_ns: int) -> Any:
+    """Return setpoints of the holds that the motion shows: one at the beginning of each, one at its end."""
+    rows: list[tuple[Any, ...]] = []
+    before = math.nan
+    for start, stop, _, turn in steady_spans(samples):
+        first, last = np.searchsorted(samples.time, (start, stop))
+        tilt_x, tilt_y, spin = (
+            samples.readings[name][first:last] for name in ("tilt_x", "tilt_y", "spin_rate")
+        )
+        # a ramp is a steady motion, too
+        if turn > 0.0 or _moves(spin, SPEED_CHANGE) or _moves(tilt_x, _STILL) or _moves(tilt_y, _STILL):
+            continue
+        motion = (
+            float(np.nanmean(tilt_x)),
+            float(np.nanmean(tilt_y)),
+            0.0,
+            0.0,
+            float(np.nanmean(spin)),
+            0.0,
+        )
+        # the estimator waits until a motion has settled, but this one has
+        settling = SPIN_SETTLING if abs(motion[4] - before) > SPEED_CHANGE else SETTLING
+        before = motion[4]
+        for time, phase in ((start - settling, HOLD), (stop, RAMP)):
+            rows.append((start_ns + round(time * wire.SECOND), len(rows) // 2, phase, *motion))
+    found = np.array(rows, dtype=SETPOINT_DTYPE)
+    found["stamp_ns"] = np.maximum.accumulate(found["stamp_ns"])
+    return found
+
+
+def _moves(column: NDArray[np.float64], least: float) -> bool:
+    """Whether a reading changes by more than `least` from the first third of its time to the last one."""
+    third = len(column) // 3
+    if not third or np.isnan(column).all():
+        return True
+    return bool(abs(np.nanmean(column[-third:]) - np.nanmean(column[:third])) > least)
+
+
+class DragStream:
+    """Turns serialized samples and setpoints into drag estimates.
+
+    The estimates do not depend on how the messages of the two topics interleave. A stamp that goes back begins
+    another run.
+
+    Parameters
+    ----------
+    model : Model
+        The model whose torques are simulated.
+
+    Attributes
+    ----------
+    samples, missing, malformed : int
+        Samples handed over, samples that are missing by their sequence numbers, and messages that are not of the
+        layout of the bench; of the current run.
+    first : int
+        Sequence number of the first sample of the run; -1 before it.
+    """
+
+    _sample_ns: int
+    _latest: bytes
+    _setpoint_ns: int
+
+    def __init__(self, model: Model) -> None:
+        self._model = model
+        self._begin()
+
+    @staticmethod
+    def warm_up(model: Model) -> None:
+        """Load compiled code, which takes seconds at its first call."""
+        DragEstimator(model).add_block(np.zeros(1, np.int64), Readings(np.ones((1, len(READINGS)))))
+
+    def take_measurement(self, raw: bytes) -> list[Estimate]:
+        """Take a serialized Measurement; return the last estimates of a run that it ends."""
+        try:
+            stamp = wire.stamp(raw)
+        except ValueError:
+            stamp = -1
+        if stamp < 0 or len(raw) != wire.MEASUREMENT.size:
+            self.malformed += 1
+            return []
+        if raw == self._latest:  # sent again, for a node that has come since
+            return []
+        estimates = self.finish() if stamp <= self._sample_ns else []  # the plant was started again
+        self._sample_ns, self._latest = stamp, raw
+        self._waiting.append(raw)
+        return estimates
+
+    def take_setpoint(self, raw: bytes) -> list[Estimate]:
+        """Take a serialized Setpoint; return the last estimates of a run that it ends."""
+        try:
+            stamp, segment, phase, *values = wire.SETPOINT.unpack(raw)
+        except ValueError:
+            self.malformed += 1
+            return []
+        if 0 <= self._sample_ns < stamp + _SETPOINT_PERIOD_NS and stamp <= self._setpoint_ns:
+            return []  # sent again, for a node that has come since
+        estimates = self.finish() if stamp <= self._setpoint_ns else []
+        self._setpoint_ns = stamp
+        self._estimator.setpoint(stamp, segment, phase, values)
+        return estimates
+
+    def take_environment(self, raw: bytes) -> None:
+        """Take a serialized message of the environment.
+
+        It counts for holds whose setpoints are taken after it. What is known of the environment outlives a run, as the
+        topic keeps it for those who join.
+        """
+        try:
+            events = environments.from_json(wire.unpack_text(raw))
+        except ValueError:  # also an InputError: a value that is out of range
+            self.malformed += 1
+            return
+        self._estimator.set_environment(events)
+
+    def estimates(self) -> list[Estimate]:
+        """Return the estimates of the full blocks of samples whose setpoints are all known."""
+        found: list[Estimate] = []
+        while len(self._waiting) >= BLOCK and (
+            len(self._waiting) >= PATIENCE or wire.stamp(self._waiting[BLOCK - 1]) < self._setpoint_ns
+        ):
+            found += self._hand_over()
+        return found
+
+    def finish(self) -> list[Estimate]:
+        """Return what is left of a run, and be ready for the next one."""
+        found: list[Estimate] = []
+        while self._waiting:
+            found += self._hand_over()
+        found += self._estimator.finish()
+        self._begin(self._estimator.environment)
+        return found
+
+    def _begin(self, environment: Sequence[Environment] = ()) -> None:
+        self._estimator = DragEstimator(self._model)
+        self._estimator.set_environment(environment)
+        self._waiting: list[bytes] = []  # samples that were not handed over
+        self.samples = self.missing = self.malformed = 0
+        self.first = self._sequence = -1  # sequence numbers of the first and the last sample
+        self._sample_ns, self._latest = -1, b""  # stamp of the last sample, and its message
+        self._setpoint_ns = -1  # stamp of the last setpoint
+
+    def _hand_over(self) -> list[Estimate]:
+        """Give a block of samples, or all there are if they are fewer, to the estimator."""
+        block, self._waiting = self._waiting[:BLOCK], self._waiting[BLOCK:]
+        rows = np.frombuffer(b"".join(block), wire.MEASUREMENT.dtype)
+        self.samples += len(rows)
+        first, last = int(rows["sequence"][0]), int(rows["sequence"][-1])
+        if self.first < 0:
+            self.first, self._sequence = first, first - 1
+        # those that come later than their successors are rare, and were counted as missing
+        self.missing += max(last - self._sequence - len(rows), 0)
+        self._sequence = last
+        readings = Readings(np.stack([rows[name] for name in READINGS], axis=1))
+        return self._estimator.add_block(wire.MEASUREMENT.stamps(rows), readings)

@@ -1,0 +1,190 @@
+"""Summary of a recording."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel_core.blocks import by_blocks
+from gyrowheel_recording.bags.metadata import METADATA_FILE, read_metadata
+from gyrowheel_recording.bags.publishers import ENTRY, Publisher, from_text
+from gyrowheel_recording.bags.reader import Integrity, Recording
+from gyrowheel_recording.bags.sampling import usual_step
+
+_HOLD = 1  # Setpoint.HOLD
+_SAME_RATE = 0.1  # part by which a mean rate is off where a bench stood still for long
+
+
+@dataclass(frozen=True)
+class Hold:
+    """A stretch in which the setpoints are constant.
+
+    Attributes
+    ----------
+    segment : int
+        Segment of the plan.
+    start, duration : float
+        Start from the start of the recording, and length [s].
+    tilt_x, tilt_y : float
+        Commanded tilt in the middle of the stretch [rad].
+    spin_rate : float
+        Commanded spin rate [rad/s].
+    """
+
+    segment: int
+    start: float
+    duration: float
+    tilt_x: float
+    tilt_y: float
+    spin_rate: float
+
+
+@dataclass(frozen=True)
+class RecordingInfo:
+    """Summary of a recording.
+
+    Attributes
+    ----------
+    path : str
+        Where it is.
+    size : int
+        Of its files [bytes].
+    bench : str
+        Name of the bench that the recording states; empty if it states none.
+    duration : float
+        From the first to the last sample [s].
+    rate : float
+        Samples per second, gaps not counted [1/s]; 0 for a single sample.
+    topics : dict of str to int
+        Number of messages of every topic.
+    integrity : Integrity
+        Missing and other faulty samples.
+    segments : int
+        Segments of test plans that have a hold; 0 where no setpoints were recorded.
+    holds : tuple of Hold
+        The holds.
+    spin_rate : tuple of float
+        Smallest and largest spin rate measured [rad/s].
+    tilt : tuple of float
+        Smallest and largest tilt magnitude measured [rad].
+    rigs : tuple of str
+        Attitudes of the rig that were planned, in order.
+    unchecked : int
+        Messages that no checksum covers.
+    machine : str
+        Name of the machine; empty where unknown.
+    namespace : str
+        Namespace in which the bench ran, such as ``/bench2``; empty for the root.
+    publishers : tuple of Publisher
+        Who published what, where the recorder has stated it.
+    """
+
+    path: str
+    size: int
+    bench: str
+    duration: float
+    rate: float
+    topics: dict[str, int]
+    integrity: Integrity
+    segments: int
+    holds: tuple[Hold, ...]
+    spin_rate: tuple[float, float]
+    tilt: tuple[float, float]
+    rigs: tuple[str, ...]
+    unchecked: int = 0
+    machine: str = ""
+    namespace: str = ""
+    publishers: tuple[Publisher, ...] = ()
+
+
+def info(source: str | Path | Recording) -> RecordingInfo:
+    """Return what a recording holds; one that is given by its path is read.
+
+    Raises
+    ------
+    InputError
+        As `Recording.open` does.
+    """
+    recording = source if isinstance(source, Recording) else Recording.open(source)
+    samples, faults = recording.measurement, recording.integrity()
+    holds = _holds(recording)
+    path = recording.path
+    files = [path] if path.is_file() else [file for file in path.rglob("*") if file.is_file()]
+    return RecordingInfo(
+        path=str(path),
+        size=sum(file.stat().st_size for file in files),
+        bench=recording.carried_bench[0] if recording.carried_bench else "",
+        duration=recording.duration,
+        rate=_rate(recording),
+        topics=recording.topics,
+        integrity=faults,
+        segments=len({hold.segment for hold in holds}),
+        holds=holds,
+        spin_rate=_extremes(len(samples), lambda part: samples["spin_rate"][part]),
+        tilt=_extremes(len(samples), lambda part: np.hypot(samples["tilt_x"][part], samples["tilt_y"][part])),
+        rigs=tuple(dict.fromkeys(event.rig for event in recording.environment)),
+        unchecked=recording.unchecked,
+        machine=recording.machine,
+        namespace=recording.namespace,
+        publishers=_publishers(path),
+    )
+
+
+def _rate(recording: Recording) -> float:
+    """Return the samples per second; 0 for a single one."""
+    steps = len(recording.measurement) - 1 + recording.integrity().missing
+    if not steps:
+        return 0.0
+    mean, usual = steps / recording.duration, 1.0 / usual_step(recording)
+    return mean if abs(mean / usual - 1.0) < _SAME_RATE else usual
+
+
+def _publishers(path: Path) -> tuple[Publisher, ...]:
+    """Return who published what; empty for a single file, or where it is not stated."""
+    file = path / METADATA_FILE
+    if not file.is_file():
+        return ()
+    custom = read_metadata(file).custom
+    return from_text(custom[ENTRY], str(file)) if ENTRY in custom else ()
+
+
+def _holds(recording: Recording) -> tuple[Hold, ...]:
+    rows = recording.setpoint
+    if len(rows) == 0:
+        return ()
+    time = recording.seconds(rows["stamp_ns"])
+    period = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+    key = rows["segment"].astype(np.int64) * 2 + (rows["phase"] == _HOLD)
+    edges = [0, *(np.flatnonzero(np.diff(key)) + 1), len(rows)]
+    holds = []
+    for first, last in itertools.pairwise(edges):
+        if rows["phase"][first] == _HOLD:
+            middle = rows[(first + last) // 2]
+            holds.append(
+                Hold(
+                    segment=int(middle["segment"]),
+                    start=float(time[first]),
+                    duration=float(time[last - 1] - time[first]) + period,
+                    tilt_x=float(middle["tilt_x"]),
+                    tilt_y=float(middle["tilt_y"]),
+                    spin_rate=float(middle["spin_rate"]),
+                )
+            )
+    return tuple(holds)
+
+
+def _extremes(count: int, values: Callable[[slice], NDArray[np.float64]]) -> tuple[float, float]:
+    """Return the smallest and the largest finite value; both 0 where there is none."""
+
+    def look(first: int, last: int) -> list[float]:
+        own = values(slice(first, last))
+        finite = own[np.isfinite(own)]
+        return [float(finite.min()), float(finite.max())] if len(finite) else []
+
+    found = [value for pair in by_blocks(count, look) for value in pair]
+    return (min(found), max(found)) if found else (0.0, 0.0)

@@ -1,0 +1,274 @@
+"""Which column of a table is which reading: the clearest names first, each column once."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel_recording.mapping.column_names import SEQUENCE, TEMPERATURE, TIME, UNITS, Named, named
+from gyrowheel_recording.mapping.fields import READINGS
+from gyrowheel_recording.mapping.map_file import TIMESTAMP
+from gyrowheel_recording.mapping.suggestion.pulses import counted_angle, has_levels, pulsed_angle
+from gyrowheel_recording.mapping.suggestion.records import Problem, Proposal
+from gyrowheel_recording.mapping.suggestion.sizes import SOME, angle_unit, guessed
+from gyrowheel_recording.mapping.suggestion.suspicious import odd_cells
+from gyrowheel_recording.tables import Column, Grid
+from gyrowheel_sim.bench import Bench
+
+_FEWEST: Final = 0.02  # of the rows; a column with fewer values is not used
+#: Readings that change slowly.
+_SLOW: Final = frozenset(["coil_temperature", "air_temperature", "air_pressure", TEMPERATURE])
+#: A name with a number in it: what stands before the last one, and behind it.
+_NUMBER: Final = re.compile(r"^(.*?)(\d+)(\D*)$", re.DOTALL)
+
+
+def assigned(grid: Grid, bench: Bench, problems: list[Problem]) -> dict[str, Proposal]:
+    """Return which column is which field: the clearest names first, each column once."""
+    every = {name: named(_from_one(name, grid), column.unit) for name, column in grid.columns.items()}
+    names = {name: what for name, what in every.items() if _usable(grid.columns[name], what)}
+    claims: list[tuple[float, int, str, str]] = []
+    for order, (name, what) in enumerate(names.items()):
+        column = grid.columns[name]
+        for own, clear in what.fields.items():
+            score = float(clear) - 4.0 * what.asked + 0.5 * bool(what.unit) + _likely(column, own, what)
+            claims.append((-score, order, name, own))
+    found: dict[str, Proposal] = {}
+    taken: set[str] = set()
+    for score, _, name, own in sorted(claims):
+        if name in taken or own in found or -score <= 0.0:
+            continue
+        column, what = grid.columns[name], names[name]
+        if own == TEMPERATURE:
+            continue
+        proposal = _proposed(own, column, what, bench)
+        if proposal is None:
+            continue
+        found[own] = proposal
+        taken.add(name)
+    _thermometers(grid, names, taken, found, bench, problems)
+    if TIME not in found:
+        _time_by_values(grid, names, taken, found, bench)
+    for name in [own for own in every if own not in names]:
+        problems += _unread(grid.columns[name], every[name], found)
+    problems += _rivals(claims, found, taken)
+    if "spin_angle" in found:
+        found["spin_angle"] = counted_angle(found["spin_angle"], grid, found, problems)
+    else:
+        pulsed = pulsed_angle(grid, found, taken, problems)
+        if pulsed is not None:
+            found["spin_angle"] = pulsed
+    if TIME in found:  # those with a clock of their own
+        own = found[TIME].column
+        for key, item in found.items():
+            clock = grid.columns[item.column].clock or _clock_for(grid, item.column, own)
+            found[key] = replace(item, clock=clock if clock != own else "")
+    return {name: found[name] for name in (*UNITS, SEQUENCE) if name in found}
+
+
+def _from_one(name: str, grid: Grid) -> str:
+    """Return a name whose number counts from one, where the numbers of its neighbours count from zero."""
+    found = _NUMBER.search(name)
+    if found is None or f"{found[1]}0{found[3]}" not in grid.columns:
+        return name
+    return f"{found[1]}{int(found[2]) + 1}{found[3]}"
+
+
+def _thermometers(
+    grid: Grid,
+    names: Mapping[str, Named],
+    taken: set[str],
+    found: dict[str, Proposal],
+    bench: Bench,
+    problems: list[Problem],
+) -> None:
+    """Take thermometers that do not say of what for those that are missing; of several it is asked which is which."""
+    guesses = []
+    for name, what in names.items():
+        if TEMPERATURE in what.fields and name not in taken and not what.asked:
+            free = [f for f in ("air_temperature", "coil_temperature") if f not in found]
+            proposal = _proposed(free[0], grid.columns[name], what, bench) if free else None
+            if proposal is not None:
+                found[free[0]] = replace(proposal, reason=f"{proposal.reason}; of what is not said")
+                taken.add(name)
+                guesses.append(f"{free[0]}: '{name}'")
+    if len(guesses) > 1:
+        problems.append(
+            Problem(
+                f"{', '.join(guesses)} are taken so; of what they are the temperatures is not said.",
+                "Name the right column for each in the map, or leave it out.",
+            )
+        )
+
+
+def _unread(column: Column, what: Named, found: Mapping[str, Proposal]) -> list[Problem]:
+    """Return what is to be said of a column that cannot be used, where nothing else holds what its name promises."""
+    own = max(what.fields, key=lambda field: what.fields[field], default="")
+    if what.fields.get(own, 0) < 2 or what.asked or (own in found and own != TIME):
+        return []
+    if column.odd:
+        return odd_cells(own, column.name, column)
+    if column.numeric:
+        known = int(np.isfinite(np.asarray(column.values, dtype=np.float64)).sum())
+        return [
+            Problem(
+                f"column '{column.name}' has values in {known} of {len(column.values)} rows; it is not used.",
+                "See whether its sensor was connected; take the column out where it was not.",
+            )
+        ]
+    text = next((str(value) for value in column.values if str(value)), "")
+    return [
+        Problem(
+            f"column '{column.name}' holds text, such as '{text[:20]}'.",
+            "Write numbers in every row; leave a cell empty where there is none.",
+        )
+    ]
+
+
+def _rivals(
+    claims: Sequence[tuple[float, int, str, str]], found: Mapping[str, Proposal], taken: Collection[str]
+) -> list[Problem]:
+    """Return the readings for which several columns are named alike, of which the first is taken."""
+    scores = {(name, own): score for score, _, name, own in claims}
+    problems = []
+    for own, proposal in found.items():
+        best = scores.get((proposal.column, own))
+        if best is None or own in (TIME, SEQUENCE):
+            continue
+        others = [
+            name
+            for (name, field), score in scores.items()
+            if field == own and name not in taken and score <= best
+        ]
+        if others:
+            reading = READINGS.get(own)
+            problems.append(
+                Problem(
+                    f"{own}: '{proposal.column}' is taken; {', '.join(repr(name) for name in others)} "
+                    f"{'is' if len(others) == 1 else 'are'} named as clearly.",
+                    "See which is the right one, and name it in the map.",
+                    asks=reading is None or not reading.constant,
+                )
+            )
+    return problems
+
+
+def _usable(column: Column, what: Named) -> bool:
+    if column.dated:
+        return True
+    if not column.numeric:
+        return False
+    some = np.isfinite(np.asarray(column.values[: SOME * 10], dtype=np.float64))
+    if what.fields.keys() & _SLOW and int(some.sum()) >= 2:
+        return True  # a few values of what changes slowly are enough
+    return bool(some.mean() > _FEWEST)
+
+
+def _likely(column: Column, own: str, what: Named) -> float:
+    """Return how well the values of a column go with a field, beside its name."""
+    if column.values.dtype.kind == "M":
+        if own != TIME:
+            return -9.0
+        # dates to whole seconds are no clock of samples where there is another one
+        return 2.0 if _moves(np.diff(column.values[:SOME]).astype(np.int64)) else -2.0
+    values = np.asarray(column.values, dtype=np.float64)
+    values = values[np.isfinite(values)]
+    steps = np.diff(values[:SOME])
+    rising = bool(len(steps)) and bool(np.mean(steps >= 0.0) > 0.999) and float(steps.sum()) > 0.0
+    if own == TIME:
+        if rising and _moves(steps) and column.clock in ("", column.name):
+            return 1.0
+        # one that is clearly called so, and is disordered, is questioned (`order`)
+        return -1.0 if what.fields[own] > 2 and not column.clock else -4.0
+    if own == SEQUENCE:
+        return (
+            1.0
+            if rising
+            and bool(np.all(values[:SOME] == np.round(values[:SOME])))
+            and bool(np.all(steps >= 1.0))
+            and float(np.median(steps)) == 1.0  # others count something else than the rows
+            else -9.0
+        )
+    if own in ("spin_rate", "spin_angle") and has_levels(column):
+        return -9.0  # pulses of it
+    if own == "spin_angle":
+        return 0.5 if len(steps) and np.median(np.abs(steps)) > 0.0 else -1.0
+    return -0.5 if rising and own not in ("coil_temperature", "air_temperature") else 0.0
+
+
+def _moves(steps: NDArray[Any]) -> bool:
+    """Whether a clock goes on from most rows to the next."""
+    return len(steps) == 0 or float(np.mean(steps != 0)) > 0.5
+
+
+def _time_by_values(
+    grid: Grid, names: Mapping[str, Named], taken: set[str], found: dict[str, Proposal], bench: Bench
+) -> None:
+    """Find a clock by its values: a column that rises evenly."""
+    for name in names:
+        column = grid.columns[name]
+        if name in taken or not (column.numeric or column.values.dtype.kind == "M"):
+            continue
+        values = np.asarray(column.values[:SOME]).astype(np.float64)
+        steps = np.diff(values)
+        if len(steps) > 10 and np.all(steps > 0.0) and float(np.std(steps)) < 0.5 * float(np.mean(steps)):
+            proposal = _proposed(TIME, column, named("time", column.unit), bench)
+            if proposal is not None:
+                found[TIME] = replace(proposal, reason=f"rises evenly; {proposal.reason}")
+                taken.add(name)
+                return
+
+
+def _clock_for(grid: Grid, column: str, usual: str) -> str:
+    """Return the column with the times of a column: the one beside it in its folder, or one of as many rows."""
+    rows, here = len(grid.columns[column].values), _folder(column)
+    if column == usual or (rows == len(grid.columns[usual].values) and here == _folder(usual)):
+        return ""
+    like = [
+        name
+        for name, own in grid.columns.items()
+        if name != column
+        and len(own.values) == rows
+        and TIME in named(name[len(_folder(name)) :], own.unit).fields
+    ]
+    like = [name for name in like if _folder(name) == here] or [name for name in like if name != usual]
+    return "" if usual in like or not like else min(like, key=len)
+
+
+def _folder(column: str) -> str:
+    """Return the path before the name of a column."""
+    return column[: max(column.rfind("/"), column.rfind(".")) + 1]
+
+
+def _proposed(own: str, column: Column, what: Named, bench: Bench) -> Proposal | None:
+    """Return what a column is as a field; None where its values cannot be."""
+    clear = what.fields.get(own, 0)
+    said = f"named '{column.name}'" if clear else "by its values"
+    if column.values.dtype.kind == "M":
+        if own != TIME:
+            return None
+        return Proposal(own, column.name, TIMESTAMP, 1.0, f"{said}, holds dates", True)
+    values = np.asarray(column.values, dtype=np.float64)
+    values = values[np.isfinite(values)]
+    if len(values) < 2:
+        return None
+    low, high = float(values.min()), float(values.max())
+    if own == SEQUENCE:
+        return Proposal(own, column.name, "", 1.0, f"{said}, whole numbers that rise", True, "", low, high)
+    unit, scale, stated = what.unit, 1.0, bool(what.unit)
+    if own == "spin_angle":
+        unit, scale, why = angle_unit(values, what.unit)
+        return Proposal(own, column.name, unit, scale, f"{said}; {why}", bool(what.unit), "", low, high)
+    if not unit:
+        unit = guessed(own, values, bench)
+        if not unit:
+            if clear < 2:
+                return None
+            why = f"no usual unit fits {low:.4g} .. {high:.4g}"
+            return Proposal(own, column.name, UNITS[own], 1.0, f"{said}; {why}", False, "", low, high)
+    why = f"unit {unit} stated" if stated else f"in {unit} {low:.4g} .. {high:.4g} is usual"
+    return Proposal(own, column.name, unit, scale, f"{said}; {why}", stated, "", low, high)

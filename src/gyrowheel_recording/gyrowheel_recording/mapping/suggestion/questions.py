@@ -1,0 +1,165 @@
+"""What is missing in a table, not usual, or rather asked for than measured."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+
+from gyrowheel_core.units import conversion
+from gyrowheel_recording.bags.sampling import LONGEST, SHORTEST
+from gyrowheel_recording.mapping.column_names import SEQUENCE, TIME, UNITS, named, unknown_unit
+from gyrowheel_recording.mapping.map_file import TIMESTAMP
+from gyrowheel_recording.mapping.suggestion.records import Problem, Proposal
+from gyrowheel_recording.mapping.suggestion.sizes import guessed, holes, largest, usual_size
+from gyrowheel_recording.mapping.suggestion.suspicious import merged, odd_cells, sentinel, suspicious
+from gyrowheel_recording.tables import Grid
+from gyrowheel_sim.bench import Bench
+
+#: The next finer unit of time, in which a slow table may be a fast one.
+_FINER: Final = {"s": "ms", "ms": "us", "us": "ns"}
+
+
+def questions(
+    found: Mapping[str, Proposal], problems: list[Problem], bench: Bench, grid: Grid
+) -> dict[str, str]:
+    """Say what is missing, what is not usual, and what is rather asked for than measured.
+
+    Returns
+    -------
+    dict of str to str
+        Units in which readings would be of the usual size, by field, where they are not as they stand.
+    """
+    likelier: dict[str, str] = {}
+    if TIME not in found:
+        problems.append(
+            Problem("no column of times is found.", "Name it `time` in the map, or in the line of names.")
+        )
+    for own in found.values():
+        column = grid.columns[own.column]
+        problems += odd_cells(own.field, own.column, column)
+        if own.field in (TIME, SEQUENCE) or own.unit == TIMESTAMP:
+            continue
+        problems += suspicious(own, column, bench)
+        lost = holes(column)
+        if lost:
+            problems.append(
+                Problem(
+                    f"{own.field}: {lost} of {len(column.values)} values of '{own.column}' are missing.",
+                    "`missing: keep` in the map counts their samples as lost.",
+                    asks=False,
+                )
+            )
+        if not own.stated and (unit := unknown_unit(own.column, column.unit)):
+            problems.append(
+                Problem(
+                    f"{own.field}: the unit '{unit}' of '{own.column}' is not known; {own.unit} is taken.",
+                    "Set `unit:` in the map.",
+                )
+            )
+        if named(own.column, column.unit).asked:
+            problems.append(
+                Problem(
+                    f"{own.field}: '{own.column}' seems to be what was asked for, not what was measured.",
+                    "Name the column that was measured, or leave it out.",
+                )
+            )
+        if own.field == "spin_angle":
+            continue
+        values = np.asarray(column.values, dtype=np.float64)
+        values = values[np.isfinite(values) & (values != sentinel(own, column))] * own.scale
+        if not len(values):
+            continue
+        low, high = usual_size(own.field, bench)
+        size = largest(values, own.unit, own.field)
+        if not low <= size <= high:
+            other = guessed(own.field, values, bench)
+            cure = f"Is it in {other}? Set `unit: {other}`." if other else "Check unit, scale and column."
+            if other:
+                likelier[own.field] = other
+            is_si = own.unit == UNITS[own.field]
+            problems.append(
+                Problem(
+                    f"{own.field}: '{own.column}' reaches {np.percentile(np.abs(values), 99.9):.4g} {own.unit}"
+                    f"{'' if is_si else f', which is {size:.4g} {UNITS[own.field]}'}; usual on the "
+                    f"bench {bench.name}: {low:.3g} .. {high:.3g} {UNITS[own.field]}.",
+                    cure,
+                )
+            )
+    if TIME in found and found[TIME].unit != TIMESTAMP:
+        own = found[TIME]
+        times = np.asarray(grid.columns[own.column].values, dtype=np.float64)
+        step = float(np.nanmedian(np.diff(times))) * conversion(own.unit, "s")[1]
+        if not SHORTEST <= step <= LONGEST:
+            other = guessed(TIME, times, bench)
+            cure = f"Is it in {other}? Set `unit: {other}`." if other else "Check unit and column."
+            if other:
+                likelier[TIME] = other
+            if step > LONGEST:
+                cure += f" Fewer than {1.0 / LONGEST:g} samples a second show nothing of the wheel."
+            problems.append(Problem(f"time: a row every {step:.4g} s in '{own.column}'.", cure))
+        elif not own.stated and own.unit in _FINER and 1e-3 * step >= 2.0 * SHORTEST:
+            problems.append(
+                Problem(
+                    f"time: '{own.column}' does not say its unit: in {own.unit} it has {1.0 / step:.4g} rows a second, "
+                    f"in {_FINER[own.unit]} {1e3 / step:.4g}.",
+                    "Set `unit:` in the map to the right one.",
+                )
+            )
+    problems += merged(found, grid)
+    _missing(found, problems)
+    return likelier
+
+
+def _missing(found: Mapping[str, Proposal], problems: list[Problem]) -> None:
+    def lacks(name: str, cure: str, *, asks: bool = False) -> None:
+        problems.append(Problem(f"{name}: no such column is found.", cure, asks=asks))
+
+    for axis in "xy":
+        if f"tilt_{axis}" not in found:
+            lacks(
+                f"tilt_{axis}",
+                f"Name the column of the tilt about {axis}; nothing can be found without it.",
+                asks=True,
+            )
+        if f"coil_voltage_{axis}" not in found:
+            if f"coil_current_{axis}" in found:
+                problems.append(
+                    Problem(
+                        f"coil_voltage_{axis}: a current is there in its place.",
+                        "`resistance` in the map makes it a voltage. It is estimated from what holds up the flexures; "
+                        "put the measured one there.",
+                        asks=False,
+                    )
+                )
+            else:
+                lacks(
+                    f"coil_voltage_{axis}",
+                    f"Nothing will be said of torques about {axis}, nor once a revolution.",
+                )
+    if "spin_angle" not in found and "spin_rate" not in found:
+        lacks("spin_rate, spin_angle", "Name one of them; nothing can be found without both.", asks=True)
+    elif "spin_angle" not in found:
+        lacks("spin_angle", "It is summed up from the speed; averages alone are compared.")
+    elif "spin_rate" not in found:
+        lacks("spin_rate", "The rate of the angle is taken; the ripple of the motor is not compared.")
+    if "motor_current" not in found and "motor_voltage" not in found:
+        lacks("motor_current, motor_voltage", "Nothing will be said of the torque about the spin axis.")
+    elif "motor_current" not in found:
+        lacks(
+            "motor_current",
+            "It is computed from voltage and speed; the voltage alone shows the motor's torque.",
+        )
+    elif "motor_voltage" not in found:
+        lacks(
+            "motor_voltage",
+            "The current alone shows the motor's torque; a fault of the motor's constants does not show.",
+        )
+    slow = [name for name in ("coil_temperature", "air_temperature", "air_pressure") if name not in found]
+    if slow:
+        lacks(
+            ", ".join(slow),
+            "Those of the bench are taken, and how far they may be off counts in the result; where you know them, put "
+            "`value:` in the map.",
+        )

@@ -1,0 +1,138 @@
+"""What a look at a table says: what every column seems to be and why, all that is doubtful, and the map."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import yaml
+
+from gyrowheel_recording.bags import Recording
+from gyrowheel_recording.mapping.map_file import SCHEMA
+from gyrowheel_recording.mislabelled.fixes import WrongSetup
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """What one column seems to be.
+
+    Attributes
+    ----------
+    field : str
+        A reading, ``time`` or ``sequence``.
+    column : str
+        Its name in the table.
+    unit : str
+        Its unit.
+    scale : float
+        What its values are multiplied by before the unit counts.
+    reason : str
+        Why.
+    stated : bool
+        Whether the file states the unit.
+    clock : str
+        Column with the times of its rows, where that is not the map's.
+    lowest, highest : float
+        Its range, in the unit.
+    pulses : int
+        Of an angle: pulses a turn by which it is known; 0 where the column holds it itself.
+    """
+
+    field: str
+    column: str
+    unit: str
+    scale: float
+    reason: str
+    stated: bool
+    clock: str = ""
+    lowest: float = math.nan
+    highest: float = math.nan
+    pulses: int = 0
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is doubtful about a table, or missing.
+
+    Attributes
+    ----------
+    what, cure : str
+        What it is, and what to do.
+    asks : bool
+        Whether nothing may be concluded before it is answered.
+    """
+
+    what: str
+    cure: str
+    asks: bool = True
+
+
+@dataclass(frozen=True)
+class Suggestion:
+    """A map for a table.
+
+    Attributes
+    ----------
+    table : str
+        The table.
+    kind : str
+        Its format.
+    proposals : tuple of Proposal
+        What its columns seem to be.
+    problems : tuple of Problem
+        All that is doubtful or missing.
+    setups : tuple of WrongSetup
+        What the laws of the wheel say against the map.
+    unused : tuple of str
+        Columns that the map leaves out.
+    remarks : tuple of str
+        What an import by the map does.
+    content : dict
+        The map file.
+    recording : Recording or None
+        What the map makes of the table, if it can be imported.
+    """
+
+    table: str
+    kind: str
+    proposals: tuple[Proposal, ...]
+    problems: tuple[Problem, ...]
+    setups: tuple[WrongSetup, ...] = ()
+    unused: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+    content: Mapping[str, Any] = field(default_factory=dict)
+    recording: Recording | None = None
+
+    @property
+    def settled(self) -> bool:
+        """Whether nothing is left to be answered."""
+        return not self.setups and not any(problem.asks for problem in self.problems)
+
+    def map_text(self) -> str:
+        """Return the map file, with a reason beside every column."""
+        reasons = {own.field: own.reason for own in self.proposals}
+        lines = [f"# Suggested for {self.table}; the reason stands behind every column."]
+        lines += [f"# ? {problem.what} {problem.cure}" for problem in self.problems if problem.asks]
+        rest = {
+            key: value for key, value in self.content.items() if key not in ("time", "sequence", "columns")
+        }
+        lines.append(yaml.safe_dump({"schema": SCHEMA}, sort_keys=False).strip())
+        for key in ("time", "sequence"):
+            if key in self.content:
+                lines.append(f"{key}: {_flow(self.content[key])}  # {reasons.get(key, '')}".rstrip(" #"))
+        lines.append("columns:")
+        for name, source in self.content.get("columns", {}).items():
+            why = reasons.get(name) or reasons.get(name.replace("voltage", "current"), "")
+            lines.append(f"  {name}: {_flow(source)}  # {why}".rstrip(" #"))
+        rest.pop("schema", None)
+        if rest:
+            lines.append(yaml.safe_dump(rest, sort_keys=False, allow_unicode=True).strip())
+        return "\n".join(lines) + "\n"
+
+
+def _flow(source: Any) -> str:
+    return yaml.safe_dump(
+        source, sort_keys=False, default_flow_style=True, width=10_000, allow_unicode=True
+    ).strip()

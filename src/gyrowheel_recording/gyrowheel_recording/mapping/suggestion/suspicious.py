@@ -1,0 +1,223 @@
+"""What is suspicious in the values of a column, whatever it holds: texts, sentinels, clipping, another unit halfway."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel_core.units import conversion
+from gyrowheel_recording.mapping.column_names import COIL_CURRENT, TIME, UNITS, fits
+from gyrowheel_recording.mapping.fields import READINGS
+from gyrowheel_recording.mapping.suggestion.records import Problem, Proposal
+from gyrowheel_recording.tables import Column, Grid
+from gyrowheel_sim.bench import Bench
+
+Array = NDArray[np.float64]
+
+#: What a text of a logger says of a reading that it could not take.
+_NO_READING: Final = frozenset(
+    ["ovr", "ol", "ovl", "ovld", "ovflw", "over", "overload", "overflow", "overrange", "over range", "err", "error",
+     "fault", "invalid", "bad", "inf", "+inf", "-inf", "missing", "****", "#####", "+++", "0l"]
+)  # fmt: skip
+_MOST_SENTINELS: Final = 0.2  # of the rows
+#: Factors between units that are mistaken for each other, with the two units.
+_PAIRS: Final = (
+    ("V", "mV"), ("A", "mA"), ("rad", "deg"), ("rad", "mrad"), ("deg", "arcmin"), ("rad/s", "rpm"), ("turn/s", "rpm"),
+    ("hPa", "Pa"), ("kPa", "hPa"),
+)  # fmt: skip
+_AS_MUCH: Final = 0.15  # by which the logarithm of a jump may differ from that of such a factor
+_BLOCK: Final = 50  # rows whose size is compared with that of the next ones
+_BESIDE: Final = 20  # rows before and after a jump
+_CLIPPED: Final = ("tilt_x", "tilt_y", "spin_rate", "coil_voltage_x", "coil_voltage_y", *COIL_CURRENT, "motor_voltage",
+                   "motor_current")  # fmt: skip
+_STAYS: Final = 20  # values in a row at the end of a range
+
+
+def odd_cells(field: str, name: str, column: Column) -> list[Problem]:
+    """Return what is to be said of the cells of a text that are no plain numbers."""
+    found = []
+    for odd in column.odd:
+        cells = f"{odd.count} cell{'s' * (odd.count > 1)} of '{name}'"
+        where = f"first in row {odd.row + 1}"
+        shown = f"'{odd.text[:24]}'"
+        if odd.kind == "decimal":
+            what = f"{cells} have another decimal sign than the others, {where}: {shown}."
+            cure = "Write all numbers with one decimal sign."
+        elif odd.kind == "thousands":
+            what = f"{cells} have signs between the thousands, {where}: {shown}."
+            cure = "Write the numbers without them."
+        elif odd.kind == "unit":
+            what = f"{cells} have a unit behind the number, {where}: {shown}."
+            cure = (
+                "Write the numbers alone, the unit in the line of names; rows of another unit in that unit."
+            )
+        elif odd.kind == "clock":
+            what = f"{cells} hold a time of day or a date, {where}: {shown}."
+            cure = "Write seconds from the beginning, or dates with times such as 2026-05-04T10:00:00.0005."
+        elif odd.text.lower() in _NO_READING:
+            what = f"{cells} hold {shown}, {where}: no reading."
+            found.append(Problem(f"{field}: {what}", "`csv: missing:` in the map says so.", asks=False))
+            continue
+        else:
+            what = f"{cells} hold the text {shown}, {where}."
+            cure = "The map takes it for no reading (`csv: missing:`); take the rows out where that is wrong."
+        found.append(Problem(f"{field}: {what}", cure))
+    return found
+
+
+def words_for_nothing(found: Mapping[str, Proposal], grid: Grid) -> list[str]:
+    """Return the texts in the columns of readings that stand in the place of a number."""
+    texts = (
+        odd.text
+        for own in found.values()
+        if own.field != TIME
+        for odd in grid.columns[own.column].odd
+        if odd.kind == "text"
+    )
+    return list(dict.fromkeys(texts))
+
+
+def sentinel(own: Proposal, column: Column) -> float:
+    """Return the number that stands in a column for no reading; NaN where there is none.
+
+    It is beyond all that the reading can be, comes again to the last digit, and most other values are possible.
+    """
+    reading = READINGS.get(own.field)
+    if reading is None or not column.numeric or own.pulses:
+        return math.nan
+    values = np.asarray(column.values, dtype=np.float64)
+    zero, factor = conversion(own.unit, UNITS[own.field])
+    real = values * own.scale * factor + zero
+    beyond = np.isfinite(values) & ((real < reading.low) | (real > reading.high))
+    count = int(beyond.sum())
+    if not 0 < count <= _MOST_SENTINELS * len(values):
+        return math.nan
+    different = np.unique(values[beyond])
+    return float(different[0]) if len(different) == 1 else math.nan
+
+
+def suspicious(own: Proposal, column: Column, bench: Bench) -> list[Problem]:
+    """Return what is suspicious in the values of a column of readings."""
+    values = np.asarray(column.values, dtype=np.float64)
+    found = _sentinels(own, column, values)
+    values = values[np.isfinite(values) & (values != sentinel(own, column))]
+    if own.field in _CLIPPED:
+        found += _clipped(own, values, bench)
+    return found + _two_units(own, values)
+
+
+def _sentinels(own: Proposal, column: Column, values: Array) -> list[Problem]:
+    nothing = sentinel(own, column)
+    if math.isnan(nothing):
+        return []
+    rows = np.flatnonzero(values == nothing)
+    return [
+        Problem(
+            f"{own.field}: {len(rows)} of {len(values)} values of '{own.column}' are {nothing:g}, first in row "
+            f"{rows[0] + 1}: no reading can be that.",
+            f"`missing: {nothing:g}` at the column in the map takes it for no reading.",
+            asks=False,
+        )
+    ]
+
+
+def _clipped(own: Proposal, values: Array, bench: Bench) -> list[Problem]:
+    """Return that a reading stays at the end of its range, where no range of the bench ends."""
+    if len(values) < 2 * _STAYS or len(np.unique(values[:5000])) < 0.2 * len(values[:5000]):
+        return []
+    factor = conversion(own.unit, UNITS[own.field])[1] * own.scale
+    limits = [bench.value(name) for name in ("coil_voltage_limit", "supply_voltage")]
+    for end in (float(values.max()), float(values.min())):
+        at = values == end
+        if _longest(at) < _STAYS or any(abs(abs(end * factor) / limit - 1.0) < 0.02 for limit in limits):
+            continue
+        return [
+            Problem(
+                f"{own.field}: '{own.column}' stays at {end:.6g} {own.unit}, the end of its range, in {int(at.sum())} "
+                "rows: the logger seems to clip it.",
+                "Measure with a wider range, or leave the column out; what is clipped is no average.",
+            )
+        ]
+    return []
+
+
+def _longest(where: NDArray[np.bool_]) -> int:
+    """Return the length of the longest run."""
+    edges = np.flatnonzero(np.diff(np.r_[0, where.astype(np.int8), 0]))
+    return int(np.max(edges[1::2] - edges[::2], initial=0))
+
+
+def _two_units(own: Proposal, values: Array) -> list[Problem]:
+    """Return that a column goes on in another unit: from one row to the next all is larger by such a factor."""
+    blocks = len(values) // _BLOCK
+    if own.field == "spin_angle" or blocks < 8:
+        return []
+    size = np.median(np.abs(values[: blocks * _BLOCK]).reshape(blocks, _BLOCK), axis=1)
+    one, other = size[:-3] + size[1:-2], size[2:-1] + size[3:]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.log(other / one)
+    for units in _PAIRS:
+        if not all(fits(unit, own.field) for unit in units):
+            continue
+        factor = abs(conversion(units[0], units[1])[1])
+        for k in np.flatnonzero(np.abs(np.abs(ratio) - math.log(factor)) < math.log(2.0)):
+            # the rows about the edge, where the block that has both hides it
+            around = np.abs(values[k * _BLOCK : (k + 4) * _BLOCK])
+            with np.errstate(divide="ignore", invalid="ignore"):
+                jump = np.log(around[1:] / around[:-1])
+            at = np.flatnonzero(np.abs(np.abs(jump) - math.log(factor)) < math.log(2.5))
+            for row in at[(at >= _BESIDE) & (at < len(around) - _BESIDE - 1)]:
+                before, after = around[row + 1 - _BESIDE : row + 1], around[row + 1 : row + 1 + _BESIDE]
+                low, high = sorted((float(np.median(before)), float(np.median(after))))
+                if low > 0.0 and abs(math.log(high / low / factor)) < _AS_MUCH:
+                    here = values[k * _BLOCK :][row + 1 - _BESIDE : row + 1 + _BESIDE]
+                    if not _scatters_as_much(here, factor):
+                        continue
+                    return [
+                        Problem(
+                            f"{own.field}: '{own.column}' goes on in another unit from row {k * _BLOCK + row + 2} on: "
+                            f"all is {high / low:.4g} times as {'large' if after[0] > before[-1] else 'small'}, as "
+                            f"between {units[0]} and {units[1]}.",
+                            "Write all rows in one unit.",
+                        )
+                    ]
+    return []
+
+
+def _scatters_as_much(values: Array, factor: float) -> bool:
+    """Whether noise changes by a factor in the middle: a unit multiplies it, the beginning of a motion does not."""
+    steps = [np.diff(half) for half in np.split(values, 2)]
+    low, high = sorted(float(np.median(np.abs(step - np.median(step)))) for step in steps)
+    return low == high or (low > 0.0 and abs(math.log(high / low / factor)) < math.log(3.0))
+
+
+def merged(found: Mapping[str, Proposal], grid: Grid) -> list[Problem]:
+    """Return that the rows of two loggers are merged: some columns have values just where others have none."""
+    groups: dict[bytes, tuple[Any, list[str]]] = {}
+    for own in found.values():
+        column = grid.columns[own.column]
+        if own.field in (TIME, "coil_temperature", "air_temperature", "air_pressure") or own.clock:
+            continue
+        if column.values.dtype.kind != "f":
+            continue
+        known = np.isfinite(column.values)
+        if known.all():
+            continue
+        groups.setdefault(np.packbits(known).tobytes(), (known, []))[1].append(own.column)
+    sides: Sequence[tuple[Any, list[str]]] = list(groups.values())
+    for k, (one, names) in enumerate(sides):
+        for other, others in sides[k + 1 :]:
+            both = np.count_nonzero(one & other)
+            if len(one) == len(other) and both < 0.01 * len(one) < 0.05 * min(one.sum(), other.sum()):
+                return [
+                    Problem(
+                        f"{', '.join(names)} have values only in rows in which {', '.join(others)} have none: the "
+                        "rows of two loggers are merged.",
+                        "Write the rows of each logger as a table of its own, and import both together.",
+                    )
+                ]
+    return []

@@ -1,0 +1,425 @@
+"""A table of another program, read column by column and checked value by value."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.units import conversion, unit_registry
+from gyrowheel_recording.mapping.clock import FARTHEST, Clock, ClockError, clock_of, period_of
+from gyrowheel_recording.mapping.column_map import ColumnMap
+from gyrowheel_recording.mapping.fields import READINGS, Reading
+from gyrowheel_recording.mapping.map_file import COUNT, TIMESTAMP, Source, is_time
+from gyrowheel_recording.mapping.pulses import Edges, edges_of_count, edges_of_level, edges_of_times
+from gyrowheel_recording.mapping.table_file import TableFile
+from gyrowheel_recording.tables import Column, Grid, format_of, read_grid
+from gyrowheel_recording.tables.readers.arrow import plain
+
+Array = NDArray[np.float64]
+
+SUFFIXES: Final = (".csv", ".parquet")
+_BRIDGED: Final = 4.5  # periods of a clock; over a longer gap only what changes slowly is interpolated
+
+
+def check_suffix(path: Path) -> None:
+    """Refuse a file whose ending is not one of `SUFFIXES`.
+
+    Raises
+    ------
+    InputError
+        If it does.
+    """
+    if path.suffix not in SUFFIXES:
+        raise InputError(f"{path}: the ending '{path.suffix}' is not known; allowed: {', '.join(SUFFIXES)}")
+
+
+class Table:
+    """The columns that a map needs, read and converted one by one."""
+
+    def __init__(self, path: Path, column_map: ColumnMap, grid: Grid | None = None) -> None:
+        self.path = path
+        self.remarks: list[str] = []
+        self._map = column_map
+        self._first = 0
+        self._periods: dict[str, float] = {}  # of the clocks of columns that were interpolated [s]
+        self._holed: set[str] = set()  # columns that are NaN within gaps of their clock
+        self._pulses: dict[
+            str, tuple[Array, Array]
+        ] = {}  # times and values of those with a clock of their own
+        form = format_of(path) if grid is None else None
+        self._file = TableFile(path, column_map, is_text=form is not None and form.name == "text")
+        clocks = {s.column: s.clock for s in column_map.sources if s.column}
+        if form is None or form.name not in ("text", "parquet"):
+            content = grid if grid is not None else read_grid(path, self._map.names)
+            self._file.check_columns(list(content.columns), self._map.names)
+            self._columns = {name: _as_arrow(content.columns[name]) for name in self._map.names}
+            clocks = {name: own or content.columns[name].clock for name, own in clocks.items()}
+            for name in dict.fromkeys(clocks.values()):
+                if name and name not in self._columns:
+                    self._columns[name] = _as_arrow(content.columns[name])
+            self.remarks += content.remarks
+        else:
+            table = self._file.read()
+            self.remarks += self._file.remarks
+            self._columns = {name: plain(table.column(name)) for name in table.column_names}
+        if not column_map.time.column:
+            raise InputError(f"{column_map.origin}: time: must be a column")
+        rows = len(self._columns[column_map.time.column])
+        if rows < 2:
+            raise InputError(f"{path}: {rows} rows; allowed: 2 or more")
+        self._put_on_one_clock(clocks)
+
+    def place(self, row: int) -> str:
+        """Return the name of a row for messages."""
+        return self._file.place(row + self._first)
+
+    def filled(self, sources: Mapping[str, Source]) -> NDArray[np.int64]:
+        """Return the rows in which the columns of a group have values: in each row all of them or none."""
+        masks = {s.column: self._columns[s.column].is_valid().to_numpy() for s in sources.values()}
+        whole = np.logical_or.reduce(list(masks.values()))
+        for name, mask in masks.items():
+            if np.any(mask != whole):
+                k = int(np.flatnonzero(mask != whole)[0])
+                raise InputError(
+                    f"{self.path}: column '{name}', {self.place(k)}: the value is missing while others of the same"
+                    " message are there; allowed: all or none"
+                )
+        return np.flatnonzero(whole)
+
+    def values(
+        self,
+        source: Source,
+        field: Reading,
+        what: str,
+        rows: NDArray[np.int64] | None = None,
+        *,
+        missing: bool = False,
+    ) -> Array:
+        """Return the values of a source in SI units, checked; in some rows, or in all of them.
+
+        With `missing`, a value that is not there, or not finite, is NaN; without, it is an error.
+        """
+        if not source.column:
+            constant = to_si(np.array([source.value]), source.unit, field)
+            self._check_range(constant, field, lambda _: f"{self._map.origin}: {what}.value", source)
+            return np.full(len(self._time), constant[0])
+        missing = missing or source.column in self._holed
+        raw = self._numbers(source.column, rows, missing=missing)
+        if math.isfinite(source.missing):
+            nothing = raw == source.missing
+            if not missing and nothing.any():
+                k = int(np.flatnonzero(nothing)[0])
+                raise InputError(
+                    f"{self.path}: column '{source.column}', {self.place(k if rows is None else int(rows[k]))}: "
+                    f"{source.missing:g} stands for a missing value; allowed with `missing: keep` in the map"
+                )
+            raw = np.where(nothing, np.nan, raw)
+        given = raw * source.scale + source.offset
+        if source.resistance:
+            result = source.resistance * to_si(given, source.unit, Reading("A", -math.inf, math.inf))
+        else:
+            result = to_si(given, source.unit, field)
+
+        def where(k: int) -> str:
+            row = k if rows is None else int(rows[k])
+            return f"{self.path}: column '{source.column}', {self.place(row)}"
+
+        self._check_range(result, field, where, source, raw)
+        return result
+
+    def integers(
+        self, source: Source, field: Reading, what: str, rows: NDArray[np.int64] | None = None
+    ) -> NDArray[np.int64]:
+        """Return the values of a source as whole numbers."""
+        values = self.values(source, field, what, rows)
+        wrong = np.flatnonzero(values != np.round(values))
+        if len(wrong):
+            k = int(wrong[0] if rows is None else rows[wrong[0]])
+            raise InputError(
+                f"{self.path}: column '{source.column}', {self.place(k)}: {values[wrong[0]]:g}; allowed: whole numbers"
+            )
+        return values.astype(np.int64)
+
+    def clock(self) -> Clock:
+        """Return when the samples were taken, by their times and sequence numbers."""
+        source = self._map.sequence
+        numbers = None
+        if source is not None:
+            numbers = self.integers(source, Reading("", 0, 2**53), "sequence")
+            back = np.flatnonzero(np.diff(numbers) < 1)
+            if len(back):
+                k = int(back[0]) + 1
+                raise InputError(
+                    f"{self.path}: column '{source.column}', {self.place(k)}: {numbers[k]} follows"
+                    f" {numbers[k - 1]}; the sequence must ascend"
+                )
+        try:
+            return clock_of(self._time, numbers)
+        except ClockError as error:
+            where = f", {self.place(error.row)}" if error.row >= 0 else ""
+            raise InputError(f"{self.path}: column '{self._map.time.column}'{where}: {error}") from None
+
+    def _seconds(self, name: str, start: Any = None, late: float = 0.0) -> tuple[Array, Any]:
+        """Return the times in a column from its first row on, or from a given start [s], and that start.
+
+        `late` [s] is added to them.
+        """
+        source = self._map.time
+        column = self._column(name)
+        values: NDArray[Any]
+        if source.unit == TIMESTAMP:
+            values, scale, unit = self._stamps(name, column), 1e-9, "s"
+        else:
+            values, scale, unit = self._numbers(name), source.scale, source.unit
+            if pa.types.is_integer(column.type) and np.all(values < 2.0**63):
+                values = column.to_numpy().astype(np.int64)  # large whole numbers keep their last digits
+        begin = values[0] if start is None else start
+
+        def seconds(passed: Array) -> Array:
+            return to_si(passed * scale, unit, Reading("s", -math.inf, math.inf)) + late
+
+        with np.errstate(over="ignore"):  # as floating-point numbers, whose difference does not wrap around
+            self._check_span(name, seconds(values.astype(np.float64) - float(begin)))
+        return seconds((values - begin).astype(np.float64)), begin
+
+    def _stamps(self, name: str, column: Any) -> NDArray[np.int64]:
+        """Return the dates in a column [ns]."""
+        if not pa.types.is_timestamp(column.type):
+            raise InputError(
+                f"{self.path}: column '{name}': holds {column.type}; allowed for the unit {TIMESTAMP}: dates with times"
+            )
+        try:
+            stamps: NDArray[np.int64] = column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy()
+        except pa.ArrowInvalid:
+            raise InputError(
+                f"{self.path}: column '{name}': holds dates beyond 1678 .. 2261; allowed: those of a recording"
+            ) from None
+        return stamps
+
+    def _check_span(self, name: str, passed: Array) -> None:
+        """Refuse times so far from the first row [s] that no recording lasts so long."""
+        far = np.flatnonzero(np.abs(passed) > FARTHEST)
+        if len(far):
+            k = int(far[0])
+            raise InputError(
+                f"{self.path}: column '{name}', {self.place(k)}: {passed[k]:.4g} s from the first row; allowed: up to "
+                f"{FARTHEST:g} s (are unit and first row right?)"
+            )
+
+    def _put_on_one_clock(self, clocks: Mapping[str, str]) -> None:
+        """Interpolate columns of other clocks than the map's at its times; rows that one does not cover go.
+
+        `clocks` has the names of the columns with the times of some columns.
+        """
+        own = self._map.time.column
+        time, start = self._seconds(own)
+        others = {name: clock for name, clock in clocks.items() if clock and clock != own}
+        pulses = {source.column: source for source in self._map.sources if source.pulses}
+        for name, source in pulses.items():
+            if is_time(source.unit):
+                self._pulses[name] = self._edge_times(source, start), np.zeros(0)
+                others.pop(name, None)
+        rows = slice(0, len(time))
+        for clock in dict.fromkeys(others.values()):
+            there, _ = self._seconds(clock, start, self._map.clocks.get(clock, 0.0))
+            if len(there) < 2 or np.any(np.diff(there) < 0.0):
+                raise InputError(
+                    f"{self.path}: column '{clock}': times do not ascend; allowed: those of a clock"
+                )
+            first, last = (int(k) for k in np.searchsorted(time, (there[0], there[-1])))
+            rows = slice(max(rows.start, first), min(rows.stop, last))
+            period, usual = (max(period_of(x), 1e-12) for x in (there, time))
+            rate, step = 1.0 / period, 1.0 / usual
+            names = [name for name, other in others.items() if other == clock]
+            empty = 0
+            for name in names:
+                values = self._readings(name)
+                if name in pulses and len(values) == len(there):
+                    self._pulses[name] = there, values
+                    continue
+                known = np.isfinite(values)
+                if len(values) != len(there) or not known.any():
+                    raise InputError(f"{self.path}: column '{name}': has not the rows of its clock '{clock}'")
+                between, holes = self._between(name, time, there[known], values[known], period)
+                self._columns[name] = pa.chunked_array([between])
+                self._periods[name] = period
+                empty = max(empty, holes)
+            if abs(rate / step - 1.0) > 0.01:
+                lost = f"; what is faster than {0.5 * min(rate, step):.4g} Hz is {'lost' if rate < step else 'folded'}"
+                self.remarks.append(f"{', '.join(names)}: {rate:.4g} samples a second, interpolated{lost}")
+            else:
+                self.remarks.append(f"{', '.join(names)}: interpolated to the clock '{own}'")
+            if empty:
+                self.remarks.append(
+                    f"{empty} rows lie in gaps of the clock '{clock}': they count as not measured"
+                )
+        lengths = {name: len(column) for name, column in self._columns.items()}
+        for name, length in lengths.items():
+            if length != len(time) and name not in others.values() and name not in self._pulses:
+                raise InputError(
+                    f"{self.path}: column '{name}': {length} rows, '{own}' has {len(time)}; allowed: as many, or a "
+                    "clock of its own (`clock:` names the column with its times)"
+                )
+        if rows.stop - rows.start < 2:
+            raise InputError(
+                f"{self.path}: {max(rows.stop - rows.start, 0)} rows; allowed: 2 or more, on all clocks"
+            )
+        if others and rows != slice(0, len(time)):
+            gone = len(time) - (rows.stop - rows.start)
+            self.remarks.append(f"{gone} rows that not all clocks cover are left out")
+        self._first = rows.start
+        self._columns = {
+            name: column.slice(rows.start, rows.stop - rows.start)
+            for name, column in self._columns.items()
+            if len(column) == len(time)
+        }
+        begin = time[rows][0]
+        self._time = time[rows] - begin
+        self._pulses = {name: (when - begin, values) for name, (when, values) in self._pulses.items()}
+
+    def _readings(self, name: str) -> Array:
+        """Return the values in a column; NaN where there is no reading, or what stands for none."""
+        values = self._numbers(name, missing=True)
+        for source in self._map.sources:
+            if source.column == name and math.isfinite(source.missing):
+                values = np.where(values == source.missing, np.nan, values)
+        return values
+
+    def _between(
+        self, name: str, time: Array, there: Array, values: Array, period: float
+    ) -> tuple[Array, int]:
+        """Return what a column of another clock is at the times of the map's, and how many of these lie in its gaps.
+
+        In a gap only what changes slowly is interpolated; all else is NaN there.
+        """
+        readings = {field: own for field, own in self._map.columns.items() if own.column == name}
+        if "spin_angle" in readings:  # it begins anew at every turn, and goes on in between
+            own = readings["spin_angle"]
+            turn = 2.0 * math.pi / abs(conversion(own.unit, "rad")[1] * own.scale)
+            values = np.unwrap(values, period=turn)
+        result = np.interp(time, there, values)
+        if len(there) < 2 or not readings or all(READINGS[field].constant for field in readings):
+            return result, 0
+        after = np.clip(np.searchsorted(there, time), 1, len(there) - 1)
+        before = after - 1
+        inside = (there[before] < time) & (time < there[after])
+        inside &= there[after] - there[before] > _BRIDGED * period
+        if inside.any():
+            self._holed.add(name)
+        return np.where(inside, np.nan, result), int(np.count_nonzero(inside))
+
+    def clock_step(self, source: Source) -> float:
+        """Return the period of the clock of a column that was interpolated [s]; 0 where it is the map's own clock."""
+        return self._periods.get(source.column, 0.0)
+
+    def _edge_times(self, source: Source, start: Any) -> Array:
+        """Return the times that a counter took of edges [s], from the start of the map's clock."""
+        values = self._numbers(source.column, missing=True)
+        with np.errstate(over="ignore"):
+            passed = (
+                values - (0.0 if self._map.time.unit == TIMESTAMP else start)
+            ) * source.scale + source.offset
+            when = to_si(passed, source.unit, Reading("s", -math.inf, math.inf))
+        self._check_span(source.column, when)
+        return when
+
+    def edges(self, source: Source, even: Array) -> Edges:
+        """Return the edges of pulses, at times from the first row on [s].
+
+        Parameters
+        ----------
+        source : Source
+            The source of an angle with `pulses`.
+        even : ndarray (n,)
+            Times of the rows without their jitter [s].
+        """
+        times, values = self._pulses.get(source.column, (even, None))
+        if is_time(source.unit):
+            return edges_of_times(times)
+        raw = self._numbers(source.column, missing=True) if values is None else values
+        if math.isfinite(source.missing):
+            raw = np.where(raw == source.missing, np.nan, raw)
+        signal = raw * source.scale + source.offset
+        if source.unit == COUNT:
+            return edges_of_count(times, signal)
+        return edges_of_level(times, signal, source.level)
+
+    def _column(self, name: str, rows: NDArray[np.int64] | None = None, *, missing: bool = False) -> Any:
+        column = self._columns[name]
+        if rows is not None:
+            column = column.take(pa.array(rows))
+        if column.null_count and not missing:
+            k = int(np.flatnonzero(column.is_null().to_numpy())[0])
+            raise InputError(
+                f"{self.path}: column '{name}', {self.place(k)}: the value is missing; allowed: a number in every row"
+            )
+        return column.combine_chunks()
+
+    def _numbers(self, name: str, rows: NDArray[np.int64] | None = None, *, missing: bool = False) -> Array:
+        column = self._column(name, rows, missing=missing)
+        kind = column.type
+        numeric = pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind)
+        if not (numeric or pa.types.is_decimal(kind)):
+            raise InputError(f"{self.path}: column '{name}': holds {kind}; allowed: numbers")
+        values: Array = column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
+        if missing:  # where nothing stands, arrow gives NaN
+            return np.where(np.isfinite(values), values, np.nan)
+        wrong = np.flatnonzero(~np.isfinite(values))
+        if len(wrong):
+            k = int(wrong[0] if rows is None else rows[wrong[0]])
+            raise InputError(
+                f"{self.path}: column '{name}', {self.place(k)}: {values[wrong[0]]} is not allowed;"
+                " allowed: a finite number in every row"
+            )
+        return values
+
+    def _check_range(
+        self,
+        values: Array,
+        field: Reading,
+        where: Callable[[int], str],
+        source: Source,
+        raw: Array | None = None,
+    ) -> None:
+        # NaN is in every range: missing values were refused earlier where they must not be
+        wrong = np.flatnonzero((values < field.low) | (values > field.high))
+        if len(wrong):
+            k = int(wrong[0])
+            given = source.value if raw is None else raw[k]
+            value = f"{given:g} {source.unit}".strip()
+            if values[k] != given:
+                value += f", which is {values[k]:.6g} {field.unit}"
+            raise InputError(
+                f"{where(k)}: {value}; allowed: {field.low:g} .. {field.high:g} {field.unit}".rstrip()
+                + " (are unit and scale right?)" * bool(field.unit)
+            )
+
+
+def to_si(values: Array, unit: str, field: Reading) -> Array:
+    """Convert to the unit of a field; what has no unit stays."""
+    if not field.unit:
+        return values
+    quantity = unit_registry().Quantity(values, unit)
+    result: Array = np.asarray(quantity.to(field.unit).magnitude, dtype=np.float64)
+    return result
+
+
+def _as_arrow(column: Column) -> Any:
+    """Return a column as one of arrow; what is not finite stays so."""
+    values = column.values
+    if values.dtype.kind == "M":
+        values = values.astype("datetime64[ns]")
+    elif values.dtype.kind == "f":
+        values = values.astype(np.float64)
+    elif values.dtype.kind in "iu":  # arrow reads no numbers whose bytes are the other way round
+        values = values.astype(values.dtype.newbyteorder("="))
+    elif values.dtype.kind == "b":
+        values = values.astype(np.uint8)
+    return pa.chunked_array([pa.array(np.ascontiguousarray(values), from_pandas=False)])

@@ -1,0 +1,233 @@
+"""Import of tables of other programs as recordings."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel_control.plans.plan import SETPOINT_PERIOD
+from gyrowheel_core import topics, wire
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.memory import picked
+from gyrowheel_core.units import DEG, conversion
+from gyrowheel_recording.bags import Origin, RecordingWriter, described
+from gyrowheel_recording.mapping.clock import Clock
+from gyrowheel_recording.mapping.column_map import ColumnMap
+from gyrowheel_recording.mapping.fields import COMMANDS, READINGS, SETPOINTS
+from gyrowheel_recording.mapping.map_file import Source
+from gyrowheel_recording.mapping.pulses import PulseError, Turned, turned
+from gyrowheel_recording.mapping.table import Table
+from gyrowheel_recording.tables import Grid
+from gyrowheel_sim import environment as environments
+
+#: Turning between two samples beyond which an angle does not show how far it was [rad].
+_TURNS: Final = 0.9 * math.pi
+
+
+@dataclass(frozen=True)
+class Imported:
+    """What a table held.
+
+    Attributes
+    ----------
+    samples : int
+        Number of samples.
+    seconds : float
+        Time from the first to the last one, and the period of one [s].
+    rate : float
+        Samples in a second.
+    remarks : tuple of str
+        What was done to make a recording of it, and what it lacks.
+    """
+
+    samples: int
+    seconds: float
+    rate: float
+    remarks: tuple[str, ...]
+
+
+def import_table(
+    file: str | Path, column_map: ColumnMap, directory: str | Path, *, grid: Grid | None = None
+) -> Imported:
+    """Write a table as a recording.
+
+    Parameters
+    ----------
+    file : str or Path
+        A table of any format that `tables` reads; one row a sample, in the order of time.
+    column_map : ColumnMap
+        What its columns mean.
+    directory : str or Path
+        The recording, to create. Its time begins at 0 with the first row.
+    grid : Grid, optional
+        The table itself, where it is no file; `file` is its name then.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or lacks a column; if a value is missing (unless the map keeps such readings) or out
+        of range; if its times are those of no clock; or if the directory cannot be written.
+    """
+    table = Table(Path(file), column_map, grid)
+    bench = column_map.bench
+    clock = table.clock()
+    sequence, stamps = clock.sequence, clock.stamps_ns
+    readings = wire.MEASUREMENT.array(len(sequence))
+    wire.MEASUREMENT.set_stamps(readings, stamps)
+    readings["sequence"] = sequence
+    wrong = []
+    for name in READINGS:
+        source = column_map.columns.get(name)
+        readings[name] = math.nan
+        if source is not None and not source.pulses:
+            try:
+                readings[name] = table.values(
+                    source, READINGS[name], f"columns.{name}", missing=column_map.keep_missing
+                )
+            except InputError as error:
+                wrong.append(str(error))
+    if wrong:  # all at once
+        raise InputError("; ".join([wrong[0], *(text.removeprefix(f"{table.path}: ") for text in wrong[1:])]))
+    remarks = [*clock.remarks, *table.remarks]
+    origins = _assumed(column_map)
+    pulses = column_map.columns["spin_angle"] if _pulsed(column_map) else None
+    angle = column_map.columns.get("spin_angle") if pulses is None else None
+    if angle is not None and (step := table.clock_step(angle)) > clock.period:
+        remarks += _hidden_turns(readings, clock.period, step)  # before it is compared with the speed
+    if pulses is not None:
+        found = _turned(table, pulses, readings, clock)
+        readings["spin_angle"] = found.angle
+        origins["spin_angle"] = Origin(found.uncertainty, pulses.pulses)
+        remarks += [f"spin_angle: {text}" for text in found.remarks]
+        remarks.append(f"spin_angle is known to {found.uncertainty / DEG:.2g} deg")
+    elif {"spin_angle", "spin_rate"} <= column_map.columns.keys():
+        _check_spin(table, readings, np.asarray(stamps * 1e-9, dtype=np.float64))
+    if angle is not None and np.isfinite(readings["spin_angle"]).any():
+        remarks += _hidden_turns(readings, clock.period, clock.period)
+    readings["spin_angle"] = np.mod(readings["spin_angle"], 2.0 * math.pi)
+    # a remainder may round up to the divisor itself
+    readings["spin_angle"][readings["spin_angle"] >= 2.0 * math.pi] = 0.0
+    lacking = [name for name in READINGS if name not in column_map.columns]
+    if lacking:
+        remarks.append(f"not in the table: {', '.join(lacking)}")
+
+    columns: list[tuple[topics.Topic, NDArray[np.int64], Any]] = []
+    first = np.zeros(1, dtype=np.int64)
+    columns.append((topics.BENCH, first, [wire.pack_text(described(bench.describe(), origins))]))
+    if column_map.environment:
+        text = environments.to_json(column_map.environment)
+        columns.append((topics.ENVIRONMENT, first, [wire.pack_text(text)]))
+    if column_map.setpoint:
+        columns.append(_setpoints(table, column_map, stamps))
+    columns.append((topics.MEASUREMENT, stamps, readings))
+    if column_map.command:
+        columns.append(_commands(table, column_map, stamps, sequence))
+    with RecordingWriter(directory) as writer:
+        writer.write_columns(columns)
+    length = float(stamps[-1]) / wire.SECOND
+    return Imported(len(sequence), length, 1.0 / clock.period, tuple(remarks))
+
+
+def _pulsed(column_map: ColumnMap) -> bool:
+    source = column_map.columns.get("spin_angle")
+    return source is not None and source.pulses > 0
+
+
+def _assumed(column_map: ColumnMap) -> dict[str, Origin]:
+    """Return how far off the values are that stand for readings, where the map says it."""
+    return column_map.readings | {
+        name: Origin(source.uncertainty * conversion(source.unit, READINGS[name].unit)[1])
+        for name, source in column_map.columns.items()
+        if source.uncertainty
+    }
+
+
+def _turned(table: Table, source: Source, readings: NDArray[Any], clock: Clock) -> Turned:
+    """Return the angle by its pulses."""
+    even = clock.period * clock.sequence.astype(np.float64)
+    rate = readings["spin_rate"]
+    try:
+        return turned(
+            even,
+            rate if np.isfinite(rate).any() else None,
+            table.edges(source, even),
+            source.pulses,
+            at=source.edge_angle_deg * DEG,
+        )
+    except PulseError as error:
+        raise InputError(f"{table.path}: column '{source.column}': {error}") from None
+
+
+def _hidden_turns(readings: NDArray[Any], period: float, step: float) -> list[str]:
+    """Leave an angle out that was read so seldom, every `step` seconds, that it does not show how far it turns."""
+    fastest = _fastest(readings, period)
+    if fastest * step <= _TURNS:
+        return []
+    readings["spin_angle"] = math.nan
+    return [
+        f"spin_angle is left out: at {fastest / (2.0 * math.pi):.4g} turns a second, {1.0 / step:.4g} "
+        "samples a second do not show how far it turns"
+    ]
+
+
+def _fastest(readings: NDArray[Any], period: float) -> float:
+    """Return the highest speed [rad/s], by the reading of the speed where there is one."""
+    rate = readings["spin_rate"]
+    if not np.isfinite(rate).any():
+        turned = np.diff(readings["spin_angle"])
+        rate = (np.remainder(turned + math.pi, 2.0 * math.pi) - math.pi) / period
+    return float(np.nanmax(np.abs(rate), initial=0.0))
+
+
+def _check_spin(table: Table, readings: NDArray[Any], time: NDArray[np.float64]) -> None:
+    """Refuse a spin rate that disagrees with the spin angle: the unit of one of them, or of the time, is wrong."""
+    angle, rate, passed = np.diff(readings["spin_angle"]), readings["spin_rate"], np.diff(time)
+    turns = np.remainder(angle + math.pi, 2.0 * math.pi) - math.pi
+    means = 0.5 * (rate[1:] + rate[:-1])
+    # the angle does not show the number of turns in a gap
+    known = (np.diff(readings["sequence"].astype(np.int64)) == 1) & np.isfinite(turns) & np.isfinite(means)
+    known &= np.abs(means) * passed < _TURNS
+    turned, expected = float(np.sum(turns[known])), float(np.sum((means * passed)[known]))
+    # noise and the ends of the range make less than a tenth of a turn
+    if abs(turned - expected) > max(0.02 * abs(expected), 0.2 * math.pi):
+        raise InputError(
+            f"{table.path}: the spin angle turns by {turned:.6g} rad where the spin rate gives {expected:.6g} rad;"
+            " allowed: 2 % between them (are unit and scale of columns.spin_angle, columns.spin_rate and time right?)"
+        )
+
+
+def _setpoints(
+    table: Table, column_map: ColumnMap, stamps: NDArray[np.int64]
+) -> tuple[topics.Topic, NDArray[np.int64], NDArray[Any]]:
+    """Return the setpoints of a table: one every setpoint period, as the conductor sends them, and at each change."""
+    filled = table.filled(column_map.setpoint)
+    stamps = stamps[filled]
+    rows = wire.SETPOINT.array(len(stamps))
+    wire.SETPOINT.set_stamps(rows, stamps)
+    changed = np.ones(len(stamps), dtype=bool)
+    changed[1:] = np.diff(filled) > 1
+    for name, source in column_map.setpoint.items():
+        read = table.integers if name in wire.SETPOINT.integers else table.values
+        rows[name] = read(source, SETPOINTS[name], f"setpoint.{name}", filled)
+        changed[1:] |= rows[name][1:] != rows[name][:-1]
+    ticks = stamps // round(SETPOINT_PERIOD * wire.SECOND)
+    chosen = np.flatnonzero(changed | np.r_[True, np.diff(ticks) > 0])
+    return topics.SETPOINT, stamps[chosen], picked(rows, chosen)
+
+
+def _commands(
+    table: Table, column_map: ColumnMap, stamps: NDArray[np.int64], sequence: NDArray[np.int64]
+) -> tuple[topics.Topic, NDArray[np.int64], NDArray[Any]]:
+    filled = table.filled(column_map.command)
+    stamps, sequence = stamps[filled], sequence[filled]
+    rows = wire.COMMAND.array(len(stamps))
+    wire.COMMAND.set_stamps(rows, stamps)
+    rows["measurement_sequence"] = sequence
+    for name, source in column_map.command.items():
+        rows[name] = table.values(source, COMMANDS[name], f"command.{name}", filled)
+    return topics.COMMAND, stamps, rows

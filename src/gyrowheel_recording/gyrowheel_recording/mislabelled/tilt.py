@@ -1,0 +1,305 @@
+"""Setups of tilts and coil voltages: which change of the columns makes the precession right."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel_core.units import DEG
+from gyrowheel_recording.bags import Recording
+from gyrowheel_recording.mislabelled.blocks import (
+    BLOCK,
+    COIL,
+    EVERY,
+    TILT,
+    Averages,
+    asked_speed,
+    asked_tilt,
+    commanded,
+)
+from gyrowheel_recording.mislabelled.fixes import Cure, Kind, WrongSetup
+from gyrowheel_recording.mislabelled.harmonics import Turning
+from gyrowheel_recording.mislabelled.relations import precession, precession_ratio, slews
+from gyrowheel_recording.mislabelled.spin import SPINNING, Change, best_lag, measured_alone
+from gyrowheel_sim.bench import Bench
+
+Complex = NDArray[np.complex128]
+
+#: From this part on the law of precession fails grossly; a cure must leave less than `_MENDED`, and of what it was less
+#: than `_BETTER`.
+GROSS, _MENDED, _BETTER = 0.3, 0.12, 0.35
+#: From this part on nothing is left of the law: the columns are not of one recording.
+_FOREIGN = 0.85
+#: Twice a revolution everything turns with the rotor; from this direction on it turns against it.
+_AGAINST = -0.5
+_FOLLOWS = 0.15  # part by which a tilt may differ from what was asked for, and a voltage from the command
+_LATE, _LATEST = (
+    0.3,
+    0.3,
+)  # part by which tilts that are late differ from what was asked for; least lateness [s]
+_ON_TIME = 0.2  # of its changes: by what the speed may differ from what was asked for
+_TWICE = 0.04  # how near to 2 or 1/2 a factor must be
+_SAME = 0.02  # part by which two columns of one signal may differ
+_UNITS = {"deg": DEG, "mrad": 1e-3, "arcmin": DEG / 60.0, "urad": 1e-6, "rad twice converted": 1.0 / DEG}
+_VOLTS = {"mV": 1e-3, "uV": 1e-6, "kV": 1e3, "MV": 1e6}
+_STEP, _NEAR, _COARSE = (
+    EVERY * BLOCK,
+    3,
+    0.5,
+)  # s between lags, lags about the likeliest one, s between those of the speed
+_FINEST = 3e-6  # rad; no tilt sensor has less noise, nor moves less in a test
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """A change of tilts and coil voltages, and what it leaves unexplained."""
+
+    kind: Kind
+    unit: str
+    columns: tuple[str, ...]
+    cure: Cure
+    after: float
+    doubts: float
+
+    @property
+    def order(self) -> tuple[float, int]:
+        return self.doubts, len(self.columns)
+
+
+def tilting(
+    recording: Recording, now: Averages, bench: Bench, turning: Sequence[Turning]
+) -> list[WrongSetup]:
+    """Return what is wrong with tilts and coil voltages.
+
+    Parameters
+    ----------
+    recording : Recording
+        For setpoints and commands, where there are any.
+    now : Averages
+        Its averages; the columns of the spin are right.
+    bench : Bench
+        The bench as stated.
+    turning : sequence of Turning
+        How tilt and coil voltages turn twice a revolution.
+    """
+    if not len(now) or not now.measured(*TILT) or now.absent >= set(COIL) or not slews(now, bench):
+        return []
+    doubled = _same(now, bench)
+    if doubled is not None:
+        return [doubled]
+    asked = asked_tilt(recording, len(now))
+    commands = commanded(recording, len(now)) if now.measured(*COIL) else None
+    judge = _Judge(now, bench, turning, asked, commands)
+    before = precession(now, bench)
+    if before <= GROSS and judge.forward(Cure()):
+        own = _halved(now, bench, asked) or _late_together(now, asked, commands, recording)
+        return [] if own is None else [replace(own, before=before)]
+    trials = [t for t in judge.trials(measured_alone(_plain(), now)) if _mends(before, t.after)]
+    if before > GROSS:
+        for changes in (_lags(now), _lags_of_speed(now)):
+            trials = trials or [
+                t for t in judge.trials(measured_alone(changes, now)) if _mends(before, t.after)
+            ]
+    if trials:
+        first = min(trials, key=lambda t: (*t.order, t.after))
+        others = [t.columns for t in trials if t.order == first.order and t.columns != first.columns]
+        return [
+            WrongSetup(
+                first.kind,
+                first.columns,
+                first.cure,
+                first.unit,
+                tuple(dict.fromkeys(others)),
+                before,
+                first.after,
+            )
+        ]
+    if before > _FOREIGN:
+        return [WrongSetup("foreign", (*TILT, *COIL), before=before)]
+    return []
+
+
+class _Judge:
+    """Scores changes of tilts and coil voltages."""
+
+    def __init__(
+        self,
+        now: Averages,
+        bench: Bench,
+        turning: Sequence[Turning],
+        asked: Complex | None,
+        commands: Complex | None,
+    ) -> None:
+        self._now, self._bench, self._turning = now, bench, turning
+        self._asked, self._commands = asked, commands
+
+    def forward(self, cure: Cure) -> bool:
+        """Whether nothing turns against the rotor twice a revolution."""
+        return all(
+            not self._now.measured(*names) or pair.changed(*_complex(cure, names)).direction > _AGAINST
+            for pair, names in zip(self._turning, (TILT, COIL), strict=True)
+        )
+
+    def trials(self, changes: Iterable[Change]) -> Iterator[_Trial]:
+        """Yield the changes after which everything turns with the rotor."""
+        for kind, unit, columns, cure in changes:
+            if not self.forward(cure):
+                continue
+            mended = cure.applied(self._now)
+            if not self._possible(mended):
+                continue
+            after = precession(mended, self._bench)
+            # a wheel that turns the other way leaves tilts and voltages as they are
+            doubts = self._doubts(self._now if kind == "reversed" else mended)
+            yield _Trial(kind, unit, columns, cure, after, doubts)
+
+    def _possible(self, a: Averages) -> bool:
+        """Whether tilts and voltages are within what the bench can do, and not below the noise of any sensor."""
+        v = self._bench.value
+        tilt, coil = (np.nanmax(np.abs(x), initial=0.0) for x in (a.tilt, a.coil))
+        return bool(_FINEST * 100.0 < tilt < 2.0 * v("tilt_limit") and coil < 2.0 * v("coil_voltage_limit"))
+
+    def _doubts(self, a: Averages) -> float:
+        """Return how many of tilt and voltages are not what was asked for and commanded."""
+        doubts = 0.0
+        for wanted, own in ((self._asked, a.tilt), (self._commands, a.coil)):
+            if wanted is not None:
+                doubts += _off(own, wanted) > _FOLLOWS
+        return doubts
+
+
+def _plain() -> Iterator[Change]:
+    """Yield the exchanges of axes, turned signs, units and factors."""
+    for pair in (TILT, COIL):
+        yield "exchanged", "", pair, Cure(exchange=(pair,))
+        for name in pair:
+            yield "sign", "", (name,), Cure(scale={name: -1.0})
+        yield "sign", "", pair, Cure(scale=dict.fromkeys(pair, -1.0))
+        for name in pair:
+            # a quarter turn
+            yield "exchanged", "sign", pair, Cure(exchange=(pair,), scale={name: -1.0})
+    # mirrored axes, or a wheel that turns the other way: no torque tells them apart
+    mirrored = Cure(scale={TILT[1]: -1.0, COIL[1]: -1.0})
+    yield "reversed", "", SPINNING, mirrored
+    yield "exchanged", "", (*TILT, *COIL), Cure(exchange=(TILT, COIL))
+    for axis in (0, 1):
+        own = (TILT[axis], COIL[axis])
+        yield "sign", "", own, Cure(scale=dict.fromkeys(own, -1.0))
+    for pair, units in ((TILT, _UNITS), (COIL, _VOLTS)):
+        for columns in (pair, *((name,) for name in pair)):
+            for unit, factor in units.items():
+                yield "unit", unit, columns, Cure(scale=dict.fromkeys(columns, factor))
+                if columns == pair:
+                    yield (
+                        "unit",
+                        unit,
+                        columns,
+                        Cure(scale=dict.fromkeys(columns, -factor)),
+                    )
+    for name, factor in itertools.product((*TILT, *COIL), (2.0, 0.5)):
+        yield "scale", "", (name,), Cure(scale={name: factor})
+
+
+def _complex(cure: Cure, names: tuple[str, ...]) -> tuple[complex, complex]:
+    """Return what a cure makes of a pair x + i y: (factor of the pair, factor of its conjugate)."""
+    x, y = (cure.scale.get(name, 1.0) for name in names)
+    along, across = 0.5 * (x + y), 0.5 * (x - y)
+    if names in cure.exchange:
+        return -1j * across, 1j * along
+    return complex(along), complex(across)
+
+
+def _mends(before: float, after: float) -> bool:
+    # what turns against the rotor may fail with the torques as they are
+    return after < _MENDED and (before <= GROSS or after < _BETTER * before)
+
+
+def _off(own: Complex, wanted: Complex) -> float:
+    """Return by what part a pair differs from what was asked for."""
+    known = np.isfinite(own) & np.isfinite(wanted)
+    size = float(np.linalg.norm(wanted[known]))
+    return float(np.linalg.norm(own[known] - wanted[known])) / size if size > 0.0 else 0.0
+
+
+def _same(a: Averages, bench: Bench) -> WrongSetup | None:
+    """Return that one signal stands in both columns of a pair; of two tilts only to the last digit."""
+    for names, pair, part in ((COIL, a.coil, _SAME), (TILT, a.tilt, 1e-9)):
+        if not a.measured(*names):
+            continue
+        known = pair[np.isfinite(pair)]
+        size = float(np.std(known.real)) if len(known) else 0.0
+        noise = bench.value("coil_voltage_noise" if names is COIL else "tilt_noise")
+        off = float(np.sqrt(np.mean((known.real - known.imag) ** 2))) if len(known) else 0.0
+        if size > 10.0 * noise and off < part * size:
+            return WrongSetup("same", names)
+    return None
+
+
+def _halved(a: Averages, bench: Bench, asked: Complex | None) -> WrongSetup | None:
+    """Return that the tilts are read twice or half as large as they are.
+
+    The coils' torque then fits the precession by half or twice. A constant of the coils or an inertia may be as wrong,
+    so the tilt must differ from what was asked for by the same factor.
+    """
+    ratio = precession_ratio(a, bench).value
+    if asked is None or not ratio > 0.0:
+        return None
+    factor = 2.0 if ratio > 1.0 else 0.5
+    known = np.isfinite(a.tilt)
+    own = float(np.real(np.vdot(asked[known], a.tilt[known])) / np.linalg.norm(asked[known]) ** 2)
+    if not own > 0.0 or abs(math.log(own * factor)) > _TWICE or not 0.6 < ratio / factor < 1.7:
+        return None
+    off = _off(factor * a.tilt, asked)
+    return WrongSetup("scale", TILT, Cure(scale=dict.fromkeys(TILT, factor))) if off < _FOLLOWS else None
+
+
+def _late_together(
+    a: Averages, asked: Complex | None, commands: Complex | None, recording: Recording
+) -> WrongSetup | None:
+    """Return that tilts and voltages belong to another time than the spin.
+
+    They agree with each other, and nearly with any speed, so the tilt must be what was asked for at that other time,
+    and the speed what was asked for at its own. Where all is late, the setpoints may have another clock.
+    """
+    speed = asked_speed(recording, len(a))
+    if asked is None or speed is None or _off(a.tilt, asked) < _LATE:
+        return None
+    lag = best_lag(a.tilt, asked)
+    cure = Cure(shift=dict.fromkeys((*TILT, *COIL), lag))
+    if abs(lag) < _LATEST or _off(cure.applied(a).tilt, asked) > _FOLLOWS:
+        return None
+    if commands is not None and abs(best_lag(a.coil, commands) - lag) > 2.0 * _STEP:
+        return None
+    known = np.isfinite(a.rate)
+    own, wanted = a.rate[known], speed[known]
+    off = float(np.linalg.norm(own - wanted)) if len(own) else math.inf
+    changes = float(np.linalg.norm(wanted - wanted.mean())) if len(wanted) else 0.0
+    if off > _ON_TIME * changes:
+        return None
+    return WrongSetup("shifted", (*TILT, *COIL), cure)
+
+
+def _lags(a: Averages) -> Iterator[Change]:
+    """Yield shifts of columns that may belong to another time: where the precession resembles the torque most."""
+    slewing = -1j * a.rate * a.tilt_rate
+    lag = best_lag(a.coil, slewing)
+    likely: list[tuple[tuple[str, ...], float]] = [(COIL, lag), (TILT, -lag)]
+    for k, part in ((0, np.real), (1, np.imag)):
+        lag = best_lag(part(a.coil), part(slewing))
+        likely += [((COIL[k],), lag), ((TILT[1 - k],), -lag)]
+    for columns, lag in likely:
+        for step in range(-_NEAR, _NEAR + 1):
+            yield "shifted", "", columns, Cure(shift=dict.fromkeys(columns, lag + step * _STEP))
+
+
+def _lags_of_speed(a: Averages) -> Iterator[Change]:
+    """Yield shifts of tilts and voltages together: the precession of another time has another momentum."""
+    both = (*TILT, *COIL)
+    half = _COARSE * (len(a) * _STEP // (2.0 * _COARSE))
+    for lag in np.arange(-half, half, _COARSE):
+        yield "shifted", "", both, Cure(shift=dict.fromkeys(both, float(lag)))

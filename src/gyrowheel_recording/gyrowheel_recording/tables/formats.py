@@ -1,0 +1,157 @@
+"""Formats of tables: how they are told apart, and who reads them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from gyrowheel_core.errors import InputError
+from gyrowheel_recording.tables.grid import Grid
+from gyrowheel_recording.tables.readers import arrow, bag, hdf5, matlab, mdf, tdms
+from gyrowheel_recording.tables.readers import text_table as texts
+from gyrowheel_recording.tables.text import text_of
+
+_HEAD: Final = 1 << 16  # bytes by which a file is known
+_HDF5: Final = b"\x89HDF\r\n\x1a\n"
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format of tables.
+
+    Attributes
+    ----------
+    name : str
+        Short name: ``text``, ``parquet``, ``mat``, ``hdf5``, ``tdms``, ``mdf`` or ``bag``.
+    title : str
+        What it is called.
+    endings : tuple of str
+        Usual endings, by which a file is known that does not show what it is.
+    begins : callable
+        Whether a file that begins with some bytes is of it.
+    read : callable
+        Reads some columns of a file, or all; see `read_grid`.
+    """
+
+    name: str
+    title: str
+    endings: tuple[str, ...]
+    begins: Callable[[bytes], bool]
+    read: Callable[[Path, Sequence[str] | None], Grid]
+
+
+def _never(head: bytes) -> bool:
+    return False
+
+
+_FORMATS: Final = (
+    Format("parquet", "Parquet", (".parquet", ".pq"), lambda h: h.startswith(b"PAR1"), arrow.read),
+    Format(
+        "mat",
+        "MATLAB, up to version 7",
+        (".mat",),
+        lambda h: h.startswith(b"MATLAB 5.0"),
+        matlab.read,
+    ),
+    Format(
+        "hdf5",
+        "HDF5, MATLAB version 7.3",
+        (".h5", ".hdf5", ".hdf"),
+        lambda h: h.startswith(_HDF5) or h[512:520] == _HDF5,
+        hdf5.read,
+    ),
+    Format("tdms", "TDMS", (".tdms",), lambda h: h.startswith(b"TDSm"), tdms.read),
+    Format(
+        "mdf", "MDF", (".mf4", ".mdf", ".dat"), lambda h: h.startswith((b"MDF     ", b"UnFinMF ")), mdf.read
+    ),
+    Format(
+        "bag",
+        "bag of ROS 1 or ROS 2",
+        (".bag", ".mcap", ".db3"),
+        lambda h: h.startswith((b"#ROSBAG V", b"\x89MCAP", b"SQLite format 3\0")),
+        bag.read,
+    ),
+    Format(
+        "text",
+        "text, comma-separated or other",
+        (".csv", ".txt", ".tsv", ".dat", ".asc", ".log"),
+        _never,
+        texts.read,
+    ),
+)
+_BY_NAME: Final = {own.name: own for own in _FORMATS}
+#: What can be read, for messages.
+READABLE: Final = (
+    "text as CSV (plain, .gz, .zst), Parquet, MATLAB .mat, HDF5, TDMS, MDF4 .mf4, bags of ROS 2 and ROS 1"
+)
+#: What is sometimes taken for a table, and what to do with it.
+_OTHERS: Final = (
+    (b"PK\x03\x04", "a zip archive or a spreadsheet; save its sheet as CSV"),
+    (b"\xd0\xcf\x11\xe0", "a spreadsheet; save its sheet as CSV"),
+    (b"ARROW1", "a Feather file; save it as Parquet"),
+    (b"FEA1", "a Feather file; save it as Parquet"),
+    (b"%PDF", "a PDF"),
+    (b"\x89PNG", "a picture"),
+)
+
+
+def format_of(path: Path) -> Format:
+    """Return the format of a file, by what it begins with, then by its ending.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, or it is of none; the message lists what can be read.
+    """
+    try:
+        if path.is_dir():
+            if (path / "metadata.yaml").is_file():
+                return _BY_NAME["bag"]
+            raise InputError(f"{path}: cannot be read: it is not a file, and no bag (no metadata.yaml)")
+        if path.exists() and not path.is_file():
+            raise InputError(f"{path}: cannot be read: it is not a file")
+        with path.open("rb") as file:
+            raw = file.read(_HEAD)
+        for form in _FORMATS:
+            if form.begins(raw):
+                return form
+        for mark, what in _OTHERS:
+            if raw.startswith(mark):
+                raise InputError(f"{path}: is {what}; allowed: {READABLE}")
+        head = text_of(path, most=_HEAD)
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    if not head:
+        raise InputError(f"{path}: cannot be read: it is empty")
+    ending = path.suffix.lower()
+    if path.suffix == ".mat":  # version 4 begins with numbers
+        return _BY_NAME["mat"]
+    if b"\0" not in head or head.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return _BY_NAME["text"]
+    if ending == ".csv":
+        raise InputError(f"{path}: is no text: it has a zero byte near its beginning; allowed: {READABLE}")
+    named = next((f.title for f in _FORMATS if ending in f.endings), "")
+    what = f"does not begin as {named} does" if named else "is of no known format"
+    raise InputError(f"{path}: {what}; allowed: {READABLE}")
+
+
+def read_grid(path: Path, names: Sequence[str] | None = None) -> Grid:
+    """Read a table of any format.
+
+    Parameters
+    ----------
+    path : Path
+        The file, or the directory of a bag.
+    names : sequence of str, optional
+        Columns that are wanted; all if not given. Clocks of those come along.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or is larger than what may be read.
+    """
+    return format_of(path).read(path, names)

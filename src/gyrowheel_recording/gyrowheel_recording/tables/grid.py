@@ -1,0 +1,132 @@
+"""The one type of table behind all formats: columns by name, each with its unit and its clock."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.limits import require_room
+from gyrowheel_recording.tables.cells import Odd
+
+BYTES_A_VALUE = 16  # as it is read, and as it is converted
+_WIDEST = 64  # columns of a matrix; a wider one is no table of signals
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a table.
+
+    Attributes
+    ----------
+    name : str
+        Its name, as maps call it.
+    values : ndarray (n,)
+        Numbers, dates (``datetime64``) or texts.
+    unit : str
+        Unit that the file states; empty where it states none.
+    clock : str
+        Name of the column with the times of its rows; empty where the file does not say.
+    odd : tuple of Odd
+        Cells of a text that are no numbers, or are written in another way than the others.
+    """
+
+    name: str
+    values: NDArray[Any]
+    unit: str = ""
+    clock: str = ""
+    odd: tuple[Odd, ...] = ()
+
+    @property
+    def numeric(self) -> bool:
+        """Whether it holds numbers."""
+        return self.values.dtype.kind in "biuf"
+
+    @property
+    def dated(self) -> bool:
+        """Whether it holds dates with times."""
+        return self.values.dtype.kind == "M"
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A table that was read.
+
+    Attributes
+    ----------
+    name : str
+        Name of the file, for messages.
+    columns : dict of str to Column
+        Columns in the order of the file. Those of one clock have as many rows; others may have more or fewer.
+    remarks : tuple of str
+        What the reader left out, and why.
+    """
+
+    name: str
+    columns: Mapping[str, Column] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, name: str, columns: Iterable[Column], remarks: Sequence[str] = ()) -> Grid:
+        """Return a table of columns; a name that occurs again gets a number.
+
+        Raises
+        ------
+        InputError
+            If there is no column.
+        """
+        found: dict[str, Column] = {}
+        for column in columns:
+            own, count = column.name, 1
+            while own in found:
+                count += 1
+                own = f"{column.name} ({count})"
+            found[own] = replace(column, name=own)
+        if not found:
+            raise InputError(f"{name}: has no columns of numbers")
+        return cls(name, found, tuple(remarks))
+
+    def cut(self, rows: Any) -> Grid:
+        """Return some rows, a slice or their numbers; all columns must be of one clock. Those of texts stay."""
+        own = {
+            name: replace(column, values=column.values[rows]) if column.numeric or column.dated else column
+            for name, column in self.columns.items()
+        }
+        return replace(self, columns=own)
+
+    @property
+    def rows(self) -> int:
+        """Number of rows of the longest column."""
+        return max(len(column.values) for column in self.columns.values())
+
+
+def split(name: str, values: Any, *, unit: str = "", joint: str = ".") -> list[Column]:
+    """Return an array as columns: a vector is one, a matrix has them along its shorter side, a record has fields.
+
+    What holds neither numbers nor dates gives none.
+    """
+    array = np.asarray(values)
+    if array.dtype.names:
+        fields = [split(f"{name}{joint}{own}", array[own], unit="", joint=joint) for own in array.dtype.names]
+        return [column for columns in fields for column in columns]
+    if array.dtype.kind not in "biufM" or array.size < 2:
+        return []
+    array = np.squeeze(array)
+    if array.ndim == 1:
+        return [Column(name, array, unit)]
+    if array.ndim != 2:
+        return []
+    if array.shape[0] < array.shape[1]:
+        array = array.T
+    if array.shape[1] > _WIDEST:
+        return []
+    return [Column(f"{name}{joint}{k + 1}", array[:, k], unit) for k in range(array.shape[1])]
+
+
+def require_table(values: float, where: str) -> None:
+    """Refuse a table of more values than the memory may hold (`limits.require_room`)."""
+    require_room(BYTES_A_VALUE * values, f"{where}: its table")

@@ -1,0 +1,17 @@
+"""For colcon only; pip reads pyproject.toml."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+setup(
+    name="gyrowheel-recording",
+    version="0.1.0",
+    packages=find_packages(include=["gyrowheel_recording", "gyrowheel_recording.*"]),
+    package_data={"": ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["resource/gyrowheel_recording"]),
+        ("share/gyrowheel_recording", ["package.xml"]),
+        ("lib/gyrowheel_recording", sorted(glob("scripts/*"))),
+    ],
+)
