@@ -142,6 +142,9 @@ def test_the_command_line_knows_the_front_door_alone() -> None:
         if path.parent.name == "cli" or path.stem.endswith("verb"):
             below = {n for n in imported(path) if n.split(".")[0] in LAYERS[:-1]}
             assert below <= allowed, path
+            assert not {n for n in imported(path) if n.split(".")[0] in {"matplotlib", "numpy", "rclpy"}}, (
+                path
+            )
 
 
 def test_text_and_pictures_do_not_import_the_front_door() -> None:

@@ -330,15 +330,6 @@ def test_table_and_back(drag: gw.Recording, tmp_path: Path) -> None:
         assert np.array_equal(again.measurement[name], drag.measurement[name])
 
 
-@pytest.mark.parametrize("path", sorted(CLI.glob("*.py")), ids=lambda path: path.stem)
-def test_command_line_uses_the_api_and_nothing_below_it(path: Path) -> None:
-    below = ("gyrowheel_", "matplotlib", "numpy", "rclpy")
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-        names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-        assert not [name for name in names if name.startswith(below)]
-
-
 def test_investigation_ends_with_a_diagnosis_and_keeps_its_recordings(tmp_path: Path) -> None:
     said: list[str] = []
     done = gw.investigate(

@@ -103,7 +103,7 @@ PAGES: dict[str, Page] = {
         1.0,
     ),
     "diagnose": lambda: [part for found in (TWO, AMBIGUOUS, UNKNOWN) for part in diagnosis_page(found)],
-    "investigate": lambda: INVESTIGATION._page(),
+    "investigate": lambda: INVESTIGATION.page(),
     "campaign": lambda: campaign_page(CAMPAIGN, "campaign"),
     "cfd mesh": lambda: mesh_page(torque_table().rows[0].case, MESH, "out/mesh"),
     "cfd run": lambda: result_page(torque_table().rows[3], "out/case"),
@@ -153,7 +153,7 @@ def test_every_verb_is_here():
 def test_no_table_is_made_elsewhere():
     root = Path(gyrowheel.__file__).parent
     made = {path.name for path in root.rglob("*.py") if re.search(r"\bTable\(|Table\.grid", path.read_text())}
-    assert made == {"layout.py", "uncut_table.py"}
+    assert made == {"layout.py", "table.py"}
 
 
 @pytest.fixture

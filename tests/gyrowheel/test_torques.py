@@ -42,10 +42,10 @@ def test_the_air_is_a_part_and_a_vacuum_has_none(tmp_path: Path) -> None:
         gw.torques(model=known, tilt=3 * DEG, spin_rate=3500 * RPM, air_density_ratio=density)
         for density in (1.0, 0.0)
     )
-    cross = {part.name: part.coil[0] for part in there.details.parts}["aero_cross"]
+    cross = {part.name: part.coil[0] for part in there.parts}["aero_cross"]
     law = -1j * gw.effects["aero_cross"].defaults()["c"] * math.tan(3 * DEG)
     assert cross == pytest.approx(law, rel=0.02)
-    left = {part.name: part.coil[0] for part in vacuum.details.parts}["aero_cross"]
+    left = {part.name: part.coil[0] for part in vacuum.parts}["aero_cross"]
     assert abs(left) < 1e-3 * abs(cross)
 
 
@@ -90,16 +90,16 @@ def test_a_recording_shows_what_the_model_leaves(gyrowheel: Shell, wheel: Wheel,
     assert max(len(line) for line in text.splitlines() if "picture" not in line) <= 80
     assert picture.read_bytes().startswith(b"\x89PNG")
     result = gw.torques(wheel.recording, gw.Model.load(wheel.model))
-    assert len(result.details) == 8
+    assert len(result) == 8
     # windage of 1.3 mN m at 3500 rpm is in the machine and not in the model
-    fast = result.details.spin_rate > 3400 * RPM
+    fast = result.spin_rate > 3400 * RPM
     assert result.remainder_motor[fast] == pytest.approx(1.3e-3, abs=0.25e-3)
     assert np.abs(result.remainder_coil).max() < 0.15e-3
 
 
 def test_the_result_shows_itself(wheel: Wheel) -> None:
     result = gw.torques(wheel.recording, gw.Model.load(wheel.model))
-    assert str(result).startswith("8 holds; coils hold up to")
+    assert result.headline().startswith("8 holds; coils supply up to")
     assert "joint ripple" in result._repr_html_()
     columns = result.to_columns()
     parts = [

@@ -16,7 +16,7 @@ WAY = (
     "gyrowheel_analysis.reduction",
     "gyrowheel_analysis.balance",
     "gyrowheel_analysis.residuals",
-    "gyrowheel.text",
+    "gyrowheel.show",
 )
 
 

@@ -56,8 +56,7 @@ if TYPE_CHECKING:
     from gyrowheel.simulation.api import simulate
     from gyrowheel.tables.api import read_bag, read_table, suggest_map, write_table
     from gyrowheel.tables.table_map import TableMap
-    from gyrowheel.torque_budget.api import torques
-    from gyrowheel.torque_budget.result import Torques
+    from gyrowheel.torque_budget.api import Torques, torques
     from gyrowheel_core.errors import InputError
 
 __version__ = "0.1.0"
@@ -81,7 +80,7 @@ _HOMES = {
     "Recording": "gyrowheel.recordings.api",
     "Report": "gyrowheel.report.api",
     "TableMap": "gyrowheel.tables.table_map",
-    "Torques": "gyrowheel.torque_budget.result",
+    "Torques": "gyrowheel.torque_budget.api",
     "benches": "gyrowheel.catalogue.api",
     "calibrate": "gyrowheel.calibration.api",
     "campaign": "gyrowheel.campaigns.api",

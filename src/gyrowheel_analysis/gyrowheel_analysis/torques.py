@@ -43,6 +43,12 @@ class HoldTorques:
         Mean voltage of the motor [V]; by the model without a recording.
     coil_margin, motor_margin, tilt_margin : ndarray
         What is left to the limit of the coils, of the supply and of the tilt, as a share of it.
+    model : str
+        Origin of the model: its file, or ``model``.
+    recordings : tuple of str
+        Paths of the recordings; empty if the holds were simulated.
+    orbit : bool
+        Whether they were simulated in orbit: without air, weight and the rate of the Earth.
     """
 
     tilt: Any
@@ -57,6 +63,9 @@ class HoldTorques:
     coil_margin: Array
     motor_margin: Array
     tilt_margin: Array
+    model: str = ""
+    recordings: tuple[str, ...] = ()
+    orbit: bool = False
 
     def __len__(self) -> int:
         """Return the number of holds."""
@@ -72,9 +81,19 @@ class HoldTorques:
         """Torque of the motor, the sum of all parts [N m], (n,)."""
         return sum((part.motor for part in self.parts), np.zeros(len(self)))
 
+    @property
+    def remainder_coil(self) -> Any:
+        """Measured less predicted torque of the coils [N m], complex (n,); None without a recording."""
+        return None if self.measured_coil is None else self.measured_coil - self.predicted_coil
+
+    @property
+    def remainder_motor(self) -> Any:
+        """Measured less predicted torque of the motor [N m], (n,); None without a recording."""
+        return None if self.measured_motor is None else self.measured_motor - self.predicted_motor
+
     @classmethod
-    def joined(cls, rows: Iterable[HoldTorques]) -> HoldTorques:
-        """Return holds of one model one after the other."""
+    def joined(cls, rows: Iterable[HoldTorques], **labels: Any) -> HoldTorques:
+        """Return holds of one model one after the other, labelled with model, recordings and orbit."""
         every = list(rows)
         first = every[0]
         parts = tuple(
@@ -89,9 +108,9 @@ class HoldTorques:
         fields: dict[str, Any] = {
             name: None if value is None else np.concatenate([getattr(own, name) for own in every])
             for name, value in vars(first).items()
-            if name != "parts"
+            if name not in ("parts", "model", "recordings", "orbit")
         }
-        return cls(parts=parts, **fields)
+        return cls(parts=parts, **fields, **labels)
 
 
 def hold_torques(windows: Windows, model: Model, *, measured: bool = True) -> HoldTorques:

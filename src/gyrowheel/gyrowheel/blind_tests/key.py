@@ -183,7 +183,8 @@ class Key(Result):
 
         return "\n".join([self.sentence, *(f"  {q.owner}: {' '.join(row(q)).strip()}" for q in self.effects)])
 
-    def _page(self) -> Iterable[RenderableType]:
+    def page(self) -> Iterable[RenderableType]:
+        """Return the page that `print` and a notebook show."""
         from gyrowheel.blind_tests.page import key_page
 
         return key_page(self)

@@ -61,7 +61,8 @@ class Calibration(Result):
         lines += [f"{name}: not determined: {reason}" for name, reason in self.undetermined.items()]
         return "\n".join(lines)
 
-    def _page(self) -> Iterable[RenderableType]:
+    def page(self) -> Iterable[RenderableType]:
+        """Return the page that `print` and a notebook show."""
         from gyrowheel.calibration.page import calibration_page
 
         return calibration_page(self.details)

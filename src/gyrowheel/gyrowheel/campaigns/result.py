@@ -43,7 +43,8 @@ class CampaignResult(Result):
         right = sum(case.right for case in self.cases)
         return f"{self.title}: {right} of {len(self.cases)} right"
 
-    def _page(self) -> Iterable[RenderableType]:
+    def page(self) -> Iterable[RenderableType]:
+        """Return the page that `print` and a notebook show."""
         from gyrowheel.campaigns.page import campaign_page
 
         return campaign_page(self.details, self.title)

@@ -90,7 +90,8 @@ class PlanCheck(Result):
             return "\n".join(f"{self.file}:{wrong_line(item)}" for item in self.wrong)
         return "\n".join([f"{self.file}: nothing wrong, bench {self.bench}", *outlook_lines(self.outlook)])
 
-    def _page(self) -> Iterable[RenderableType]:
+    def page(self) -> Iterable[RenderableType]:
+        """Return the page that `print` and a notebook show."""
         from gyrowheel.catalogue.plan_page import check_page
 
         return check_page(self)

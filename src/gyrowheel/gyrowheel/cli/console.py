@@ -9,7 +9,7 @@ import os
 import re
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, TextIO, cast
 
@@ -20,6 +20,8 @@ from gyrowheel_core.errors import InputError, one_line, printable
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
+    from gyrowheel.show.result import Result
+
 
 OK, FINDING, BAD_INPUT, NODE_FAILED, DEFECT, INTERRUPTED = 0, 1, 2, 3, 70, 130
 #: Nobody reads the output any more: as of a process that SIGPIPE ended, so that no script takes it for a result.
@@ -29,7 +31,6 @@ CUT_OFF = 141
 _LIMITS = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
 _NUMBERS = {"int": "whole numbers", "float": "numbers"}
 _BLIND = "--blind"
-_NARROWEST, _WIDEST = 40, 110  # lines [characters]
 _TRAILING = re.compile(r" +$", re.MULTILINE)
 
 #: A line about what is being done.
@@ -158,6 +159,44 @@ def warn_of(setup: Sequence[Any]) -> None:
         from gyrowheel.show.sentences.setup import setup_line
 
         notes().print(f"warning: {setup_line(setup)}", soft_wrap=True, highlight=False, style="yellow")
+
+
+def put(
+    result: Result,
+    json: str | None,
+    picture: Path | None = None,
+    *,
+    page: Iterable[RenderableType] | None = None,
+    after: Iterable[RenderableType] = (),
+    more: Mapping[str, Any] | None = None,
+) -> None:
+    """Write a result: its page to stdout, its JSON and its picture where they were asked for.
+
+    Parameters
+    ----------
+    result : Result
+        The result.
+    json : str or None
+        Value of ``--json``; with ``-`` the JSON takes the place of the page.
+    picture : Path or None
+        Value of ``--picture``.
+    page : iterable, optional
+        The page where options of the verb change it; that of the result if not given.
+    after : iterable
+        What follows the page, such as the command to type next.
+    more : mapping, optional
+        Further fields of the JSON.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be written, or there is nothing to draw.
+    """
+    if json is not None:
+        put_json(json, result.to_dict() | dict(more or {}))
+    if json != "-":
+        put_text(itertools.chain(result.page() if page is None else page, after))
+    put_picture(picture, result.plot, quiet=json == "-")
 
 
 def put_text(parts: Iterable[RenderableType]) -> None:
@@ -339,10 +378,11 @@ class _Trimmed:
 def _console(*, stderr: bool) -> Console:
     from rich.console import Console
 
+    from gyrowheel.show.layout import readable
+
     # paths and texts of users may hold what rich takes for markup
     trimmed = _Trimmed(stderr=stderr)
     file = None if trimmed.isatty() else cast(IO[str], trimmed)
     console = Console(file=file, stderr=stderr, highlight=False, markup=False, emoji=False)
-    # long lines are hard to read, and tables without room lose what they hold
-    console.width = min(max(console.width, _NARROWEST), _WIDEST)
+    console.width = readable(console.width)
     return console

@@ -98,7 +98,8 @@ class Comparison(Result):
             ]
         return "\n".join(lines)
 
-    def _page(self) -> Iterable[RenderableType]:
+    def page(self) -> Iterable[RenderableType]:
+        """Return the page that `print` and a notebook show."""
         from rich.panel import Panel
         from rich.text import Text
 

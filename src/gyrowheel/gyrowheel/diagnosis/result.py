@@ -160,7 +160,8 @@ class Diagnosis(Result):
             lines.append(f"  next test: plan {self.next_test.plan}, {self.next_test.minutes:.1f} min")
         return "\n".join([*lines, proof_sentence(self.details.proof, self.error)])
 
-    def _page(self) -> Iterable[RenderableType]:
+    def page(self) -> Iterable[RenderableType]:
+        """Return the page that `print` and a notebook show."""
         from gyrowheel.diagnosis.page import error_section, findings
 
         yield from findings(self.details)

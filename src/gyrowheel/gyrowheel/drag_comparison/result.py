@@ -66,7 +66,8 @@ class Drag(Result):
             f"({constants} constants)"
         )
 
-    def _page(self) -> Iterable[RenderableType]:
+    def page(self) -> Iterable[RenderableType]:
+        """Return the page that `print` and a notebook show."""
         from gyrowheel.drag_comparison.page import drag_page
         from gyrowheel.show.layout import heading
 

@@ -64,7 +64,7 @@ def drag(
     if json is not None:
         put_json(json, result.to_dict())
     if json != "-":
-        put_text(result._page())
+        put_text(result.page())
     if columns is not None:
         result.write_signals(columns)
         if json != "-":

@@ -79,7 +79,8 @@ class Investigation(Result):
             lines += [f"     {sentence}" for sentence in step.learned]
         return "\n".join(lines)
 
-    def _page(self) -> Iterable[RenderableType]:
+    def page(self) -> Iterable[RenderableType]:
+        """Return the page that `print` and a notebook show."""
         from rich.panel import Panel
         from rich.text import Text
 

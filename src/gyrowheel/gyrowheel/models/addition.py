@@ -63,8 +63,8 @@ class Addition(Result):
         lines = [f"Added {', '.join(self.details.coefficients)}. {sentence}", *self.notes]
         return "\n".join([*lines, proof_sentence(self.details.proof, e)])
 
-    def _page(self) -> Iterable[RenderableType]:
-
+    def page(self) -> Iterable[RenderableType]:
+        """Return the page that `print` and a notebook show."""
         from gyrowheel.models.page import changes
         from gyrowheel.show.error_table import error_table
         from gyrowheel.show.layout import heading, sentences

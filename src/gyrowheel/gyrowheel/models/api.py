@@ -247,7 +247,8 @@ class Model:
         """Return bench and names of the effects."""
         return f"<Model: {self._details.bench_source}; {', '.join(self._details.effects) or 'no effects'}>"
 
-    def _page(self) -> Iterable[RenderableType]:
+    def page(self) -> Iterable[RenderableType]:
+        """Return the page that `print` and a notebook show."""
         from gyrowheel.models.page import model_page
 
         return model_page(self._details, self.origin)
@@ -255,7 +256,7 @@ class Model:
     def _repr_html_(self) -> str:
         from gyrowheel.show.notebook import html
 
-        return html(self._page())
+        return html(self.page())
 
 
 def _chosen(what: Diagnosis | str | Effect | Sequence[str | Effect]) -> list[str | Effect]:

@@ -58,7 +58,8 @@ class Momentum(Result):
         ]
         return "\n".join(lines)
 
-    def _page(self) -> Iterable[RenderableType]:
+    def page(self) -> Iterable[RenderableType]:
+        """Return the page that `print` and a notebook show."""
         from gyrowheel.momentum_envelope.page import momentum_page
 
         return momentum_page(self)

@@ -109,7 +109,7 @@ def _half(e: Evidence) -> Finding:
     tuned = math.sqrt(2.0 * stiffness / bench.tuning_inertia)
     found = e.parts_by_speed
     spring, air = part(found, "flexure_stiffness").real, part(found, "aero_restoring").real
-    bare = found.details.coil.real - air
+    bare = found.coil.real - air
     wrong = bare + (factor - 1.0) * spring
 
     def draw() -> Figure:

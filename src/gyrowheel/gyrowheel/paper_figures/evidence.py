@@ -18,8 +18,7 @@ from gyrowheel.momentum_envelope.result import Momentum
 from gyrowheel.paper_figures.result import Finding
 from gyrowheel.recordings.api import Recording
 from gyrowheel.simulation.api import simulate
-from gyrowheel.torque_budget.api import torques
-from gyrowheel.torque_budget.result import Torques
+from gyrowheel.torque_budget.api import Torques, torques
 from gyrowheel_air.correlations import Drag as Correlated
 from gyrowheel_air.correlations import drag as correlated
 from gyrowheel_air.effects import air_effects
@@ -185,12 +184,12 @@ def within(worst: float) -> str:
 def part(found: Torques, name: str) -> Any:
     """Return the coil torques of a part [N m], complex (n,); zero without such a part."""
     return sum(
-        (own.coil for own in found.details.parts if own.name == name),
-        np.zeros(len(found.details), dtype=complex),
+        (own.coil for own in found.parts if own.name == name),
+        np.zeros(len(found), dtype=complex),
     )
 
 
 def air_part(found: Torques) -> tuple[Any, Array]:
     """Return the torques of the air on coils, complex (n,), and motor (n,) [N m]."""
-    own = [item for item in found.details.parts if item.effect]
+    own = [item for item in found.parts if item.effect]
     return sum(item.coil for item in own), np.asarray(sum(item.motor for item in own))

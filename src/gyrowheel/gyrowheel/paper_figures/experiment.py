@@ -104,7 +104,7 @@ def _gimbal_error(e: Evidence, spin_rate: float) -> float:
 
 def _fig_14_cause(e: Evidence) -> Finding:
     found = e.parts_by_tilt
-    whole, (coils, _) = found.details.coil, air_part(found)
+    whole, (coils, _) = found.coil, air_part(found)
     along, air = float(whole[-1].real), float(coils[-1].real)
     unknown = math.hypot(_spring_error(e), _gimbal_error(e, REFERENCE))
     across, air_across = float(whole[-1].imag), float(coils[-1].imag)
@@ -202,7 +202,7 @@ def _fig_16(e: Evidence) -> Finding:
 
 def _fig_16_cause(e: Evidence) -> Finding:
     found = e.parts_by_speed
-    whole, (coils, _) = found.details.coil, air_part(found)
+    whole, (coils, _) = found.coil, air_part(found)
     change = float((whole[-1] - whole[0]).real)
     air = float((coils[-1] - coils[0]).real)
     gimbal, ripple = (
@@ -255,7 +255,7 @@ def _fig_16_cause(e: Evidence) -> Finding:
 
 def _fig_16_across(e: Evidence) -> Finding:
     found = e.parts_by_speed
-    whole, (coils, _) = found.details.coil, air_part(found)
+    whole, (coils, _) = found.coil, air_part(found)
     change, air = float((whole[-1] - whole[0]).imag), float((coils[-1] - coils[0]).imag)
     share = air / change
     return Finding(
@@ -296,7 +296,7 @@ def _motor_picture(e: Evidence) -> Figure:
     ]
     right = [
         Curve("air", rpm, _MILLI * factor * motor, BLUE, marker="o"),
-        Curve("bearing", rpm, _MILLI * factor * (found.details.motor - motor), SOFT, marker="s"),
+        Curve("bearing", rpm, _MILLI * factor * (found.motor - motor), SOFT, marker="s"),
     ]
     return curves_figure(
         "Voltage of the motor over the speed, 3°",
@@ -311,7 +311,7 @@ def _motor_picture(e: Evidence) -> Figure:
 def _fig_17_cause(e: Evidence) -> Finding:
     found, b = e.parts_by_speed, e.bench
     _, motor = air_part(found)
-    whole = float(found.details.motor_voltage[-1] - found.details.motor_voltage[0])
+    whole = float(found.motor_voltage[-1] - found.motor_voltage[0])
     back = b.value("motor_constant") * (SPEEDS[-1] - SPEEDS[0])
     air = float(motor[-1] - motor[0]) * b.value("motor_resistance") / b.value("motor_constant")
     known = b.parameters["motor_constant"].relative_uncertainty * back

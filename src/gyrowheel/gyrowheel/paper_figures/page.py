@@ -79,7 +79,7 @@ def html_page(result: Paper, pictures: Mapping[str, bytes]) -> str:
         }
         for k, row in enumerate(result.rows)
     ]
-    page = environment().get_template("paper.html")
+    page = environment("gyrowheel.paper_figures").get_template("paper.html")
     return page.render(
         style=style_sheet(),
         citation=cells.words("paper"),

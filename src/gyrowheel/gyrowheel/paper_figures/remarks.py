@@ -24,7 +24,7 @@ def _needed(e: Evidence) -> Finding:
     found = e.parts_by_speed
     coils, _ = air_part(found)
     place = SPEEDS.index(REFERENCE)
-    share = abs(complex(coils[place])) / abs(complex(found.details.coil[place]))
+    share = abs(complex(coils[place])) / abs(complex(found.coil[place]))
     return Finding(
         "agree" if share > 0.1 else "disagree",
         f"At 3° and 3500 rpm the air has {_MILLI * abs(complex(coils[place])):.2f} mN·m, {share:.1f} times what "
@@ -36,7 +36,7 @@ def _needed(e: Evidence) -> Finding:
 
 
 def _platform(e: Evidence) -> Finding:
-    bench, found = e.bench, e.parts_by_speed.details
+    bench, found = e.bench, e.parts_by_speed
     motor, coils = float(found.motor_margin.min()), float(found.coil_margin.min())
     plans = [Plan.load(name) for name in ("paper_tilt", "paper_speed")]
     tilt = max(abs(s.tilt) for plan in plans for s in plan.segments)
@@ -102,7 +102,7 @@ def _uneven(e: Evidence) -> Finding:
     def asymmetry(model: Model) -> float:
         """Return by how much the coils' torque differs between a tilt about x and one about y [N m]."""
         about: list[Any] = [
-            torques(model=model, tilt=TILT, azimuth=azimuth, spin_rate=REFERENCE).details.coil[0]
+            torques(model=model, tilt=TILT, azimuth=azimuth, spin_rate=REFERENCE).coil[0]
             for azimuth in (0.0, 0.5 * math.pi)
         ]
         return abs(complex(about[0] + 1j * about[1]))

@@ -119,7 +119,8 @@ class Paper(Result):
         counted = ", ".join(f"{verdict}: {number}" for verdict, number in self.counts().items())
         return f"{len(self.rows)} of {self.total} statements of Huo et al. 2016; {counted}"
 
-    def _page(self) -> Iterable[RenderableType]:
+    def page(self) -> Iterable[RenderableType]:
+        """Return the page that `print` and a notebook show."""
         from gyrowheel.paper_figures.page import paper_page
 
         return paper_page(self)

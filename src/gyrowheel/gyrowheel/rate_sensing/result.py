@@ -69,7 +69,8 @@ class Rates(Result):
         ]
         return "\n".join(lines)
 
-    def _page(self) -> Iterable[RenderableType]:
+    def page(self) -> Iterable[RenderableType]:
+        """Return the page that `print` and a notebook show."""
         from gyrowheel.rate_sensing.page import rates_page
 
         return rates_page(self.details)

@@ -198,7 +198,8 @@ class Recording:
         """Return name, length and number of samples."""
         return f"<Recording: {self.name}, {self.duration:.2f} s, {len(self)} samples>"
 
-    def _page(self) -> Iterable[RenderableType]:
+    def page(self) -> Iterable[RenderableType]:
+        """Return the page that `print` and a notebook show."""
         from gyrowheel.recordings.page import info_page
 
         return info_page(self.info)
@@ -206,7 +207,7 @@ class Recording:
     def _repr_html_(self) -> str:
         from gyrowheel.show.notebook import html
 
-        return html(self._page())
+        return html(self.page())
 
 
 def salvage(

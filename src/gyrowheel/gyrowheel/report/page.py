@@ -134,7 +134,7 @@ def markdown_page(report: Report) -> str:
     ]
     lines += ["## Result\n", block(plain_text(diagnosis(report.diagnosis.details), _WIDTH).strip("\n"))]
     if report.addition is not None:
-        lines += ["## Added\n", block(plain_text(report.addition._page(), _WIDTH).strip("\n"))]
+        lines += ["## Added\n", block(plain_text(report.addition.page(), _WIDTH).strip("\n"))]
     lines += [
         "## Model\n",
         block(plain_text(model_page(report.latest.details, report.latest.origin), _WIDTH)),

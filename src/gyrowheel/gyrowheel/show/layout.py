@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import shutil
 from collections.abc import Iterable
 
 from rich import box
@@ -14,6 +15,7 @@ from rich.text import Text
 from gyrowheel.show.table import UncutTable
 
 _MARGIN = (0, 0, 0, 2)
+_NARROWEST, _WIDEST = 40, 110  # lines [characters]: long ones are hard to read, and tables need some width
 
 
 def heading(text: str) -> Text:
@@ -92,4 +94,14 @@ def plain_text(parts: Iterable[RenderableType], width: int = 80) -> str:
         color_system=None,
     )
     show(plain, parts)
-    return "\n".join(line.rstrip() for line in stream.getvalue().rstrip().splitlines())
+    return "\n".join(line.rstrip() for line in stream.getvalue().strip("\n").splitlines()).rstrip()
+
+
+def terminal_width() -> int:
+    """Return the width of a page on this terminal [characters]; 80 where there is none."""
+    return readable(shutil.get_terminal_size((80, 24)).columns)
+
+
+def readable(width: int) -> int:
+    """Return the width of a page on a terminal of some width [characters]."""
+    return min(max(width, _NARROWEST), _WIDEST)

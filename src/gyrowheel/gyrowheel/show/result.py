@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Iterable, Mapping
+from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from gyrowheel_core.errors import InputError
 
@@ -16,26 +17,41 @@ if TYPE_CHECKING:
 
 
 class Result(abc.ABC):
-    """A result, as short text, as page in a notebook, as columns, as JSON, and as picture if it has one."""
+    """A result: a page (printed, in a notebook, by the verb), columns, JSON, and a picture if it has one.
+
+    A result of the packages below is shown by a subclass of it and of this class: it has the same fields, and its
+    `page` and `plot` hand it to functions that know the facts alone.
+    """
 
     __slots__ = ()
 
+    @classmethod
+    def of(cls, facts: Any, **more: Any) -> Self:
+        """Return the result with the fields of `facts`, and of what it has beyond them."""
+        return cls(**{field.name: getattr(facts, field.name) for field in fields(facts)}, **more)
+
     @abc.abstractmethod
+    def page(self) -> Iterable[RenderableType]:
+        """Return the page that ``print``, a notebook and the verb show, part by part."""
+
+    def headline(self) -> str:
+        """Return the result in one line."""
+        return str(self).strip().partition("\n")[0]
+
     def __str__(self) -> str:
-        """Return the result in a few lines."""
+        """Return the page as text, at the width of the terminal."""
+        from gyrowheel.show.layout import plain_text, terminal_width
+
+        return plain_text(self.page(), terminal_width())
 
     def __repr__(self) -> str:
-        """Return class and first line of the text."""
-        return f"<{type(self).__name__}: {str(self).partition(chr(10))[0]}>"
-
-    @abc.abstractmethod
-    def _page(self) -> Iterable[RenderableType]:
-        """Return the page that a notebook shows, part by part."""
+        """Return class and headline."""
+        return f"<{type(self).__name__}: {self.headline()}>"
 
     def _repr_html_(self) -> str:
         from gyrowheel.show.notebook import html
 
-        return html(self._page())
+        return html(self.page())
 
     @abc.abstractmethod
     def to_dict(self) -> dict[str, Any]:

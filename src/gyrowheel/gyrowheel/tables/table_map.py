@@ -64,7 +64,8 @@ class TableMap(Result):
         asked = [f"  ? {text}" for text in self.questions]
         return "\n".join([f"{self.details.table} ({self.details.kind}): {columns}", *asked])
 
-    def _page(self) -> Iterable[RenderableType]:
+    def page(self) -> Iterable[RenderableType]:
+        """Return the page that `print` and a notebook show."""
         from gyrowheel.tables.page import suggestion_page
 
         return suggestion_page(self)

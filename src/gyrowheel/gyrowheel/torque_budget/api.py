@@ -1,17 +1,18 @@
-"""What coils and motor hold: of a recording, or of holds that a model is simulated in."""
+"""Torque that coils and motor supply in the holds of a recording, or in simulated ones."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from gyrowheel.models.api import Model
 from gyrowheel.recordings.inputs import Fraction, Recordings, data, opened, require_one_machine
-from gyrowheel.torque_budget.result import Torques
+from gyrowheel.show.result import Result
 from gyrowheel_analysis.fitting.preparation import one_thread, samples_of
 from gyrowheel_analysis.reduction import Samples, reduce
 from gyrowheel_analysis.torques import HoldTorques, hold_torques
@@ -23,8 +24,102 @@ from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.environment import ORBIT
 from gyrowheel_sim.plant.scenario import Scenario
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.console import RenderableType
+
 _HOLD = 6.0  # s; what the start and the pump leave behind has died away
 _MOST = 500  # holds
+
+
+@dataclass(frozen=True, repr=False)
+class Torques(Result, HoldTorques):
+    """Outcome of `torques`: the torque of every part, the voltages and the margins, arrays over the holds (n,).
+
+    The fields are those of `gyrowheel_analysis.torques.HoldTorques`; complex numbers are x + i y in case axes.
+    """
+
+    def headline(self) -> str:
+        """Return the largest torques."""
+        place = " in orbit" if self.orbit else ""
+        return (
+            f"{len(self)} holds{place}; coils supply up to {1e3 * np.abs(self.coil).max():.3g} mN·m, "
+            f"motor up to {1e3 * np.abs(self.motor).max():.3g} mN·m"
+        )
+
+    def page(self) -> Iterable[RenderableType]:
+        """Return the tables of torques, voltages and margins."""
+        from gyrowheel.torque_budget.page import torques_page
+
+        return torques_page(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of ``gyrowheel torques --json``; SI units."""
+
+        def xy(value: complex) -> list[float]:
+            return [float(np.real(value)), float(np.imag(value))]
+
+        holds = []
+        for k in range(len(self)):
+            hold: dict[str, Any] = {
+                "tilt": xy(self.tilt[k]),
+                "spin_rate": float(self.spin_rate[k]),
+                "coil_torque": xy(self.coil[k]),
+                "motor_torque": float(self.motor[k]),
+                "parts": {
+                    part.name: {"coil": xy(part.coil[k]), "motor": float(part.motor[k])}
+                    for part in self.parts
+                },
+                "coil_voltage": xy(self.coil_voltage[k]),
+                "motor_voltage": float(self.motor_voltage[k]),
+                "margin": {
+                    "coil": float(self.coil_margin[k]),
+                    "motor": float(self.motor_margin[k]),
+                    "tilt": float(self.tilt_margin[k]),
+                },
+            }
+            if self.recordings:
+                hold["measured"] = {
+                    "coil": xy(self.measured_coil[k]),  # type: ignore[index]
+                    "motor": float(self.measured_motor[k]),  # type: ignore[index]
+                }
+                hold["remainder"] = {
+                    "coil": xy(self.remainder_coil[k]),
+                    "motor": float(self.remainder_motor[k]),
+                }
+            holds.append(hold)
+        return {
+            "schema": 1,
+            "model": self.model,
+            "recordings": list(self.recordings),
+            "orbit": self.orbit,
+            "holds": holds,
+        }
+
+    def to_columns(self) -> Mapping[str, Any]:
+        """Return tilt [rad], spin rate [rad/s] and the torques of every part [N·m] as columns of shape (n,)."""
+        columns: dict[str, Any] = {
+            "tilt_x": np.real(self.tilt), "tilt_y": np.imag(self.tilt), "spin_rate": self.spin_rate,
+        }  # fmt: skip
+        torques = [
+            ("all", self.coil, self.motor),
+            *((part.name, part.coil, part.motor) for part in self.parts),
+        ]
+        if self.recordings:
+            torques.append(("remainder", self.remainder_coil, self.remainder_motor))
+        for name, coil, motor in torques:
+            columns |= {
+                f"{name}_coil_x": np.real(coil),
+                f"{name}_coil_y": np.imag(coil),
+                f"{name}_motor": motor,
+            }
+        return columns
+
+    def plot(self) -> Figure:
+        """Return the parts stacked over spin rate or tilt: along the tilt, across it, and of the motor."""
+        from gyrowheel.torque_budget.picture import figure_of_torques
+
+        return figure_of_torques(self)
 
 
 @one_thread()
@@ -88,8 +183,9 @@ def torques(
         ]
         if not any(len(own) for own in found):
             raise InputError(f"{', '.join(str(own.path) for own in given)}: no steady hold")
-        return Torques(
-            HoldTorques.joined([own for own in found if len(own)]), known, tuple(str(r.path) for r in given)
+        holds_of = [own for own in found if len(own)]
+        return Torques.of(
+            HoldTorques.joined(holds_of, model=known.origin, recordings=tuple(str(r.path) for r in given))
         )
     bench = known.bench
     rates = np.atleast_1d(bench.value("spin_rate_reference") if spin_rate is None else spin_rate)
@@ -103,7 +199,7 @@ def torques(
         done.append(_simulated(known, _in_orbit(plan) if orbit else plan, orbit=orbit))
         if progress is not None:
             progress((number + 1) / len(holds))
-    return Torques(HoldTorques.joined(done), known, (), orbit)
+    return Torques.of(HoldTorques.joined(done, model=known.origin, orbit=orbit))
 
 
 def _plan(spin_rate: float, tilt: float, azimuth: float, density: float, rig: str) -> Plan:

@@ -1,4 +1,4 @@
-"""What coils and motor hold: a table of parts for each direction."""
+"""Actuator torque budget: a table of parts for each direction."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from gyrowheel_core.quantities import decimal, short
 from gyrowheel_core.units import DEG, RPM
 
 if TYPE_CHECKING:
-    from gyrowheel.torque_budget.result import Torques
     from gyrowheel_analysis.torques import HoldTorques
 
 _INDENT = (0, 0, 0, 2)
@@ -43,9 +42,8 @@ def directions(d: HoldTorques) -> Any:
     return np.where(upright, 1.0, d.tilt / np.where(upright, 1.0, np.abs(d.tilt)))
 
 
-def rows_of(result: Torques, direction: str) -> list[tuple[str, Any]]:
+def rows_of(d: HoldTorques, direction: str) -> list[tuple[str, Any]]:
     """Return title and torques (n,) [N m] of every part that shows in a direction, the sum last."""
-    d = result.details
     turn = np.conj(directions(d))
 
     def component(coil: Any, motor: Any) -> Any:
@@ -56,17 +54,16 @@ def rows_of(result: Torques, direction: str) -> list[tuple[str, Any]]:
     rows = [(PART_TITLES.get(part.name, part.name), component(part.coil, part.motor)) for part in d.parts]
     rows = [(title, values) for title, values in rows if np.abs(values).max(initial=0.0) >= _LEAST]
     rows.append(("all", component(d.coil, d.motor)))
-    if result.recordings:
-        rows.append(("beyond the model", component(result.remainder_coil, result.remainder_motor)))
+    if d.recordings:
+        rows.append(("beyond the model", component(d.remainder_coil, d.remainder_motor)))
     return rows
 
 
-def torques_page(result: Torques) -> Iterator[RenderableType]:
+def torques_page(d: HoldTorques) -> Iterator[RenderableType]:
     """Yield the tables of torques, voltages and margins."""
-    d = result.details
     every = range(len(d))
     blocks = [every[k : k + _MOST_COLUMNS] for k in range(0, len(d), _MOST_COLUMNS)]
-    if result.orbit:
+    if d.orbit:
         gone = [
             p.name for p in d.parts if p.effect and max(np.abs(p.coil).max(), np.abs(p.motor).max()) < _LEAST
         ]
@@ -75,7 +72,7 @@ def torques_page(result: Torques) -> Iterator[RenderableType]:
         yield Text()
     for direction in (ALONG, ACROSS, MOTOR):
         yield heading(f"{direction}, mN·m")
-        rows = rows_of(result, direction)
+        rows = rows_of(d, direction)
         for block in blocks:
             table = figures_table("tilt, °\nspin, rpm", *(_hold_title(d, k) for k in block))
             for title, values in rows:

@@ -1,4 +1,4 @@
-"""What coils and motor hold: the parts stacked over the spin rate or over the tilt."""
+"""Actuator torque budget: the parts stacked over the spin rate or over the tilt."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from gyrowheel.torque_budget.result import Torques
+    from gyrowheel_analysis.torques import HoldTorques
 
 _COLOURS = (BLUE, VERMILION, GREEN, ORANGE, SKY, PINK, NOISE, "#F0E442", DARK)
 _HATCHES = ("", "//", "..")
@@ -37,17 +37,16 @@ _MILLI = 1e3
 _LINE = ("all", "beyond the model")
 
 
-def figure_of_torques(result: Torques) -> Figure:
+def figure_of_torques(d: HoldTorques) -> Figure:
     """Draw the torques of all holds, 1500 by 600 dots: parts stacked, their sum as a line.
 
     The horizontal axis is what varies: the spin rate, else the tilt magnitude, else the number of the hold.
     """
     with style():
-        return finished(_draw(result))
+        return finished(_draw(d))
 
 
-def _draw(result: Torques) -> Figure:
-    d = result.details
+def _draw(d: HoldTorques) -> Figure:
     figure = Picture(15.0, 6.0)
     rpm, tilt = d.spin_rate / RPM, np.abs(d.tilt) / DEG
     if len(d) > 1 and np.ptp(rpm) > 1.0 and np.ptp(tilt) < 0.05:
@@ -59,15 +58,13 @@ def _draw(result: Torques) -> Figure:
     else:
         names = [f"{short(round(float(t), 2))}\n{w:.0f}" for t, w in zip(tilt, rpm, strict=True)]
         label, where = "tilt in °, spin rate in rpm", f"{len(d)} holds"
-    source = ", ".join(result.recordings) or f"model of the bench {result.model.bench.name}"
-    figure.text(
-        0.03, 0.955, "What coils and motor hold", fontsize=18, fontweight="bold", color=INK, va="center"
-    )
+    source = ", ".join(d.recordings) or d.model
+    figure.text(0.03, 0.955, "Actuator torque budget", fontsize=18, fontweight="bold", color=INK, va="center")
     figure.text(0.03, 0.905, f"{where}; {source}", fontsize=11, color=SOFT, va="center")
     styles: dict[str, tuple[str, str]] = {}
     axes = [figure.add_axes((0.055 + 0.28 * k, 0.12, 0.225, 0.68)) for k in range(3)]
     for ax, direction in zip(axes, (ALONG, ACROSS, MOTOR), strict=True):
-        _stack(ax, rows_of(result, direction), styles)
+        _stack(ax, rows_of(d, direction), styles)
         ax.set_title(direction)
         ax.set_xticks(range(len(d)), names)
         ax.set_xlabel(label)

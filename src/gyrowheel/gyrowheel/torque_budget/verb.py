@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from gyrowheel.cli.console import advancing, put_json, put_picture, put_text
+from gyrowheel.cli.console import advancing, put
 from gyrowheel.cli.numbers import numbers
 from gyrowheel.cli.options import Json, Mixed, TorquePicture, example
 
@@ -92,10 +92,4 @@ def torques(
                 orbit=orbit,
                 progress=advance,
             )
-    if json is not None:
-        put_json(json, result.to_dict())
-    if json != "-":
-        from gyrowheel.torque_budget.page import torques_page
-
-        put_text(torques_page(result))
-    put_picture(picture, result.plot, quiet=json == "-")
+    put(result, json, picture)
