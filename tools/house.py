@@ -35,7 +35,7 @@ HOUSE = (
         "no physics: what every package uses",
         (
             ("blocks", "errors", "memory", "wire", "cache", "temporary_files", "start_node"),
-            ("units", "files", "schema", "yaml_text", "readings", "topics", "processes"),
+            ("units", "files", "schema", "yaml_text", "readings", "topics", "processes", "origin_guard"),
             ("namespaces",),
             ("quantities", "node", "locks", "limits"),
             ("journal",),
@@ -90,7 +90,7 @@ HOUSE = (
         "gyrowheel_bringup",
         "the graph of nodes",
         (
-            ("graph", "viewers", "origin_guard"),
+            ("graph", "viewers", "websocket_proxy"),
             ("foxglove_process", "replay_session", "foxglove_node"),
         ),
     ),

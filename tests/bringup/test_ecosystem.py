@@ -459,7 +459,7 @@ def test_colcon_builds_the_packages_finds_their_tests_and_their_nodes_run(tmp_pa
     places = {package: f"{tmp_path}/install/{package}" for package in ours} | {"gyrowheel_msgs": sys.prefix}
     assert places == ast.literal_eval(index)
     assert file.startswith(str(tmp_path / "install"))
-    for package, node in (("gyrowheel_analysis", "replay_node"), ("gyrowheel_bringup", "foxglove_node")):
+    for package, node in (("gyrowheel_recording", "replay_node"), ("gyrowheel_bringup", "foxglove_node")):
         assert "set parameters by --ros-args" in shell(f"install/{package}/lib/{package}/{node} --help")
     # and the whole bench walks a plan with the nodes of the workspace
     (tmp_path / "plan.yaml").write_text(SHORT_PLAN)

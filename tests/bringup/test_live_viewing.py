@@ -18,11 +18,12 @@ from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import WebSocketClientConnection, websocket_connect
 
 from gyrowheel.simulation.api import record_simulation
-from gyrowheel_bringup.origin_guard import Gate, refusal, web_origins
 from gyrowheel_bringup.viewers import robot_description
+from gyrowheel_bringup.websocket_proxy import GuardedProxy, refusal
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.origin_guard import web_origins
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.plant.scenario import Scenario
 
@@ -64,7 +65,7 @@ def test_pages_of_other_sites_do_not_pass(headers: dict[str, str]) -> None:
 def test_requests_that_hide_a_header_do_not_pass() -> None:
     assert (
         refusal(request({}, "Host: example.com"), PORT)
-        == f"host 127.0.0.1:{PORT}, example.com: not this computer"
+        == f"host 127.0.0.1:{PORT}, example.com: not a name of this server"
     )
     assert (
         refusal(request({}, "Origin: file://", "Origin: https://example.com"), PORT) == "more than one origin"
@@ -95,26 +96,26 @@ def test_no_other_origin_passes(text: str) -> None:
         assert urlsplit(origin).hostname in ("127.0.0.1", "localhost", "::1")
 
 
-def test_the_gate_ends_requests_that_do_not_end() -> None:
+def test_the_proxy_ends_requests_that_do_not_end() -> None:
     """A head without end is cut; whoever is refused learns why; the server behind sees none of it."""
     with socket.create_server(("127.0.0.1", 0)) as server:
-        gate = Gate("127.0.0.1", 0, server.getsockname())
+        proxy = GuardedProxy("127.0.0.1", 0, server.getsockname())
         try:
             for sent in (
                 b"GET / HTTP/1.1\r\n" + b"a: b\r\n" * 20_000,
                 b"GET / HTTP/1.1\r\nHost: example.com\r\n\r\n",
             ):
-                with socket.create_connection(("127.0.0.1", gate.port), timeout=120.0) as client:
+                with socket.create_connection(("127.0.0.1", proxy.port), timeout=120.0) as client:
                     client.sendall(sent)
                     assert client.recv(4096).startswith(b"HTTP/1.1 403 ")
-            assert gate.refused == 2
+            assert proxy.refused == 2
             server.setblocking(False)
             with pytest.raises(BlockingIOError):
                 server.accept()
         finally:
-            gate.close()
+            proxy.close()
         with pytest.raises(ConnectionRefusedError):
-            socket.create_connection(("127.0.0.1", gate.port), timeout=120.0)
+            socket.create_connection(("127.0.0.1", proxy.port), timeout=120.0)
 
 
 async def connect(port: int, headers: dict[str, str]) -> WebSocketClientConnection:
@@ -181,7 +182,7 @@ def test_foxglove_is_shown_a_replay_and_other_sites_nothing(tmp_path: Path) -> N
             asyncio.run(knock(port))
             replay = subprocess.Popen(
                 [
-                    str(find_executable("gyrowheel_analysis", "replay_node")),
+                    str(find_executable("gyrowheel_recording", "replay_node")),
                     "--ros-args", "-p", f"directory:={tmp_path / 'run'}", "-p", "wait_for_subscribers:=1",
                 ],
                 stdout=subprocess.DEVNULL,

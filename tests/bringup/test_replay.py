@@ -83,7 +83,7 @@ class Replay:
         with self._log.open("wb") as output:
             self.process = subprocess.Popen(
                 [
-                    str(find_executable("gyrowheel_analysis", "replay_node")),
+                    str(find_executable("gyrowheel_recording", "replay_node")),
                     "--ros-args",
                     *itertools.chain.from_iterable(("-p", text) for text in arguments),
                 ],

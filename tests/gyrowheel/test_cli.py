@@ -62,7 +62,7 @@ def test_help_shows_all_that_is_said_of_an_option(gyrowheel: Shell, verb: str):
 
 def test_run_lists_packages_and_executables(gyrowheel: Shell):
     everything = gyrowheel.good("run").out.splitlines()
-    assert {"gyrowheel_sim", "  plant_node", "gyrowheel_analysis", "  recorder_node"} <= set(everything)
+    assert {"gyrowheel_sim", "  plant_node", "gyrowheel_recording", "  recorder_node"} <= set(everything)
     assert gyrowheel.good("run", "gyrowheel_sim").out.splitlines() == ["gyrowheel_sim", "  plant_node"]
     unknown = gyrowheel("run", "gyrowheel_simm")
     assert unknown.code == 2

@@ -16,22 +16,24 @@ from urllib.parse import quote
 import numpy as np
 import pytest
 import yaml
+from tornado.httputil import HTTPHeaders
 
 import gyrowheel as gw
 from gyrowheel.diagnosis.result import Diagnosis
 from gyrowheel.recordings.provenance import note_machine
 from gyrowheel.simulation.api import record_simulation
-from gyrowheel.workbench import origin_guard as gate
 from gyrowheel.workbench import pictures, tables, views
+from gyrowheel.workbench import server as workbench_server
 from gyrowheel.workbench.bench import SimulatedBench
 from gyrowheel.workbench.decimation import Envelope, envelopes
 from gyrowheel.workbench.library import Shelf
 from gyrowheel.workbench.report import before
-from gyrowheel.workbench.server import Server
+from gyrowheel.workbench.server import Access, Server
 from gyrowheel.workbench.session import Desk, Opened
 from gyrowheel_analysis.reduction import Coverage
 from gyrowheel_analysis.reduction.not_as_stated import ReadingFinding, ReadingFindings
 from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core.origin_guard import is_loopback
 from gyrowheel_recording.mislabelled.fixes import Cure, WrongSetup
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import effect_to_mapping
@@ -189,25 +191,25 @@ def test_pages_of_other_sites_are_refused(server: Server, headers: dict[str, str
     ],
 )
 def test_a_server_is_called_as_browsers_write_its_address(address: str, port: int, host: str) -> None:
-    own = gate.Gate.of(address, port)
-    assert own.refusal({"Host": host, "Origin": f"http://{host}"}) == ""
-    assert own.refusal({"Host": "bench.example:8080"}) != ""
-    assert bool(own.token) != gate.is_loopback(address)
-    assert own.cookie != gate.Gate.of(address, port + 1).cookie  # a browser sends it to every port
+    own = Access.of(address, port)
+    assert own.refusal(HTTPHeaders({"Host": host, "Origin": f"http://{host}"})) == ""
+    assert own.refusal(HTTPHeaders({"Host": "bench.example:8080"})) != ""
+    assert bool(own.token) != is_loopback(address)
+    assert own.cookie != Access.of(address, port + 1).cookie  # a browser sends it to every port
 
 
 @pytest.mark.parametrize("loopback", [False, True])
-def test_a_token_is_asked_for_where_it_is_wanted(
+def test_a_token_is_required_unless_the_address_is_loopback(
     loopback: bool, wheel: Wheel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(gate, "is_loopback", lambda address: loopback)
+    monkeypatch.setattr(workbench_server, "is_loopback", lambda address: loopback)
     with Server(Desk(Shelf([wheel.recording]), gw.Model()), port=0, token=loopback) as server:
-        token = server.gate.token
+        token = server.access.token
         assert len(token) > 20
         for path, content in (("/", None), ("/state", None), ("/signal?key=0/.", None), ("/do/undo", {})):
             assert ask(server, path, content)[0] == 401
-            assert ask(server, path, content, Cookie=f"{server.gate.cookie}=guess")[0] == 401
-        assert ask(server, "/state", Cookie=f"{server.gate.cookie}={token}")[0] == 200
+            assert ask(server, path, content, Cookie=f"{server.access.cookie}=guess")[0] == 401
+        assert ask(server, "/state", Cookie=f"{server.access.cookie}={token}")[0] == 200
         assert token not in server.url
     for address in ("0.0.0.0", "0", ""):  # however it is written
         with pytest.raises(gw.InputError, match="name one of this computer"):

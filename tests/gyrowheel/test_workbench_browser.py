@@ -250,10 +250,10 @@ def test_a_page_goes_on_when_its_server_is_back_and_asks_for_its_token(wheel: Wh
             page.locator("#token").fill("guess")
             page.locator("#token").press("Enter")
             expect(page.locator("form")).to_contain_text("not the token")
-            page.locator("#token").fill(guarded.gate.token)
+            page.locator("#token").fill(guarded.access.token)
             page.locator("#token").press("Enter")
             expect(page.locator("#part-recordings")).to_contain_text("drag")
-            assert guarded.gate.token not in page.url
+            assert guarded.access.token not in page.url
 
 
 @pytest.mark.slow

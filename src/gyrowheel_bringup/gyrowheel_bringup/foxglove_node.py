@@ -1,7 +1,7 @@
 """The node ``foxglove``: shows the topics of the running bench in the viewer Foxglove.
 
 Messages are passed on as bytes, at the time of the bench. Only clients of this computer are served, and no page of the
-web: before the server of foxglove-sdk, which serves whoever connects, stands a `Gate`.
+web: a `GuardedProxy` stands before the server of foxglove-sdk, which serves whoever connects.
 Needs the package foxglove-sdk, which the extra ``foxglove`` installs.
 """
 
@@ -12,11 +12,12 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any, Final
 
-from gyrowheel_bringup.origin_guard import Gate, web_origins
 from gyrowheel_bringup.viewers import ROBOT_DESCRIPTION, robot_description
+from gyrowheel_bringup.websocket_proxy import GuardedProxy
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError, one_line
 from gyrowheel_core.node import WARN, BenchNode, Diagnosis, Param, run_node
+from gyrowheel_core.origin_guard import web_origins
 from gyrowheel_core.topics import Topic
 from gyrowheel_recording.bags.definitions import definition
 
@@ -86,12 +87,12 @@ class FoxgloveNode(BenchNode):
         )
         port = self.parameter("port")
         try:
-            self._gate = Gate(HOST, port, (hidden, self._server.port), origins)
+            self._proxy = GuardedProxy(HOST, port, (hidden, self._server.port), origins)
         except OSError as error:
             self._server.stop()
             reason = error.strerror or one_line(error)
             raise InputError(f"parameter port: {port} cannot be opened on {HOST}: {reason}") from None
-        self.address = f"ws://{HOST}:{self._gate.port}"
+        self.address = f"ws://{HOST}:{self._proxy.port}"
         self._now = 0  # time of the bench [ns]
         self._passed = self._told = 0
         shown = [topic for topic in topics.TOPICS if topic not in (topics.TRUTH, topics.CLOCK)]
@@ -106,18 +107,18 @@ class FoxgloveNode(BenchNode):
         self.destroy_timer(self._answering)
         for subscription in self._inputs:
             self.destroy_subscription(subscription)
-        self._gate.close()
+        self._proxy.close()
         self._server.stop()
         self._channels = {}
 
     def diagnose(self) -> Diagnosis:
         """Return the address and counts."""
-        gate = self._gate
-        values = {"address": self.address, "messages": self._passed, "refused_connections": gate.refused}
+        proxy = self._proxy
+        values = {"address": self.address, "messages": self._passed, "refused_connections": proxy.refused}
         text = "showing" if self._passed else "waiting for messages"
-        if gate.refused > self._told:
-            self._told = gate.refused
-            return Diagnosis(f"{text}; refused: {gate.last_refusal}", values, WARN)
+        if proxy.refused > self._told:
+            self._told = proxy.refused
+            return Diagnosis(f"{text}; refused: {proxy.last_refusal}", values, WARN)
         return Diagnosis(text, values)
 
     def _channel(self, foxglove: Any, topic: Topic) -> Any:

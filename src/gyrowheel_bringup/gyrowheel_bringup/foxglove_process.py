@@ -11,10 +11,10 @@ from collections.abc import Iterator, Sequence
 
 from gyrowheel_bringup.graph import GraphError, find_executable
 from gyrowheel_bringup.graph.shared_memory import remove_dead
-from gyrowheel_bringup.origin_guard import web_origins
 from gyrowheel_core import namespaces
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import PARENT_VARIABLE, ExitCode, prepare_environment
+from gyrowheel_core.origin_guard import web_origins
 
 _START = 60.0  # [s]
 

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import hmac
 import ipaddress
 import json
+import secrets
 import socket
 import threading
 from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from tornado.httpserver import HTTPServer
+from tornado.httputil import HTTPHeaders
 from tornado.iostream import StreamClosedError
 from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError, RequestHandler, stream_request_body
@@ -21,11 +25,11 @@ from tornado.web import Application, HTTPError, RequestHandler, stream_request_b
 from gyrowheel.report.charts import POLICY
 from gyrowheel.show.html import style_sheet
 from gyrowheel.workbench import pictures, views
-from gyrowheel.workbench.origin_guard import Gate, in_url
 from gyrowheel.workbench.session import Desk
 from gyrowheel.workbench.tables import LARGEST as LARGEST_TABLE
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import json_text
+from gyrowheel_core.origin_guard import host_names, in_url, is_loopback, refusal
 from gyrowheel_recording.bags import load_loops
 
 _LARGEST = 1 << 20  # request [bytes]
@@ -46,14 +50,57 @@ _HEADERS = {
 _LIBRARY = ("bokeh.min.js", "bokeh-api.min.js")
 
 
+@dataclass(frozen=True)
+class Access:
+    """Who may use one server: the browser of its user, and no page of another site.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Accepted values of ``Host``.
+    token : str
+        What a browser must have been given; empty where no token is required.
+    cookie : str
+        Name of the cookie with the token, with the port in it: browsers send a cookie to every port of a computer.
+    """
+
+    names: tuple[str, ...]
+    token: str
+    cookie: str
+
+    @classmethod
+    def of(cls, address: str, port: int, *, token: bool = False) -> Access:
+        """Return the rules for an address: any but loopback requires a token; with `token` loopback does, too."""
+        required = token or not is_loopback(address)
+        return cls(
+            host_names(address, port),
+            secrets.token_urlsafe(24) if required else "",
+            f"gyrowheel_workbench_{port}",
+        )
+
+    def refusal(self, headers: HTTPHeaders) -> str:
+        """Return why a request is refused, whatever its token; empty if it is accepted."""
+        own = [f"http://{name}" for name in self.names]
+        why = refusal(headers.get_list("Host"), headers.get_list("Origin"), names=self.names, allowed=own)
+        if not why and headers.get("Sec-Fetch-Site", "none") not in ("same-origin", "none"):
+            return (
+                "requested by a page of another site; to open the workbench, type its address in the browser"
+            )
+        return why
+
+    def knows(self, token: str | None) -> bool:
+        """Return whether a browser with this token is accepted."""
+        return not self.token or hmac.compare_digest((token or "").encode(), self.token.encode())
+
+
 class _Guarded(RequestHandler):
-    """A request that has passed the gate."""
+    """A request that is answered only where `Access` accepts it."""
 
     desk: Desk
-    gate: Gate
+    access: Access
 
-    def initialize(self, desk: Desk, gate: Gate) -> None:
-        self.desk, self.gate = desk, gate
+    def initialize(self, desk: Desk, access: Access) -> None:
+        self.desk, self.access = desk, access
 
     def set_default_headers(self) -> None:
         for name, value in _HEADERS.items():
@@ -61,10 +108,10 @@ class _Guarded(RequestHandler):
         self.clear_header("Server")
 
     def prepare(self) -> None:
-        if why := self.gate.refusal(self.request.headers):
+        if why := self.access.refusal(self.request.headers):
             self.set_status(403)
             self.finish({"error": why})
-        elif not self.open_to_all and not self.gate.knows(self.get_cookie(self.gate.cookie)):
+        elif not self.open_to_all and not self.access.knows(self.get_cookie(self.access.cookie)):
             self.refuse_stranger()
 
     open_to_all = False
@@ -113,11 +160,11 @@ class _Login(_Guarded):
 
     def post(self) -> None:
         token = self.get_body_argument("token", "")
-        if not self.gate.knows(token):
+        if not self.access.knows(token):
             self.set_status(401)
             self.finish(views.login("That is not the token."))
             return
-        self.set_cookie(self.gate.cookie, token, httponly=True, samesite="Strict")
+        self.set_cookie(self.access.cookie, token, httponly=True, samesite="Strict")
         self.redirect("/", status=303)
 
 
@@ -351,7 +398,7 @@ def _library(name: str) -> bytes:
     return (Path(bokehjs_path()) / "js" / name).read_bytes()
 
 
-def application(desk: Desk, gate: Gate) -> Application:
+def application(desk: Desk, access: Access) -> Application:
     """Return the pages and answers of the workbench."""
     rules: list[tuple[str, type[_Guarded]]] = [
         (r"/", _Page),
@@ -372,7 +419,7 @@ def application(desk: Desk, gate: Gate) -> Application:
         (r"/files/([a-z-]+(?:\.min)?\.(?:css|js))", _File),
     ]
     return Application(
-        [(rule, handler, {"desk": desk, "gate": gate}) for rule, handler in rules],
+        [(rule, handler, {"desk": desk, "access": access}) for rule, handler in rules],
         log_function=lambda handler: None,
         compress_response=False,
     )
@@ -424,7 +471,7 @@ class Server:
             why = getattr(error, "strerror", None) or error
             raise InputError(f"port {port} of {address} cannot be used: {why}") from None
         self.port: int = self._sockets[0].getsockname()[1]
-        self.gate = Gate.of(address, self.port, token=token)
+        self.access = Access.of(address, self.port, token=token)
         self._address = address
         self._loop: asyncio.AbstractEventLoop | None = None
         self._ready = threading.Event()
@@ -455,7 +502,7 @@ class Server:
     async def _serve(self) -> None:
         self._loop, self._end = asyncio.get_running_loop(), asyncio.Event()
         server = HTTPServer(
-            application(self.desk, self.gate), max_body_size=_LARGEST, max_buffer_size=2 * _LARGEST
+            application(self.desk, self.access), max_body_size=_LARGEST, max_buffer_size=2 * _LARGEST
         )
         server.add_sockets(self._sockets)
         self._ready.set()

@@ -64,8 +64,8 @@ def workbench(
     desk = Desk(shelf, loaded, model)
     with Server(desk, address, port, token=token) as server, desk.live if live else contextlib.nullcontext():
         out().print(f"page: {server.url}", soft_wrap=True)
-        if server.gate.token:
-            notes().print(f"token: {server.gate.token}", soft_wrap=True)
+        if server.access.token:
+            notes().print(f"token: {server.access.token}", soft_wrap=True)
         notes().print("Ctrl-C ends it")
         try:
             threading.Event().wait()

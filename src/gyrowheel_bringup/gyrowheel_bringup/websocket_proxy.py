@@ -1,8 +1,6 @@
-"""A gate before a server on this computer: only clients of this computer pass, no page of the web.
+"""A proxy in front of a WebSocket server on this computer: it refuses pages of other web sites.
 
-A page that a browser shows may open WebSockets to the loopback interface, and, by a name that its owner lets point to
-127.0.0.1 (DNS rebinding), may even count as the same site. The browser tells both: the page's site in the header
-``Origin``, the name in ``Host``. The gate reads the head of each connection, and passes on what may pass.
+It reads the head of each connection, and passes on those that `gyrowheel_core.origin_guard` accepts.
 """
 
 from __future__ import annotations
@@ -13,37 +11,17 @@ import re
 import threading
 from collections.abc import Collection, Sequence
 from typing import Final
-from urllib.parse import urlsplit
 
-from gyrowheel_core.errors import InputError
+from gyrowheel_core import origin_guard
 
-_LOOPBACK: Final = ("127.0.0.1", "localhost", "[::1]")
-#: Origin of desktop viewers, which show pages of their own from the disk.
-DESKTOP: Final = "file://"
 _HEAD: Final = 16_384  # longest head of a request [bytes]
 _PATIENCE: Final = 5.0  # for the head of a request [s]
 _MOST: Final = 64  # connections at the same time
 _BLOCK: Final = 65_536  # [bytes]
-_ORIGIN: Final = re.compile(r"https?://(\[[0-9a-fA-F:]+\]|[A-Za-z0-9.-]+)(:\d{1,5})?")
-
-
-def web_origins(text: str) -> tuple[str, ...]:
-    """Return the web origins that a text names, separated by spaces or commas.
-
-    Raises
-    ------
-    InputError
-        If one of them is not ``http(s)://HOST[:PORT]``.
-    """
-    origins = tuple(text.replace(",", " ").split())
-    for origin in origins:
-        if not _ORIGIN.fullmatch(origin):
-            raise InputError(f"origin: {origin!r}; allowed: http(s)://HOST[:PORT], without a path")
-    return tuple(origin.lower() for origin in origins)
 
 
 def refusal(head: bytes, port: int, origins: Collection[str] = ()) -> str:
-    """Return why a WebSocket request may not pass; empty if it may.
+    """Return why a WebSocket request is refused; empty if it is accepted.
 
     Parameters
     ----------
@@ -52,7 +30,7 @@ def refusal(head: bytes, port: int, origins: Collection[str] = ()) -> str:
     port : int
         Port of the server.
     origins : collection of str
-        Origins that may pass besides pages of this computer; in lower case.
+        Accepted origins besides pages of this computer, in lower case.
     """
     lines = head.decode("latin-1").split("\r\n")
     fields: dict[str, list[str]] = {}
@@ -68,24 +46,17 @@ def refusal(head: bytes, port: int, origins: Collection[str] = ()) -> str:
         or fields.get("upgrade", [""])[0].lower() != "websocket"
     ):
         return "only WebSocket connections are served"
-    hosts, from_page = fields.get("host", []), fields.get("origin", [])
-    if len(hosts) != 1 or hosts[0].lower() not in {f"{name}:{port}" for name in _LOOPBACK}:
-        return f"host {', '.join(hosts) or 'missing'}: not this computer"
-    if len(from_page) > 1:
-        return "more than one origin"
-    if from_page and not _is_welcome(from_page[0].lower(), origins):
-        return f"origin {from_page[0]}: a page of another site"
-    return ""
+    return origin_guard.refusal(
+        fields.get("host", []),
+        fields.get("origin", []),
+        names=origin_guard.host_names("localhost", port),
+        allowed=(origin_guard.DESKTOP, *origins),
+        local_pages=True,
+    )
 
 
-def _is_welcome(origin: str, origins: Collection[str]) -> bool:
-    if origin == DESKTOP or origin in origins:
-        return True
-    return bool(_ORIGIN.fullmatch(origin)) and re.sub(r":\d+$", "", urlsplit(origin).netloc) in _LOOPBACK
-
-
-class Gate:
-    """Listens in place of a server and passes on the connections that may pass; runs in a thread of its own.
+class GuardedProxy:
+    """Listens in place of a server and passes on accepted connections; runs in its own thread.
 
     Parameters
     ----------
@@ -94,7 +65,7 @@ class Gate:
     server : (str, int)
         Where the server listens.
     origins : sequence of str
-        Web origins that may pass besides those of this computer (`web_origins`).
+        Accepted web origins besides those of this computer (`gyrowheel_core.origin_guard.web_origins`).
 
     Attributes
     ----------
@@ -124,7 +95,7 @@ class Gate:
             self._loop.close()
             raise
         self.port: int = self._listening.sockets[0].getsockname()[1]
-        self._thread = threading.Thread(target=self._loop.run_forever, name="gate", daemon=True)
+        self._thread = threading.Thread(target=self._loop.run_forever, name="proxy", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
