@@ -98,7 +98,7 @@ def test_what_the_plan_cannot_show_is_called_so(name: str, tmp_path: Path) -> No
     usual = registry()[name].defaults()
     found = diagnose([record(tmp_path, "fit", hidden_machine(4, {name: usual}), "quick")], Model.new())
     assert found.verdict == "nothing_missing"
-    limits = {limit.coefficient: limit.value for limit in found.detection_limits if limit.effect == name}
+    limits = {limit.coefficient: limit.value for limit in found.limits if limit.effect == name}
     assert all(limits[key] > abs(value) for key, value in usual.items())
 
 
@@ -122,7 +122,7 @@ def test_an_effect_below_the_detection_limit_is_called_so(tmp_path: Path) -> Non
     truth = {"gravity_offset": {"G": 0.003}}
     found = diagnose([record(tmp_path, "fit", hidden_machine(4, truth), "quick")], Model.new())
     assert found.verdict == "nothing_missing"
-    limit = next(limit for limit in found.detection_limits if limit.effect == "gravity_offset")
+    limit = next(limit for limit in found.limits if limit.effect == "gravity_offset")
     assert limit.value > 0.003
     assert not limit.visible
     # and the test that would show it is named; run, it does

@@ -219,7 +219,7 @@ def test_form_that_nobody_declared_is_no_event(tmp_path):
     recording = record(tmp_path, "outside", blind.draw(BENCH, 7, kinds=("outside",)), "quick")
     result = diagnose([recording], MODEL)
     assert result.verdict == "unknown"
-    assert result.events == []
+    assert not result.events
 
 
 def shape_in(recording, column, course):
@@ -264,7 +264,7 @@ def test_verdict_tells_the_shape_of_a_drift_and_not_its_size(survey):
     measurement = survey.measurement.copy()
     measurement["coil_voltage_x"] += swing
     result = diagnose([replace(survey, measurement=measurement)], MODEL)
-    assert result.events == []
+    assert not result.events
     (shape,) = result.drift_shapes
     assert shape.time == pytest.approx(47.0, abs=4.0 * shape.time_error)
     assert abs(abs(shape.size) - 0.6 * TORQUE) < 4.0 * shape.standard_error

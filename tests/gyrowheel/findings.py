@@ -54,7 +54,7 @@ def finding(name: str, *ties: TieReport, size: float = 1.0) -> EffectFinding:
     coefficients = {c.name: Estimate(size * c.default, 0.01 * c.default, c.unit) for c in effect.coefficients}
     law = Growth("tilt", "tilt", 0.022j, uniform=True)
     return EffectFinding(
-        name, effect.title, effect.sentence, coefficients, 321.0, effect.formula, [law], [], list(ties)
+        name, effect.title, effect.sentence, coefficients, 321.0, effect.formula, (law,), (), ties
     )
 
 
@@ -65,10 +65,12 @@ def tie(name: str, plan: str | None = "air_density") -> TieReport:
     )
 
 
-def limit(name: str, value: float) -> list[DetectionLimit]:
+def limit(name: str, value: float) -> tuple[DetectionLimit, ...]:
     """Return the same detection limit for every amplitude of an effect."""
     effect = get(name)
-    return [DetectionLimit(name, effect.title, c.name, value, c.unit, c.usual) for c in effect.amplitudes]
+    return tuple(
+        DetectionLimit(name, effect.title, c.name, value, c.unit, c.usual) for c in effect.amplitudes
+    )
 
 
 def diagnosis(verdict: str, *findings: EffectFinding, **changes: Any) -> Diagnosis:
@@ -76,24 +78,21 @@ def diagnosis(verdict: str, *findings: EffectFinding, **changes: Any) -> Diagnos
     result = Diagnosis(
         verdict=verdict,  # type: ignore[arg-type]
         windows=40,
-        effects=list(findings),
-        free_form=[],
+        effects=findings,
         error=TABLE,
-        where=[Region("tilt", 3500 * RPM, (), 0.8, Look("mixed", 4e-4, 2e-5))],
-        next_test=None,
+        where=(Region("tilt", 3500 * RPM, (), 0.8, Look("mixed", 4e-4, 2e-5)),),
         nuisance={
             "coil_constant": NuisanceEstimate(0.0206, 5e-5, 0.02, 4e-4, "N*m/V"),
             "motor_constant": NuisanceEstimate(0.03, 1e-4, 0.03, 3e-4, "N*m/A"),
         },
-        detection_limits=[
+        limits=(
             *limit("gravity_offset", 0.011),
             *limit("windage", 1e-4),
             *limit("tilt_bias", float("inf")),
-        ],
-        residuals=[residuals(), residuals("other", "validation", 8)],
-        recordings=["drag"],
+        ),
+        residuals=(residuals(), residuals("other", "validation", 8)),
+        recordings=("drag",),
         model="model.yaml",
-        drift_scales={},
         seconds=1.0,
     )
     return replace(result, **changes)
@@ -101,14 +100,14 @@ def diagnosis(verdict: str, *findings: EffectFinding, **changes: Any) -> Diagnos
 
 UNKNOWN = diagnosis(
     "unknown",
-    free_form=[
+    free_form=(
         FreeForm(
             "rotor_torque = a*z^2",
             99.0,
             {"a": Estimate(1e-3, 1e-5, "N*m")},
             "It grows with the tilt squared.",
-        )
-    ],
+        ),
+    ),
 )
 AMBIGUOUS = diagnosis(
     "ambiguous",

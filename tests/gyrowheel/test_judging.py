@@ -38,9 +38,9 @@ BOTH = {"windage": {"w": 1e-3, "n": 1.5}, "aero_cross": {"c": 5e-3, "n": 1.98}}
         (diagnosis("effect", finding("windage")), {}, "wrong"),
         (UNKNOWN, WINDAGE, "wrong"),
         (diagnosis("nothing_missing"), WINDAGE, "wrong"),
-        (diagnosis("nothing_missing", detection_limits=limit("windage", 2e-3)), WINDAGE, "below_limit"),
-        (diagnosis("nothing_missing", detection_limits=limit("aero_cross", 2e-3)), WINDAGE, "wrong"),
-        (diagnosis("nothing_missing", detection_limits=limit("windage", 2e-3)), BOTH, "wrong"),
+        (diagnosis("nothing_missing", limits=limit("windage", 2e-3)), WINDAGE, "below_limit"),
+        (diagnosis("nothing_missing", limits=limit("aero_cross", 2e-3)), WINDAGE, "wrong"),
+        (diagnosis("nothing_missing", limits=limit("windage", 2e-3)), BOTH, "wrong"),
     ],
 )
 def test_judge(found, truth, outcome):
@@ -55,7 +55,7 @@ def test_the_tie_names_its_test():
 
 
 def test_one_coefficient_above_its_limit_is_above():
-    found = diagnosis("nothing_missing", detection_limits=limit("fixed_torque", 1e-3))
+    found = diagnosis("nothing_missing", limits=limit("fixed_torque", 1e-3))
     assert judge(found, {"fixed_torque": {"F_x": 9e-4, "F_y": -9e-4}}).right
     assert not judge(found, {"fixed_torque": {"F_x": 9e-4, "F_y": -2e-3}}).right
 

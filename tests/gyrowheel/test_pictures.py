@@ -89,11 +89,11 @@ def test_the_command_that_goes_on_is_for_the_same_machine(
 
 
 def test_what_is_unseen_is_named_where_a_test_can_show_it() -> None:
-    limits = [
+    limits = (
         DetectionLimit("windage", "", "w", 1.0, "N*m", (2.0, 3.0)),
         DetectionLimit("gravity_offset", "", "G", 9.0, "N*m", (2.0, 3.0)),
-    ]
-    found = replace(diagnosis("effect", finding("aero_cross")), detection_limits=limits)
+    )
+    found = replace(diagnosis("effect", finding("aero_cross")), limits=limits)
     assert unseen_sentence(found) == ""
     sentence = unseen_sentence(
         replace(found, next_test=NextTest("inverted", 60.0, 0.7, reveals="gravity_offset"))

@@ -38,9 +38,7 @@ from gyrowheel_air.check import check_table
 from gyrowheel_air.table import TorqueTable
 from gyrowheel_analysis.channels import LISTED
 from gyrowheel_analysis.compare import ChannelMetrics
-from gyrowheel_analysis.diagnosis.limits import Beyond
-from gyrowheel_analysis.diagnosis.proof import Proof
-from gyrowheel_analysis.diagnosis.result import Estimate
+from gyrowheel_analysis.diagnosis.result import Beyond, Estimate, Proof
 from gyrowheel_analysis.drag.estimate import Estimate as DragEstimate
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction import Coverage
@@ -61,7 +59,7 @@ VERDICTS = {
     "ambiguous": AMBIGUOUS,
     "no test": diagnosis("ambiguous", finding("aero_cross", tie("windage", None))),
     "unknown": UNKNOWN,
-    "insufficient": diagnosis("insufficient_data", error=None, nuisance={}, detection_limits=[], where=[]),
+    "insufficient": diagnosis("insufficient_data", error=None, nuisance={}, limits=(), where=()),
 }
 
 
@@ -257,7 +255,7 @@ def test_every_verdict_can_be_shown(name: str, width: int):
     assert all(len(line) <= width for line in shown.splitlines())
     words = " ".join(shown.replace("│", " ").split())
     assert verdict_sentence(found).split(":")[0] in words
-    if found.detection_limits:
+    if found.limits:
         assert "gravity_offset G 11 mN·m/rad 0.8 .. 6 mN·m/rad not visible" in words
         assert "Not visible at any realistic size: tilt_bias." in words
         assert "coil_constant 20.600 ± 0.050 mN·m/V 20.00 ± 0.40 mN·m/V" in words
@@ -313,24 +311,22 @@ def test_every_verdict_ends_with_whether_it_is_proven(changes: dict[str, Any], e
 
 def test_what_is_far_from_usual_is_said_first():
     far = Beyond("unusual", "windage", "w", 0.0104, 0.0013, "N*m", 8.0)
-    alone = verdict_sentence(replace(VERDICTS["effect"], beyond=[far]))
+    alone = verdict_sentence(replace(VERDICTS["effect"], beyond=(far,)))
     assert alone.startswith(
         "windage w of 10.4 mN·m is 8.0 times the largest usual size. An effect is missing"
     )
-    several = verdict_sentence(replace(VERDICTS["two"], verdict="unknown", beyond=[far]))
+    several = verdict_sentence(replace(VERDICTS["two"], verdict="unknown", beyond=(far,)))
     assert several.startswith(
         "windage w of 10.4 mN·m is 8.0 times the largest usual size. That is no explanation"
     )
     never = Beyond("impossible", "flexure_stiffness_x", "", -0.02, 0.0, "N*m/rad", 0.0)
-    assert "impossible" in verdict_sentence(replace(VERDICTS["nothing"], verdict="unknown", beyond=[never]))
+    assert "impossible" in verdict_sentence(replace(VERDICTS["nothing"], verdict="unknown", beyond=(never,)))
 
 
 def test_what_could_hide_is_named_where_nothing_shows():
     quiet = VERDICTS["nothing"]
-    assert verdict_sentence(replace(quiet, detection_limits=limit("windage", 1e-4))).startswith(
-        "Nothing is missing:"
-    )
-    sentence = verdict_sentence(replace(quiet, detection_limits=limit("gravity_offset", 0.011)))
+    assert verdict_sentence(replace(quiet, limits=limit("windage", 1e-4))).startswith("Nothing is missing:")
+    sentence = verdict_sentence(replace(quiet, limits=limit("gravity_offset", 0.011)))
     assert sentence.startswith("Nothing shows:")
     assert sentence.endswith("A gravity_offset of a usual size could hide in them.")
 
@@ -382,7 +378,7 @@ def test_an_effect_beside_what_nothing_known_explains_is_named():
     assert verdict_sentence(UNKNOWN) == (
         "Something is missing that no known effect explains; proposed formula: It grows with the tilt squared."
     )
-    both = replace(UNKNOWN, effects=[finding("windage")])
+    both = replace(UNKNOWN, effects=(finding("windage"),))
     assert verdict_sentence(both).startswith(
         "Besides drag of the air on the spin (windage), something is missing that no known effect explains"
     )
@@ -402,7 +398,7 @@ def test_forms_tell_edges_in_degrees_and_exponents_as_found():
         coefficients={"a": Estimate(1e-3, 1e-5, "N*m"), "p": Estimate(0.7, 0.01, "1")},
         places={"p": Estimate(math.radians(3.5), math.radians(0.05), "rad")},
     )
-    shown = " ".join(text_of(rendered(replace(UNKNOWN, free_form=[edge]))).replace("│", " ").split())
+    shown = " ".join(text_of(rendered(replace(UNKNOWN, free_form=(edge,)))).replace("│", " ").split())
     assert "torque along the tilt beyond 3.500 ± 0.050 deg" in shown
     assert "p 3.500 ± 0.050 deg (0.700 ± 0.010 of the reference)" in shown
     power = replace(

@@ -31,7 +31,7 @@ from gyrowheel.workbench.report import before
 from gyrowheel.workbench.server import Access, Server
 from gyrowheel.workbench.session import Desk, Opened
 from gyrowheel_analysis.reduction import Coverage
-from gyrowheel_analysis.reduction.not_as_stated import ReadingFinding, ReadingFindings
+from gyrowheel_analysis.reduction.not_as_stated import ReadingFinding
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.origin_guard import is_loopback
 from gyrowheel_recording.mislabelled.fixes import Cure, WrongSetup
@@ -493,9 +493,9 @@ def test_all_that_a_diagnosis_says_stands_on_the_page(wheel: Wheel) -> None:
         desk.steps = [replace(desk.step, diagnosis=Diagnosis(details))]
         return str(views.state(desk)["parts"]["missing"])
 
-    nothing: dict[str, Any] = {"error": None, "nuisance": {}, "detection_limits": [], "where": []}
+    nothing: dict[str, Any] = {"error": None, "nuisance": {}, "limits": (), "where": ()}
     wrong = WrongSetup("sign", ("tilt_y",), Cure(scale={"tilt_y": -1.0}), recording="runs/mine")
-    shown = part(diagnosis("insufficient_data", setup=[wrong], **nothing))
+    shown = part(diagnosis("insufficient_data", setup=(wrong,), **nothing))
     assert "the sign of tilt_y is turned" in shown
     assert "gyrowheel correct runs/mine" in shown
     clock = ReadingFinding("clock_rate", "clock", "rate_error", 2e-5, 1e-6, 0.0, "1", 400.0, "drag")
@@ -503,7 +503,7 @@ def test_all_that_a_diagnosis_says_stands_on_the_page(wheel: Wheel) -> None:
     own = replace(finding("windage"), name="stiffness_error", effect_title="", effect_sentence="")
     has = finding("aero_cross")
     has = replace(has, in_model=has.coefficients)
-    shown = part(diagnosis("effect", own, has, readings=ReadingFindings((clock,)), coverage=half))
+    shown = part(diagnosis("effect", own, has, readings=(clock,), coverage=half))
     assert "ppm fast against the count of the samples" in shown
     assert "30 of 40 s of steady motion take part" in shown
     assert "/help/effect/aero_cross" in shown
@@ -511,7 +511,7 @@ def test_all_that_a_diagnosis_says_stands_on_the_page(wheel: Wheel) -> None:
     assert ">Fit anew aero_cross<" in shown
     assert ">Add stiffness_error<" in shown
     (form,) = UNKNOWN.free_form
-    shown = part(replace(UNKNOWN, free_form=[replace(form, name="form", simple="rotor_torque = a*z^2")]))
+    shown = part(replace(UNKNOWN, free_form=(replace(form, name="form", simple="rotor_torque = a*z^2"),)))
     assert 'data-text="form: rotor_torque = a*z^2"' in shown
     assert "Add the simple law" in shown
 

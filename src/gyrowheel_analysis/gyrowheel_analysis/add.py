@@ -11,7 +11,6 @@ import numpy as np
 
 from gyrowheel_analysis.diagnosis.diagnose import estimates, nuisance_estimates
 from gyrowheel_analysis.diagnosis.events import (
-    DatedEvent,
     accepted,
     as_events,
     beside_events,
@@ -19,8 +18,8 @@ from gyrowheel_analysis.diagnosis.events import (
     with_sizes,
 )
 from gyrowheel_analysis.diagnosis.limits import beyond, is_possible
-from gyrowheel_analysis.diagnosis.proof import Proof, prove
-from gyrowheel_analysis.diagnosis.result import Estimate
+from gyrowheel_analysis.diagnosis.proof import prove
+from gyrowheel_analysis.diagnosis.result import DatedEvent, Estimate, Proof
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.preparation import Progress, one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem
@@ -76,11 +75,11 @@ class Added:
         {effect: {coefficient: Estimate}}.
     error : ErrorTable
         How the error falls, on the fitted and on the validation recordings.
-    residuals : list of Residuals
+    residuals : tuple of Residuals
         Window by window, before and after.
-    doubts : list of Doubt
+    doubts : tuple of Doubt
         What the fit gives reason to doubt.
-    events : list of DatedEvent
+    events : tuple of DatedEvent
         What changed in the middle of a recording: taken along in the fit, but not on the validation recordings.
     proof : Proof
         Whether the model with the effects predicts what was not fitted.
@@ -89,9 +88,9 @@ class Added:
     model: Model
     coefficients: dict[str, dict[str, Estimate]]
     error: ErrorTable
-    residuals: list[Residuals]
-    doubts: list[Doubt]
-    events: list[DatedEvent]
+    residuals: tuple[Residuals, ...]
+    doubts: tuple[Doubt, ...]
+    events: tuple[DatedEvent, ...]
     proof: Proof
 
 
@@ -194,7 +193,9 @@ def add_effect(
     null = problem.fit(()) if terms else after
     unused = as_events(events, [str(r.path) for r in validate])
     proof = prove(prepared, null, after, errors.table, unused)
-    return Added(changed, coefficients, errors.table, errors.residuals, doubts, events, proof)
+    return Added(
+        changed, coefficients, errors.table, tuple(errors.residuals), tuple(doubts), tuple(events), proof
+    )
 
 
 def _with_air(model: Model, air: Mapping[str, Mapping[str, tuple[float, float]]]) -> Model:

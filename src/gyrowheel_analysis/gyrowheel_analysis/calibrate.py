@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -106,15 +106,15 @@ class Calibration:
         widened by its root if above 1.
     model : Model
         The model with the constants as overrides, and an entry in its history.
-    recordings : list of str
-        What was used.
+    recordings : tuple of str
+        Paths of the recordings.
     """
 
     constants: dict[str, Constant]
     undetermined: dict[str, str]
     chi2_per_n: float
     model: Model
-    recordings: list[str] = field(default_factory=list)
+    recordings: tuple[str, ...] = ()
 
     @property
     def widened(self) -> float:
@@ -190,7 +190,7 @@ def calibrate(
     if not constants:
         reasons = "; ".join(f"{name} {reason}" for name, reason in undetermined.items())
         raise InputError(f"{', '.join(paths)}: nothing can be calibrated: {reasons}")
-    return Calibration(constants, undetermined, chi2, _changed(model, constants, paths), paths)
+    return Calibration(constants, undetermined, chi2, _changed(model, constants, paths), tuple(paths))
 
 
 def _widened(chi2: float) -> float:

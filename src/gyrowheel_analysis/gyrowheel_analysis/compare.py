@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from gyrowheel_analysis.fitting.preparation import Prepared, Progress, one_threa
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction import Coverage, concatenate
-from gyrowheel_analysis.reduction.not_as_stated import ReadingFindings
+from gyrowheel_analysis.reduction.not_as_stated import ReadingFinding
 from gyrowheel_analysis.residuals.dependence import (
     Dependence,
     PartDependence,
@@ -83,41 +83,44 @@ class Comparison:
         Root mean square of the residual of the model exactly as the file stands [unit of the channel].
     error_before : ErrorRow
         The error in the form of the error table.
-    where : list of Region
+    where : tuple of Region
         Where most of the misfit sits.
-    dependence : list of PartDependence
+    dependence : tuple of PartDependence
         On which variables the residual depends.
-    tests : list of Dependence
+    tests : tuple of Dependence
         The tests behind it, every part of the residual against every variable.
-    whiteness : list of Whiteness
+    whiteness : tuple of Whiteness
         Whether the residuals are noise.
     data : WindowResiduals
         All residuals with their windows: what further maps are made of.
-    residuals : list of Residuals
+    residuals : tuple of Residuals
         Window by window.
-    recordings : list of str
-        Names of the recordings.
+    recordings : tuple of str
+        Paths of the recordings.
     model : str
         File of the model.
     coverage : Coverage
         How much of the recordings takes part.
-    readings : ReadingFindings
-        What the samples show of the instruments beside what is stated.
+    readings : tuple of ReadingFinding
+        Deviations of the instruments that the samples show.
+    hum_unknown : tuple of (str, str)
+        Recordings in which hum at the stated mains frequency cannot be measured, and why (`reduction.hum.untold`).
     """
 
     channels: dict[str, ChannelMetrics]
     raw_rms: dict[str, float]
     error_before: ErrorRow
-    where: list[Region]
-    dependence: list[PartDependence]
-    tests: list[Dependence]
-    whiteness: list[Whiteness]
+    where: tuple[Region, ...]
+    dependence: tuple[PartDependence, ...]
+    tests: tuple[Dependence, ...]
+    whiteness: tuple[Whiteness, ...]
     data: WindowResiduals
-    residuals: list[Residuals]
-    recordings: list[str]
+    residuals: tuple[Residuals, ...]
+    recordings: tuple[str, ...]
     model: str
     coverage: Coverage
-    readings: ReadingFindings = field(default_factory=ReadingFindings)
+    readings: tuple[ReadingFinding, ...] = ()
+    hum_unknown: tuple[tuple[str, str], ...] = ()
 
     @property
     def maps(self) -> list[ResidualMap]:
@@ -149,21 +152,23 @@ def compare(recordings: Sequence[Recording], model: Model, *, progress: Progress
     white = problem.noise.whiten(fit.residual)
     tests = dependences(data, problem.balances, fit.residual, problem.noise.whiten)
     noise = whiteness(data, problem.balances, white)
+    readings = prepared.readings(problem.bench)
     raw_row = error_row(problem.balances, raw, problem.noise.whiten(raw))
     return Comparison(
         channels={name: _metrics(problem, fit, white, name) for name in channels_of(problem.balances)},
         raw_rms={name: channel.rms for name, channel in raw_row.channels.items()},
         error_before=errors.table.before,
-        where=regions(data, problem.bench),
-        dependence=judged(tests, noise),
-        tests=tests,
-        whiteness=noise,
+        where=tuple(regions(data, problem.bench)),
+        dependence=tuple(judged(tests, noise)),
+        tests=tuple(tests),
+        whiteness=tuple(noise),
         data=data,
-        residuals=errors.residuals,
-        recordings=[str(r.path) for r in recordings],
+        residuals=tuple(errors.residuals),
+        recordings=tuple(str(r.path) for r in recordings),
         model=model.origin,
         coverage=prepared.coverage,
-        readings=prepared.readings(problem.bench),
+        readings=readings.found,
+        hum_unknown=readings.untold,
     )
 
 

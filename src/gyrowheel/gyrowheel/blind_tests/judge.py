@@ -128,7 +128,7 @@ def _tests_for(diagnosis: Diagnosis, truth: EffectValues) -> str | None:
 
 
 def _below_limits(diagnosis: Diagnosis, truth: EffectValues) -> bool:
-    limits = {(limit.effect, limit.coefficient): limit.value for limit in diagnosis.detection_limits}
+    limits = {(limit.effect, limit.coefficient): limit.value for limit in diagnosis.limits}
     return all(_below(name, values, limits) for name, values in truth.items())
 
 

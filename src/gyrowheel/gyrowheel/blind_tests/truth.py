@@ -27,7 +27,7 @@ def truth_table(truth: EffectValues, diagnosis: Diagnosis) -> RenderableType:
 def truth_rows(truth: EffectValues, diagnosis: Diagnosis) -> Iterator[tuple[str, str, str, str, str]]:
     """Yield rows of effect, coefficient, hidden value, found value, and their distance in standard errors."""
     found = {finding.name: finding.coefficients for finding in diagnosis.effects}
-    limits = {(limit.effect, limit.coefficient): limit for limit in diagnosis.detection_limits}
+    limits = {(limit.effect, limit.coefficient): limit for limit in diagnosis.limits}
     for name in dict.fromkeys([*truth, *found]):
         units = _units(name)
         estimates = found.get(name, {})

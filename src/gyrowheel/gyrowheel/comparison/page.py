@@ -23,8 +23,8 @@ from gyrowheel_core.units import DEG, RPM, unit_for
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.compare import Comparison
+    from gyrowheel_analysis.diagnosis.result import Diagnosis
     from gyrowheel_analysis.reduction import Coverage
-    from gyrowheel_analysis.reduction.not_as_stated import ReadingFindings
     from gyrowheel_analysis.residuals.dependence import PartDependence
     from gyrowheel_analysis.residuals.maps import ResidualMap, Span
     from gyrowheel_analysis.residuals.regions import Region
@@ -63,7 +63,7 @@ def comparison(result: Comparison, maps: Iterable[ResidualMap] | None = None) ->
     yield channel_table(result)
     yield Text(_LEGEND, style="dim")
     yield from coverage(result.coverage)
-    yield from readings(result.readings)
+    yield from readings(result)
     failing = fails(result)
     yield from failures(result.where, result.dependence, failing=failing)
     for each in [m for m in result.maps if m.over == DEFAULT and failing] if maps is None else maps:
@@ -75,12 +75,12 @@ def coverage(found: Coverage) -> Iterator[RenderableType]:
     yield Text(f"{found.sentence()}.", style="dim" if found.complete else "yellow")
 
 
-def readings(found: ReadingFindings) -> Iterator[RenderableType]:
+def readings(found: Comparison | Diagnosis) -> Iterator[RenderableType]:
     """Yield what the samples themselves show of the instruments beside what is stated."""
-    if found.found:
+    if found.readings:
         yield heading("Instruments, by the samples themselves")
-        yield from sentences([reading_sentence(item) for item in found.found])
-    for text in untold_sentences(found):
+        yield from sentences([reading_sentence(item) for item in found.readings])
+    for text in untold_sentences(found.hum_unknown):
         yield Text(text, style="dim")
 
 

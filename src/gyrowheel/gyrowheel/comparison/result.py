@@ -60,12 +60,12 @@ class Comparison(Result):
     @property
     def where(self) -> tuple[Region, ...]:
         """Regions where the model fails, worst first, each with ``.share_of_chi2``."""
-        return tuple(self.details.where)
+        return self.details.where
 
     @property
     def recordings(self) -> tuple[str, ...]:
         """Paths of the recordings."""
-        return tuple(self.details.recordings)
+        return self.details.recordings
 
     def map(self, *over: str) -> ResidualMap:
         """Return a map of the residual over one or two variables.

@@ -238,7 +238,7 @@ def _diagnose(place: Place, stage: Stage) -> Diagnosis:
     stage.step("What is missing?")
     with stage.working("diagnosing") as say:
         found = diagnose([Recording.open(place.recording)], Model.load(place.model), progress=say)
-    stage.show([*findings(found), *detection_limits(found.detection_limits)])
+    stage.show([*findings(found), *detection_limits(found.limits)])
     return found
 
 

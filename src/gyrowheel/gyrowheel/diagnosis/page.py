@@ -32,8 +32,13 @@ from gyrowheel.show.sentences.proof import proof_line
 from gyrowheel.show.sentences.setup import cure, map_lines, problem
 
 if TYPE_CHECKING:
-    from gyrowheel_analysis.diagnosis.instruments import InstrumentFinding
-    from gyrowheel_analysis.diagnosis.result import DetectionLimit, Diagnosis, EffectFinding, FreeForm
+    from gyrowheel_analysis.diagnosis.result import (
+        DetectionLimit,
+        Diagnosis,
+        EffectFinding,
+        FreeForm,
+        InstrumentFinding,
+    )
     from gyrowheel_recording.mislabelled.fixes import WrongSetup
 
 _COLOURS = {
@@ -73,9 +78,9 @@ def diagnosis(
     yield from error_section(result)
     if not result.coverage.complete:
         yield from coverage(result.coverage)
-    yield from readings(result.readings)
+    yield from readings(result)
     yield from _moved(result.nuisance)
-    yield from detection_limits(result.detection_limits)
+    yield from detection_limits(result.limits)
     if parts:
         yield heading("What lies before and after, by itself")
         for part in parts:
@@ -131,7 +136,7 @@ def findings(result: Diagnosis) -> Iterator[RenderableType]:
         yield from sentences([f"plan {test.plan} ({about}): {purpose(test)}"])
 
 
-def detection_limits(limits: list[DetectionLimit]) -> Iterator[RenderableType]:
+def detection_limits(limits: Sequence[DetectionLimit]) -> Iterator[RenderableType]:
     """Yield what could not have been seen, or only where it is large."""
     never = [limit for limit in limits if not limit.value <= _NEVER * limit.usual[1]]
     hidden = [limit for limit in limits if not limit.visible and limit not in never]

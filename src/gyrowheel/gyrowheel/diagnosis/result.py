@@ -13,10 +13,16 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from rich.console import RenderableType
 
-    from gyrowheel_analysis.diagnosis.events import DatedEvent
-    from gyrowheel_analysis.diagnosis.instruments import InstrumentFinding
-    from gyrowheel_analysis.diagnosis.proof import Proof
-    from gyrowheel_analysis.diagnosis.result import DetectionLimit, EffectFinding, FreeForm, NextTest, Verdict
+    from gyrowheel_analysis.diagnosis.result import (
+        DatedEvent,
+        DetectionLimit,
+        EffectFinding,
+        FreeForm,
+        InstrumentFinding,
+        NextTest,
+        Proof,
+        Verdict,
+    )
     from gyrowheel_analysis.diagnosis.result import Diagnosis as Details
     from gyrowheel_analysis.reduction.not_as_stated import ReadingFinding
     from gyrowheel_analysis.residuals.error_table import ErrorTable
@@ -57,27 +63,27 @@ class Diagnosis(Result):
     @property
     def effects(self) -> tuple[EffectFinding, ...]:
         """The missing physical effects, strongest first: ``.name``, ``.coefficients``, ``.delta_chi2``, ``.ties``."""
-        return tuple(self.details.effects)
+        return self.details.effects
 
     @property
     def instruments(self) -> tuple[InstrumentFinding, ...]:
         """Instruments that are not as the bench states them: ``.channel``, ``.quantity``, ``.value``, ``.stated``."""
-        return tuple(self.details.instruments)
+        return self.details.instruments
 
     @property
     def readings(self) -> tuple[ReadingFinding, ...]:
         """What the samples show of the instruments beside what is stated: hum, steps, jitter, rate of the clock."""
-        return self.details.readings.found
+        return self.details.readings
 
     @property
     def free_form(self) -> tuple[FreeForm, ...]:
         """For the verdict ``unknown``: formulas for what no known effect explains."""
-        return tuple(self.details.free_form)
+        return self.details.free_form
 
     @property
     def events(self) -> tuple[DatedEvent, ...]:
         """What changed in the middle of a recording: ``.time``, ``.kind``, ``.channel``, ``.size`` and more."""
-        return tuple(self.details.events)
+        return self.details.events
 
     @property
     def error(self) -> ErrorTable | None:
@@ -87,7 +93,7 @@ class Diagnosis(Result):
     @property
     def where(self) -> tuple[Region, ...]:
         """Regions where the model fails without the findings, worst first."""
-        return tuple(self.details.where)
+        return self.details.where
 
     @property
     def next_test(self) -> NextTest | None:
@@ -97,17 +103,17 @@ class Diagnosis(Result):
     @property
     def limits(self) -> tuple[DetectionLimit, ...]:
         """Detection limits: the smallest size of every known effect that these recordings would show."""
-        return tuple(self.details.detection_limits)
+        return self.details.limits
 
     @property
     def setup(self) -> tuple[WrongSetup, ...]:
         """Columns of the recordings that cannot be what they are called; nothing is diagnosed then."""
-        return tuple(self.details.setup)
+        return self.details.setup
 
     @property
     def recordings(self) -> tuple[str, ...]:
         """Paths of the recordings."""
-        return tuple(self.details.recordings)
+        return self.details.recordings
 
     @property
     def parts(self) -> tuple[str, ...]:

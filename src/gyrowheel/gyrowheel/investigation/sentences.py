@@ -54,7 +54,7 @@ def unseen_sentence(found: Diagnosis) -> str:
     """Return which effects of a usual size would not have shown although a test can show them; empty if none."""
     if found.next_test is None:
         return ""
-    hidden = dict.fromkeys(limit.effect for limit in found.detection_limits if not limit.visible)
+    hidden = dict.fromkeys(limit.effect for limit in found.limits if not limit.visible)
     if not hidden:
         return ""
     return f"At a usual size these recordings would not have shown {listed(list(hidden), 'or')}. To look for more:"

@@ -260,7 +260,7 @@ def _finish(
     last = done.diagnosis
     if last is not None:
         stage.step("What is known now")
-        stage.show([*findings(last.details), *detection_limits(last.details.detection_limits)])
+        stage.show([*findings(last.details), *detection_limits(last.details.limits)])
         stage.show(error_section(last.details))
         if done.settled and (next_command := following(last, recordings, (), model)):
             stage.show([heading("Next"), command(next_command)])

@@ -166,16 +166,14 @@ def readings(found: Diagnosis, cells: Cells) -> list[Any]:
     """Return what the samples themselves show of the instruments beside what is stated."""
     # in the JSON they stand behind the instruments that the fit found
     first = len(found.instruments)
-    return [
-        cells.words(f"diagnosis.instruments.{first + k}.sentence") for k in range(len(found.readings.found))
-    ]
+    return [cells.words(f"diagnosis.instruments.{first + k}.sentence") for k in range(len(found.readings))]
 
 
 def remarks(found: Diagnosis, cells: Cells) -> list[Any]:
     """Return how much of the steady motion takes part, what was assumed, and what the samples cannot tell."""
     part = found.coverage
     said = [] if part.complete else [cells.shown("diagnosis.coverage", f"{part.sentence()}.", "sentence")]
-    return [*said, *untold_sentences(found.readings)]
+    return [*said, *untold_sentences(found.hum_unknown)]
 
 
 def events(found: Diagnosis) -> list[str]:
@@ -274,7 +272,7 @@ def moved(found: Diagnosis, cells: Cells) -> list[dict[str, Any]]:
 def limits(found: Diagnosis, cells: Cells) -> list[dict[str, Any]]:
     """Return the detection limits, those that hide most first; each with a strip of its usual sizes."""
     rows = []
-    for k, limit in enumerate(found.detection_limits):
+    for k, limit in enumerate(found.limits):
         finite = math.isfinite(limit.value)
         group = "hidden" if not limit.visible else "partly" if limit.value > limit.usual[0] else "seen"
         unit = unit_for(max(abs(v) for v in limit.usual), limit.unit)

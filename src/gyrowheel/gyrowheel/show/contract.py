@@ -21,12 +21,17 @@ from gyrowheel_analysis.residuals.maps import maps_json
 if TYPE_CHECKING:
     from gyrowheel_analysis.calibrate import Calibration
     from gyrowheel_analysis.compare import Comparison
-    from gyrowheel_analysis.diagnosis.events import DatedEvent
-    from gyrowheel_analysis.diagnosis.instruments import InstrumentFinding
-    from gyrowheel_analysis.diagnosis.proof import Proof
-    from gyrowheel_analysis.diagnosis.result import Diagnosis, EffectFinding, Estimate, TieReport
+    from gyrowheel_analysis.diagnosis.result import (
+        DatedEvent,
+        Diagnosis,
+        EffectFinding,
+        Estimate,
+        InstrumentFinding,
+        Proof,
+        TieReport,
+    )
     from gyrowheel_analysis.model import Override
-    from gyrowheel_analysis.reduction.not_as_stated import ReadingFindings
+    from gyrowheel_analysis.reduction.not_as_stated import ReadingFinding
     from gyrowheel_analysis.residuals.error_table import ErrorTable
     from gyrowheel_analysis.residuals.regions import Region
     from gyrowheel_recording.mislabelled.fixes import WrongSetup
@@ -48,13 +53,13 @@ def comparison_json(found: Comparison) -> dict[str, Any]:
         "whiteness": [test.to_json() for test in found.whiteness],
         "maps": maps_json(found.maps),
         "instruments": reading_json(found.readings),
-        "recordings": found.recordings,
+        "recordings": list(found.recordings),
         "model": found.model,
         "coverage": found.coverage.to_json(),
     }
 
 
-def reading_json(found: ReadingFindings) -> list[dict[str, Any]]:
+def reading_json(found: Sequence[ReadingFinding]) -> list[dict[str, Any]]:
     """Return what the samples show of the instruments as JSON objects."""
     return [
         {
@@ -63,7 +68,7 @@ def reading_json(found: ReadingFindings) -> list[dict[str, Any]]:
             "sentence": reading_sentence(item),
             "ties": [],
         }
-        for item in found.found
+        for item in found
     ]
 
 
@@ -135,10 +140,10 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
                 "unit": limit.unit,
                 "visible": limit.visible,
             }
-            for limit in found.detection_limits
+            for limit in found.limits
         ],
         "setup": setup_json(found.setup),
-        "recordings": found.recordings,
+        "recordings": list(found.recordings),
         "model": found.model,
         "coverage": found.coverage.to_json(),
         "versions": found.versions,
@@ -181,7 +186,7 @@ def calibration_json(found: Calibration) -> dict[str, Any]:
         "undetermined": found.undetermined,
         "chi2_per_n": found.chi2_per_n,
         "notes": calibration_notes(found),
-        "recordings": found.recordings,
+        "recordings": list(found.recordings),
     }
 
 

@@ -7,6 +7,7 @@ import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
+from typing import Any
 
 import numpy as np
 
@@ -22,9 +23,10 @@ from gyrowheel_analysis.diagnosis.instruments import (
     instrument_findings,
     is_instrument,
 )
-from gyrowheel_analysis.diagnosis.limits import Beyond, beyond, unusual
-from gyrowheel_analysis.diagnosis.proof import RANGE, Proof, lack_of_fit, prove
+from gyrowheel_analysis.diagnosis.limits import beyond, unusual
+from gyrowheel_analysis.diagnosis.proof import RANGE, lack_of_fit, prove
 from gyrowheel_analysis.diagnosis.result import (
+    Beyond,
     DetectionLimit,
     Diagnosis,
     EffectFinding,
@@ -32,6 +34,7 @@ from gyrowheel_analysis.diagnosis.result import (
     FreeForm,
     NextTest,
     NuisanceEstimate,
+    Proof,
     RivalReport,
     TieReport,
     Verdict,
@@ -57,7 +60,7 @@ from gyrowheel_analysis.residuals.regions import regions
 from gyrowheel_analysis.residuals.windows import window_residuals
 from gyrowheel_recording.bags import Recording
 from gyrowheel_recording.mislabelled.find import wrong_setups
-from gyrowheel_sim.effects import effect_to_mapping, registry
+from gyrowheel_sim.effects import effect_to_mapping
 from gyrowheel_sim.effects.typed import effect_to_line
 
 #: A rival this part of the evidence worse explains nothing.
@@ -95,20 +98,25 @@ def diagnose(
     """
     began = clock.monotonic()
     say = progress or (lambda text: None)
-    paths = [str(r.path) for r in recordings]
+    paths = tuple(str(r.path) for r in recordings)
+
+    def insufficient(**facts: Any) -> Diagnosis:
+        return Diagnosis(
+            "insufficient_data",
+            recordings=paths,
+            model=model.origin,
+            seconds=clock.monotonic() - began,
+            versions=_versions(),
+            **facts,
+        )
+
     say("looking at the setup")
     if wrong := wrong_setups([*recordings, *validate], model.reference_bench, mixed=mixed):
-        return Diagnosis(
-            "insufficient_data", 0, [], [], None, [], None, {}, [], [], paths, model.origin, {},
-            clock.monotonic() - began, _versions(), setup=wrong,
-        )  # fmt: skip
+        return insufficient(windows=0, setup=tuple(wrong))
     try:
         first = prepare(recordings, model, validate=validate, harmonics=not averages, progress=progress)
     except TooFewWindowsError as few:
-        return Diagnosis(
-            "insufficient_data", few.windows, [], [], None, [], None, {}, [], [], paths, model.origin, {},
-            clock.monotonic() - began, _versions(), few.coverage,
-        )  # fmt: skip
+        return insufficient(windows=few.windows, coverage=few.coverage)
     say("looking for missing effects")
     selection = select(first.problem, progress=progress)
     fitted = first.reweighed(selection.best)
@@ -161,35 +169,37 @@ def diagnose(
     far = beyond(problem, best, [t for t in best.terms if proposal is None or t != proposal.term])
     lack = lack_of_fit(problem, best)
     verdict = _verdict(findings, proposal, limits, far, lack, proof)
+    readings = fitted.readings(problem.bench)
     return Diagnosis(
         verdict=verdict,
         windows=fitted.windows,
-        effects=[f for f in findings if not is_instrument(f.name)],
-        free_form=[_free_form(proposal, problem)] if proposal else [],
+        effects=tuple(f for f in findings if not is_instrument(f.name)),
+        free_form=(_free_form(proposal, problem),) if proposal else (),
         error=errors.table,
-        where=regions(data, problem.bench),
+        where=tuple(regions(data, problem.bench)),
         next_test=_next_test(findings, limits, planner, verdict),
         nuisance=nuisance_estimates(problem, best),
-        detection_limits=limits,
-        residuals=errors.residuals,
+        limits=tuple(limits),
+        residuals=tuple(errors.residuals),
         recordings=paths,
         model=model.origin,
         drift_scales=dict(problem.noise.scales),
         seconds=clock.monotonic() - began,
         versions=_versions(),
         coverage=fitted.coverage,
-        events=events,
-        beyond=far,
+        events=tuple(events),
+        beyond=tuple(far),
         lack_of_fit=lack,
         proof=proof,
-        drift_shapes=shapes,
-        instruments=[
+        drift_shapes=tuple(shapes),
+        instruments=tuple(
             wrong
             for f in findings
             if is_instrument(f.name)
             for wrong in instrument_findings(f, problem.bench)
-        ],
-        readings=fitted.readings(problem.bench),
+        ),
+        readings=readings.found,
+        hum_unknown=readings.untold,
     )
 
 
@@ -214,7 +224,7 @@ def _verdict(
     if findings:
         # alone, an effect of any possible size may be what it is; several may only make up for another one
         # (the zero of an encoder, or a delay, is set by whoever builds the bench)
-        odd = {b.name for b in far if b.kind == "unusual" and not _is_instrument(b.name)}
+        odd = {b.name for b in far if b.kind == "unusual" and not is_instrument(b.name)}
         # where something of a usual size is as likely, the tie is what is open
         tied = {f.name for f in findings if any(not tie.unusual for tie in f.ties)}
         if (odd and unexplained) or (odd - tied and len(findings) > 1):
@@ -225,11 +235,6 @@ def _verdict(
         return "unknown"
     blind = bool(limits) and not any(limit.visible for limit in limits)
     return "insufficient_data" if blind or proof.proven is False else "nothing_missing"
-
-
-def _is_instrument(name: str) -> bool:
-    known = registry().get(name)
-    return known is not None and known.category == "instrument"
 
 
 def _report(fitted: Prepared, finding: Finding, best: Fit, planner: Planner) -> EffectFinding:
@@ -264,13 +269,13 @@ def _report(fitted: Prepared, finding: Finding, best: Fit, planner: Planner) -> 
         formula=term.effect.formula
         if term.effect
         else f"{', '.join(ERRORS[term.name])} = stated * (1 + relative_error)",
-        growth=growth(data),
-        rivals=[
+        growth=tuple(growth(data)),
+        rivals=tuple(
             RivalReport(rival.term.name, rival.delta_chi2)
             for rival in finding.rivals
             if rival.delta_chi2 < _EXPLAINS_NOTHING * finding.delta_chi2
-        ],
-        ties=ties,
+        ),
+        ties=tuple(ties),
         in_model=_in_model(term, problem),
     )
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from gyrowheel_analysis.diagnosis.event_scan import Candidate, scan
 from gyrowheel_analysis.diagnosis.evidence import Evidence, Profiles
+from gyrowheel_analysis.diagnosis.result import DatedEvent, DriftShape
 from gyrowheel_analysis.diagnosis.selection import Progress, Selection, select
 from gyrowheel_analysis.diagnosis.unknown import Proposal, search
 from gyrowheel_analysis.fitting.events import (
@@ -20,7 +21,6 @@ from gyrowheel_analysis.fitting.events import (
     TEMPERATURES,
     TOGETHER,
     Event,
-    Kind,
     temperature,
 )
 from gyrowheel_analysis.fitting.fit import Fit
@@ -49,84 +49,6 @@ _NEAR = 5.0  # s within which another change may be the same event
 _TIE = 14.0  # gain within which another quantity explains an event as well
 #: Readings whose shift looks like a torque in every window.
 _READINGS = {"torque_x": ("coil_voltage_x",), "torque_y": ("coil_voltage_y",)}
-
-
-@dataclass(frozen=True)
-class DatedEvent:
-    """Something that changed in the middle of a recording.
-
-    Attributes
-    ----------
-    recording : str
-        In which recording.
-    time, time_error : float
-        When it began, from the start of that recording, and the standard error [s].
-    end, end_error : float or None
-        When it ended (a burst) or reached its size (a trend), and the standard error [s]; None for a step.
-    kind : str
-        ``step``, ``trend`` or ``burst``.
-    channel : str
-        What changed, one of `fitting.events.QUANTITIES`.
-    size, standard_error : float
-        By how much, in `unit`.
-    unit : str
-        Unit of the size.
-    gain : float
-        By how much it raises twice the log likelihood of the recordings.
-    ties : tuple of str
-        Other quantities whose change explains the recordings as well.
-    """
-
-    recording: str
-    time: float
-    time_error: float
-    end: float | None
-    end_error: float | None
-    kind: Kind
-    channel: str
-    size: float
-    standard_error: float
-    unit: str
-    gain: float
-    ties: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class DriftShape:
-    """A drift that has a shape.
-
-    Attributes
-    ----------
-    recording : str
-        In which recording.
-    kind : str
-        ``swing``; ``coil_temperature``, ``motor_temperature`` or ``air_temperature``: it follows that; ``after_tilt``:
-        it relaxes after every move of the tilt.
-    channel : str
-        What drifts, one of `fitting.events.QUANTITIES`.
-    size, standard_error : float
-        Amplitude of the swing; change from the coldest to the warmest window; what a tilt of the reference size brings
-        just after the move, in `unit`.
-    unit : str
-        Unit of the size.
-    time, time_error : float
-        Period of the swing, or time in which it relaxes, and the standard error [s]; 0 for a temperature.
-    temperature_change : float
-        From the coldest to the warmest window [K]; 0 for other shapes.
-    gain : float
-        By how much it raises twice the log likelihood of the recordings.
-    """
-
-    recording: str
-    kind: Kind
-    channel: str
-    size: float
-    standard_error: float
-    unit: str
-    time: float
-    time_error: float
-    temperature_change: float
-    gain: float
 
 
 @dataclass(frozen=True)

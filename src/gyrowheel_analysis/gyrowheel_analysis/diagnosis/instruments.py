@@ -2,62 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
+from gyrowheel_analysis.diagnosis.result import EffectFinding, InstrumentFinding
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import registry
 from gyrowheel_sim.effects.targets import INSTRUMENT_PARAMETERS
 
-if TYPE_CHECKING:
-    from gyrowheel_analysis.diagnosis.result import EffectFinding, TieReport
-
 #: Channels of the instruments, as the parameters of the bench begin.
 CHANNELS = ("tilt", "spin_angle", "coil_voltage", "motor_voltage", "motor_current")
-
-
-@dataclass(frozen=True)
-class InstrumentFinding:
-    """An instrument that is not as the bench states it.
-
-    Attributes
-    ----------
-    name : str
-        What ``gyrowheel model add`` takes: an effect of the category ``instrument``.
-    channel : str
-        The reading, say ``coil_voltage``.
-    quantity : str
-        What is wrong with it: the parameter of the bench without the channel, say ``delay``.
-    value, standard_error : float
-        The parameter as found [`unit`].
-    stated : float
-        The parameter as the bench states it.
-    unit : str
-        SI unit.
-    delta_chi2 : float
-        By how much chi-squared is worse without it, all else fitted again.
-    ties : list of TieReport
-        What explains the recordings as well: instruments or effects.
-    title, sentence : str
-        Title and physics as declared.
-    """
-
-    name: str
-    channel: str
-    quantity: str
-    value: float
-    standard_error: float
-    stated: float
-    unit: str
-    delta_chi2: float
-    ties: list[TieReport]
-    title: str = ""
-    sentence: str = ""
-
-    @property
-    def deviation(self) -> float:
-        """By how much it is off [`unit`]."""
-        return self.value - self.stated
 
 
 def is_instrument(name: str) -> bool:

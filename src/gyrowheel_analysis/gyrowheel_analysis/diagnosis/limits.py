@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
+from gyrowheel_analysis.diagnosis.result import Beyond
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.fitting.terms import Term
@@ -25,35 +24,6 @@ _FAR_ERROR = (-0.5, 1.0)
 #: Stated uncertainties from which on a bench parameter that is fitted along is no longer as stated.
 FAR_STATED = 5.0
 _AT_BOUND = 1.0e-6  # of the width of the range that a fit searches
-
-
-@dataclass(frozen=True)
-class Beyond:
-    """A value beyond what is possible, or far beyond what is usual.
-
-    Attributes
-    ----------
-    kind : str
-        ``impossible``: a bench parameter where physics has none. ``unusual``: an effect, or the error of a parameter,
-        many times as large as is usual. ``not_as_stated``: a bench parameter that was fitted along, many of its stated
-        uncertainties away.
-    name, coefficient : str
-        The effect, error or bench parameter; of an effect its coefficient.
-    value, limit : float
-        As fitted, and what it is beyond [`unit`].
-    unit : str
-        Their unit.
-    times : float
-        How far beyond: times the largest usual size, or stated uncertainties; 0 where it is impossible.
-    """
-
-    kind: Literal["impossible", "unusual", "not_as_stated"]
-    name: str
-    coefficient: str
-    value: float
-    limit: float
-    unit: str
-    times: float
 
 
 def is_possible(fit: Fit, term: Term) -> bool:

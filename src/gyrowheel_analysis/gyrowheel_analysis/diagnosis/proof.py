@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.channels import LISTED
+from gyrowheel_analysis.diagnosis.result import Left, Proof, Reason
 from gyrowheel_analysis.diagnosis.selection import expected_chi2, groups, inverse_of, threshold
 from gyrowheel_analysis.fitting.events import Event
 from gyrowheel_analysis.fitting.fit import Fit
@@ -38,61 +38,6 @@ _ACCOUNTS = 0.8
 _BLOCKS = 4  # of time, where there are too few speeds and directions to leave one out
 _FEWEST = {"recording": 2, "speed": 3, "azimuth": 3, "time": _BLOCKS}
 _FEWEST_ROWS = 12
-
-Left = Literal["", "recording", "speed", "azimuth", "time"]
-Reason = Literal["predicted", "unfixed", "event", "differs", "resembles", "misfit", "no_gain", "not_tried"]
-
-
-@dataclass(frozen=True)
-class Proof:
-    """Whether a fit predicts what was not fitted.
-
-    Attributes
-    ----------
-    recording : str
-        What was predicted: the recordings for validation, or those of which parts were left out.
-    proven : bool or None
-        None where nothing could be tried.
-    reason : str
-        ``predicted``: within noise and the uncertainty of the prediction. ``unfixed``: within it only because
-        `causes` are not fixed by what was fitted. ``event``: within it but for what happened there. ``differs``: the
-        unknown in `causes` would need another value there. ``resembles``: fit and prediction together look like the
-        term in `causes`. ``misfit``: none of these. ``no_gain``: the prediction without the findings is as good.
-        ``not_tried``: there is nothing that could be left out.
-    left_out : str
-        What was left out in turn: ``recording``, ``speed``, ``azimuth`` or ``time``; empty for a validation.
-    parts : int
-        In how many parts.
-    causes : tuple of str
-        See `reason`.
-    value, fitted : float or None
-        For ``differs``: what the bench parameter would have to be there, and what it is in the fit [`unit`].
-    unit : str
-        Their unit.
-    chi2_per_n, allowed : float
-        Of the prediction, and what noise and uncertainty of the prediction allow.
-    channel : str
-        Channel in which the error falls most, or is largest where nothing was found.
-    before, after, noise : float
-        Its error without and with the findings, and its noise [SI]; where parts were left out, the noise with the
-        uncertainty of their prediction.
-    """
-
-    recording: str
-    proven: bool | None
-    reason: Reason
-    left_out: Left = ""
-    parts: int = 0
-    causes: tuple[str, ...] = ()
-    value: float | None = None
-    fitted: float | None = None
-    unit: str = ""
-    chi2_per_n: float = 0.0
-    allowed: float = 0.0
-    channel: str = ""
-    before: float = 0.0
-    after: float = 0.0
-    noise: float = 0.0
 
 
 def lack_of_fit(problem: Problem, fit: Fit) -> float:

@@ -1,26 +1,25 @@
-"""What a diagnosis says: verdict, findings with evidence and ties, limits, the next test."""
+"""The facts of a diagnosis: verdict, findings with evidence and ties, events, proof, limits, the next test.
+
+Every result of this folder that leaves it is declared here; no procedure is imported, so that anything may import it.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-from gyrowheel_analysis.diagnosis.events import (
-    DatedEvent,
-    DriftShape,
-)
-from gyrowheel_analysis.diagnosis.instruments import (
-    InstrumentFinding,
-)
-from gyrowheel_analysis.diagnosis.limits import Beyond
-from gyrowheel_analysis.diagnosis.proof import Proof
-from gyrowheel_analysis.reduction import Coverage
-from gyrowheel_analysis.reduction.not_as_stated import ReadingFindings
-from gyrowheel_analysis.residuals.error_table import ErrorTable, Residuals
-from gyrowheel_analysis.residuals.growth import Growth
-from gyrowheel_analysis.residuals.regions import Region
-from gyrowheel_recording.mislabelled.fixes import WrongSetup
+from gyrowheel_analysis.reduction.coverage import Coverage
 
+if TYPE_CHECKING:
+    from gyrowheel_analysis.fitting.events import Kind
+    from gyrowheel_analysis.reduction.not_as_stated import ReadingFinding
+    from gyrowheel_analysis.residuals.error_table import ErrorTable, Residuals
+    from gyrowheel_analysis.residuals.growth import Growth
+    from gyrowheel_analysis.residuals.regions import Region
+    from gyrowheel_recording.mislabelled.fixes import WrongSetup
+
+Left = Literal["", "recording", "speed", "azimuth", "time"]
+Reason = Literal["predicted", "unfixed", "event", "differs", "resembles", "misfit", "no_gain", "not_tried"]
 Verdict = Literal["nothing_missing", "effect", "ambiguous", "unknown", "insufficient_data"]
 
 
@@ -89,11 +88,11 @@ class EffectFinding:
         By how much chi-squared is worse without it, all else fitted again.
     formula : str
         Its law.
-    growth : list of Growth
+    growth : tuple of Growth
         The laws that the residual follows once everything but the effect is accounted for.
-    rivals : list of RivalReport
+    rivals : tuple of RivalReport
         Other terms in its place that explain something, but less.
-    ties : list of TieReport
+    ties : tuple of TieReport
         Terms that explain the recordings as well.
     in_model : dict of str to Estimate, or None
         The coefficients with which the model has it already; None where it is missing.
@@ -105,10 +104,54 @@ class EffectFinding:
     coefficients: dict[str, Estimate]
     delta_chi2: float
     formula: str
-    growth: list[Growth]
-    rivals: list[RivalReport]
-    ties: list[TieReport]
+    growth: tuple[Growth, ...]
+    rivals: tuple[RivalReport, ...]
+    ties: tuple[TieReport, ...]
     in_model: dict[str, Estimate] | None = None
+
+
+@dataclass(frozen=True)
+class InstrumentFinding:
+    """An instrument that is not as the bench states it.
+
+    Attributes
+    ----------
+    name : str
+        What ``gyrowheel model add`` takes: an effect of the category ``instrument``.
+    channel : str
+        The reading, say ``coil_voltage``.
+    quantity : str
+        What is wrong with it: the parameter of the bench without the channel, say ``delay``.
+    value, standard_error : float
+        The parameter as found [`unit`].
+    stated : float
+        The parameter as the bench states it.
+    unit : str
+        SI unit.
+    delta_chi2 : float
+        By how much chi-squared is worse without it, all else fitted again.
+    ties : tuple of TieReport
+        What explains the recordings as well: instruments or effects.
+    title, sentence : str
+        Title and physics as declared.
+    """
+
+    name: str
+    channel: str
+    quantity: str
+    value: float
+    standard_error: float
+    stated: float
+    unit: str
+    delta_chi2: float
+    ties: tuple[TieReport, ...]
+    title: str = ""
+    sentence: str = ""
+
+    @property
+    def deviation(self) -> float:
+        """By how much it is off [`unit`]."""
+        return self.value - self.stated
 
 
 @dataclass(frozen=True)
@@ -192,86 +235,251 @@ class DetectionLimit:
 
 
 @dataclass(frozen=True)
+class Beyond:
+    """A value beyond what is possible, or far beyond what is usual.
+
+    Attributes
+    ----------
+    kind : str
+        ``impossible``: a bench parameter where physics has none. ``unusual``: an effect, or the error of a parameter,
+        many times as large as is usual. ``not_as_stated``: a bench parameter that was fitted along, many of its stated
+        uncertainties away.
+    name, coefficient : str
+        The effect, error or bench parameter; of an effect its coefficient.
+    value, limit : float
+        As fitted, and what it is beyond [`unit`].
+    unit : str
+        Their unit.
+    times : float
+        How far beyond: times the largest usual size, or stated uncertainties; 0 where it is impossible.
+    """
+
+    kind: Literal["impossible", "unusual", "not_as_stated"]
+    name: str
+    coefficient: str
+    value: float
+    limit: float
+    unit: str
+    times: float
+
+
+@dataclass(frozen=True)
+class Proof:
+    """Whether a fit predicts what was not fitted.
+
+    Attributes
+    ----------
+    recording : str
+        What was predicted: the recordings for validation, or those of which parts were left out.
+    proven : bool or None
+        None where nothing could be tried.
+    reason : str
+        ``predicted``: within noise and the uncertainty of the prediction. ``unfixed``: within it only because
+        `causes` are not fixed by what was fitted. ``event``: within it but for what happened there. ``differs``: the
+        unknown in `causes` would need another value there. ``resembles``: fit and prediction together look like the
+        term in `causes`. ``misfit``: none of these. ``no_gain``: the prediction without the findings is as good.
+        ``not_tried``: there is nothing that could be left out.
+    left_out : str
+        What was left out in turn: ``recording``, ``speed``, ``azimuth`` or ``time``; empty for a validation.
+    parts : int
+        In how many parts.
+    causes : tuple of str
+        See `reason`.
+    value, fitted : float or None
+        For ``differs``: what the bench parameter would have to be there, and what it is in the fit [`unit`].
+    unit : str
+        Their unit.
+    chi2_per_n, allowed : float
+        Of the prediction, and what noise and uncertainty of the prediction allow.
+    channel : str
+        Channel in which the error falls most, or is largest where nothing was found.
+    before, after, noise : float
+        Its error without and with the findings, and its noise [SI]; where parts were left out, the noise with the
+        uncertainty of their prediction.
+    """
+
+    recording: str
+    proven: bool | None
+    reason: Reason
+    left_out: Left = ""
+    parts: int = 0
+    causes: tuple[str, ...] = ()
+    value: float | None = None
+    fitted: float | None = None
+    unit: str = ""
+    chi2_per_n: float = 0.0
+    allowed: float = 0.0
+    channel: str = ""
+    before: float = 0.0
+    after: float = 0.0
+    noise: float = 0.0
+
+
+@dataclass(frozen=True)
+class DatedEvent:
+    """Something that changed in the middle of a recording.
+
+    Attributes
+    ----------
+    recording : str
+        In which recording.
+    time, time_error : float
+        When it began, from the start of that recording, and the standard error [s].
+    end, end_error : float or None
+        When it ended (a burst) or reached its size (a trend), and the standard error [s]; None for a step.
+    kind : str
+        ``step``, ``trend`` or ``burst``.
+    channel : str
+        What changed, one of `fitting.events.QUANTITIES`.
+    size, standard_error : float
+        By how much, in `unit`.
+    unit : str
+        Unit of the size.
+    gain : float
+        By how much it raises twice the log likelihood of the recordings.
+    ties : tuple of str
+        Other quantities whose change explains the recordings as well.
+    """
+
+    recording: str
+    time: float
+    time_error: float
+    end: float | None
+    end_error: float | None
+    kind: Kind
+    channel: str
+    size: float
+    standard_error: float
+    unit: str
+    gain: float
+    ties: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class DriftShape:
+    """A drift that has a shape.
+
+    Attributes
+    ----------
+    recording : str
+        In which recording.
+    kind : str
+        ``swing``; ``coil_temperature``, ``motor_temperature`` or ``air_temperature``: it follows that; ``after_tilt``:
+        it relaxes after every move of the tilt.
+    channel : str
+        What drifts, one of `fitting.events.QUANTITIES`.
+    size, standard_error : float
+        Amplitude of the swing; change from the coldest to the warmest window; what a tilt of the reference size brings
+        just after the move, in `unit`.
+    unit : str
+        Unit of the size.
+    time, time_error : float
+        Period of the swing, or time in which it relaxes, and the standard error [s]; 0 for a temperature.
+    temperature_change : float
+        From the coldest to the warmest window [K]; 0 for other shapes.
+    gain : float
+        By how much it raises twice the log likelihood of the recordings.
+    """
+
+    recording: str
+    kind: Kind
+    channel: str
+    size: float
+    standard_error: float
+    unit: str
+    time: float
+    time_error: float
+    temperature_change: float
+    gain: float
+
+
+@dataclass(frozen=True)
 class Diagnosis:
-    """What is missing in a model, by the evidence of recordings.
+    """The effects that a model lacks, with the evidence of recordings.
 
     Attributes
     ----------
     verdict : str
         ``nothing_missing``, ``effect``, ``ambiguous``, ``unknown`` or ``insufficient_data``.
     windows : int
-        Steady windows in the recordings.
-    effects : list of EffectFinding
-        Physical effects that are missing, strongest first.
-    free_form : list of FreeForm
-        For ``unknown``: a formula that describes it.
+        Number of steady windows in the recordings.
+    recordings : tuple of str
+        Paths of the recordings.
+    model : str
+        File or name of the model.
+    effects : tuple of EffectFinding
+        The missing physical effects, strongest first.
+    instruments : tuple of InstrumentFinding
+        Instruments that are not as the bench states them, strongest first.
+    free_form : tuple of FreeForm
+        For ``unknown``: formulas for what no known effect explains.
     error : ErrorTable or None
-        The error without and with what was found; None for ``insufficient_data``.
-    where : list of Region
-        Where the model fails without it.
+        The error before and after adding the findings; None for ``insufficient_data``.
+    where : tuple of Region
+        Regions where the model fails without the findings, worst first.
     next_test : NextTest or None
-        The test that settles what is open.
-    nuisance : dict of str to NuisanceEstimate
-        The bench's uncertain parameters as fitted along.
-    detection_limits : list of DetectionLimit
-        What could not have been seen.
-    residuals : list of Residuals
-        Window by window, without and with what was found.
-    recordings, model : list of str, str
-        What was diagnosed.
-    drift_scales : dict of str to float
-        Size of the slow drifts over the stated size.
-    seconds : float
-        How long it took [s].
-    versions : dict of str to str
-        Of the programs that found it.
-    coverage : Coverage
-        How much of the recordings takes part.
-    events : list of DatedEvent
-        What changed in the middle of a recording. In those that are fitted it is taken along; in those for validation
-        it stays in the error.
-    setup : list of WrongSetup
-        Columns that cannot be what they are called: then the verdict is ``insufficient_data`` and nothing is diagnosed.
-    beyond : list of Beyond
+        The test to run next.
+    limits : tuple of DetectionLimit
+        Detection limits: the smallest size of every known effect that these recordings would show.
+    events : tuple of DatedEvent
+        Changes in the middle of a recording. Those in fitted recordings are part of the fit; those in recordings for
+        validation stay in the error.
+    drift_shapes : tuple of DriftShape
+        Drifts with a shape, which are part of the fit like events.
+    readings : tuple of ReadingFinding
+        Deviations of the instruments that the samples show: hum, steps, jitter, rate of the clock. They cause no
+        torque and change no verdict.
+    hum_unknown : tuple of (str, str)
+        Recordings in which hum at the stated mains frequency cannot be measured, and why (`reduction.hum.untold`).
+    setup : tuple of WrongSetup
+        Columns that cannot be what they are called; the verdict is then ``insufficient_data`` and nothing is diagnosed.
+    proof : Proof or None
+        Whether the findings predict what was not fitted; None for ``insufficient_data``.
+    beyond : tuple of Beyond
         Values beyond what is possible or far beyond what is usual, the gravest first.
     lack_of_fit : float
-        By how many of its standard deviations chi-squared of the fit is above what is expected.
-    proof : Proof or None
-        Whether what was found predicts what was not fitted; None for ``insufficient_data``.
-    instruments : list of InstrumentFinding
-        Instruments that are not as stated, strongest first.
-    drift_shapes : list of DriftShape
-        Drifts that are no mere wandering: they are taken along in the fit like events.
-    readings : ReadingFindings
-        What the samples show of the instruments beside what is stated; it turns no torque and no verdict.
+        Excess of chi-squared of the fit over its expectation, in standard deviations.
+    nuisance : dict of str to NuisanceEstimate
+        Bench parameters that are estimated in the fit.
+    drift_scales : dict of str to float
+        Size of the slow drifts over the stated size.
+    residuals : tuple of Residuals
+        Residuals window by window, before and after adding the findings.
+    coverage : Coverage
+        Share of the recordings that is used.
+    seconds : float
+        Computing time [s].
+    versions : dict of str to str
+        Versions of the programs.
     """
 
     verdict: Verdict
     windows: int
-    effects: list[EffectFinding]
-    free_form: list[FreeForm]
-    error: ErrorTable | None
-    where: list[Region]
-    next_test: NextTest | None
-    nuisance: dict[str, NuisanceEstimate]
-    detection_limits: list[DetectionLimit]
-    residuals: list[Residuals]
-    recordings: list[str]
+    recordings: tuple[str, ...]
     model: str
-    drift_scales: dict[str, float]
-    seconds: float
-    versions: dict[str, str] = field(default_factory=dict)
-    coverage: Coverage = field(default_factory=Coverage)
-    events: list[DatedEvent] = field(default_factory=list)
-    setup: list[WrongSetup] = field(default_factory=list)
-    beyond: list[Beyond] = field(default_factory=list)
-    lack_of_fit: float = 0.0
+    effects: tuple[EffectFinding, ...] = ()
+    instruments: tuple[InstrumentFinding, ...] = ()
+    free_form: tuple[FreeForm, ...] = ()
+    error: ErrorTable | None = None
+    where: tuple[Region, ...] = ()
+    next_test: NextTest | None = None
+    limits: tuple[DetectionLimit, ...] = ()
+    events: tuple[DatedEvent, ...] = ()
+    drift_shapes: tuple[DriftShape, ...] = ()
+    readings: tuple[ReadingFinding, ...] = ()
+    hum_unknown: tuple[tuple[str, str], ...] = ()
+    setup: tuple[WrongSetup, ...] = ()
     proof: Proof | None = None
-    instruments: list[InstrumentFinding] = field(default_factory=list)
-    drift_shapes: list[DriftShape] = field(default_factory=list)
-    readings: ReadingFindings = field(default_factory=ReadingFindings)
+    beyond: tuple[Beyond, ...] = ()
+    lack_of_fit: float = 0.0
+    nuisance: dict[str, NuisanceEstimate] = field(default_factory=dict)
+    drift_scales: dict[str, float] = field(default_factory=dict)
+    residuals: tuple[Residuals, ...] = ()
+    coverage: Coverage = field(default_factory=Coverage)
+    seconds: float = 0.0
+    versions: dict[str, str] = field(default_factory=dict)
 
     @property
-    def ties(self) -> dict[str, list[TieReport]]:
-        """What ties with each finding, by the names of effects and of instruments."""
+    def ties(self) -> dict[str, tuple[TieReport, ...]]:
+        """Ties of each finding, by the names of effects and of instruments."""
         return {f.name: f.ties for f in self.effects} | {f.name: f.ties for f in self.instruments}

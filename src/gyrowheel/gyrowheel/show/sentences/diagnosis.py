@@ -14,8 +14,7 @@ from gyrowheel.show.sentences.setup import problem
 from gyrowheel_core.quantities import listed
 
 if TYPE_CHECKING:
-    from gyrowheel_analysis.diagnosis.limits import Beyond
-    from gyrowheel_analysis.diagnosis.result import Diagnosis, EffectFinding, NextTest, TieReport
+    from gyrowheel_analysis.diagnosis.result import Beyond, Diagnosis, EffectFinding, NextTest, TieReport
 
 _ERROR_TITLES = {
     "stiffness_error": "flexure stiffness differs from the bench file",
@@ -86,7 +85,7 @@ def _verdict(found: Diagnosis) -> str:
         return f"Nothing was diagnosed, the setup is wrong: {wrong}."
     if found.verdict == "nothing_missing":
         explained = "the model explains the recordings within noise and stated uncertainties."
-        hidden = dict.fromkeys(limit.effect for limit in found.detection_limits if not limit.visible)
+        hidden = dict.fromkeys(limit.effect for limit in found.limits if not limit.visible)
         nothing = "Besides, nothing" if found.events else "Nothing"
         if not hidden:
             return f"{nothing} is missing: {explained}"

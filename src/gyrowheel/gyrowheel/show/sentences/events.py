@@ -9,7 +9,7 @@ from gyrowheel.show.quantities import decimal, with_error
 from gyrowheel_core.quantities import listed
 
 if TYPE_CHECKING:
-    from gyrowheel_analysis.diagnosis.events import DatedEvent, DriftShape
+    from gyrowheel_analysis.diagnosis.result import DatedEvent, DriftShape
 
 #: What changed, by the channel of an event.
 _WHAT = {

@@ -8,7 +8,7 @@ from gyrowheel.show.quantities import quantity, with_error
 from gyrowheel_core.quantities import listed
 
 if TYPE_CHECKING:
-    from gyrowheel_analysis.diagnosis.instruments import InstrumentFinding
+    from gyrowheel_analysis.diagnosis.result import InstrumentFinding
 
 #: Readings in a sentence, by channel.
 READINGS = {

@@ -12,7 +12,7 @@ from gyrowheel_analysis.channels import LISTED
 from gyrowheel_core.quantities import listed
 
 if TYPE_CHECKING:
-    from gyrowheel_analysis.diagnosis.proof import Proof
+    from gyrowheel_analysis.diagnosis.result import Proof
     from gyrowheel_analysis.residuals.error_table import ErrorTable
 
 _PARTS = {

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from gyrowheel.show.quantities import pair, quantity, short, with_error
 from gyrowheel.show.sentences.instruments import READINGS
 
 if TYPE_CHECKING:
-    from gyrowheel_analysis.reduction.not_as_stated import ReadingFinding, ReadingFindings
+    from gyrowheel_analysis.reduction.not_as_stated import ReadingFinding
 
 _NAMES = READINGS | {"temperature": "temperatures", "pressure": "air pressure"}
 _REMARKS = {
@@ -57,9 +57,9 @@ def _micro(found: ReadingFinding) -> str:
     return pair(value, error) if error > _EXACT * value else short(value)
 
 
-def untold_sentences(found: ReadingFindings) -> Iterator[str]:
+def untold_sentences(hum_unknown: Sequence[tuple[str, str]]) -> Iterator[str]:
     """Yield what the samples cannot tell: hum where the rotor turns, and why."""
-    if any(why == "rotor" for _, why in found.untold):
+    if any(why == "rotor" for _, why in hum_unknown):
         yield (
             "Hum at the frequency of the mains cannot be told: a multiple of the speed is there in all steady motion."
         )
