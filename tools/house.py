@@ -70,7 +70,7 @@ HOUSE = (
     Package(
         "gyrowheel_recording",
         "bags, tables, column maps",
-        (("bags", "derived"), ("mislabelled", "tables"), ("mapping",), ("nodes",)),
+        (("derived",), ("bags",), ("mislabelled", "tables"), ("mapping",), ("nodes",)),
     ),
     Package(
         "gyrowheel_analysis",

@@ -22,9 +22,9 @@ from gyrowheel_core import wire
 from gyrowheel_core.readings import READINGS, Readings
 from gyrowheel_recording.bags import Recording, write_run
 from gyrowheel_recording.bags.info import info
-from gyrowheel_recording.bags.pauses import PAUSE, pauses
+from gyrowheel_recording.bags.sampling import PAUSE, pauses
+from gyrowheel_recording.mislabelled.blocks import Shortened
 from gyrowheel_recording.mislabelled.find import wrong_setups
-from gyrowheel_recording.mislabelled.pauses import Shortened
 from gyrowheel_sim.environment import to_json
 
 from .machines import BENCH, hidden_machine, record

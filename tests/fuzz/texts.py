@@ -15,7 +15,7 @@ from gyrowheel_air.geometry import Geometry
 from gyrowheel_analysis.model import Model
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError
-from gyrowheel_recording.bags.part import parted
+from gyrowheel_recording.bags.selection import parted
 from gyrowheel_recording.mapping import ColumnMap
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import registry

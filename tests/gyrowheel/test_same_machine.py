@@ -11,8 +11,7 @@ import pytest
 
 import gyrowheel as gw
 from gyrowheel.recordings.provenance import machine_options, note_machine, noted_machine
-from gyrowheel_recording.mislabelled.correct import correct
-from gyrowheel_recording.mislabelled.fixes import Cure
+from gyrowheel_recording.mislabelled.fixes import Cure, correct
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.plant.scenario import Scenario
 

@@ -17,7 +17,7 @@ import zstandard
 from gyrowheel_core import limits, topics, wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording, RecordingWriter, salvage
-from gyrowheel_recording.mapping.column_map import ColumnMap
+from gyrowheel_recording.mapping.map_file import ColumnMap
 from gyrowheel_recording.mapping.table import Table
 from gyrowheel_recording.tables import read_grid
 

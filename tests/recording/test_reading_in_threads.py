@@ -24,9 +24,9 @@ from gyrowheel_recording.bags import Recording, write_run
 from gyrowheel_recording.bags import columns as recording_columns
 from gyrowheel_recording.bags.columns import columns, wanted
 from gyrowheel_recording.bags.definitions import definition
-from gyrowheel_recording.bags.mcap import batches, checksum, reader, records
-from gyrowheel_recording.bags.mcap.checksum import crc32, joined, joined_with
-from gyrowheel_recording.bags.mcap.contents import contents
+from gyrowheel_recording.bags.mcap import batches, format, reader, records
+from gyrowheel_recording.bags.mcap.batches import contents
+from gyrowheel_recording.bags.mcap.format import crc32, joined, joined_with
 from gyrowheel_recording.bags.mcap.reader import read_mcap
 
 from ..fuzz.chunks import chunk, declarations, file, index, message
@@ -323,7 +323,7 @@ def test_checksum_is_the_same_where_the_fast_library_is_not_installed(monkeypatc
     data = random.Random(1).randbytes(100_003)
     assert crc32(memoryview(data)[3:], 5) == zlib.crc32(data[3:], 5)
     monkeypatch.setitem(sys.modules, "isal.isal_zlib", None)
-    without = runpy.run_path(str(checksum.__file__))
+    without = runpy.run_path(str(format.__file__))
     assert without["crc32"] is zlib.crc32
 
 

@@ -17,9 +17,8 @@ from benchmarks.setups import COIL, TILT, TURN, WRONG, Samples, Spoil, exchanged
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording
 from gyrowheel_recording.mislabelled.blocks import NAMES, blocks_of
-from gyrowheel_recording.mislabelled.correct import correct, corrected
 from gyrowheel_recording.mislabelled.find import of_one, wrong_setups
-from gyrowheel_recording.mislabelled.fixes import Cure
+from gyrowheel_recording.mislabelled.fixes import Cure, correct, corrected
 from gyrowheel_sim.bench import Bench
 
 #: Slow enough that the coils can turn twice the momentum.

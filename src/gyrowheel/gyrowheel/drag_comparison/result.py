@@ -108,7 +108,7 @@ class Drag(Result):
         InputError
             If the file has another ending, or cannot be written, or the signals were not kept.
         """
-        from gyrowheel_recording.mapping.signals import write_signals
+        from gyrowheel_recording.mapping.table_export import write_signals
 
         self._require_signals()
         named = [{"recording": r, **own} for r, own in zip(self.recordings, self.signals, strict=True)]

@@ -26,9 +26,9 @@ from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import topics
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import require_new
-from gyrowheel_recording.bags.bags import read_bag
-from gyrowheel_recording.bags.namespace import bench_in
 from gyrowheel_recording.bags.playback import Tape
+from gyrowheel_recording.bags.read_bag import read_bag
+from gyrowheel_recording.bags.selection import bench_in
 from gyrowheel_recording.nodes.replay import ReplayNode as Playing
 
 __all__ = [

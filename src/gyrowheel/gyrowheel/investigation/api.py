@@ -22,7 +22,7 @@ from gyrowheel_core.cache import digest
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import json_text, read_text
 from gyrowheel_core.journal import Journal, Work, begun, journal
-from gyrowheel_recording.bags.part import parted
+from gyrowheel_recording.bags.selection import parted
 
 if TYPE_CHECKING:
     from gyrowheel.models.api import Model

@@ -46,8 +46,8 @@ def correct(
         If there is no such reading, a value is not allowed, nothing is to be done, or the folder cannot be written.
     """
     from gyrowheel_core.files import new_directory, require_new
-    from gyrowheel_recording.mislabelled.correct import correct as write
     from gyrowheel_recording.mislabelled.fixes import Cure
+    from gyrowheel_recording.mislabelled.fixes import correct as write
 
     if folder is not None:
         require_new(Path(folder))

@@ -240,7 +240,7 @@ def import_table(
 def _questions(folder: Path, bench: Bench) -> tuple[str, ...]:
     """Return what the laws of the wheel say against an imported recording, each with what to change in the map."""
     from gyrowheel.show.sentences.setup import problem_and_map
-    from gyrowheel_recording.mapping.suggestion.laws import broken_laws
+    from gyrowheel_recording.mapping.suggestion.checks import broken_laws
     from gyrowheel_recording.mislabelled.find import wrong_setups
 
     recording = Recording.open(folder).data

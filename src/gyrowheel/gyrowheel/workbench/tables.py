@@ -16,7 +16,7 @@ from gyrowheel.show.sentences.setup import map_lines, problem
 from gyrowheel.tables.api import read_table, suggest_map
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.quantities import short
-from gyrowheel_recording.mapping.fields import READINGS
+from gyrowheel_recording.mapping.map_file import READINGS
 
 #: Largest table that is taken from a browser [bytes].
 LARGEST = 256 << 20

@@ -13,7 +13,7 @@ from gyrowheel_analysis.diagnosis.evidence import Array, Evidence, Profiles
 from gyrowheel_analysis.fitting.events import AFTER_TILT, TEMPERATURES, TOGETHER, Event, Kind, temperature
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.reduction import Windows
-from gyrowheel_recording.bags.pauses import pauses
+from gyrowheel_recording.bags.sampling import pauses
 
 _BREAKS = 28  # times at which a trend may begin or end
 _SHORTEST_TREND = 8.0  # s; anything shorter is a step

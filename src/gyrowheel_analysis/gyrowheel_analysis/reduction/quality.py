@@ -14,8 +14,7 @@ from gyrowheel_analysis.reduction.instants import even_times
 from gyrowheel_analysis.reduction.samples import Array, Samples
 from gyrowheel_analysis.reduction.taper import taper
 from gyrowheel_core.readings import READINGS, Readings
-from gyrowheel_recording.bags.provenance import origins_in_words
-from gyrowheel_recording.derived import ASSUMED, completed, in_words
+from gyrowheel_recording.derived import ASSUMED, completed, in_words, origins_in_words
 from gyrowheel_sim.bench import Bench
 
 #: Readings that change slowly; the air first, because coils without a sensor are assumed to have its temperature.

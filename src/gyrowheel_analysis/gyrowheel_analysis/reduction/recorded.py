@@ -27,7 +27,7 @@ from gyrowheel_analysis.reduction.steady import (
 )
 from gyrowheel_analysis.reduction.window_fit import FEWEST_SAMPLES, fit_window
 from gyrowheel_analysis.reduction.windows import DEGREE, MEAN, RISE, Windows
-from gyrowheel_recording.bags.pauses import PAUSE, pauses
+from gyrowheel_recording.bags.sampling import PAUSE, pauses
 from gyrowheel_sim.bench import Bench
 
 #: A window of a cone is left out if its speed changes faster than this [rad/s^2], or differs by more from the last one.

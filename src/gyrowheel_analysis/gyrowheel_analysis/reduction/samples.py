@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_core.readings import Readings
-from gyrowheel_recording.bags.provenance import Origin
+from gyrowheel_recording.derived import Origin
 from gyrowheel_sim.environment import Environment
 
 Array = NDArray[np.float64]

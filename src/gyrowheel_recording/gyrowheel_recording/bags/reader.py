@@ -18,13 +18,12 @@ from gyrowheel_core.blocks import by_blocks
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.memory import picked
 from gyrowheel_core.readings import READINGS, Readings, possible
-from gyrowheel_recording.bags.bags import read_bag
 from gyrowheel_recording.bags.columns import STALL, columns, is_earlier, texts, wanted
 from gyrowheel_recording.bags.mcap.records import load_walk
 from gyrowheel_recording.bags.mcap.topics import Want
-from gyrowheel_recording.bags.namespace import AnyNamespace, bench_in
-from gyrowheel_recording.bags.part import WHOLE, parted
-from gyrowheel_recording.bags.provenance import Origin, origins_in
+from gyrowheel_recording.bags.read_bag import read_bag
+from gyrowheel_recording.bags.selection import WHOLE, AnyNamespace, bench_in, parted
+from gyrowheel_recording.derived import Origin, origins_in
 from gyrowheel_sim import environment as environments
 from gyrowheel_sim.environment import Environment
 

@@ -24,7 +24,6 @@ from gyrowheel_core.files import is_file, new_directory, require_new
 from gyrowheel_core.limits import require_room
 from gyrowheel_core.wire import SECOND
 from gyrowheel_core.yaml_text import read_yaml
-from gyrowheel_recording.bags.bags import read_bag
 from gyrowheel_recording.bags.mcap.format import CHANNEL, RECORD_HEAD, SCHEMA
 from gyrowheel_recording.bags.mcap.records import Damaged, Fields, Found, find_messages
 from gyrowheel_recording.bags.mcap.survey import LOOSE, Gap, Survey, load_piece, take_survey
@@ -39,8 +38,8 @@ from gyrowheel_recording.bags.metadata import (
     write_metadata,
 )
 from gyrowheel_recording.bags.publishers import ENTRY
+from gyrowheel_recording.bags.read_bag import file_in_memory, read_bag, unpack
 from gyrowheel_recording.bags.reader import Integrity, Recording
-from gyrowheel_recording.bags.unpacking import file_in_memory, unpack
 from gyrowheel_recording.bags.writer import being_written
 
 Fraction = Callable[[float], None]

@@ -3,8 +3,7 @@
 A map file says which column of a table holds which reading, and in which unit; docs/exchange.md describes it.
 """
 
-from gyrowheel_recording.mapping.column_map import ColumnMap
-from gyrowheel_recording.mapping.map_file import Source
+from gyrowheel_recording.mapping.map_file import ColumnMap, Source
 from gyrowheel_recording.mapping.table import check_suffix
 from gyrowheel_recording.mapping.table_export import export_recording, is_exported_map, is_exported_table
 from gyrowheel_recording.mapping.table_import import Imported, import_table

@@ -9,7 +9,7 @@ from typing import Final
 
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.units import conversion
-from gyrowheel_recording.mapping.fields import READINGS
+from gyrowheel_recording.mapping.map_file import READINGS
 
 #: Fields beside the readings that a table may have.
 TIME: Final = "time"

@@ -1,4 +1,4 @@
-"""The map file: what may stand in it."""
+"""The map file: what the columns of a table mean, in which units; and which fields a table may have."""
 
 from __future__ import annotations
 
@@ -6,15 +6,69 @@ import functools
 import itertools
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 from pydantic import AfterValidator, Field, create_model, field_validator, model_validator
 
+from gyrowheel_core import wire
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.files import read_text
 from gyrowheel_core.schema import Name, Number, Section, Text, Whole, check, refuse, shown
 from gyrowheel_core.units import DEG, conversion
-from gyrowheel_recording.mapping.fields import GROUPS, READINGS, Reading
+from gyrowheel_core.yaml_text import read_yaml
+from gyrowheel_recording.bags import Origin
+from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import LONGEST_NAME, AirDensityRatio, Environment, Preheat, Rig, TableRate, Yaw
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A field of a message.
+
+    SI unit, plausible range, whether a constant is allowed in place of a column, whether it may be missing, and another
+    unit that a resistance turns into its own; whether pulses may stand for it.
+    """
+
+    unit: str
+    low: float
+    high: float
+    constant: bool = False
+    optional: bool = False
+    current: bool = False
+    pulsed: bool = False
+
+
+_VOLTAGE = Reading("V", -1000.0, 1000.0)
+_COIL = Reading("V", -1000.0, 1000.0, optional=True, current=True)
+_SLOW = {"constant": True, "optional": True}
+READINGS: Final = {
+    "tilt_x": Reading("rad", -0.2, 0.2),
+    "tilt_y": Reading("rad", -0.2, 0.2),
+    "spin_angle": Reading("rad", -1e9, 1e9, optional=True, pulsed=True),
+    "spin_rate": Reading("rad/s", -2000.0, 2000.0, optional=True),
+    "coil_voltage_x": _COIL,
+    "coil_voltage_y": _COIL,
+    "motor_voltage": Reading("V", -1000.0, 1000.0, optional=True),
+    "motor_current": Reading("A", -100.0, 100.0, optional=True),
+    "coil_temperature": Reading("K", 150.0, 600.0, **_SLOW),
+    "air_temperature": Reading("K", 150.0, 400.0, **_SLOW),
+    "air_pressure": Reading("Pa", 0.0, 3e5, **_SLOW),
+}
+COMMANDS: Final = dict.fromkeys(wire.COMMAND.fields, _VOLTAGE)
+SETPOINTS: Final = {
+    "segment": Reading("", 0, 2**32 - 1),
+    "phase": Reading("", 0, 1),
+    "tilt_x": READINGS["tilt_x"],
+    "tilt_y": READINGS["tilt_y"],
+    "tilt_rate_x": Reading("rad/s", -100.0, 100.0),
+    "tilt_rate_y": Reading("rad/s", -100.0, 100.0),
+    "spin_rate": READINGS["spin_rate"],
+    "spin_acceleration": Reading("rad/s^2", -1e4, 1e4),
+}
+GROUPS: Final = {"columns": READINGS, "command": COMMANDS, "setpoint": SETPOINTS}
+
 
 SCHEMA: Final = 1
 #: Unit of time stamps written as dates, such as 2026-05-04T10:00:00.0005.
@@ -274,3 +328,92 @@ class MapFile(Section):
                 allowed = [own for own, its in READINGS.items() if its.constant or its.pulsed]
                 refuse(f"'{name}' is not known; allowed: {', '.join(allowed)}")
         return given
+
+
+@dataclass(frozen=True)
+class ColumnMap:
+    """A map file: what the columns of a table mean.
+
+    Attributes
+    ----------
+    origin : str
+        The file, for errors.
+    bench : Bench
+        The bench that the table was measured on.
+    time : Source
+        Time of the samples.
+    sequence : Source or None
+        Numbers of the samples, where some are missing.
+    keep_missing : bool
+        Whether a reading that is missing is kept as such; an error if not.
+    columns, command, setpoint : dict of str to Source
+        Sources of the fields of the messages; the last two may be empty.
+    environment : tuple of Environment
+        What held on the rig; empty where unknown.
+    csv : CsvSettings or None
+        How a CSV file is written; None where it is to be seen.
+    clocks : dict of str to float
+        What is added to the times of further clocks [s].
+    readings : dict of str to Origin
+        What an exported table says of readings that no instrument of their own took.
+    """
+
+    origin: str
+    bench: Bench
+    time: Source
+    sequence: Source | None
+    keep_missing: bool
+    columns: dict[str, Source]
+    command: dict[str, Source]
+    setpoint: dict[str, Source]
+    environment: tuple[Environment, ...]
+    csv: CsvSettings | None
+    clocks: dict[str, float]
+    readings: dict[str, Origin]
+
+    @classmethod
+    def load(cls, file: str | Path) -> ColumnMap:
+        """Read a map file.
+
+        Raises
+        ------
+        InputError
+            If it cannot be read, or a field of it is missing, unknown or not allowed.
+        """
+        path = Path(file)
+        return cls.from_mapping(read_yaml(read_text(path), str(path)), str(path))
+
+    @classmethod
+    def from_mapping(cls, raw: Any, origin: str) -> ColumnMap:
+        """Read the content of a map file (see `load`)."""
+        content = check(MapFile, raw, origin, kind="map file")
+        return cls(
+            origin=origin,
+            bench=Bench.load(content.bench),
+            time=content.time,
+            sequence=content.sequence,
+            keep_missing=content.missing == KEEP,
+            columns=read_group("columns", content.columns, origin),
+            command={} if content.command is None else read_group("command", content.command, origin),
+            setpoint={} if content.setpoint is None else read_group("setpoint", content.setpoint, origin),
+            environment=tuple(entry.in_si() for entry in content.environment),
+            csv=content.csv,
+            clocks=content.clocks,
+            readings={name: Origin(own.uncertainty, own.pulses) for name, own in content.readings.items()},
+        )
+
+    @property
+    def sources(self) -> list[Source]:
+        """All sources, the clocks first."""
+        found = [self.time, *([self.sequence] if self.sequence else [])]
+        for group in (self.columns, self.command, self.setpoint):
+            found += group.values()
+        return found
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the columns that are needed, each once."""
+        sources = self.sources
+        return list(
+            dict.fromkeys(name for source in sources for name in (source.column, source.clock) if name)
+        )

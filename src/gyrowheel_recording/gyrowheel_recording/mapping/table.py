@@ -14,9 +14,15 @@ from numpy.typing import NDArray
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.units import conversion, unit_registry
 from gyrowheel_recording.mapping.clock import FARTHEST, Clock, ClockError, clock_of, period_of
-from gyrowheel_recording.mapping.column_map import ColumnMap
-from gyrowheel_recording.mapping.fields import READINGS, Reading
-from gyrowheel_recording.mapping.map_file import COUNT, TIMESTAMP, Source, is_time
+from gyrowheel_recording.mapping.map_file import (
+    COUNT,
+    READINGS,
+    TIMESTAMP,
+    ColumnMap,
+    Reading,
+    Source,
+    is_time,
+)
 from gyrowheel_recording.mapping.pulses import Edges, edges_of_count, edges_of_level, edges_of_times
 from gyrowheel_recording.mapping.table_file import TableFile
 from gyrowheel_recording.tables import Column, Grid, format_of, read_grid

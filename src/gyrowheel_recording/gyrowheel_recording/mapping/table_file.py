@@ -16,10 +16,9 @@ import pyarrow.parquet as pq
 
 from gyrowheel_core.errors import InputError, one_line
 from gyrowheel_core.limits import require_room
-from gyrowheel_recording.mapping.column_map import ColumnMap
-from gyrowheel_recording.mapping.map_file import TIMESTAMP, CsvSettings
+from gyrowheel_recording.mapping.map_file import TIMESTAMP, ColumnMap, CsvSettings
 from gyrowheel_recording.tables import EMPTY, TextForm, form_of_file, text_of
-from gyrowheel_recording.tables.cells import dates_of, numbers_of
+from gyrowheel_recording.tables.readers.text_table import dates_of, numbers_of
 from gyrowheel_recording.tables.text import GZIP, ZSTD, plain_rows, stands_as_it_is
 
 _TEXT_TO_MEMORY: Final = 2.0  # a short number takes more bytes in memory than in a text

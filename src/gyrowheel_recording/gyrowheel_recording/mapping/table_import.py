@@ -17,9 +17,7 @@ from gyrowheel_core.memory import picked
 from gyrowheel_core.units import DEG, conversion
 from gyrowheel_recording.bags import Origin, RecordingWriter, described
 from gyrowheel_recording.mapping.clock import Clock
-from gyrowheel_recording.mapping.column_map import ColumnMap
-from gyrowheel_recording.mapping.fields import COMMANDS, READINGS, SETPOINTS
-from gyrowheel_recording.mapping.map_file import Source
+from gyrowheel_recording.mapping.map_file import COMMANDS, READINGS, SETPOINTS, ColumnMap, Source
 from gyrowheel_recording.mapping.pulses import PulseError, Turned, turned
 from gyrowheel_recording.mapping.table import Table
 from gyrowheel_recording.tables import Grid

@@ -4,17 +4,39 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.limits import require_room
-from gyrowheel_recording.tables.cells import Odd
 
 BYTES_A_VALUE = 16  # as it is read, and as it is converted
 _WIDEST = 64  # columns of a matrix; a wider one is no table of signals
+#: What a cell may be beside a number: one with the other decimal sign, with signs between thousands, with its unit
+#: behind it, a time of day or a date, or any other text.
+Kind = Literal["decimal", "thousands", "unit", "clock", "text"]
+
+
+@dataclass(frozen=True)
+class Odd:
+    """Cells of a column that are not numbers as the others are.
+
+    Attributes
+    ----------
+    kind : Kind
+        What they are.
+    text : str
+        What stands there; of numbers, the first.
+    count, row : int
+        How many there are, and the row of the first, from 0 on.
+    """
+
+    kind: Kind
+    text: str
+    count: int
+    row: int
 
 
 @dataclass(frozen=True)

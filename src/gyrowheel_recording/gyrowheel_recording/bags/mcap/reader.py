@@ -23,9 +23,16 @@ import numpy as np
 
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.limits import require_room
-from gyrowheel_recording.bags.mcap.batches import SIZE, Batch, Batches, Buffer, filled
-from gyrowheel_recording.bags.mcap.checksum import crc32, joined
-from gyrowheel_recording.bags.mcap.contents import Contents, Share, contents
+from gyrowheel_recording.bags.mcap.batches import (
+    SIZE,
+    Batch,
+    Batches,
+    Buffer,
+    Contents,
+    Share,
+    contents,
+    filled,
+)
 from gyrowheel_recording.bags.mcap.format import (
     CHANNEL,
     FOOTER,
@@ -35,6 +42,8 @@ from gyrowheel_recording.bags.mcap.format import (
     SCHEMA,
     STATISTICS,
     SUMMARY_OFFSET,
+    crc32,
+    joined,
 )
 from gyrowheel_recording.bags.mcap.records import Broken, Damaged, Fields, record_at
 from gyrowheel_recording.bags.mcap.topics import Rows, TopicData, Want, Wanted

@@ -18,7 +18,6 @@ import zstandard
 
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.memory import everywhere, gathered
-from gyrowheel_recording.bags.mcap.checksum import crc32
 from gyrowheel_recording.bags.mcap.format import (
     CHANNEL,
     MESSAGE,
@@ -26,6 +25,7 @@ from gyrowheel_recording.bags.mcap.format import (
     MESSAGE_OVERHEAD,
     RECORD_HEAD,
     SCHEMA,
+    crc32,
 )
 
 #: What signals and messages can be compressed by, generously; only a file made to fill a memory reaches more.

@@ -14,7 +14,6 @@ import numpy as np
 
 from gyrowheel_core.limits import require_room
 from gyrowheel_core.wire import SECOND
-from gyrowheel_recording.bags.mcap.checksum import crc32
 from gyrowheel_recording.bags.mcap.format import (
     CHANNEL,
     CHUNK,
@@ -31,6 +30,7 @@ from gyrowheel_recording.bags.mcap.format import (
     SCHEMA,
     STATISTICS,
     SUMMARY_OFFSET,
+    crc32,
 )
 from gyrowheel_recording.bags.mcap.records import (
     LARGEST,

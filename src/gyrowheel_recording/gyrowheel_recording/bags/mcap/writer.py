@@ -20,7 +20,6 @@ import numpy as np
 import numpy.typing as npt
 
 from gyrowheel_core.memory import everywhere
-from gyrowheel_recording.bags.mcap.checksum import crc32
 from gyrowheel_recording.bags.mcap.format import (
     CHANNEL,
     CHUNK,
@@ -40,8 +39,9 @@ from gyrowheel_recording.bags.mcap.format import (
     SCHEMA,
     STATISTICS,
     SUMMARY_OFFSET,
+    PackedBytes,
+    crc32,
 )
-from gyrowheel_recording.bags.mcap.packed import PackedBytes
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_recording.mapping.column_names import SEQUENCE, TEMPERATURE, TIME, UNITS, Named, named
-from gyrowheel_recording.mapping.fields import READINGS
-from gyrowheel_recording.mapping.map_file import TIMESTAMP
+from gyrowheel_recording.mapping.map_file import READINGS, TIMESTAMP
+from gyrowheel_recording.mapping.suggestion.checks import odd_cells
 from gyrowheel_recording.mapping.suggestion.pulses import counted_angle, has_levels, pulsed_angle
 from gyrowheel_recording.mapping.suggestion.records import Problem, Proposal
 from gyrowheel_recording.mapping.suggestion.sizes import SOME, angle_unit, guessed
-from gyrowheel_recording.mapping.suggestion.suspicious import odd_cells
 from gyrowheel_recording.tables import Column, Grid
 from gyrowheel_sim.bench import Bench
 

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from gyrowheel_recording.mapping.column_names import TIME, named
 from gyrowheel_recording.mapping.map_file import COUNT, MOST_PULSES, TIMESTAMP
-from gyrowheel_recording.mapping.pulses import edges_of_count, edges_of_level
-from gyrowheel_recording.mapping.pulses.edges import levels
+from gyrowheel_recording.mapping.pulses import edges_of_count, edges_of_level, levels
 from gyrowheel_recording.mapping.suggestion.records import Problem, Proposal
 from gyrowheel_recording.mapping.suggestion.sizes import SOME, begins_anew, in_si
 from gyrowheel_recording.tables import Column, Grid

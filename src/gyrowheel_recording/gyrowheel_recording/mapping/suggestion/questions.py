@@ -11,9 +11,9 @@ from gyrowheel_core.units import conversion
 from gyrowheel_recording.bags.sampling import LONGEST, SHORTEST
 from gyrowheel_recording.mapping.column_names import SEQUENCE, TIME, UNITS, named, unknown_unit
 from gyrowheel_recording.mapping.map_file import TIMESTAMP
+from gyrowheel_recording.mapping.suggestion.checks import merged, odd_cells, sentinel, suspicious
 from gyrowheel_recording.mapping.suggestion.records import Problem, Proposal
 from gyrowheel_recording.mapping.suggestion.sizes import guessed, holes, largest, usual_size
-from gyrowheel_recording.mapping.suggestion.suspicious import merged, odd_cells, sentinel, suspicious
 from gyrowheel_recording.tables import Grid
 from gyrowheel_sim.bench import Bench
 

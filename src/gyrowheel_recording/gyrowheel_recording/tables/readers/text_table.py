@@ -1,7 +1,8 @@
-"""Tables of text, as far as they can be read without being told how they are written."""
+"""Tables of text: numbers, dates and odd cells, as far as they are read without a map."""
 
 from __future__ import annotations
 
+import contextlib
 import io
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,14 +11,126 @@ from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.csv as pc
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+from pyarrow import csv
 
 from gyrowheel_core.errors import InputError, one_line
 from gyrowheel_core.limits import require_room
-from gyrowheel_recording.tables.cells import dates_of, numbers_of
-from gyrowheel_recording.tables.grid import Column, Grid
+from gyrowheel_recording.tables.grid import Column, Grid, Odd
 from gyrowheel_recording.tables.readers.arrow import as_numbers
 from gyrowheel_recording.tables.text import EMPTY, TextForm, form_of, plain_rows, text_of
+
+_EXPONENT: Final = r"([eEdD][-+]?\d+)?"
+_MOST: Final = 8  # different texts that are told
+
+
+#: Around a number; other characters that show as nothing are no part of it.
+_BLANKS: Final = " \t\r\n\u00a0\u2009\u202f"
+
+
+def numbers_of(values: Any, decimal: str) -> tuple[NDArray[np.float64], tuple[Odd, ...]]:
+    """Return a column of texts as numbers, NaN where a cell is none, and what stands in the odd cells.
+
+    Numbers that are written in another way than the rest are read, and told.
+
+    Parameters
+    ----------
+    values : pyarrow.ChunkedArray
+        Texts; null where a cell is empty.
+    decimal : str
+        The decimal sign.
+    """
+    texts = pc.utf8_trim(values.cast(pa.string()), characters=_BLANKS).combine_chunks()
+    result = np.full(len(texts), np.nan)
+    empty = pc.or_(texts.is_null(), pc.is_in(texts, pa.array(list(EMPTY))))
+    left = ~np.asarray(empty.to_numpy(zero_copy_only=False))
+    odd: list[Odd] = []
+    for kind, pattern, change in _cell_kinds(decimal):
+        found = left & np.asarray(
+            pc.fill_null(pc.match_substring_regex(texts, pattern), False).to_numpy(zero_copy_only=False)
+        )
+        rows = np.flatnonzero(found)
+        if not len(rows):
+            continue
+        left &= ~found
+        if kind != "clock":
+            own = texts.take(pa.array(rows))
+            for old, new in change:
+                own = pc.replace_substring_regex(own, old, new)
+            result[rows] = _floats(own)
+        if kind:
+            odd.append(Odd(kind, str(texts[int(rows[0])]), len(rows), int(rows[0])))
+    rest = np.flatnonzero(left)
+    words: dict[str, list[int]] = {}
+    for row in rest.tolist():
+        words.setdefault(str(texts[row]), []).append(row)
+    for text, rows_of_it in sorted(words.items(), key=lambda item: -len(item[1]))[:_MOST]:
+        odd.append(Odd("text", text, len(rows_of_it), rows_of_it[0]))
+    return result, tuple(odd)
+
+
+#: How dates that leave no doubt which number is the month become those of ISO 8601: day.month.year, and year/month/day.
+_TO_ISO: Final = (
+    (r"^(\d)\.", r"0\1."),
+    (r"^(\d\d)\.(\d)\.", r"\1.0\2."),
+    (r"^(\d\d)\.(\d\d)\.(\d{4})[ T,;]+", r"\3-\2-\1T"),
+    (r"^(\d{4})[/.](\d\d)[/.](\d\d)[ T,;]+", r"\1-\2-\3T"),
+    (r",(\d+)", r".\1"),
+)
+
+
+def dates_of(values: Any) -> Any:
+    """Return a column of texts as dates with times, or None if one of them is none.
+
+    Parameters
+    ----------
+    values : pyarrow.ChunkedArray
+        Texts; null where a cell is empty. Dates as in ISO 8601, all with a zone behind them or none, or as in
+        `_TO_ISO`. Of 05/04/2026 nobody knows the month: such are none.
+    """
+    for _ in range(2):
+        for zone in (None, "UTC"):
+            with contextlib.suppress(pa.ArrowException):
+                return values.cast(pa.timestamp("ns", zone))
+        for old, new in _TO_ISO:
+            values = pc.replace_substring_regex(values, old, new)
+    return None
+
+
+def _floats(texts: Any) -> NDArray[np.float64]:
+    """Return texts of plain numbers as such; one beyond all numbers is infinite."""
+    try:
+        return np.asarray(texts.cast(pa.float64()).to_numpy(zero_copy_only=False))
+    except pa.ArrowInvalid:
+        return np.array([float(text) for text in texts.to_pylist()])
+
+
+def _cell_kinds(decimal: str) -> list[tuple[Any, str, list[tuple[str, str]]]]:
+    """Return the ways to read a cell, the plain one first: its kind, its pattern, and what makes it a plain number."""
+    other = "," if decimal == "." else "."
+    own, foreign = (rf"[-+]?(\d+[{sign}]?\d*|[{sign}]\d+){_EXPONENT}" for sign in (decimal, other))
+    exponent, plus = ("[dD]", "e"), (r"^\+", "")  # neither is known to arrow
+    return [
+        ("", f"^{own}$", [(rf"[{decimal}]", "."), exponent, plus]),
+        (
+            "thousands",
+            rf"^[-+]?(\d{{1,3}}([{other}' ]\d{{3}})+[{decimal}]\d*|\d{{1,3}}([' ]\d{{3}})+)$",
+            [(rf"[{other}' ]", ""), (rf"[{decimal}]", "."), plus],
+        ),
+        ("decimal", f"^{foreign}$", [(rf"[{other}]", "."), exponent, plus]),
+        (
+            "unit",
+            rf"^{own}\s*[A-Za-zµμ°Ω%/]+$",
+            [(r"\s*[A-Za-zµμ°Ω%/]+$", ""), (rf"[{decimal}]", "."), exponent, plus],
+        ),
+        (
+            "clock",
+            r"^(\d{1,4}[-./]\d{1,2}[-./]\d{1,4}[ T,;]*)?\d{1,2}:\d{2}(:\d{2}([.,:]\d+)?)?(Z|[-+]\d{2}(:?\d{2})?)?$",
+            [],
+        ),
+    ]
+
 
 _TEXT_TO_MEMORY: Final = 2.0  # a short number takes more bytes in memory than in a text
 _HEAD: Final = 1 << 18
@@ -62,20 +175,20 @@ def rows_of(data: bytes, form: TextForm, where: str, names: Sequence[str] | None
             own = f"{name} ({count})"
         unique.append(own)
     body = plain_rows(data, form)
-    read_options = pc.ReadOptions(skip_rows=1, column_names=unique, block_size=1 << 24)
-    parse = pc.ParseOptions(delimiter=form.delimiter, invalid_row_handler=note)
+    read_options = csv.ReadOptions(skip_rows=1, column_names=unique, block_size=1 << 24)
+    parse = csv.ParseOptions(delimiter=form.delimiter, invalid_row_handler=note)
 
     def read(types: dict[str, Any]) -> Any:
         nonlocal left_out
         left_out = 0
-        convert = pc.ConvertOptions(
+        convert = csv.ConvertOptions(
             decimal_point=form.decimal,
             null_values=list(EMPTY),
             strings_can_be_null=True,
             column_types=types,
             include_columns=[name for name in unique if names is None or name in names],
         )
-        return pc.read_csv(
+        return csv.read_csv(
             io.BytesIO(body), read_options=read_options, parse_options=parse, convert_options=convert
         )
 

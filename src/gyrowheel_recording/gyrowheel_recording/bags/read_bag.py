@@ -1,9 +1,10 @@
-"""The messages of any ROS 2 bag, as rows or serialized."""
+"""The messages of any ROS 2 bag, as rows or serialized; compressed files are unpacked into memory."""
 
 from __future__ import annotations
 
 import contextlib
 import mmap
+import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import BinaryIO, Final
@@ -12,12 +13,55 @@ import zstandard
 
 from gyrowheel_core.errors import InputError, one_line
 from gyrowheel_core.files import is_file
+from gyrowheel_core.limits import largest, require_room
 from gyrowheel_recording.bags.mcap.reader import read_mcap
-from gyrowheel_recording.bags.mcap.records import Broken, Damaged
+from gyrowheel_recording.bags.mcap.records import MOST_COMPRESSED, Broken, Damaged
 from gyrowheel_recording.bags.mcap.topics import TopicData, Wanted
 from gyrowheel_recording.bags.metadata import METADATA_FILE, Metadata, read_metadata
 from gyrowheel_recording.bags.sqlite import is_database, read_database
-from gyrowheel_recording.bags.unpacking import file_in_memory, unpack
+
+_BLOCK = 1 << 20  # bytes
+
+
+@contextlib.contextmanager
+def file_in_memory(name: str) -> Iterator[tuple[BinaryIO, Path]]:
+    """Yield an empty file that has no place on the disk, and a path by which this process can open it."""
+    number = os.memfd_create(name[:200], os.MFD_CLOEXEC)
+    with os.fdopen(number, "w+b", buffering=0) as file:
+        yield file, Path(f"/proc/self/fd/{number}")
+
+
+def unpack(source: BinaryIO, target: BinaryIO, name: Path) -> None:
+    """Write what a file compressed by zstd holds.
+
+    Parameters
+    ----------
+    source : file
+        The compressed file.
+    target : file
+        Takes the content; after an error it has what could be unpacked before.
+    name : Path
+        What the file is called, for the error.
+
+    Raises
+    ------
+    InputError
+        If it unpacks to more than `limits.largest`, or to more than any recording can.
+    zstandard.ZstdError
+        If it is damaged.
+    """
+    limit, written = largest(), 0
+    with zstandard.ZstdDecompressor().stream_reader(source, read_across_frames=True, closefd=False) as plain:
+        while block := plain.read(_BLOCK):
+            written += len(block)
+            if written > limit:
+                require_room(float("inf"), f"{name}: unpacked it")
+            if written > MOST_COMPRESSED * max(source.tell(), _BLOCK):
+                raise InputError(
+                    f"{name}: unpacks to more than {MOST_COMPRESSED} times its size, as no recording does"
+                )
+            target.write(block)
+
 
 _MESSAGE_LIMIT: Final = 1 << 28  # bytes of a decompressed message; more counts as damage
 

@@ -1,4 +1,4 @@
-"""What is suspicious in the values of a column, whatever it holds: texts, sentinels, clipping, another unit halfway."""
+"""Doubtful tables: text cells, sentinels, clipping, mixed units, disordered rows, violated laws of the wheel."""
 
 from __future__ import annotations
 
@@ -8,11 +8,16 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from gyrowheel_core.units import conversion
+from gyrowheel_recording.bags import Recording
 from gyrowheel_recording.mapping.column_names import COIL_CURRENT, TIME, UNITS, fits
-from gyrowheel_recording.mapping.fields import READINGS
+from gyrowheel_recording.mapping.map_file import READINGS
 from gyrowheel_recording.mapping.suggestion.records import Problem, Proposal
+from gyrowheel_recording.mapping.suggestion.sizes import SOME
+from gyrowheel_recording.mislabelled.blocks import COIL, TILT, Averages, averages, blocks_of, never_measured
+from gyrowheel_recording.mislabelled.relations import precession, slews, spin
 from gyrowheel_recording.tables import Column, Grid
 from gyrowheel_sim.bench import Bench
 
@@ -221,3 +226,125 @@ def merged(found: Mapping[str, Proposal], grid: Grid) -> list[Problem]:
                     )
                 ]
     return []
+
+
+_CLEAR_STEPS: Final = 6.0  # robust standard deviations of the steps, as for the clock of an import
+_COUNTERS: Final = (*(2.0**k for k in (8, 12, 16, 24, 32)), 1e3, 6e4, 1e5, 1e6, 60.0, 3600.0, 86400.0)
+_NEAR: Final = 3.0  # steps by which the last value of a counter may be short of its range
+_MANY: Final = 0.05  # of the rows: rows that go back so often are those of several loggers
+
+
+def rows_in_order(times: Array, column: str) -> tuple[Problem | None, slice]:
+    """Return what is wrong with the order of times, and the longest stretch of rows that ascends.
+
+    Parameters
+    ----------
+    times : ndarray (n,)
+        Times in the unit of the table.
+    column : str
+        Name of their column.
+    """
+    steps = np.diff(times)
+    everything = slice(0, len(times))
+    if len(steps) < 3 or not np.isfinite(steps).all():
+        return None, everything
+    period = float(np.median(steps[:SOME]))
+    scatter = 1.4826 * float(np.median(np.abs(steps - np.median(steps))))
+    wrong = np.flatnonzero(steps < -_CLEAR_STEPS * scatter)
+    if not len(wrong) and scatter < 0.1 * abs(period):
+        wrong = np.flatnonzero(steps <= 0.0)
+    if not len(wrong):
+        return None, everything
+    edges = np.r_[0, wrong + 1, len(times)]
+    longest = int(np.argmax(np.diff(edges)))
+    part = slice(int(edges[longest]), int(edges[longest + 1]))
+    return Problem(*_order_problem(times, steps, wrong, period, column)), part
+
+
+def _order_problem(
+    times: Array, steps: Array, wrong: NDArray[np.int64], period: float, column: str
+) -> tuple[str, str]:
+    row, places = (
+        int(wrong[0]) + 2,
+        f"{len(wrong)} place{'s' * (len(wrong) > 1)}, first in row {wrong[0] + 2}",
+    )
+    if np.all(steps[wrong] == 0.0):
+        return (
+            f"time: '{column}' stands still in {places}: rows are there twice.",
+            "Take the second ones out, or give a `sequence`.",
+        )
+    if period < 0.0:
+        return f"time: '{column}' runs backward.", "Turn the order of the rows round."
+    if len(wrong) > _MANY * len(times):
+        return (
+            f"time: '{column}' goes back in {places}: the rows of several loggers are mixed.",
+            "Sort the rows by time if they are of one logger; else write one file for each, and give each its clock.",
+        )
+    before, after = times[wrong], times[wrong + 1]
+    whole = next(
+        (
+            c
+            for c in _COUNTERS
+            if np.all(np.abs(before + period - c) <= _NEAR * abs(period))
+            and np.all(np.abs(after) <= _NEAR * abs(period))
+        ),
+        0.0,
+    )
+    if whole:
+        return (
+            f"time: '{column}' is a counter that begins anew at {whole:.10g}, {places}.",
+            f"Add {whole:.10g} to it at every new beginning.",
+        )
+    if np.all(np.abs(after - times[0]) <= _NEAR * abs(period)):
+        return (
+            f"time: '{column}' begins anew in {places}: recordings stand one behind the other.",
+            f"Cut the file there, before row {row}, and import each part by itself.",
+        )
+    return (
+        f"time: '{column}' goes back by {-float(steps[wrong[0]]):.6g} in {places}.",
+        "Sort the rows by time, or cut the file there.",
+    )
+
+
+#: Parts of a voltage and of the coils' torque that no effect, no tolerance and no noise leaves unexplained.
+_VOLTAGE: Final = 0.3
+_TORQUE: Final = 0.6
+
+
+def broken_laws(recording: Recording, bench: Bench) -> list[Problem]:
+    """Return the laws that the readings of a table do not obey, as questions.
+
+    They are asked where `setups` found nothing to change: a column may be something else than it is called, such as the
+    voltage of the supply or a duty cycle in the place of the motor's voltage.
+    """
+    absent = never_measured(recording)
+    with threadpool_limits(limits=1, user_api="blas"):
+        now = averages(blocks_of(recording, absent=absent), absent)
+        found = []
+        voltage = spin(now, bench).electrical if len(now) else 0.0
+        if voltage > _VOLTAGE:
+            found.append(
+                Problem(
+                    f"motor_voltage: {voltage:.0%} of it goes neither with the speed nor with the current, as that of "
+                    f"a motor does on the bench {bench.name}, and no other unit, sign or column would mend it.",
+                    "Is it the voltage at the motor, not that of a supply or a duty cycle? Name the right column, or "
+                    "leave it out.",
+                )
+            )
+        # the coils hold more than the tilt needs while a rate table turns
+        turned = any(event.table_rate for event in recording.environment)
+        torque = 0.0 if turned or not _judged(now, bench) else precession(now, bench)
+        if torque > _TORQUE:
+            found.append(
+                Problem(
+                    f"tilts and coil voltages: precession leaves {torque:.0%} of the coil torque unexplained, and no "
+                    "other unit, sign or column would mend it.",
+                    "Are they what they are called, and of this bench? Name the right columns.",
+                )
+            )
+    return found
+
+
+def _judged(now: Averages, bench: Bench) -> bool:
+    """Whether the law of precession can be asked."""
+    return bool(len(now)) and now.measured(*TILT) and not now.absent >= set(COIL) and slews(now, bench)
