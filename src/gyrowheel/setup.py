@@ -6,7 +6,7 @@ setup(
     name="gyrowheel",
     version="0.1.0",
     packages=find_packages(include=["gyrowheel", "gyrowheel.*"]),
-    package_data={"": ["py.typed", "**/*.yaml", "**/*.xml", "**/*.html", "**/*.css", "**/*.js"]},
+    package_data={"": ["py.typed", "*.pyi", "**/*.yaml", "**/*.xml", "**/*.html", "**/*.css", "**/*.js"]},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/gyrowheel"]),
         ("share/gyrowheel", ["package.xml"]),

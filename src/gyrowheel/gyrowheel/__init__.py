@@ -11,8 +11,8 @@ fall::
     found = gw.diagnose(quick, model, validate=check)
     better = model.add(found, fit=quick, validate=check)
 
-Recordings are given as `Recording`, as a path, or as a list of either. Results are immutable; they print a short text,
-show themselves in a notebook, and have ``to_dict()``, ``to_columns()``, ``to_frame()``, ``plot()`` and ``save()``.
+Recordings are given as `Recording`, as a path, or as a list of either. Results are immutable; they print a page,
+show the same page in a notebook, and have ``to_dict()``, ``to_columns()``, ``to_frame()``, ``plot()`` and ``save()``.
 Numbers are in SI units. Bad input raises `InputError`, whose message is one line.
 
 Nothing is printed, nothing is written unless asked for, and no global state changes. Importing this module is cheap:
@@ -22,134 +22,15 @@ each name is loaded when it is first used.
 from __future__ import annotations
 
 import importlib
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from gyrowheel.blind_tests.api import open_key
-    from gyrowheel.blind_tests.key import Key
-    from gyrowheel.calibration.api import calibrate
-    from gyrowheel.calibration.result import Calibration
-    from gyrowheel.campaigns.api import campaign
-    from gyrowheel.campaigns.result import CampaignResult
-    from gyrowheel.catalogue.api import benches, effects, own_effect, plans
-    from gyrowheel.catalogue.plan_check import check_plan
-    from gyrowheel.catalogue.plan_check_result import PlanCheck
-    from gyrowheel.comparison.api import compare
-    from gyrowheel.comparison.result import Comparison
-    from gyrowheel.diagnosis.api import diagnose
-    from gyrowheel.diagnosis.result import Diagnosis
-    from gyrowheel.drag_comparison.api import drag
-    from gyrowheel.drag_comparison.result import Drag
-    from gyrowheel.investigation.api import investigate
-    from gyrowheel.investigation.result import Investigation
-    from gyrowheel.models.addition import Addition
-    from gyrowheel.models.api import Model
-    from gyrowheel.momentum_envelope.api import momentum
-    from gyrowheel.momentum_envelope.result import Momentum
-    from gyrowheel.paper_figures.api import paper
-    from gyrowheel.paper_figures.result import Paper
-    from gyrowheel.rate_sensing.api import rate
-    from gyrowheel.rate_sensing.result import Rates
-    from gyrowheel.recordings.api import Recording, salvage
-    from gyrowheel.recordings.correction import correct
-    from gyrowheel.report.api import Report
-    from gyrowheel.simulation.api import simulate
-    from gyrowheel.tables.api import read_bag, read_table, suggest_map, write_table
-    from gyrowheel.tables.table_map import TableMap
-    from gyrowheel.torque_budget.api import Torques, torques
-    from gyrowheel_core.errors import InputError
+from typing import Any
 
 __version__ = "0.1.0"
 
-#: Module of every public name.
-_HOMES = {
-    "Addition": "gyrowheel.models.addition",
-    "Calibration": "gyrowheel.calibration.result",
-    "CampaignResult": "gyrowheel.campaigns.result",
-    "Comparison": "gyrowheel.comparison.result",
-    "Diagnosis": "gyrowheel.diagnosis.result",
-    "Drag": "gyrowheel.drag_comparison.result",
-    "InputError": "gyrowheel_core.errors",
-    "Investigation": "gyrowheel.investigation.result",
-    "Key": "gyrowheel.blind_tests.key",
-    "Model": "gyrowheel.models.api",
-    "Momentum": "gyrowheel.momentum_envelope.result",
-    "Paper": "gyrowheel.paper_figures.result",
-    "PlanCheck": "gyrowheel.catalogue.plan_check_result",
-    "Rates": "gyrowheel.rate_sensing.result",
-    "Recording": "gyrowheel.recordings.api",
-    "Report": "gyrowheel.report.api",
-    "TableMap": "gyrowheel.tables.table_map",
-    "Torques": "gyrowheel.torque_budget.api",
-    "benches": "gyrowheel.catalogue.api",
-    "calibrate": "gyrowheel.calibration.api",
-    "campaign": "gyrowheel.campaigns.api",
-    "check_plan": "gyrowheel.catalogue.plan_check",
-    "compare": "gyrowheel.comparison.api",
-    "correct": "gyrowheel.recordings.correction",
-    "diagnose": "gyrowheel.diagnosis.api",
-    "drag": "gyrowheel.drag_comparison.api",
-    "effects": "gyrowheel.catalogue.api",
-    "investigate": "gyrowheel.investigation.api",
-    "momentum": "gyrowheel.momentum_envelope.api",
-    "open_key": "gyrowheel.blind_tests.api",
-    "own_effect": "gyrowheel.catalogue.api",
-    "paper": "gyrowheel.paper_figures.api",
-    "plans": "gyrowheel.catalogue.api",
-    "rate": "gyrowheel.rate_sensing.api",
-    "read_bag": "gyrowheel.tables.api",
-    "read_table": "gyrowheel.tables.api",
-    "salvage": "gyrowheel.recordings.api",
-    "simulate": "gyrowheel.simulation.api",
-    "suggest_map": "gyrowheel.tables.api",
-    "torques": "gyrowheel.torque_budget.api",
-    "write_table": "gyrowheel.tables.api",
-}
+with open(f"{__path__[0]}/__init__.pyi", encoding="utf-8") as _stub:
+    #: Module of every public name: the lines ``from MODULE import NAME as NAME`` of the stub.
+    _HOMES = {line.split()[-1]: line.split()[1] for line in _stub if line.startswith("from ")}
 
-__all__ = [
-    "Addition",
-    "Calibration",
-    "CampaignResult",
-    "Comparison",
-    "Diagnosis",
-    "Drag",
-    "InputError",
-    "Investigation",
-    "Key",
-    "Model",
-    "Momentum",
-    "Paper",
-    "PlanCheck",
-    "Rates",
-    "Recording",
-    "Report",
-    "TableMap",
-    "Torques",
-    "__version__",
-    "benches",
-    "calibrate",
-    "campaign",
-    "check_plan",
-    "compare",
-    "correct",
-    "diagnose",
-    "drag",
-    "effects",
-    "investigate",
-    "momentum",
-    "open_key",
-    "own_effect",
-    "paper",
-    "plans",
-    "rate",
-    "read_bag",
-    "read_table",
-    "salvage",
-    "simulate",
-    "suggest_map",
-    "torques",
-    "write_table",
-]
+__all__ = sorted([*_HOMES, "__version__"])
 
 
 def __getattr__(name: str) -> Any:
@@ -161,4 +42,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted(__all__)
+    return __all__

@@ -1,0 +1,44 @@
+from gyrowheel.blind_tests.api import open_key as open_key
+from gyrowheel.blind_tests.key import Key as Key
+from gyrowheel.calibration.api import calibrate as calibrate
+from gyrowheel.calibration.result import Calibration as Calibration
+from gyrowheel.campaigns.api import campaign as campaign
+from gyrowheel.campaigns.result import CampaignResult as CampaignResult
+from gyrowheel.catalogue.api import benches as benches
+from gyrowheel.catalogue.api import effects as effects
+from gyrowheel.catalogue.api import own_effect as own_effect
+from gyrowheel.catalogue.api import plans as plans
+from gyrowheel.catalogue.plan_check import check_plan as check_plan
+from gyrowheel.catalogue.plan_check_result import PlanCheck as PlanCheck
+from gyrowheel.comparison.api import compare as compare
+from gyrowheel.comparison.result import Comparison as Comparison
+from gyrowheel.diagnosis.api import diagnose as diagnose
+from gyrowheel.diagnosis.result import Diagnosis as Diagnosis
+from gyrowheel.drag_comparison.api import drag as drag
+from gyrowheel.drag_comparison.result import Drag as Drag
+from gyrowheel.investigation.api import investigate as investigate
+from gyrowheel.investigation.result import Investigation as Investigation
+from gyrowheel.models.addition import Addition as Addition
+from gyrowheel.models.api import Model as Model
+from gyrowheel.momentum_envelope.api import momentum as momentum
+from gyrowheel.momentum_envelope.result import Momentum as Momentum
+from gyrowheel.paper_figures.api import paper as paper
+from gyrowheel.paper_figures.result import Paper as Paper
+from gyrowheel.rate_sensing.api import rate as rate
+from gyrowheel.rate_sensing.result import Rates as Rates
+from gyrowheel.recordings.api import Recording as Recording
+from gyrowheel.recordings.api import salvage as salvage
+from gyrowheel.recordings.correction import correct as correct
+from gyrowheel.report.api import Report as Report
+from gyrowheel.simulation.api import simulate as simulate
+from gyrowheel.tables.api import read_bag as read_bag
+from gyrowheel.tables.api import read_table as read_table
+from gyrowheel.tables.api import suggest_map as suggest_map
+from gyrowheel.tables.api import write_table as write_table
+from gyrowheel.tables.table_map import TableMap as TableMap
+from gyrowheel.torque_budget.api import Torques as Torques
+from gyrowheel.torque_budget.api import torques as torques
+from gyrowheel_core.errors import InputError as InputError
+
+__version__: str
+__all__: list[str]
