@@ -12,8 +12,9 @@ from typing import Any
 import pytest
 
 from gyrowheel.investigation import procedure as investigation
-from gyrowheel.investigation.procedure import BROAD, Investigation, Step, pursue
-from gyrowheel.investigation.sentences import end_sentence, learned
+from gyrowheel.investigation.page import end_sentence
+from gyrowheel.investigation.procedure import BROAD, Course, Step, pursue
+from gyrowheel.investigation.sentences import learned
 from gyrowheel_analysis.diagnosis.discrimination import Discrimination
 from gyrowheel_analysis.diagnosis.precision import PrecisionTest, relative_error
 from gyrowheel_analysis.diagnosis.result import Diagnosis, Estimate, NextTest
@@ -50,26 +51,26 @@ class Silent:
 
 
 @pytest.fixture
-def scripted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[..., tuple[Investigation, Silent]]:
+def scripted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[..., tuple[Course, Silent]]:
     """Return a function that investigates a machine whose diagnoses are given."""
 
     def go(
         answers: Sequence[Diagnosis], *, sharper: Any = None, plain: Diagnosis = NOTHING, **options: Any
-    ) -> tuple[Investigation, Silent]:
+    ) -> tuple[Course, Silent]:
         left = list(answers)
         monkeypatch.setattr("gyrowheel_recording.bags.Recording.open", lambda path: path)
 
         def diagnose(*_: Any, averages: bool = False, **__: Any) -> Diagnosis:
             # a look at averages alone, beside that at everything, is for the explanation
-            return plain if averages and not done.averages else left.pop(0)
+            return plain if averages and not begun.averages else left.pop(0)
 
         monkeypatch.setattr("gyrowheel_analysis.diagnosis.diagnose.diagnose", diagnose)
         monkeypatch.setattr("gyrowheel_analysis.diagnosis.precision.precision_test", lambda *_, **__: sharper)
-        done, listener = Investigation("m.yaml", options.pop("budget", 15.0)), Silent()
-        done.averages = options.pop("averages", False)
+        budget, averages = options.pop("budget", 15.0), options.pop("averages", False)
+        begun, listener = Course("m.yaml", budget, averages=averages), Silent()
         plans = [Plan.load(name) for name in options.pop("plans", ["check"])]
         run = options.pop("run", lambda plan, path, number: path.mkdir(exist_ok=True))
-        pursue(done, Model.new(), tmp_path, run, listener, plans=plans, **options)
+        *_, done = pursue(begun, Model.new(), tmp_path, run, listener, plans=plans, **options)
         return done, listener
 
     return go
@@ -85,7 +86,7 @@ SEPARATING = replace(
 def test_a_tie_is_settled_by_the_test_that_was_named(scripted: Any, tmp_path: Path):
     done, listener = scripted([SEPARATING, PRECISE])
     assert done.settled
-    assert [step.plans for step in done.steps] == [["check"], ["air_density"]]
+    assert [list(step.plans) for step in done.steps] == [["check"], ["air_density"]]
     assert listener.begun[1] == (["air_density"], "separates aero_cross from flexure_damping")
     assert "flexure_damping would explain it as well" in done.steps[0].learned[0]
     assert done.steps[1].learned[-1] == "flexure_damping is ruled out."
@@ -106,7 +107,7 @@ def test_no_test_is_run_a_third_time(scripted: Any):
     done, _ = scripted([SEPARATING] * 3)
     assert not done.settled
     assert "run 2 times and have not" in done.reason
-    assert [step.plans for step in done.steps] == [["check"], ["air_density"], ["air_density"]]
+    assert [list(step.plans) for step in done.steps] == [["check"], ["air_density"], ["air_density"]]
 
 
 def test_what_nothing_separates_is_said(scripted: Any):
@@ -117,13 +118,13 @@ def test_what_nothing_separates_is_said(scripted: Any):
 
 def test_too_little_data_asks_for_more(scripted: Any):
     done, _ = scripted([diagnosis("insufficient_data"), NOTHING])
-    assert [step.plans for step in done.steps] == [["check"], [BROAD]]
+    assert [list(step.plans) for step in done.steps] == [["check"], [BROAD]]
     assert done.settled
 
 
 def test_an_unknown_effect_is_looked_at_more_broadly_once(scripted: Any):
     done, _ = scripted([UNKNOWN, UNKNOWN])
-    assert [step.plans for step in done.steps] == [["check"], [BROAD]]
+    assert [list(step.plans) for step in done.steps] == [["check"], [BROAD]]
     assert done.settled
     assert "Proposed formula: rotor_torque = a*z^2" in done.steps[-1].learned[0]
 
@@ -132,7 +133,7 @@ def test_an_uncertain_coefficient_is_sharpened(scripted: Any):
     sharper = PrecisionTest("aero_cross", "cone", 0.25, 0.06, 0.55)
     done, listener = scripted([PRECISE, PRECISE, PRECISE], sharper=sharper)
     assert listener.begun[1] == (["cone"], "knows aero_cross to 6 % instead of 25 %")
-    assert [step.plans for step in done.steps] == [["check"], ["cone"], ["cone"]]
+    assert [list(step.plans) for step in done.steps] == [["check"], ["cone"], ["cone"]]
     assert done.settled
 
 
@@ -140,7 +141,7 @@ def test_thorough_goes_on_with_what_could_not_be_seen(scripted: Any):
     more = replace(NOTHING, next_test=NextTest("inverted", 60.0, 0.7, reveals="gravity_offset"))
     assert len(scripted([more])[0].steps) == 1
     done, _ = scripted([more, NOTHING], thorough=True, plans=["quick"])
-    assert [step.plans for step in done.steps] == [["quick"], ["inverted"]]
+    assert [list(step.plans) for step in done.steps] == [["quick"], ["inverted"]]
 
 
 def test_the_budget_is_kept(scripted: Any):

@@ -14,7 +14,7 @@ import pytest
 from PIL import Image
 
 from gyrowheel.comparison.picture import _arrow_scale
-from gyrowheel.investigation.sentences import unseen_sentence
+from gyrowheel.investigation.page import unseen_sentence
 from gyrowheel_analysis.channels import CHANNELS
 from gyrowheel_analysis.diagnosis.result import DetectionLimit, NextTest
 from gyrowheel_analysis.residuals.windows import Part

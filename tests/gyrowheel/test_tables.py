@@ -24,9 +24,8 @@ from gyrowheel.cli.app import app
 from gyrowheel.diagnosis.page import diagnosis as diagnosis_page
 from gyrowheel.drag_comparison.page import drag_page
 from gyrowheel.graph.replay_page import replay_page
-from gyrowheel.investigation.procedure import Investigation as Steps
-from gyrowheel.investigation.procedure import Step
-from gyrowheel.investigation.result import Investigation
+from gyrowheel.investigation.api import Investigation
+from gyrowheel.investigation.procedure import Course, Step
 from gyrowheel.show.layout import plain_text
 from gyrowheel.show.table import UncutTable
 from gyrowheel_air.table import TorqueTable
@@ -73,17 +72,17 @@ CAMPAIGN = Summary.of(
         judged(4, "outside", "unknown", []),
     ],
 )  # fmt: skip
-FIRST = Step(1, ["survey"], "nothing is known yet", [], 3.0, AMBIGUOUS, ["aero_cross or flexure_damping."])
+FIRST = Step(1, ("survey",), "nothing is known yet", (), 3.0, AMBIGUOUS, ("aero_cross or flexure_damping.",))
 SECOND = Step(
     2,
-    ["air_density", "cone"],
+    ("air_density", "cone"),
     "separates aero_cross from flexure_damping",
-    [],
+    (),
     1.8,
     UNKNOWN,
-    ["Something is missing that no known effect explains.", "flexure_damping is ruled out."],
+    ("Something is missing that no known effect explains.", "flexure_damping is ruled out."),
 )
-INVESTIGATION = Investigation(Steps("wheel.yaml", 15.0, [FIRST, SECOND]), Path("runs"))
+INVESTIGATION = Investigation.of(Course("wheel.yaml", 15.0, (FIRST, SECOND)), folder=Path("runs"))
 MESH = {"cells": 1234567, "non_orthogonality": 65.4, "skewness": 3.21, "aspect_ratio": 1234.0, "ok": True}
 TWO = diagnosis("effect", finding("stiffness_anisotropy"), finding("commutation_ripple", size=-1.0))
 

@@ -1,19 +1,21 @@
-"""An investigation on a simulated machine, or on a bench of one's own."""
+"""An investigation on a simulated machine, or on a user's bench."""
 
 from __future__ import annotations
 
 import contextlib
 import hashlib
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gyrowheel.investigation.procedure import Investigation as State
-from gyrowheel.investigation.procedure import Listener, Run, Step, pursue
-from gyrowheel.investigation.result import Investigation
+from gyrowheel.diagnosis.result import Diagnosis
+from gyrowheel.investigation.page import end_sentence, investigation_page
+from gyrowheel.investigation.procedure import Course, Listener, Run, Step, pursue
 from gyrowheel.recordings.inputs import Recordings, opened
 from gyrowheel.show.files import new_folder
+from gyrowheel.show.result import Result
 from gyrowheel.simulation.code_identity import code_identity
 from gyrowheel.simulation.scenario import scenario
 from gyrowheel_control.plans.fitting import plan_for
@@ -25,12 +27,65 @@ from gyrowheel_core.journal import Journal, Work, begun, journal
 from gyrowheel_recording.bags.selection import parted
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.console import RenderableType
+
     from gyrowheel.models.api import Model
     from gyrowheel_sim.effects import Effect
     from gyrowheel_sim.plant.scenario import Scenario
 
 KIND = "investigation"
 _KEY = "key"  # in the journal: a digest of the key file
+
+
+@dataclass(frozen=True, repr=False, kw_only=True)
+class Investigation(Result, Course):
+    """Outcome of `gyrowheel.investigate`: the fields of `gyrowheel.investigation.procedure.Course`, and these.
+
+    Attributes
+    ----------
+    folder : Path
+        Folder of the recordings.
+    interrupted : bool
+        Whether Ctrl-C ended it.
+    keep : object
+        Holds a temporary folder, which exists as long as this object.
+    """
+
+    folder: Path
+    interrupted: bool = False
+    keep: object = None
+
+    @property
+    def diagnosis(self) -> Diagnosis | None:
+        """The last diagnosis, of all recordings together; None if it was interrupted before the first."""
+        return Diagnosis(self.steps[-1].diagnosis) if self.steps else None
+
+    def headline(self) -> str:
+        """Return how it ended."""
+        return end_sentence(self)
+
+    def page(self) -> Iterable[RenderableType]:
+        """Return how it ended, the table of the steps and the last diagnosis."""
+        return investigation_page(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of ``gyrowheel investigate --json``; SI units."""
+        return self.to_json()
+
+    def to_columns(self) -> Mapping[str, Sequence[Any]]:
+        """Return the steps as columns, a row for each."""
+        return {
+            "plans": [", ".join(step.plans) for step in self.steps],
+            "why": [step.why for step in self.steps],
+            "minutes": [step.minutes for step in self.steps],
+            "verdict": [step.diagnosis.verdict for step in self.steps],
+            "named": [", ".join(f.name for f in step.diagnosis.effects) for step in self.steps],
+        }
+
+    def plot(self) -> Figure:
+        """Return the picture of the last diagnosis as a matplotlib figure."""
+        return super().plot() if self.diagnosis is None else self.diagnosis.plot()
 
 
 def investigate(
@@ -116,7 +171,7 @@ def investigate(
         run = _in_nodes(told, model, hidden) if nodes else _at_once(told, model, hidden)
     scratch = None if folder is not None else tempfile.TemporaryDirectory(prefix="gyrowheel-")
     place = Path(scratch.name if scratch is not None else folder or "")
-    done = State(model.origin, budget, averages=averages)
+    done = Course(model.origin, budget, averages=averages)
     work = _work(
         model,
         at_hand,
@@ -134,10 +189,14 @@ def investigate(
     try:
         with journal(place, work, resume=resume) as kept:
             once = _once(run, kept, key)
-            pursue(done, model.details, place, once, told, plans=first, at_hand=at_hand, thorough=thorough)
+            steps = pursue(
+                done, model.details, place, once, told, plans=first, at_hand=at_hand, thorough=thorough
+            )
+            for done in steps:  # noqa: B007, the last one is the result
+                pass
     except KeyboardInterrupt:
         interrupted = True
-    return Investigation(done, place, interrupted, scratch)
+    return Investigation.of(done, folder=place, interrupted=interrupted, keep=scratch)
 
 
 def settings_of(folder: str | Path) -> dict[str, Any]:

@@ -1,17 +1,18 @@
-"""Test, diagnose, test again: until nothing is open, or the time on the bench is spent.
+"""Run a test, diagnose, choose the next test: until no question is open, or the bench time is spent.
 
-Nothing of the machine is known here but its recordings: whoever runs a plan is a function that takes a plan and
-gives a recording.
+The machine is known here by its recordings alone: a function runs a plan and writes a recording.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+from gyrowheel.investigation.sentences import learned, settled_by
+from gyrowheel.show.sentences.diagnosis import purpose, verdict_sentence
 from gyrowheel_control.plans.fitting import plan_for
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError
@@ -22,119 +23,120 @@ if TYPE_CHECKING:
     from gyrowheel_analysis.model import Model
     from gyrowheel_recording.bags import Recording
 
-#: Runs a plan on the bench, records it in a directory; the number distinguishes the runs.
+#: Runs a plan on the bench and records it in a directory; the number distinguishes the runs.
 Run = Callable[[Plan, Path, int], None]
-#: A plan is run at most this often; repeating it further adds little.
+#: A plan is run at most this often; further repetitions add little.
 MOST_RUNS = 2
-#: What shows most where nothing says which test to run.
+#: The plan that shows most effects, where no diagnosis names a test.
 BROAD = "survey"
 
 
 class Listener(Protocol):
-    """Receives what an investigation does."""
+    """Receives the course of an investigation."""
 
     def begin(self, number: int, plans: Sequence[str], why: str) -> None:
-        """Take notice that a step begins."""
+        """Receive the beginning of a step."""
 
     def working(self, title: str) -> AbstractContextManager[Callable[[str], None]]:
-        """Show that something is being done, and what."""
+        """Show that a calculation is under way; the function yielded takes its next line."""
 
     def advancing(self, title: str) -> AbstractContextManager[Callable[[float], None]]:
-        """Show how far a plan is."""
+        """Show the progress of a plan; the function yielded takes the fraction done."""
 
     def learned(self, step: Step) -> None:
-        """Take notice of what a step has brought."""
+        """Receive a finished step."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """One step: plans that were run, and the diagnosis of all recordings up to then.
+    """One step: plans that were run, and the diagnosis of all recordings so far.
 
     Attributes
     ----------
     number : int
-        From 1.
-    plans : list of str
-        What was run; empty where recordings at hand were diagnosed.
+        Number of the step, from 1.
+    plans : tuple of str
+        The plans; empty where existing recordings were diagnosed.
     why : str
-        What for.
-    recordings : list of Path
-        What was recorded.
+        Purpose of the step.
+    recordings : tuple of Path
+        The new recordings.
     minutes : float
-        Time on the bench.
-    diagnosis : Diagnosis
-        What all recordings so far say.
-    learned : list of str
-        The same in a sentence or two.
+        Bench time [min].
+    diagnosis : gyrowheel_analysis.diagnosis.result.Diagnosis
+        Diagnosis of all recordings so far.
+    learned : tuple of str
+        The diagnosis in a sentence or two.
     before : str or None
-        The verdict before this step; None for the first.
-    separated : list of str
-        What could have been before this step and cannot any more.
+        Verdict before this step; None for the first.
+    separated : tuple of str
+        Explanations that this step ruled out.
     left : float
-        Time on the bench that is left after it [min].
+        Bench time left after it [min].
     """
 
     number: int
-    plans: list[str]
+    plans: tuple[str, ...]
     why: str
-    recordings: list[Path]
+    recordings: tuple[Path, ...]
     minutes: float
     diagnosis: Diagnosis
-    learned: list[str]
+    learned: tuple[str, ...]
     before: str | None = None
-    separated: list[str] = field(default_factory=list)
+    separated: tuple[str, ...] = ()
     left: float = 0.0
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """A test that would show more."""
+    """A test to run next, and its purpose."""
 
     plan: str
     why: str
 
 
-@dataclass
-class Investigation:
-    """An investigation as far as it has come.
+@dataclass(frozen=True)
+class Course:
+    """An investigation: the steps so far, and how it ended.
 
     Attributes
     ----------
     model : str
         The model file.
     budget : float
-        Time on the bench that may be spent [min].
-    steps : list of Step
-        What was done.
+        Bench time that may be spent [min].
+    steps : tuple of Step
+        The finished steps: ``.plans``, ``.why``, ``.diagnosis``, ``.learned`` and more.
     averages : bool
-        Whether the recordings are reduced to averages over revolutions alone.
+        Whether the recordings are reduced to averages over revolutions.
     settled : bool
-        Whether nothing is open any more.
+        Whether no question is open.
     reason : str
-        Why it ended; empty while it goes on.
+        Why the investigation ended; empty while it goes on.
     """
 
     model: str
     budget: float
-    steps: list[Step] = field(default_factory=list)
+    steps: tuple[Step, ...] = ()
     averages: bool = False
     settled: bool = False
     reason: str = ""
 
     @property
     def minutes(self) -> float:
-        """Time on the bench that was spent [min]."""
+        """Bench time spent [min]."""
         return sum(step.minutes for step in self.steps)
 
     @property
-    def recordings(self) -> list[Path]:
-        """Everything recorded."""
-        return [path for step in self.steps for path in step.recordings]
+    def recordings(self) -> tuple[Path, ...]:
+        """All recordings of the investigation."""
+        return tuple(path for step in self.steps for path in step.recordings)
 
     def to_json(self) -> dict[str, Any]:
         """Return the investigation as a JSON object."""
         from gyrowheel.show.contract import diagnosis_json
 
+        last = self.steps[-1].diagnosis if self.steps else None
         return {
             "schema": 1,
             "model": self.model,
@@ -143,31 +145,31 @@ class Investigation:
             "minutes": self.minutes,
             "budget_minutes": self.budget,
             "averages": self.averages,
-            "verdict": self.steps[-1].diagnosis.verdict if self.steps else None,
-            "named": [f.name for f in self.steps[-1].diagnosis.effects] if self.steps else [],
+            "verdict": None if last is None else last.verdict,
+            "named": [] if last is None else [f.name for f in last.effects],
             "steps": [
                 {
-                    "plans": step.plans,
+                    "plans": list(step.plans),
                     "why": step.why,
                     "recordings": [str(path) for path in step.recordings],
                     "minutes": step.minutes,
                     "minutes_left": step.left,
                     "verdict_before": step.before,
                     "verdict": step.diagnosis.verdict,
-                    "separated": step.separated,
+                    "separated": list(step.separated),
                     "effects": [
                         {"name": f.name, "ties": [tie.name for tie in f.ties]} for f in step.diagnosis.effects
                     ],
-                    "learned": step.learned,
+                    "learned": list(step.learned),
                 }
                 for step in self.steps
             ],
-            "diagnosis": diagnosis_json(self.steps[-1].diagnosis) if self.steps else None,
+            "diagnosis": None if last is None else diagnosis_json(last),
         }
 
 
 def pursue(
-    done: Investigation,
+    done: Course,
     model: Model,
     folder: Path,
     run: Run,
@@ -176,40 +178,34 @@ def pursue(
     plans: Sequence[Plan],
     at_hand: Sequence[Path] = (),
     thorough: bool = False,
-) -> None:
-    """Find out what a model lacks, running the tests that it takes.
+) -> Iterator[Course]:
+    """Run the tests that settle what a model lacks; yield the investigation after each step.
 
     Parameters
     ----------
-    done : Investigation
-        Filled step by step: what was finished is in it whatever happens.
+    done : Course
+        The investigation without steps: model, budget, and whether averages over revolutions alone are used.
     model : Model
         The model.
     folder : Path
-        Folder for the recordings and for ``investigation.json``, which is complete after every step; made if need be.
+        Folder for the recordings and for ``investigation.json``, which is complete after every step; created if
+        missing.
     run : callable
         Runs a plan on the bench and records it.
     listener : Listener
-        Receives what happens.
+        Receives the course of the investigation.
     plans : sequence of Plan
-        What is run first.
+        The first plans.
     at_hand : sequence of Path
-        Recordings that there are already.
+        Existing recordings.
     thorough : bool
-        Whether to go on until every known effect would have shown at its usual size.
-
-    Notes
-    -----
-    `Investigation.averages` says whether to look at averages alone, as where filters hide what happens within a
-    revolution.
+        Whether to continue until every known effect would have shown at its usual size.
 
     Raises
     ------
     InputError
-        If there is nothing to begin with, or the first plans take more time than there is.
+        If there is neither a plan nor a recording, or the first plans take more time than the budget.
     """
-    from gyrowheel.investigation.sentences import learned
-    from gyrowheel_analysis.diagnosis.diagnose import diagnose
     from gyrowheel_recording.bags import Recording
 
     if not plans and not at_hand:
@@ -221,63 +217,74 @@ def pursue(
     with disk_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
     following = list(plans)
-    why = (
-        "a first look"
-        if not at_hand
-        else "more to begin with"
-        if plans
-        else "what the recordings at hand say"
-    )
-    while True:
-        number = len(done.steps) + 1
-        listener.begin(number, [plan.called for plan in following], why)
+    why = "more to begin with" if plans else "what the recordings at hand say"
+    if not at_hand:
+        why = "a first look"
+    while not done.reason:
+        listener.begin(len(done.steps) + 1, [plan.called for plan in following], why)
         made: list[Path] = []
         for plan in following:
-            # counted on from the recordings at hand: a run of its own has noise of its own
+            # numbered after the existing recordings: every run has its own noise
             place = len(recordings) + 1
             path = folder / f"{place}-{plan.name}"
             run(plan, path, place)
             made.append(path)
             recordings.append(Recording.open(path))
-        before = done.steps[-1].diagnosis if done.steps else None
-        with listener.working("diagnosing") as say:
-            found = diagnose(recordings, model, averages=done.averages, progress=say)
-            wanted = _next(found, recordings, model, done, following, thorough, say)
-            gone = [] if before is None else _ruled_out(found, before)
-            said = learned(found, gone)
-            if before is None and not done.averages:
-                said += _why_so_soon(found, recordings, model, say)
-        took = sum(_minutes(plan) for plan in following)
-        done.steps.append(
-            Step(
-                number,
-                [plan.called for plan in following],
-                why,
-                made,
-                took,
-                found,
-                said,
-                before=None if before is None else before.verdict,
-                separated=gone,
-                left=max(done.budget - done.minutes - took, 0.0),
-            )
-        )
+        step, wanted = _diagnosed(done, recordings, model, following, why, made, thorough, listener)
+        done = replace(done, steps=(*done.steps, step))
         if isinstance(wanted, Wanted):
             plan = plan_for(wanted.plan, model.stated_bench)
             left = done.budget - done.minutes
             if _minutes(plan) > left:
-                done.reason = (
+                reason = (
                     f"the time is spent: plan {plan.called} ({wanted.why}) takes {_minutes(plan):.1f} min, "
                     f"and {left:.1f} of {done.budget:g} min are left"
                 )
+                done = replace(done, reason=reason)
+            following, why = [plan], wanted.why
         else:
-            done.settled, done.reason = wanted
+            settled, reason = wanted
+            done = replace(done, settled=settled, reason=reason)
+        yield done
         write_text(folder / "investigation.json", json_text(done.to_json()))
-        listener.learned(done.steps[-1])
-        if done.reason:
-            return
-        assert isinstance(wanted, Wanted)  # else there is a reason
-        following, why = [plan], wanted.why
+        listener.learned(step)
+
+
+def _diagnosed(
+    done: Course,
+    recordings: Sequence[Recording],
+    model: Model,
+    plans: Sequence[Plan],
+    why: str,
+    made: Sequence[Path],
+    thorough: bool,
+    listener: Listener,
+) -> tuple[Step, Wanted | tuple[bool, str]]:
+    """Return the step that ran some plans, with the diagnosis of all recordings, and what follows from it."""
+    from gyrowheel_analysis.diagnosis.diagnose import diagnose
+
+    before = done.steps[-1].diagnosis if done.steps else None
+    with listener.working("diagnosing") as say:
+        found = diagnose(recordings, model, averages=done.averages, progress=say)
+        wanted = _next(found, recordings, model, done, plans, thorough, say)
+        gone = [] if before is None else sorted(_alternatives(before) - _alternatives(found))
+        said = learned(found, gone)
+        if before is None and not done.averages:
+            said += _why_so_soon(found, recordings, model, say)
+    took = sum(_minutes(plan) for plan in plans)
+    step = Step(
+        len(done.steps) + 1,
+        tuple(plan.called for plan in plans),
+        why,
+        tuple(made),
+        took,
+        found,
+        tuple(said),
+        before=None if before is None else before.verdict,
+        separated=tuple(gone),
+        left=max(done.budget - done.minutes - took, 0.0),
+    )
+    return step, wanted
 
 
 def _minutes(plan: Plan) -> float:
@@ -288,14 +295,12 @@ def _next(
     found: Diagnosis,
     recordings: Sequence[Recording],
     model: Model,
-    done: Investigation,
+    done: Course,
     now: Sequence[Plan],
     thorough: bool,
     progress: Callable[[str], None],
 ) -> Wanted | tuple[bool, str]:
-    """Return the test that what is open asks for; else whether all is settled, and why it ends."""
-    from gyrowheel.show.sentences.diagnosis import purpose, verdict_sentence
-
+    """Return the test that the open questions call for; else whether all is settled, and why it ends."""
     if found.setup:
         return False, verdict_sentence(found).rstrip(".")
     ran = [name for step in done.steps for name in step.plans] + [plan.called for plan in now]
@@ -340,17 +345,12 @@ def _next(
     return True, "nothing is open"
 
 
-def _ruled_out(found: Diagnosis, before: Diagnosis) -> list[str]:
-    return sorted(_alternatives(before) - _alternatives(found))
-
-
 def _why_so_soon(
     found: Diagnosis, recordings: Sequence[Recording], model: Model, progress: Callable[[str], None]
 ) -> list[str]:
-    """Return why the first recordings settle what averages over revolutions leave open; nothing where they do not."""
+    """Return why the first recordings settle what averages over revolutions leave open; empty if they do not."""
     if found.verdict != "effect" or len(found.effects) != 1 or found.instruments:
         return []
-    from gyrowheel.investigation.sentences import settled_by
     from gyrowheel_analysis.diagnosis.diagnose import diagnose
     from gyrowheel_analysis.diagnosis.discrimination import discriminating_channels
 
@@ -363,7 +363,7 @@ def _why_so_soon(
         n for n in (plain.effects[0].name, *(t.name for t in plain.effects[0].ties)) if n != finding.name
     ]
     if len(others) != len(plain.effects[0].ties):
-        return []  # averages lead elsewhere
+        return []  # averages name other effects
     rival = others[0]
     first, *_ = discriminating_channels(recordings, model, finding.name, rival)
     return [settled_by([finding.name, *others], first.title, first.delta_chi2, rival)]

@@ -1,4 +1,4 @@
-"""What an investigation does and learns: why a test is run, what it has brought, how it ended."""
+"""Sentences of a step: its diagnosis, and what it ruled out."""
 
 from __future__ import annotations
 
@@ -6,18 +6,17 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from gyrowheel.show.quantities import quantity, seconds
+from gyrowheel.show.quantities import quantity
 from gyrowheel.show.sentences.diagnosis import named, verdict_sentence
 from gyrowheel.show.sentences.instruments import instrument_open, instrument_sentence
 from gyrowheel_core.quantities import listed
 
 if TYPE_CHECKING:
-    from gyrowheel.investigation.procedure import Investigation
     from gyrowheel_analysis.diagnosis.result import Diagnosis, EffectFinding
 
 
 def learned(found: Diagnosis, ruled_out: Sequence[str]) -> list[str]:
-    """Return in a sentence or two what a diagnosis says, and what it has ruled out since the one before."""
+    """Return a diagnosis in a sentence or two, and what it ruled out since the previous one."""
     if found.verdict == "unknown":
         formula = f" Proposed formula: {found.free_form[0].formula}." if found.free_form else ""
         said = [f"Something acts that no known effect explains.{formula}"]
@@ -35,29 +34,11 @@ def learned(found: Diagnosis, ruled_out: Sequence[str]) -> list[str]:
 
 
 def settled_by(open_names: Sequence[str], channel: str, delta_chi2: float, rival: str) -> str:
-    """Return which rows settle at once what averages over revolutions leave open."""
+    """Return which channel settles at once what averages over revolutions leave open."""
     return (
         f"Averages over revolutions alone would not separate {listed(open_names, 'from')}; {channel} does "
         f"(Δχ² {delta_chi2:.0f} against {rival})."
     )
-
-
-def end_sentence(done: Investigation) -> str:
-    """Return how an investigation ended."""
-    took = seconds(60.0 * done.minutes)
-    state = "Settled" if done.settled else "Not settled"
-    left = seconds(60.0 * max(done.budget - done.minutes, 0.0))
-    return f"{state} after {took} of bench time, {left} left: {done.reason or 'interrupted'}."
-
-
-def unseen_sentence(found: Diagnosis) -> str:
-    """Return which effects of a usual size would not have shown although a test can show them; empty if none."""
-    if found.next_test is None:
-        return ""
-    hidden = dict.fromkeys(limit.effect for limit in found.limits if not limit.visible)
-    if not hidden:
-        return ""
-    return f"At a usual size these recordings would not have shown {listed(list(hidden), 'or')}. To look for more:"
 
 
 def _open(finding: EffectFinding) -> str:

@@ -17,8 +17,8 @@ from gyrowheel.cli.resume import Resume, going_on, going_on_command, merged, pla
 from gyrowheel_core.errors import InputError
 
 if TYPE_CHECKING:
+    from gyrowheel.investigation.api import Investigation
     from gyrowheel.investigation.procedure import Step
-    from gyrowheel.investigation.result import Investigation
 
 
 def register(app: typer.Typer) -> None:
@@ -225,7 +225,7 @@ def _report(done: Investigation, recordings: Sequence[Path], model: Path, stage:
 
     if done.diagnosis is None:
         return
-    averages = done.details.averages
+    averages = done.averages
     with stage.working("writing the report") as say:
         report = gw.Report.around(
             done.diagnosis,
@@ -254,7 +254,7 @@ def _finish(
 
     from gyrowheel.diagnosis.next_command import following
     from gyrowheel.diagnosis.page import detection_limits, error_section, findings
-    from gyrowheel.investigation.sentences import end_sentence, unseen_sentence
+    from gyrowheel.investigation.page import end_sentence, unseen_sentence
     from gyrowheel.show.layout import Unbroken, command, heading
 
     last = done.diagnosis
@@ -270,6 +270,6 @@ def _finish(
     if done.interrupted or (done.steps and not done.settled and recordings):
         stage.show([heading("To go on from here"), command(again)])
     colour = "green" if done.settled else "yellow"
-    stage.show([Text(f"\n{end_sentence(done.details)}", style=f"bold {colour}")])
+    stage.show([Text(f"\n{end_sentence(done)}", style=f"bold {colour}")])
     if done.folder.is_dir() and any(part.is_dir() for part in done.folder.iterdir()):
         stage.show([Unbroken(f"recordings: {done.folder}")])

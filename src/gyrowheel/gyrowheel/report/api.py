@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from gyrowheel.comparison.result import Comparison
     from gyrowheel.diagnosis.result import Diagnosis
-    from gyrowheel.investigation.result import Investigation
+    from gyrowheel.investigation.api import Investigation
     from gyrowheel.models.addition import Addition
     from gyrowheel_sim.parameter import Parameter
 
@@ -229,9 +229,9 @@ class Report:
     @property
     def ending(self) -> str:
         """How the investigation ended, in a sentence; empty without one."""
-        from gyrowheel.investigation.sentences import end_sentence
+        from gyrowheel.investigation.page import end_sentence
 
-        return "" if self.investigation is None else end_sentence(self.investigation.details)
+        return "" if self.investigation is None else end_sentence(self.investigation)
 
     @staticmethod
     def _steps(done: Investigation) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from gyrowheel_core.quantities import short
 from gyrowheel_core.units import DEG, RPM, Unit, unit_for
 
 if TYPE_CHECKING:
-    from gyrowheel.investigation.result import Investigation
+    from gyrowheel.investigation.api import Investigation
     from gyrowheel.models.api import Model
     from gyrowheel.recordings.api import Recording
     from gyrowheel_analysis.diagnosis.result import DetectionLimit, Diagnosis
