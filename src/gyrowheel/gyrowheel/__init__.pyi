@@ -16,8 +16,8 @@ from gyrowheel.diagnosis.api import diagnose as diagnose
 from gyrowheel.diagnosis.result import Diagnosis as Diagnosis
 from gyrowheel.drag_comparison.api import drag as drag
 from gyrowheel.drag_comparison.result import Drag as Drag
-from gyrowheel.investigation.api import investigate as investigate
 from gyrowheel.investigation.api import Investigation as Investigation
+from gyrowheel.investigation.api import investigate as investigate
 from gyrowheel.models.addition import Addition as Addition
 from gyrowheel.models.api import Model as Model
 from gyrowheel.momentum_envelope.api import momentum as momentum
