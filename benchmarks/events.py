@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from gyrowheel.show.layout import plain_text, words_table
+from gyrowheel_analysis.criteria import EVENT_GAIN
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
 from gyrowheel_analysis.diagnosis.event_scan import places, price
-from gyrowheel_analysis.diagnosis.events import THRESHOLD
 from gyrowheel_analysis.diagnosis.evidence import Evidence, Profiles
 from gyrowheel_analysis.diagnosis.selection import select
 from gyrowheel_analysis.fitting.events import QUANTITIES, Event
@@ -125,7 +125,7 @@ def _limits(recording: Recording, model: Model, event: Event, size: float) -> fl
         evidence = Evidence(problem, select(problem).best)
         w = problem.balances[0].windows
         profiles = Profiles(event.kind, [event.edges], np.array([event.profile(w.start, w.duration)]))
-        needed = THRESHOLD + price(event.kind, places(problem))
+        needed = EVENT_GAIN + price(event.kind, places(problem))
         large = QUANTITIES[event.quantity].width(problem.bench)
         return abs(size) / (large * evidence.limit((event.quantity,), 0, profiles, needed))
 

@@ -76,7 +76,7 @@ HOUSE = (
         "gyrowheel_analysis",
         "from a recording to a verdict",
         (
-            ("channels", "model"),
+            ("criteria", "channels", "model"),
             ("reduction",),
             ("balance",),
             ("fitting", "torques", "capability"),

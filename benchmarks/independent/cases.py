@@ -22,9 +22,10 @@ from benchmarks.independent.sequence import (
     short_sequence,
 )
 from gyrowheel.show.sentences.diagnosis import verdict_sentence
+from gyrowheel_analysis.criteria import ACCEPTED_GAIN, ERROR_LIMIT
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
 from gyrowheel_analysis.diagnosis.result import Diagnosis
-from gyrowheel_analysis.diagnosis.selection import ERROR_LIMIT, THRESHOLD, threshold
+from gyrowheel_analysis.diagnosis.selection import threshold
 from gyrowheel_analysis.fitting.preparation import one_thread, prepare
 from gyrowheel_analysis.fitting.terms import Term
 from gyrowheel_analysis.model import Model
@@ -149,7 +150,7 @@ class Limits:
         keep = [group not in groups for group, _ in problem.unknowns.nuisances]
         left = self._left(self._response(name, {"relative_error": 1e-3})[:, None] * 1e3, drift, keep)
         error = 1.0 / float(np.linalg.norm(left))
-        return max(ERROR_LIMIT * stated + 2.0 * error, math.sqrt(THRESHOLD) * math.hypot(stated, error))
+        return max(ERROR_LIMIT * stated + 2.0 * error, math.sqrt(ACCEPTED_GAIN) * math.hypot(stated, error))
 
     def _response(self, name: str, values: Mapping[str, float]) -> Array:
         return self._problem.predict(self._problem.unknowns.stated({name: dict(values)})) - self._problem.base

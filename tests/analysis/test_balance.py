@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from gyrowheel_analysis.balance.balance import ActiveEffect, Balance
+from gyrowheel_analysis.criteria import MODEL_ABSOLUTE
 from gyrowheel_analysis.fitting.preparation import samples_of
 from gyrowheel_analysis.fitting.unknowns import NUISANCE_GROUPS
-from gyrowheel_analysis.fitting.variance import MODEL_ABSOLUTE
 from gyrowheel_analysis.reduction import reduce
 from gyrowheel_sim.effects import registry
 from gyrowheel_sim.effects.targets import INSTRUMENT_PARAMETERS

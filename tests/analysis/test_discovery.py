@@ -14,8 +14,8 @@ from gyrowheel.show.sentences.diagnosis import verdict_sentence
 from gyrowheel.show.sentences.residuals import region_name
 from gyrowheel_analysis.add import add_effect
 from gyrowheel_analysis.compare import compare
+from gyrowheel_analysis.criteria import SETTLING_SEPARATION
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
-from gyrowheel_analysis.diagnosis.experiment_design import SETTLED
 from gyrowheel_analysis.diagnosis.result import Diagnosis
 from gyrowheel_analysis.model import Model
 from gyrowheel_control.loops.controller import Gains
@@ -175,7 +175,7 @@ def test_look_alikes_are_a_tie_with_the_test_that_separates_them(tmp_path: Path)
     ties = {tie.name: tie for tie in effect.ties}
     assert {effect.name, *ties} >= {"aero_restoring", "gimbal_inertia_error"}
     assert found.next_test is not None
-    assert found.next_test.expected_separation > SETTLED
+    assert found.next_test.expected_separation > SETTLING_SEPARATION
     # whatever its name, it changes what only the air can answer
     densities = {event.air_density_ratio for event in Plan.load(found.next_test.plan).environment()}
     assert min(densities) < 0.5

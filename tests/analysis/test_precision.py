@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from gyrowheel_analysis.criteria import PRECISE
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
-from gyrowheel_analysis.diagnosis.precision import PRECISE, precision_test, relative_error
+from gyrowheel_analysis.diagnosis.precision import precision_test, relative_error
 from gyrowheel_analysis.model import Model
 
 from .machines import hidden_machine, record

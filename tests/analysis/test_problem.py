@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from gyrowheel_analysis.balance.balance import Balance
+from gyrowheel_analysis.criteria import FEWEST_WINDOWS
 from gyrowheel_analysis.diagnosis.unknown import forms
-from gyrowheel_analysis.fitting.preparation import FEWEST_WINDOWS, TooFewWindowsError, prepare
+from gyrowheel_analysis.fitting.preparation import TooFewWindowsError, prepare
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.fitting.terms import Term
 from gyrowheel_analysis.model import Model

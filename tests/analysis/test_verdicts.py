@@ -11,9 +11,8 @@ import pytest
 from gyrowheel.show.contract import diagnosis_json
 from gyrowheel.show.sentences.diagnosis import verdict_sentence
 from gyrowheel.show.sentences.proof import proof_sentence
+from gyrowheel_analysis.criteria import CHI2_RANGE, FAR_FROM_USUAL
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
-from gyrowheel_analysis.diagnosis.limits import FAR
-from gyrowheel_analysis.diagnosis.proof import RANGE
 from gyrowheel_analysis.diagnosis.result import Diagnosis
 from gyrowheel_analysis.diagnosis.selection import threshold
 from gyrowheel_analysis.fitting.terms import ERRORS, Term
@@ -80,12 +79,12 @@ def consistent(found: Diagnosis) -> None:
             assert estimate.value <= high + 2.0 * estimate.standard_error
     assert all(finding.delta_chi2 > 0.0 for finding in found.instruments)
     far = [b for b in found.beyond if b.kind == "unusual"]
-    assert all(b.times > FAR or b.name in ERRORS for b in far)
+    assert all(b.times > FAR_FROM_USUAL or b.name in ERRORS for b in far)
     sentence = verdict_sentence(found)
     if far:
         assert sentence.startswith(far[0].name), "what is far beyond the usual is said first"
         alone = len(found.effects) + len(found.instruments) == 1
-        assert found.verdict == "unknown" or (alone and found.lack_of_fit <= RANGE)
+        assert found.verdict == "unknown" or (alone and found.lack_of_fit <= CHI2_RANGE)
     proof = found.proof
     assert proof is not None
     if proof.proven:
@@ -95,7 +94,7 @@ def consistent(found: Diagnosis) -> None:
         assert not found.instruments
         assert not found.free_form
         assert not far
-        assert found.lack_of_fit <= RANGE
+        assert found.lack_of_fit <= CHI2_RANGE
         assert proof.proven is not False
     else:
         assert not sentence.startswith(("Nothing is missing", "Nothing shows:"))

@@ -22,10 +22,11 @@ from gyrowheel.show.sentences.residuals import (
 )
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.channels import CHANNELS, DRIFTS
+from gyrowheel_analysis.criteria import SIGNIFICANT
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.reduction import planned_windows
 from gyrowheel_analysis.reduction.groups import direction_groups, masks, octants, speed_groups
-from gyrowheel_analysis.residuals.dependence import SIGNIFICANT, dependences, judged, whiteness
+from gyrowheel_analysis.residuals.dependence import dependences, judged, whiteness
 from gyrowheel_analysis.residuals.growth import growth
 from gyrowheel_analysis.residuals.maps import VARIABLES, all_maps, maps_json, residual_map, variables_of
 from gyrowheel_analysis.residuals.regions import regions

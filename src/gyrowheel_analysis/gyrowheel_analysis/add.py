@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from gyrowheel_analysis.criteria import DOUBTFUL, MOVED, UNCONSTRAINED
 from gyrowheel_analysis.diagnosis.diagnose import estimates, nuisance_estimates
 from gyrowheel_analysis.diagnosis.events import (
     accepted,
@@ -34,9 +35,6 @@ from gyrowheel_sim.effects.user import check_name
 
 #: Stands for all effects that a model of the air has: ``aero:MODEL``.
 AIR = "aero"
-_HARDLY = 3.0  # standard errors from zero below which an effect is doubtful
-_MOVED = 4.0  # standard errors; a coefficient of the model rarely moves farther by chance
-_TOLD = 0.9  # of an uncertainty: where more of it is left, the recordings have not reduced it
 
 
 @dataclass(frozen=True)
@@ -150,7 +148,7 @@ def add_effect(
     doubts = [
         Doubt("weak", term.name, size=after.significance(term.name))
         for term in terms
-        if after.significance(term.name) < _HARDLY
+        if after.significance(term.name) < DOUBTFUL
     ]
     doubts += [Doubt("impossible", term.name) for term in terms if not is_possible(after, term)]
     doubts += [
@@ -161,7 +159,7 @@ def add_effect(
     doubts += [
         Doubt("moved", name, key, abs(far))
         for (name, key), far in problem.unknowns.moved(after.nuisance).items()
-        if abs(far) > _MOVED and name not in air
+        if abs(far) > MOVED and name not in air
     ]
     model_effects = problem.unknowns.effects(replace(after.point, coefficients={}))
     effects = {active.effect.name: dict(active.values) for active in model_effects}
@@ -328,9 +326,9 @@ def _found_air(
             if stated > 0.0:
                 left = float(np.sqrt(after.covariance[at, at]))
                 error, pull = stated * left, abs(values[name][key] - value) / stated
-                if pull > _HARDLY:
+                if pull > DOUBTFUL:
                     doubts.append(Doubt("off_air_model", name, key, pull))
-                elif left > _TOLD:
+                elif left > UNCONSTRAINED:
                     doubts.append(Doubt("unconstrained", name, key))
                 at += 1
             estimates[key] = Estimate(values[name][key], error, units[key])

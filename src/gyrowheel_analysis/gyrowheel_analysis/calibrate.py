@@ -20,6 +20,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.optimize import minimize_scalar
 
+from gyrowheel_analysis.criteria import CALIBRATION_CHI2, CALIBRATION_ERROR
 from gyrowheel_analysis.diagnosis.diagnose import nuisance_estimates
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.preparation import Progress, one_thread, prepare
@@ -56,13 +57,9 @@ _STATIC = frozenset(
         "fixed_torque_y",
     )
 )
-#: A constant less certain than this part of its value is not determined.
-_USELESS = 0.02
 _UNUSED = 1.0e4  # factor of the noise that removes a reading from the fit
 _MOST_PASSES = 6
 _SETTLED = 0.05  # standard errors
-#: From this mean square of the residuals on the model lacks something that matters for the calibration.
-_LACKING = 2.0
 
 
 @dataclass(frozen=True)
@@ -124,7 +121,7 @@ class Calibration:
     @property
     def lacking(self) -> bool:
         """Whether the model lacks something that matters here."""
-        return self.chi2_per_n > _LACKING
+        return self.chi2_per_n > CALIBRATION_CHI2
 
 
 @one_thread()
@@ -158,7 +155,7 @@ def calibrate(
         fit = problem.fit(())
         coil = nuisance_estimates(problem, fit)[_COIL]
         last, found[_COIL] = found.get(_COIL), Override(float(coil.value), float(coil.standard_error))
-        useless = coil.standard_error > _USELESS * coil.value
+        useless = coil.standard_error > CALIBRATION_ERROR * coil.value
         if useless or (last and abs(last.value - coil.value) <= _SETTLED * coil.standard_error):
             break
         # the rows are read with the bench's own constants: about the values found the fit is linear
@@ -178,7 +175,7 @@ def calibrate(
         after = found[name]
         if name == _COIL:
             after = Override(after.value, after.standard_error * widened)
-        if not after.standard_error <= _USELESS * abs(after.value):
+        if not after.standard_error <= CALIBRATION_ERROR * abs(after.value):
             part = min(after.standard_error / abs(after.value), _OPEN) if after.value else _OPEN
             undetermined[name] = f"known to {100.0 * part:.0f} % only; it takes {needs}"
             continue

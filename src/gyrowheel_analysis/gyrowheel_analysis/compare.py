@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.channels import LISTED
+from gyrowheel_analysis.criteria import FAILING_CHI2
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.preparation import Prepared, Progress, one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem
@@ -121,6 +122,16 @@ class Comparison:
     coverage: Coverage
     readings: tuple[ReadingFinding, ...] = ()
     hum_unknown: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def worst(self) -> float:
+        """Largest mean square of the whitened residual of a channel."""
+        return max(metrics.chi2_per_n for metrics in self.channels.values())
+
+    @property
+    def fails(self) -> bool:
+        """Whether the error of a channel is visibly more than noise."""
+        return self.worst > FAILING_CHI2
 
     @property
     def maps(self) -> list[ResidualMap]:

@@ -19,9 +19,9 @@ from gyrowheel.campaigns.cases import Case
 from gyrowheel.campaigns.outside import OutsideForm, declared, outside_forms
 from gyrowheel.campaigns.reality import HiddenEvent, draw_amounts, draw_event, draw_wrong, events, shape_of
 from gyrowheel_analysis.balance.balance import Balance
+from gyrowheel_analysis.criteria import ACCEPTED_GAIN, ERROR_LIMIT, EVENT_GAIN
 from gyrowheel_analysis.diagnosis.event_scan import places, price
-from gyrowheel_analysis.diagnosis.events import THRESHOLD as EVENT_THRESHOLD
-from gyrowheel_analysis.diagnosis.selection import ERROR_LIMIT, THRESHOLD, threshold
+from gyrowheel_analysis.diagnosis.selection import threshold
 from gyrowheel_analysis.fitting.preparation import one_thread
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.fitting.terms import ERRORS, Term, candidate_terms, parameter_errors
@@ -163,7 +163,7 @@ class Yardstick:
 
     def _asked_of_event(self, name: str) -> float:
         """Return the chi-squared that an event must gain: nobody knows beforehand what happens, nor when."""
-        return EVENT_THRESHOLD + price(shape_of(name), self._places)
+        return EVENT_GAIN + price(shape_of(name), self._places)
 
     def size_outside(self, form: OutsideForm, values: dict[str, float], drift: float) -> float:
         """Return the same for an effect outside the library: only what no single library effect can explain counts."""
@@ -171,7 +171,7 @@ class Yardstick:
         left = self._left(np.column_stack([*terms, self._response(form.effect.name, values)]), drift)
         edges = np.cumsum([0, *(columns.shape[1] for columns in terms)])
         chi2 = min(_apart(left[:, -1], left[:, a:b]) for a, b in itertools.pairwise(edges))
-        return _over_limit(chi2, THRESHOLD)
+        return _over_limit(chi2, ACCEPTED_GAIN)
 
     def error_limit(self, name: str, drift: float) -> float:
         """Return the smallest relative error of a bench parameter that is a finding."""
@@ -185,7 +185,7 @@ class Yardstick:
         left = self._left(self._response(name, {"relative_error": 1.0e-3})[:, None] * 1.0e3, drift, keep)
         size = float(np.linalg.norm(left))
         error = 1.0 / size if size > 0.0 else math.inf
-        return max(ERROR_LIMIT * stated + 2.0 * error, math.sqrt(THRESHOLD) * math.hypot(stated, error))
+        return max(ERROR_LIMIT * stated + 2.0 * error, math.sqrt(ACCEPTED_GAIN) * math.hypot(stated, error))
 
     def _term(self, name: str) -> Term:
         return Term(name, self._problem.unknowns.library.get(name))

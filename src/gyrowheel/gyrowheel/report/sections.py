@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
 _PLAIN = Unit("", 1.0)
 _MEGABYTE = Unit("MB", 1e6)
-_FALLEN = 1.3  # noise floors that count as having come down to it
 _DECADES = 1.0  # to both sides of a detection limit that its strip shows
 _MOVED = 1.0  # stated uncertainties
 #: Colour of a verdict.
@@ -196,6 +195,8 @@ def next_test(found: Diagnosis, cells: Cells) -> dict[str, Any] | None:
 
 def error_rows(cells: Cells, place: str) -> dict[str, Any] | None:
     """Return the table of errors at a place of the JSON: before, after and noise, fitted and validation."""
+    from gyrowheel_analysis.residuals.error_table import ErrorRow
+
     error = cells.at(place)
     if error is None:
         return None
@@ -209,19 +210,17 @@ def error_rows(cells: Cells, place: str) -> dict[str, Any] | None:
         return f"{place}.{key}.{_where(error[key], name)}"
 
     units = unit_of({name: cells.at(field("noise_floor", name)) for name in names})
+    errors = {key: ErrorRow.from_json(error[key]) for part in parts for key in part[1:]}
     rows = []
     for name in names:
         row = []
         for _, before, after, floor in parts:
-            own = error[after]["channels"].get(name)
-            size, noise = (cells.at(field(key, name)) for key in (after, floor))
-            left = math.sqrt(own["chi2_per_n"]) if own is not None else size / (noise or 1.0)
             row.append(
                 {
                     "before": cells.number(field(before, name), units[name]),
                     "after": cells.number(field(after, name), units[name]),
                     "noise": cells.number(field(floor, name), units[name]),
-                    "good": left <= _FALLEN,
+                    "good": errors[after].is_noise(name, errors[floor]),
                 }
             )
         rows.append({"name": LISTED[name].title, "unit": units[name].label, "parts": row})

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
@@ -18,7 +17,6 @@ if TYPE_CHECKING:
     from gyrowheel_analysis.residuals.error_table import ErrorRow, ErrorTable
 
 _MILLIVOLT = Unit("mV", 1e-3)
-_FALLEN = 1.3  # noise floors that count as having come down to it
 
 
 def unit_of(noise: Mapping[str, float]) -> dict[str, Unit]:
@@ -39,7 +37,7 @@ def unit_of(noise: Mapping[str, float]) -> dict[str, Unit]:
 def units_of(table: ErrorTable) -> dict[str, Unit]:
     """Return the unit of each channel on a page with this table: in the table and in every line beside it."""
     floor = table.noise_floor
-    return unit_of({name: _rms(floor, name) for name in LISTED if _has(floor, name)})
+    return unit_of({name: floor.rms_of(name) for name in LISTED if name in floor})
 
 
 def _unit(name: str) -> str:
@@ -62,16 +60,13 @@ def error_table(table: ErrorTable) -> RenderableType:
     titles = [f"{part[0] if not k else ''}\n{what}" for part in parts for k, what in enumerate(_COLUMNS)]
     result = figures_table("RMS of the\nresidual", "\nunit", *titles)
     result.columns[1].justify = "left"
-    channels = [name for name in LISTED if all(_has(row, name) for part in parts for row in part[1:])]
+    channels = [name for name in LISTED if all(name in row for part in parts for row in part[1:])]
     shown = units_of(table)
     for name in channels:
         cells: list[str | Text] = []
         for _, before, after, floor in parts:
-            sizes = [_rms(row, name) for row in (before, after, floor)]
-            # readings that drift together may lie off by chance: the whitened residual says whether it is noise
-            own = after.channels.get(name)
-            left = math.sqrt(own.chi2_per_n) if own is not None else sizes[1] / (sizes[2] or 1.0)
-            style = "green" if left <= _FALLEN else "bold red"
+            sizes = [row.rms_of(name) for row in (before, after, floor)]
+            style = "green" if after.is_noise(name, floor) else "bold red"
             texts = [fixed(size / shown[name].size) for size in sizes]
             cells += [texts[0], Text(texts[1], style=style), Text(texts[2], style="dim")]
         result.add_row(LISTED[name].title, Text(shown[name].label, style="dim"), *cells)
@@ -93,14 +88,6 @@ def error_table(table: ErrorTable) -> RenderableType:
 _COLUMNS = ("before", "after", "noise")
 
 
-def _has(row: ErrorRow, name: str) -> bool:
-    return name in row.rms or name in row.channels
-
-
-def _rms(row: ErrorRow, name: str) -> float:
-    return row.rms[name] if name in row.rms else row.channels[name].rms
-
-
 def fall(
     before: ErrorRow,
     after: ErrorRow,
@@ -115,20 +102,21 @@ def fall(
     text = f"On {where}, χ²/N goes from {fixed(before.chi2_per_n)} to {fixed(after.chi2_per_n)}"
     if before == after:
         return f"On {where}, χ²/N is {fixed(after.chi2_per_n)} (1: nothing but noise)."
-    names = [name for name in LISTED if _has(before, name) and _has(after, name)]
+    names = [name for name in LISTED if name in before and name in after]
     # errors of several units are compared in noise floors
-    level = {name: _rms(floor, name) if floor is not None and _has(floor, name) else 1.0 for name in names}
+    level = {name: floor.rms_of(name) if floor is not None and name in floor else 1.0 for name in names}
     gain = {
-        name: (_rms(before, name) ** 2 - _rms(after, name) ** 2) / (level[name] ** 2 or 1.0) for name in names
+        name: (before.rms_of(name) ** 2 - after.rms_of(name) ** 2) / (level[name] ** 2 or 1.0)
+        for name in names
     }
     falls = after.chi2_per_n < before.chi2_per_n
     most = (max if falls else min)(gain, key=lambda name: gain[name])
     if (gain[most] > 0.0) != falls:
         return f"{text}."  # no channel shows by itself what all of them show together
-    shown = (units or unit_of({name: _rms(floor or after, name) for name in names}))[most]
-    was, now = (fixed(_rms(row, most) / shown.size) for row in (before, after))
+    shown = (units or unit_of({name: (floor or after).rms_of(name) for name in names}))[most]
+    was, now = (fixed(row.rms_of(most) / shown.size) for row in (before, after))
     verb = "falls" if falls else "rises"
     text += f"; {LISTED[most].title}, where the error {verb} most, from {was} to {now} {shown.label}"
     if floor is not None:
-        text += f" (noise {fixed(_rms(floor, most) / shown.size)})"
+        text += f" (noise {fixed(floor.rms_of(most) / shown.size)})"
     return f"{text}."

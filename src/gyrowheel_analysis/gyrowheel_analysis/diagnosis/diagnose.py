@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from gyrowheel_analysis.criteria import CHI2_RANGE, RIVAL_LOSS, SETTLING_SEPARATION, USEFUL_SEPARATION
 from gyrowheel_analysis.diagnosis.events import (
     as_events,
     drift_shapes,
@@ -18,13 +19,13 @@ from gyrowheel_analysis.diagnosis.events import (
     unused_events,
     with_sizes,
 )
-from gyrowheel_analysis.diagnosis.experiment_design import SETTLED, Planner, Separation, detection_limits
+from gyrowheel_analysis.diagnosis.experiment_design import Planner, Separation, detection_limits
 from gyrowheel_analysis.diagnosis.instruments import (
     instrument_findings,
     is_instrument,
 )
 from gyrowheel_analysis.diagnosis.limits import beyond, unusual
-from gyrowheel_analysis.diagnosis.proof import RANGE, lack_of_fit, prove
+from gyrowheel_analysis.diagnosis.proof import lack_of_fit, prove
 from gyrowheel_analysis.diagnosis.result import (
     Beyond,
     DetectionLimit,
@@ -62,9 +63,6 @@ from gyrowheel_recording.bags import Recording
 from gyrowheel_recording.mislabelled.find import wrong_setups
 from gyrowheel_sim.effects import effect_to_mapping
 from gyrowheel_sim.effects.typed import effect_to_line
-
-#: A rival this part of the evidence worse explains nothing.
-_EXPLAINS_NOTHING = 0.95
 
 
 @one_thread()
@@ -218,7 +216,7 @@ def _verdict(
     proof: Proof,
 ) -> Verdict:
     """Return the verdict. What is impossible, or does not explain the recordings, is no explanation."""
-    unexplained = lack > RANGE
+    unexplained = lack > CHI2_RANGE
     if proposal is not None or any(b.kind == "impossible" for b in far):
         return "unknown"
     if findings:
@@ -247,7 +245,7 @@ def _report(fitted: Prepared, finding: Finding, best: Fit, planner: Planner) -> 
     ties = []
     for tie in finding.ties:
         separation = planner.best(best, tie.fit)
-        useful = separation if separation and separation.expected >= 9.0 else None
+        useful = separation if separation and separation.expected >= USEFUL_SEPARATION else None
         ties.append(
             TieReport(
                 tie.term.name,
@@ -273,7 +271,7 @@ def _report(fitted: Prepared, finding: Finding, best: Fit, planner: Planner) -> 
         rivals=tuple(
             RivalReport(rival.term.name, rival.delta_chi2)
             for rival in finding.rivals
-            if rival.delta_chi2 < _EXPLAINS_NOTHING * finding.delta_chi2
+            if rival.delta_chi2 < RIVAL_LOSS * finding.delta_chi2
         ),
         ties=tuple(ties),
         in_model=_in_model(term, problem),
@@ -341,7 +339,7 @@ def _next_test(
             shown = planner.revealing(limit.effect)
             if (
                 shown
-                and shown.expected >= SETTLED
+                and shown.expected >= SETTLING_SEPARATION
                 and (best is None or shown.expected / shown.minutes > best[0].expected / best[0].minutes)
             ):
                 best = (shown, limit.effect)

@@ -9,6 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_analysis.criteria import (
+    BURST_BESIDE,
+    DRIFT_WARMING,
+    EVENT_LIKELY,
+    EVENT_PRICE,
+    SWING_FASTEST,
+    SWINGS_FEWEST,
+    TREND_SHORTEST,
+)
 from gyrowheel_analysis.diagnosis.evidence import Array, Evidence, Profiles
 from gyrowheel_analysis.fitting.events import AFTER_TILT, TEMPERATURES, TOGETHER, Event, Kind, temperature
 from gyrowheel_analysis.fitting.problem import Problem
@@ -16,16 +25,8 @@ from gyrowheel_analysis.reduction import Windows
 from gyrowheel_recording.bags.sampling import pauses
 
 _BREAKS = 28  # times at which a trend may begin or end
-_SHORTEST_TREND = 8.0  # s; anything shorter is a step
-_LIKELY = 12.0  # gain by which an edge may be less likely than the best
-_BESIDE = 3  # windows at least before and after a burst
-#: Gain that a kind must bring beyond its number of places, so that the simplest kind is taken where two serve.
-_PRICE: dict[Kind, float] = {"step": 0.0, "burst": 3.0, "trend": 3.0, "swing": 3.0}
-_FASTEST = 20.0  # s; shortest period of a swing: tilt and speed of a plan change faster
-_FEWEST_SWINGS = 1.5
 _PAUSE = 3600.0  # s between windows that no plan leaves
 _PHASES = 6  # of a swing, over half a period
-_WARMER = 0.3  # K by which a temperature must change to show anything
 #: Times in which a torque that follows the tilt may relax [s].
 LAGS = (3.0, 10.0, 30.0)
 
@@ -90,16 +91,13 @@ def _profiles(start: Array, duration: Array) -> list[Profiles]:
     result = [Profiles("step", between[:, None], (np.arange(n) >= steps[:, None]).astype(np.float64))]
     first, last = (part + 1 for part in np.triu_indices(n - 1, k=1))
     # a burst with hardly anything before or after it is a step
-    within = (first >= _BESIDE) & (last <= n - _BESIDE)
+    within = (first >= BURST_BESIDE) & (last <= n - BURST_BESIDE)
     first, last = first[within], last[within]
     if len(first):
         result.append(_Bursts(np.column_stack([between[first - 1], between[last - 1]]), first, last))
     breaks = np.unique(np.r_[start[:: max(n // _BREAKS, 1)], stop[-1]])
     spans = [
-        (float(a), float(b))
-        for i, a in enumerate(breaks)
-        for b in breaks[i + 1 :]
-        if b - a >= _SHORTEST_TREND
+        (float(a), float(b)) for i, a in enumerate(breaks) for b in breaks[i + 1 :] if b - a >= TREND_SHORTEST
     ]
     if spans:
         weights = np.array([Event(0, "", "trend", a, b).profile(start, duration) for a, b in spans])
@@ -113,9 +111,9 @@ def _shapes(windows: Windows) -> list[Profiles]:
     length = float((start + duration).max(initial=0.0) - start.min(initial=math.inf))
     result = []
     # over pauses nobody follows a fast swing, and looking for it would take shapes without end
-    most = (length - float(np.diff(pauses(start, _PAUSE)).sum())) / _FASTEST
-    if most > _FEWEST_SWINGS:
-        turns = np.arange(_FEWEST_SWINGS, most, 0.25)
+    most = (length - float(np.diff(pauses(start, _PAUSE)).sum())) / SWING_FASTEST
+    if most > SWINGS_FEWEST:
+        turns = np.arange(SWINGS_FEWEST, most, 0.25)
         edges = [
             (float(start.min() + 0.5 * phase * length / turn / _PHASES), float(length / turn))
             for turn in turns
@@ -124,14 +122,14 @@ def _shapes(windows: Windows) -> list[Profiles]:
         weights = np.array([Event(0, "", "swing", *own).profile(start, duration) for own in edges])
         result.append(Profiles("swing", edges, weights))
     for kind in TEMPERATURES:
-        if np.ptp(temperature(windows, kind)) > _WARMER:
+        if np.ptp(temperature(windows, kind)) > DRIFT_WARMING:
             result.append(Profiles(kind, [()], Event(0, "", kind).course(windows)[None, :]))
     return result
 
 
 def chance(kind: Kind, places: int) -> float:
     """Return the gain that chance brings somewhere among all places at which an event of a kind may be."""
-    return 2.0 * math.log(max(places, 1) * len(TOGETHER)) + _PRICE.get(kind, 0.0)
+    return 2.0 * math.log(max(places, 1) * len(TOGETHER)) + EVENT_PRICE.get(kind, 0.0)
 
 
 def places(problem: Problem) -> list[list[Profiles]]:
@@ -171,7 +169,7 @@ def _best(
     k = int(np.argmax(gains))
     gain, edges = float(gains[k]), profiles.edges[k].tolist()
     events = tuple(Event(recording, name, profiles.kind, *edges) for name in quantities)
-    return Candidate(events, gain, gain - price, _spans(profiles, gains > gain - _LIKELY))
+    return Candidate(events, gain, gain - price, _spans(profiles, gains > gain - EVENT_LIKELY))
 
 
 def _after_tilt(evidence: Evidence, recording: int, lag: float) -> Candidate:

@@ -9,6 +9,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_analysis.criteria import (
+    EVENT_GAIN,
+    EVENT_NEAR,
+    EVENT_SAME,
+    EVENT_SEARCH,
+    EVENT_SEARCH_MOST,
+    EVENT_SIMPLER,
+    EVENT_TIE,
+    TREND_SHORTEST_REFINED,
+)
 from gyrowheel_analysis.diagnosis.event_scan import Candidate, scan
 from gyrowheel_analysis.diagnosis.evidence import Evidence, Profiles
 from gyrowheel_analysis.diagnosis.result import DatedEvent, DriftShape
@@ -33,20 +43,11 @@ from gyrowheel_recording.bags import Recording, parted
 
 Array = NDArray[np.float64]
 
-#: Gain in twice the log likelihood that an event must bring beyond what chance brings somewhere.
-THRESHOLD = 12.0
 _MOST = 6
-_PREFERRED = 6.0  # likelihood by which a quantity must be better than a simpler one
 _ROUNDS = 3  # of selecting effects beside events and looking for events beside effects
-_SAME = 1.0  # s; an event that moves by less is the same
 _FINE = 0.1  # s between the edges that are tried within windows
 _TIMES = 10_000  # at most that are tried for an edge
 _ENDS = 25  # times that are tried for each end of a trend
-_SHORTEST = 2.0  # s, of a trend
-#: Errors of the windows' time within which the samples are searched for it, and the most [s].
-_WIDELY, _WIDEST = 3.0, 5.0
-_NEAR = 5.0  # s within which another change may be the same event
-_TIE = 14.0  # gain within which another quantity explains an event as well
 #: Readings whose shift looks like a torque in every window.
 _READINGS = {"torque_x": ("coil_voltage_x",), "torque_y": ("coil_voltage_y",)}
 
@@ -112,7 +113,7 @@ class Outcome:
     @property
     def evidence(self) -> float:
         """Minus twice the log likelihood, with the price of the events."""
-        return self.problem.evidence(self.fit) + THRESHOLD * len(self.events)
+        return self.problem.evidence(self.fit) + EVENT_GAIN * len(self.events)
 
 
 def explain(
@@ -141,7 +142,7 @@ def explain(
     if without.proposal is not None:
         with_events = problem.with_events(all_of(found))
         gain = problem.evidence(selection.best) - with_events.evidence(selection.best)
-        if without.proposal.gain > gain - THRESHOLD * len(found):
+        if without.proposal.gain > gain - EVENT_GAIN * len(found):
             found = find(problem, without.fit, recordings)
     best = without
     for _ in range(_ROUNDS):
@@ -181,14 +182,14 @@ def find(problem: Problem, fit: Fit, recordings: Sequence[Recording]) -> list[Fo
         evidence = Evidence(problem.with_events(all_of(found)), fit)
         candidates = scan(evidence)
         best = _simplest(candidates)
-        if best.score < THRESHOLD:
+        if best.score < EVENT_GAIN:
             break
         recording = recordings[best.first.recording]
         dated = _dated(evidence, best, recording)
         if best.first.kind == "trend" and (steps := [c for c in candidates if _may_be(c, best)]):
             # a step within a window looks like a short trend
             step = _dated(evidence, steps[0], recording)
-            dated = step if step.gain > dated.gain - _PREFERRED else dated
+            dated = step if step.gain > dated.gain - EVENT_SIMPLER else dated
         dated = _fewer(evidence, dated)
         if any(_alike(dated.events, f.events) for f in found):
             break
@@ -200,7 +201,7 @@ def _may_be(candidate: Candidate, trend: Candidate) -> bool:
     """Whether a candidate is a step that may be what a trend shows."""
     e, t = candidate.first, trend.first
     return (e.kind, e.recording, candidate.quantities) == ("step", t.recording, trend.quantities) and (
-        t.time - _NEAR < e.time < t.end + _NEAR
+        t.time - EVENT_NEAR < e.time < t.end + EVENT_NEAR
     )
 
 
@@ -208,7 +209,7 @@ def _fewer(evidence: Evidence, dated: _Dated) -> _Dated:
     """Return an event of both axes as one of that axis alone which serves as well."""
     alone = [replace(dated, events=(event,), gain=_gain(evidence, [(event,)])) for event in dated.events]
     best = max(alone, key=lambda own: own.gain)
-    return best if best.gain > dated.gain - _PREFERRED else dated
+    return best if best.gain > dated.gain - EVENT_SIMPLER else dated
 
 
 def _alike(left: Sequence[Event], right: Sequence[Event]) -> bool:
@@ -217,7 +218,7 @@ def _alike(left: Sequence[Event], right: Sequence[Event]) -> bool:
         (e.recording, e.quantity, e.kind) for e in right
     ]:
         return False
-    return all(abs(a - b) < _SAME for a, b in zip(left[0].edges, right[0].edges, strict=True))
+    return all(abs(a - b) < EVENT_SAME for a, b in zip(left[0].edges, right[0].edges, strict=True))
 
 
 def _ties(candidates: Sequence[Candidate], best: Candidate) -> tuple[str, ...]:
@@ -226,10 +227,10 @@ def _ties(candidates: Sequence[Candidate], best: Candidate) -> tuple[str, ...]:
     near = [
         name
         for c in candidates
-        if c.gain > best.gain - _TIE
+        if c.gain > best.gain - EVENT_TIE
         and c.quantities != best.quantities
         and (c.first.recording, c.first.kind) == (first.recording, first.kind)
-        and all(abs(a - b) < _NEAR for a, b in zip(c.first.edges, first.edges, strict=True))
+        and all(abs(a - b) < EVENT_NEAR for a, b in zip(c.first.edges, first.edges, strict=True))
         for name in c.quantities
     ]
     return tuple(dict.fromkeys(near))
@@ -279,7 +280,7 @@ def as_events(dated: Sequence[DatedEvent], names: Sequence[str]) -> list[Event]:
 
 def _simplest(candidates: Sequence[Candidate]) -> Candidate:
     """Return the best candidate, or one of a simpler quantity that serves nearly as well."""
-    serving = [c for c in candidates if c.score > candidates[0].score - _PREFERRED]
+    serving = [c for c in candidates if c.score > candidates[0].score - EVENT_SIMPLER]
     order = {quantities: k for k, quantities in enumerate(TOGETHER)}
     return min(serving, key=lambda c: (order.get(c.quantities, len(order)), -c.score))
 
@@ -316,7 +317,7 @@ def _dated(evidence: Evidence, candidate: Candidate, recording: Recording) -> _D
     by_windows = _Dated(moved(), tuple(errors), _gain(evidence, [moved()]))
     data, _, _ = readable(samples_of(recording, incomplete=True), bench)
     for k in (0,) if first.kind == "step" else (0, 1, 0, 1):
-        wide = min(_WIDELY * by_windows.errors[k], _WIDEST)
+        wide = min(EVENT_SEARCH * by_windows.errors[k], EVENT_SEARCH_MOST)
         low, high = _between_windows(windows, edges[k] - wide, edges[k] + wide)
         other = edges[1 - k] if first.kind == "burst" else None
         seen = onset(data, bench, candidate.quantities, low, high, other)
@@ -326,14 +327,14 @@ def _dated(evidence: Evidence, candidate: Candidate, recording: Recording) -> _D
         return by_windows
     by_samples = _Dated(moved(), tuple(errors), _gain(evidence, [moved()]))
     # where a reading of the tilt jumps within a window, its fit of a smooth motion says less than the samples
-    less = 0.5 * by_windows.gain if first.quantity in MOTION else _PREFERRED
+    less = 0.5 * by_windows.gain if first.quantity in MOTION else EVENT_SIMPLER
     return by_samples if by_samples.gain > by_windows.gain - less else by_windows
 
 
 def _grown(evidence: Evidence, candidate: Candidate, spans: Sequence[tuple[float, float]]) -> _Dated:
     """Return a trend with its ends between some times; both are equally uncertain, and depend on each other."""
     ends = [np.linspace(low, high, max(min(_ENDS, round((high - low) / _FINE)), 2)) for low, high in spans]
-    pairs = [(a, b) for a in ends[0].tolist() for b in ends[1].tolist() if b > a + _SHORTEST]
+    pairs = [(a, b) for a in ends[0].tolist() for b in ends[1].tolist() if b > a + TREND_SHORTEST_REFINED]
     if not pairs:
         return _Dated(candidate.events, tuple(b - a for a, b in spans), candidate.gain)
     gains = _gains(evidence, [[event.at(*pair) for event in candidate.events] for pair in pairs])
@@ -407,7 +408,7 @@ def _same(left: Sequence[Found], right: Sequence[Found]) -> bool:
     a, b = (sorted((f.event for f in found), key=lambda e: (e.recording, e.time)) for found in (left, right))
     return all(
         (x.recording, x.quantity, x.kind) == (y.recording, y.quantity, y.kind)
-        and abs(x.time - y.time) < _SAME
+        and abs(x.time - y.time) < EVENT_SAME
         for x, y in zip(a, b, strict=True)
     )
 

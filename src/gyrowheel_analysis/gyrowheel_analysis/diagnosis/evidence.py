@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import solve_triangular
 
 from gyrowheel_analysis.balance.balance import Balance
+from gyrowheel_analysis.criteria import DRIFT_ENLARGED, SCATTER_EXCESS, SCATTER_WINDOWS
 from gyrowheel_analysis.fitting.drift import DriftCovariance
 from gyrowheel_analysis.fitting.events import QUANTITIES, Kind, unit_rows
 from gyrowheel_analysis.fitting.fit import Fit
@@ -32,13 +33,10 @@ Array = NDArray[np.float64]
 
 #: Between the likeliest drifts without an event and those as stated: drifts that are tried with an event.
 _DRIFT_STEPS = 5
-_RAISED = 1.05  # scale of a drift that counts as enlarged
 #: Median of the differences of two values of unit variance.
 _MEDIAN = 0.6745 * math.sqrt(2.0)
-_FEW = 8  # windows; the noise of fewer is not judged by their scatter
 _APART = 10.0  # s; windows that are further from each other belong to different groups
 _SHORT = 1.0  # s; windows of a cone are shorter, those of a hold are not
-_CLEARLY = 2.0  # standard errors by which a scatter must exceed what is known of the noise
 
 
 class Profiles:
@@ -138,7 +136,7 @@ class Evidence:
 
     def paths(self, drifts: Sequence[str]) -> Iterator[dict[str, float]]:
         """Yield scales of the drifts, from the likeliest without an event to some of them as stated."""
-        raised = any(self.scales[name] > _RAISED for name in drifts)
+        raised = any(self.scales[name] > DRIFT_ENLARGED for name in drifts)
         for share in np.linspace(1.0, 0.0, _DRIFT_STEPS) if raised else (1.0,):
             yield self.scales | {name: self.scales[name] ** float(share) for name in drifts}
 
@@ -219,10 +217,10 @@ class Evidence:
         for block in self._blocks:
             for group in _groups(self.problem.balances[block.recording]):
                 steps = np.abs(np.diff(left[at + group]))
-                if len(group) >= _FEW:
+                if len(group) >= SCATTER_WINDOWS:
                     scatter = float(np.median(steps)) / _MEDIAN
                     # standard error of a variance from a median of such differences
-                    if scatter**2 > 1.0 + _CLEARLY * 2.3 / math.sqrt(len(steps)):
+                    if scatter**2 > 1.0 + SCATTER_EXCESS * 2.3 / math.sqrt(len(steps)):
                         result[at + group] = scatter
             at += len(block.covariance)
         return result

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance.balance import Balance
+from gyrowheel_analysis.criteria import SETTLING_SEPARATION, VARIATION_BETTER
 from gyrowheel_analysis.diagnosis.selection import threshold
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.problem import Problem
@@ -49,10 +50,6 @@ VARIED_PLANS = tuple(
         "tilt_ratio=1.3",
     )
 )
-#: Factor by which a variation must separate more per minute than the best plan as it is.
-_CLEARLY = 1.5
-#: A separation that settles a tie.
-SETTLED = 25.0
 _KEPT = 64  # plans, those of two or three benches
 
 
@@ -82,7 +79,7 @@ class Separation:
 
 def _best(found: Sequence[Separation]) -> Separation | None:
     """Return the one that separates most per minute among those that settle a tie; else the one that separates most."""
-    settling = [s for s in found if s.expected >= SETTLED]
+    settling = [s for s in found if s.expected >= SETTLING_SEPARATION]
     if settling:
         return max(settling, key=lambda s: s.rate)
     return max(found, key=lambda s: s.expected, default=None)
@@ -223,7 +220,7 @@ class Planner:
         found = [
             s for plan in SEPARATING_PLANS if (s := self.separation(assumed, self._fit, plan)) is not None
         ]
-        settling = [s for s in found if s.expected >= SETTLED]
+        settling = [s for s in found if s.expected >= SETTLING_SEPARATION]
         return max(settling or found, key=lambda s: s.rate, default=None)
 
     def best(self, truth: Fit, rival: Fit) -> Separation | None:
@@ -237,10 +234,10 @@ class Planner:
         )
         if plain is None or other is None:
             return plain or other
-        settles = other.expected >= SETTLED
-        if settles and plain.expected >= SETTLED:
-            return other if other.rate > _CLEARLY * plain.rate else plain
-        return other if settles or other.expected > _CLEARLY * plain.expected else plain
+        settles = other.expected >= SETTLING_SEPARATION
+        if settles and plain.expected >= SETTLING_SEPARATION:
+            return other if other.rate > VARIATION_BETTER * plain.rate else plain
+        return other if settles or other.expected > VARIATION_BETTER * plain.expected else plain
 
 
 @dataclass(frozen=True)

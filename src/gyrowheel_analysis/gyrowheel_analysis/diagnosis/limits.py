@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from gyrowheel_analysis.criteria import FAR_FROM_STATED, FAR_FROM_USUAL, FAR_RELATIVE_ERROR, MARGIN
 from gyrowheel_analysis.diagnosis.result import Beyond
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.problem import Problem
@@ -15,14 +16,6 @@ from gyrowheel_analysis.fitting.unknowns import Unknowns
 from gyrowheel_sim.effects import registry
 from gyrowheel_sim.parameter import physical_range
 
-#: Standard errors by which an estimate may lie outside of a range by chance.
-MARGIN = 2.0
-#: Times the largest usual size from which on an effect is far beyond what is usual.
-FAR = 5.0
-#: Relative error of a bench parameter, below and above, from which on it is far beyond what its file can be wrong by.
-_FAR_ERROR = (-0.5, 1.0)
-#: Stated uncertainties from which on a bench parameter that is fitted along is no longer as stated.
-FAR_STATED = 5.0
 _AT_BOUND = 1.0e-6  # of the width of the range that a fit searches
 
 
@@ -84,7 +77,7 @@ def unusual(fit: Fit, term: Term) -> list[Beyond]:
     if term.effect is None:
         value = fit.coefficients[term.name]["relative_error"]
         margin = MARGIN * fit.standard_error(term.name, "relative_error")
-        limit = _FAR_ERROR[value > 0.0]
+        limit = FAR_RELATIVE_ERROR[value > 0.0]
         if abs(value) - margin <= abs(limit):
             return []
         return [Beyond("unusual", term.name, "relative_error", value, limit, "1", value / limit)]
@@ -94,7 +87,7 @@ def unusual(fit: Fit, term: Term) -> list[Beyond]:
     for c in term.effect.amplitudes:
         value = fit.coefficients[term.name][c.name]
         times = (abs(value) - MARGIN * fit.standard_error(term.name, c.name)) / c.usual[1]
-        if times > FAR:
+        if times > FAR_FROM_USUAL:
             result.append(
                 Beyond("unusual", term.name, c.name, value, c.usual[1], c.unit, abs(value) / c.usual[1])
             )
@@ -117,7 +110,7 @@ def _parameters(problem: Problem, fit: Fit) -> list[Beyond]:
                 limit = low if value < low else high
                 result.append(Beyond("impossible", name, "", value, limit, p.unit, 0.0))
                 break
-            if abs(away) - MARGIN * error > FAR_STATED:
+            if abs(away) - MARGIN * error > FAR_FROM_STATED:
                 result.append(Beyond("not_as_stated", name, "", value, p.value, p.unit, abs(away)))
                 break
     return result

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_analysis.criteria import PRECISE, WORTHWHILE
 from gyrowheel_analysis.diagnosis.experiment_design import SEPARATING_PLANS, VARIED_PLANS, planned
 from gyrowheel_analysis.diagnosis.result import Diagnosis, EffectFinding
 from gyrowheel_analysis.fitting.fit import Fit
@@ -16,11 +17,6 @@ from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.model import Model
 from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.effects import registry
-
-#: Relative standard error of an effect from which on no further test is needed.
-PRECISE = 0.1
-#: A test that reduces an error by less than this part is not worth its time.
-_WORTHWHILE = 0.3
 
 
 @dataclass(frozen=True)
@@ -105,7 +101,7 @@ def precision_test(
     enough = [t for t in tests if t.expected <= wanted]
     if enough:
         return min(enough, key=lambda t: t.minutes)
-    useful = [t for t in tests if t.expected < (1.0 - _WORTHWHILE) * now]
+    useful = [t for t in tests if t.expected < (1.0 - WORTHWHILE) * now]
     return max(useful, key=lambda t: (t.now - t.expected) / t.minutes, default=None)
 
 

@@ -14,6 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.channels import LISTED
+from gyrowheel_analysis.criteria import (
+    CAUSE_SHARE,
+    CHI2_RANGE,
+    NOISE_ERROR,
+    PREDICTING_GAIN,
+    PROOF_PARTS,
+    PROOF_ROWS,
+    VAGUE_PREDICTION,
+)
 from gyrowheel_analysis.diagnosis.result import Left, Proof, Reason
 from gyrowheel_analysis.diagnosis.selection import expected_chi2, groups, inverse_of, threshold
 from gyrowheel_analysis.fitting.events import Event
@@ -25,19 +34,7 @@ from gyrowheel_analysis.residuals.error_table import ErrorRow, ErrorTable, error
 
 Array = NDArray[np.float64]
 
-#: Standard deviations of chi-squared that chance explains.
-RANGE = 3.0
-#: Standard error of the variance of the noise, all rows alike: the reduction measures deviations to 1.5 %.
-NOISE_ERROR = 0.03
-#: Gain in chi-squared on what was not seen that shows that a finding predicts something.
-_PREDICTS = 9.0
-#: Uncertainty of the prediction, in noise variances, from which on it says little.
-_VAGUE = 0.5
-#: Share of a misfit that a cause must account for to be named.
-_ACCOUNTS = 0.8
 _BLOCKS = 4  # of time, where there are too few speeds and directions to leave one out
-_FEWEST = {"recording": 2, "speed": 3, "azimuth": 3, "time": _BLOCKS}
-_FEWEST_ROWS = 12
 
 
 def lack_of_fit(problem: Problem, fit: Fit) -> float:
@@ -131,23 +128,24 @@ def _validated(prepared: Prepared, best: Fit, table: ErrorTable, happened: Seque
     seen = _Prediction(other, best)
     name = ", ".join(validation.names)
     n = seen.count
-    slack = RANGE * _deviation(n)
+    slack = CHI2_RANGE * _deviation(n)
     before, after = table.validation_before, table.validation_after
     floor = table.validation_noise_floor
     shown: dict[str, Any] = {
         "chi2_per_n": seen.plain / n,
-        "allowed": (n * (1.0 + min(seen.vagueness, _VAGUE)) + RANGE * seen.spread_deviation) / n
-        if seen.vagueness < _VAGUE
+        "allowed": (n * (1.0 + min(seen.vagueness, VAGUE_PREDICTION)) + CHI2_RANGE * seen.spread_deviation)
+        / n
+        if seen.vagueness < VAGUE_PREDICTION
         else (n + slack) / n,
     }
     if before is not None and after is not None and floor is not None:
         shown |= _channel(before, after, floor, found=bool(best.terms))
     if seen.plain <= n + slack or (
-        seen.vagueness < _VAGUE
+        seen.vagueness < VAGUE_PREDICTION
         and seen.judged <= n + slack
-        and seen.plain <= n * (1.0 + seen.vagueness) + RANGE * seen.spread_deviation
+        and seen.plain <= n * (1.0 + seen.vagueness) + CHI2_RANGE * seen.spread_deviation
     ):
-        worse = before is not None and before.chi2_per_n * n < seen.plain + _PREDICTS
+        worse = before is not None and before.chi2_per_n * n < seen.plain + PREDICTING_GAIN
         if best.terms and worse:
             return Proof(name, False, "no_gain", **shown)
         return Proof(name, True, "predicted", **shown)
@@ -196,12 +194,12 @@ def _misfit(
     gains = np.where(own > 0.0, (seen.slopes.T @ left) ** 2 / np.where(own > 0.0, own, 1.0), 0.0)
     k = int(np.argmax(gains))
     found, share = _resembling(problem, other, best, seen)
-    if gains[k] >= _ACCOUNTS * excess and gains[k] >= share * excess:
+    if gains[k] >= CAUSE_SHARE * excess and gains[k] >= share * excess:
         step = float(seen.slopes[:, k] @ left) / float(seen.slopes[:, k] @ slopes[:, k])
         value, fitted, unit = _there(problem, best, k, step)
         label = _labels(problem, best)[k]
         return Proof(name, False, "differs", causes=(label,), value=value, fitted=fitted, unit=unit, **shown)
-    if found is not None and share >= _ACCOUNTS:
+    if found is not None and share >= CAUSE_SHARE:
         return Proof(name, False, "resembles", causes=(found.name,), **shown)
     return Proof(name, False, "misfit", **shown)
 
@@ -285,9 +283,9 @@ def _left_out(prepared: Prepared, null: Fit, best: Fit) -> Proof:
         n = sum(int(mask.sum()) for mask in parts)
         floor = floor_row(problem.balances, after.deviation)
         rows = [error_row(problem.balances, own.rows, own.white) for own in (before, after)]
-        proven = after.chi2 <= n + RANGE * _deviation(n)
+        proven = after.chi2 <= n + CHI2_RANGE * _deviation(n)
         reason: Reason = "predicted" if proven else "misfit"
-        if proven and best.terms and before.chi2 - after.chi2 < _PREDICTS:
+        if proven and best.terms and before.chi2 - after.chi2 < PREDICTING_GAIN:
             proven, reason = False, "no_gain"
         tried.append(
             Proof(
@@ -297,7 +295,7 @@ def _left_out(prepared: Prepared, null: Fit, best: Fit) -> Proof:
                 left_out=kind,
                 parts=len(parts),
                 chi2_per_n=after.chi2 / n,
-                allowed=1.0 + RANGE * _deviation(n) / n,
+                allowed=1.0 + CHI2_RANGE * _deviation(n) / n,
                 **_channel(rows[0], rows[1], floor, found=bool(best.terms)),
             )
         )
@@ -327,8 +325,8 @@ def _parts(problem: Problem) -> dict[Left, list[NDArray[np.bool_]]]:
     return {
         kind: parts
         for kind, parts in found.items()
-        if len(parts) >= _FEWEST[kind]
-        and all(mask.sum() >= _FEWEST_ROWS for mask in parts)
+        if len(parts) >= PROOF_PARTS[kind]
+        and all(mask.sum() >= PROOF_ROWS for mask in parts)
         and sum(int(mask.sum()) for mask in parts) == len(time)
     }
 

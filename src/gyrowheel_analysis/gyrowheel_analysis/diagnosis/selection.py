@@ -8,6 +8,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_analysis.criteria import (
+    ACCEPTED_GAIN,
+    ACCEPTED_GAIN_FURTHER,
+    CROSS_VALIDATION_LOSS,
+    CROSS_VALIDATION_PARTS,
+    ERROR_LIMIT,
+    ERROR_TIE_LIMIT,
+    TIE_LOSS,
+)
 from gyrowheel_analysis.diagnosis.limits import is_possible
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.problem import Problem
@@ -16,23 +25,10 @@ from gyrowheel_analysis.reduction.groups import direction_groups, masks, speed_g
 
 Array = NDArray[np.float64]
 
-#: Gain in chi-squared that is required for the first amplitude of a term, and for each further one.
-THRESHOLD = 30.0
-THRESHOLD_FURTHER = 12.0
-#: Alternatives within this of the best are ties.
-TIE = 14.0
-#: A bench parameter is a finding of its own beyond this many stated uncertainties.
-ERROR_LIMIT = 5.0
-#: As a tie of a finding it is named from here on: stated uncertainties are at times too small.
-ERROR_TIE = 3.0
 _MOST_TERMS = 4  # beside instruments
 _MOST_INSTRUMENTS = 5
 _MOST_SEARCHES = 6  # after which terms that fail are only removed
-#: Increase of chi-squared in cross-validation that chance alone explains.
-_WORSENING = 4.0
 _SHORTLIST = 5
-#: Number of groups of each kind from which on one can be left out.
-_FEWEST_PARTS = {"speed": 3, "azimuth": 3, "recording": 2}
 
 Progress = Callable[[str], None]
 
@@ -83,7 +79,7 @@ class Selection:
 
 def threshold(term: Term, inflation: float) -> float:
     """Return the gain in chi-squared that a term must bring."""
-    return THRESHOLD * max(1.0, inflation) + THRESHOLD_FURTHER * (len(term.amplitudes) - 1)
+    return ACCEPTED_GAIN * max(1.0, inflation) + ACCEPTED_GAIN_FURTHER * (len(term.amplitudes) - 1)
 
 
 def expected_chi2(problem: Problem) -> float:
@@ -265,7 +261,7 @@ def _swapped(problem: Problem, fit: Fit, pool: Sequence[Term]) -> Fit:
                     continue
                 trial = problem.fit((*rest, other), without)
                 if implausible(problem, trial) is None and trial.chi2 < fit.chi2 - 2.0 - (
-                    THRESHOLD_FURTHER * (len(other.amplitudes) - len(term.amplitudes))
+                    ACCEPTED_GAIN_FURTHER * (len(other.amplitudes) - len(term.amplitudes))
                 ):
                     fit, improved = trial, True
                     break
@@ -292,17 +288,17 @@ def _finding(problem: Problem, fit: Fit, term: Term, pool: Sequence[Term]) -> Fi
     without = problem.fit(rest, fit)
     tried: list[Tie] = []
     for place, (gain, other) in enumerate(rank(problem, without, [t for t in pool if t not in fit.terms])):
-        hopeless = without.chi2 - gain > fit.chi2 + 4.0 * TIE + 0.1 * (without.chi2 - fit.chi2)
+        hopeless = without.chi2 - gain > fit.chi2 + 4.0 * TIE_LOSS + 0.1 * (without.chi2 - fit.chi2)
         if place >= 2 and hopeless:
             continue  # the linear gain rules it out before the full fit
         trial = problem.fit((*rest, other), without)
-        if abs(trial.chi2 - fit.chi2) < 2.0 * TIE:
+        if abs(trial.chi2 - fit.chi2) < 2.0 * TIE_LOSS:
             trial = problem.refined(trial)
-        if implausible(problem, trial, ERROR_TIE) is None:
+        if implausible(problem, trial, ERROR_TIE_LIMIT) is None:
             tried.append(Tie(other, trial.chi2 - fit.chi2, trial))
     tried.sort(key=lambda tie: tie.delta_chi2)
-    ties = tuple(tie for tie in tried if tie.delta_chi2 < TIE)
-    rivals = tuple(tie for tie in tried if tie.delta_chi2 >= TIE)[:2]
+    ties = tuple(tie for tie in tried if tie.delta_chi2 < TIE_LOSS)
+    rivals = tuple(tie for tie in tried if tie.delta_chi2 >= TIE_LOSS)[:2]
     return Finding(term, without.chi2 - fit.chi2, ties, rivals, without)
 
 
@@ -352,7 +348,7 @@ def _survives_cross_validation(problem: Problem, without: Fit, with_: Fit, term:
         (white(with_.jacobian), white(with_.residual), inverse_with),
     ]
     for kind, parts in groups(problem).items():
-        if len(parts) < _FEWEST_PARTS[kind]:
+        if len(parts) < CROSS_VALIDATION_PARTS[kind]:
             continue
         errors = np.zeros(2)
         for mask in parts:
@@ -374,6 +370,6 @@ def _survives_cross_validation(problem: Problem, without: Fit, with_: Fit, term:
             if not np.all(np.isfinite(own)) or values @ np.linalg.pinv(own) @ values < 4.0 * len(values):
                 continue
             errors += [found[0][0], found[1][0]]
-        if errors[1] > errors[0] + _WORSENING:
+        if errors[1] > errors[0] + CROSS_VALIDATION_LOSS:
             return False
     return True

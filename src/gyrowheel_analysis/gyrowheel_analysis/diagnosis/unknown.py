@@ -18,6 +18,15 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
+from gyrowheel_analysis.criteria import (
+    BESIDE_FORM_GAIN,
+    EXPONENT_CLOSE,
+    EXPONENT_KNOWN,
+    EXPONENT_WITHIN,
+    FORM_GAIN,
+    FORM_GAIN_FOR_SEVERAL,
+    FORM_LOSS,
+)
 from gyrowheel_analysis.diagnosis.selection import (
     Progress,
     Selection,
@@ -36,11 +45,6 @@ from gyrowheel_sim.effects.sizes import for_bench
 
 Array = NDArray[np.float64]
 
-#: Gain in minus twice the log likelihood that a free form must bring to be preferred to the library.
-UNKNOWN = 30.0
-_IN_PLACE_OF_SEVERAL = 12.0  # the same for a single form that replaces several effects
-_AS_LIKELY = 12.0  # loss that is accepted for a single form that replaces effects that cancel each other
-_SUPERFLUOUS = 6.0  # the gain that an effect must bring to be kept beside a form
 #: Linear gain in chi-squared from which a form is fitted.
 _PROMISING = 6.0
 #: Part of the missing gain that exponents and edges may bring, which the linear gain does not include.
@@ -52,8 +56,6 @@ _TRIED_OF_A_KIND = 2
 
 _EXPONENT = 1.0  # prior deviation of an exponent
 _IS_EXPONENT = "exponent of the "
-_KNOWN = 0.25  # standard error up to which an exponent is told from the next whole one
-_WITHIN, _CLOSE = 2.0, 0.05  # standard errors within which it is whole, and how near it is at any rate
 _TINY = sp.Float(1e-9)  # keeps powers of a vanishing tilt finite
 
 _a, _b, _p, _w, _k, _q, _s = (sp.Symbol(name, real=True) for name in ("a", "b", "p", "w", "k", "q", "s"))
@@ -255,12 +257,12 @@ def search(problem: Problem, selection: Selection, *, progress: Progress | None 
     able = [term for gain, term in beside if _worth(problem, gain)]
     best: Proposal | None = None
     for start in starts:
-        needed = UNKNOWN
+        needed = FORM_GAIN
         if len(selection.best.terms) - len(start.terms) > 1:
-            needed = _IN_PLACE_OF_SEVERAL
+            needed = FORM_GAIN_FOR_SEVERAL
         if cancels and start is not selection.best:
-            needed = -_AS_LIKELY
-        tried = able if needed == UNKNOWN else family
+            needed = -FORM_LOSS
+        tried = able if needed == FORM_GAIN else family
         ranked = beside if start is selection.best else rank(problem, start, tried)
         for gain, term in _foremost(ranked):
             if _hopeless(problem, selection.best, start, gain):
@@ -353,7 +355,9 @@ def whole_exponents(effect: Effect, found: Mapping[str, tuple[float, float]]) ->
         if c.description.startswith(_IS_EXPONENT):
             value, error = found[c.name]
             number = round(value)
-            if not error < _KNOWN or abs(value - number) > max(_WITHIN * error, _CLOSE):
+            if not error < EXPONENT_KNOWN or abs(value - number) > max(
+                EXPONENT_WITHIN * error, EXPONENT_CLOSE
+            ):
                 return {}
             whole[c.name] = number
     return whole
@@ -388,7 +392,7 @@ def _simplest(problem: Problem, proposal: Proposal, base: float) -> Proposal:
         if not trials:
             break
         best = max(trials, key=lambda trial: trial.gain)
-        if best.gain < proposal.gain - _SUPERFLUOUS:
+        if best.gain < proposal.gain - BESIDE_FORM_GAIN:
             break
         proposal = best
     return proposal

@@ -15,6 +15,7 @@ from scipy.optimize import minimize
 
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.channels import DRIFTS, in_groups
+from gyrowheel_analysis.criteria import DRIFT_SCALE_BOUNDS, DRIFT_SCALE_SPREAD, NOISE_CHANGED
 from gyrowheel_analysis.fitting.drift import DriftCovariance, MarginalCost
 from gyrowheel_analysis.fitting.variance import amplitude_variance, average_covariance
 from gyrowheel_core.errors import InputError
@@ -22,12 +23,8 @@ from gyrowheel_sim.bench import Bench
 
 Array = NDArray[np.float64]
 
-#: A drift smaller than stated is not accepted: a few windows may show little of a slow drift by chance.
-SCALE_BOUNDS = (1.0, 8.0)
-_SCALE_SPREAD = 0.7  # of the logarithm of a drift's scale before the recording is seen
 #: Sizes of events are fitted freely, whatever is generous; the likelihood counts them as if they had that size.
 _FLAT = 1.0e3
-_OTHER = 0.25  # change of the logarithm of a standard deviation from which on the noise counts as different
 
 
 @dataclass(frozen=True)
@@ -110,7 +107,8 @@ class Noise:
             return self
         amplitudes = _amplitudes(balances, predicted, benches, lateness)
         other = any(
-            np.any(np.abs(np.log(b / a)) > _OTHER) for a, b in zip(self.amplitudes, amplitudes, strict=True)
+            np.any(np.abs(np.log(b / a)) > NOISE_CHANGED)
+            for a, b in zip(self.amplitudes, amplitudes, strict=True)
         )
         return replace(self, amplitudes=amplitudes) if other else self
 
@@ -168,7 +166,7 @@ class Noise:
             scale = dict(zip(names, np.exp(log_scale), strict=True))
             return marginal(scale) + scale_cost(scale)
 
-        bounds = [(float(np.log(SCALE_BOUNDS[0])), float(np.log(SCALE_BOUNDS[1])))] * len(names)
+        bounds = [(float(np.log(DRIFT_SCALE_BOUNDS[0])), float(np.log(DRIFT_SCALE_BOUNDS[1])))] * len(names)
         best = minimize(
             cost, np.full(len(names), 0.05), bounds=bounds, method="L-BFGS-B", options={"maxiter": 30}
         )
@@ -219,7 +217,7 @@ class Noise:
 
 def scale_cost(scales: Mapping[str, float]) -> float:
     """Return minus twice the log of the prior density of the scales of drifts, up to a constant."""
-    return float(sum(np.log(scale) ** 2 for scale in scales.values())) / _SCALE_SPREAD**2
+    return float(sum(np.log(scale) ** 2 for scale in scales.values())) / DRIFT_SCALE_SPREAD**2
 
 
 def _narrowed(

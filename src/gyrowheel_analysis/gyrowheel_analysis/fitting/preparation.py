@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.channels import unphased
+from gyrowheel_analysis.criteria import FEWEST_WINDOWS, OTHER_MACHINE
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.fitting.unknowns import Unknowns
@@ -39,9 +40,7 @@ Progress = Callable[[str], None]
 Array = NDArray[np.float64]
 
 _ANSWER = 2  # samples from the one that a command answers to the first whose voltages show it
-#: With fewer windows nothing can be said.
-FEWEST_WINDOWS = 6
-#: Parameters by which machines are distinguished, and the factor by which one of them must differ. Stated uncertainties
+#: Parameters by which machines are distinguished, by a factor of `OTHER_MACHINE`. Stated uncertainties
 #: would not do: a better value for the same machine often lies tens of them from the first one, while nobody mistakes
 #: an inertia, a flexure or the sample period by a factor of two.
 _DISTINGUISHING = (
@@ -51,7 +50,6 @@ _DISTINGUISHING = (
     "flexure_stiffness_y",
     "sample_period",
 )
-_FACTOR = 2.0
 #: Parameter of the bench that is the error of an angle from pulses, the same in all windows.
 _PHASE = "encoder_zero"
 
@@ -350,7 +348,7 @@ def require_one_bench(recordings: Sequence[Recording], model: Model) -> None:
             for key in _DISTINGUISHING:
                 own, its = values.get(key, math.nan), its_values.get(key, math.nan)
                 # false for what is not a number
-                if max(own, its) > _FACTOR * min(own, its) > 0.0:
+                if max(own, its) > OTHER_MACHINE * min(own, its) > 0.0:
                     raise InputError(
                         f"{recording.path}: is of bench {name}, {other} of bench {its_name}: {key} is {own:.4g} and "
                         f"{its:.4g} {stated.parameters[key].unit}; allowed: the same machine"

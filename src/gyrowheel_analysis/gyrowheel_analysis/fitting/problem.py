@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from gyrowheel_analysis.balance.balance import Balance
+from gyrowheel_analysis.criteria import STATED_RANGE
 from gyrowheel_analysis.fitting.events import Event, edge_columns, event_columns, event_widths
 from gyrowheel_analysis.fitting.fit import Fit, Point
 from gyrowheel_analysis.fitting.noise import Noise
@@ -24,8 +25,6 @@ Array = NDArray[np.float64]
 
 #: Channels whose amplitudes a filter of unknown shape would spoil.
 FILTERED = ("tilt", "coil_voltage")
-#: What counts as within the stated uncertainty of a parameter [standard uncertainties].
-STATED_RANGE = 3.0
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,15 @@ from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.channels import Channel
+from gyrowheel_analysis.criteria import (
+    ANGLE_FLOOR,
+    FILTER_SHAPE,
+    MODEL_ABSOLUTE,
+    MODEL_ANGLE,
+    MODEL_RELATIVE,
+    MODEL_RIPPLE,
+    VOLTAGE_FLOOR,
+)
 from gyrowheel_analysis.fitting.drift import DriftCovariance
 from gyrowheel_analysis.reduction import FORWARD, HARMONICS
 from gyrowheel_analysis.reduction.windows import MEAN, MODULATION
@@ -16,20 +25,6 @@ from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.sizes import torque_scale
 
 Array = NDArray[np.float64]
-
-#: Accuracy of the balance itself, measured against the full simulation on every shipped plan: part of the torque of
-#: the row, and a constant part on the default bench [N m], which goes with the torques of a bench.
-MODEL_RELATIVE = 5.0e-4
-MODEL_ABSOLUTE = 4.0e-6
-#: Accuracy of the ripple of the speed while the tilt moves [N m].
-MODEL_RIPPLE = 1.0e-4
-#: By how much the response of a filter may differ from that of a delay and a pole that are as late, for a phase of one
-#: radian; it goes with the cube of the phase. A Butterworth filter of two poles differs from a delay by 0.17.
-SHAPE = 0.1
-#: Accuracy of the ripple of the angle itself: part of it, and a constant part [rad].
-MODEL_ANGLE = 5.0e-3
-_ANGLE_FLOOR = 1.0e-6
-_VOLTAGE_FLOOR = 1e-14  # V², of the amplitude of a voltage
 
 
 def average_covariance(balance: Balance, predicted: Array, channel: Channel, row: str) -> DriftCovariance:
@@ -77,7 +72,7 @@ def amplitude_variance(
     turn = order * w.mean_spin
     wobble = np.abs(w.tilt_harmonics[:, HARMONICS.index(order)] @ MEAN[:MODULATION])
     for reading, torque in (("coil_voltage", size), ("tilt", _resistance(balance, bench, order) * wobble)):
-        variance = variance + (SHAPE * np.abs(turn * lateness.get(reading, 0.0)) ** 3 * torque) ** 2
+        variance = variance + (FILTER_SHAPE * np.abs(turn * lateness.get(reading, 0.0)) ** 3 * torque) ** 2
     return variance
 
 
@@ -140,7 +135,7 @@ def _angle_amplitude(balance: Balance, bench: Bench, size: Array, order: int) ->
     w = balance.windows
     # the two signs of a harmonic of a real reading share its noise
     white = 0.5 * w.noise("spin_angle_noise") ** 2 * w.harmonic_variance[:, FORWARD.index(order)] / w.samples
-    return np.asarray(white + _ANGLE_FLOOR**2 + (MODEL_ANGLE * size) ** 2)
+    return np.asarray(white + ANGLE_FLOOR**2 + (MODEL_ANGLE * size) ** 2)
 
 
 def _shaft_amplitude(balance: Balance, bench: Bench, size: Array, order: int) -> Array:
@@ -156,7 +151,7 @@ def _winding_amplitude(balance: Balance, bench: Bench, size: Array, order: int) 
     speed, current = _ripple_readings(balance)
     voltage = w.noise("motor_voltage_noise") ** 2 / (2.0 * w.samples)
     return np.asarray(
-        voltage + v("motor_resistance") ** 2 * current + v("motor_constant") ** 2 * speed + _VOLTAGE_FLOOR
+        voltage + v("motor_resistance") ** 2 * current + v("motor_constant") ** 2 * speed + VOLTAGE_FLOOR
     )
 
 

@@ -6,7 +6,8 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-_NEARLY_ALL = 0.9
+from gyrowheel_analysis.criteria import NEARLY_ALL
+
 _SHOWN = 0.05  # s
 
 
@@ -39,7 +40,7 @@ class Coverage:
     @property
     def complete(self) -> bool:
         """Whether nearly all of the steady motion is used, and nothing had to be assumed."""
-        return not self.assumed and self.used >= _NEARLY_ALL * self.steady
+        return not self.assumed and self.used >= NEARLY_ALL * self.steady
 
     @classmethod
     def of(cls, parts: Iterable[Coverage]) -> Coverage:

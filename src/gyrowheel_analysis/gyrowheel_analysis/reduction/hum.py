@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import gammainccinv
 
+from gyrowheel_analysis.criteria import CLEAR_HUM, HUM_CHANCE, HUM_LEVEL
 from gyrowheel_analysis.reduction.hum_amplitude import line_amplitudes
 from gyrowheel_analysis.reduction.samples import Samples
 from gyrowheel_analysis.reduction.spectra import (
@@ -34,9 +35,6 @@ MAINS = (50.0, 60.0)
 MULTIPLES = (1, 2, 3)
 _AROUND = 12.0  # over 1/length: how far the level around a line is looked at
 _WANDERS = 0.012  # part by which the frequency of a mains may be off
-_CHANCE = 1.0e-7  # that noise is taken for a line
-_LEVEL_KNOWN = 1.15  # by how much more the level at a line may be than around it
-_CLEAR = 5.0  # standard errors from which on a hum counts
 _SEEN = (
     0.3  # share of a hum in the amplitude of a window from which on it is the same in all windows of a speed
 )
@@ -134,7 +132,7 @@ def _line(spectra: Spectra, mains: float, multiple: int, bench: Bench, *, asked:
         ratio = relative[:, near].mean(axis=(0, 2))
         k = int(np.argmax(ratio))
         shape = int(count.sum()) * len(own)
-        limit = _LEVEL_KNOWN * float(gammainccinv(shape, _CHANCE)) / shape
+        limit = HUM_LEVEL * float(gammainccinv(shape, HUM_CHANCE)) / shape
         if ratio[k] > limit:
             found.add(channel)
             if ratio[k] > best[0]:
@@ -147,7 +145,7 @@ def _line(spectra: Spectra, mains: float, multiple: int, bench: Bench, *, asked:
     chosen[use] = True
     amplitudes = line_amplitudes(spectra, chosen, frequency, np.sqrt(level[count]), bench)
     # what is the answer of the loop, and nothing else, is no hum of the reading
-    found = {c for c in found if c in amplitudes and amplitudes[c][0] > _CLEAR * amplitudes[c][1]}
+    found = {c for c in found if c in amplitudes and amplitudes[c][0] > CLEAR_HUM * amplitudes[c][1]}
     snr = max(best[0] - 1.0, 1e-3) * int(count.sum())
     error = math.sqrt(6.0) / (math.pi * length * math.sqrt(snr))
     return Line(mains, multiple, frequency, error, amplitudes, frozenset(found))

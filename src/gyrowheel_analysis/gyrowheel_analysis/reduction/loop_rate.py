@@ -13,18 +13,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_analysis.criteria import ANSWERED, OTHER_RATE
 from gyrowheel_analysis.reduction.samples import Samples
 from gyrowheel_sim.bench import Bench
 
 Array = NDArray[np.float64]
 
-#: Part by which the rate of a recording differs from that of the loop before its samples are others than the loop's.
-_OTHER_RATE = 0.05
 _BLOCK, _MOST = 160, 100  # samples, blocks
 _LAGS = 12  # samples before a voltage whose tilts it may answer
-_ANSWERS = (
-    0.9  # part of the changes of a voltage that the recorded tilts explain where every sample is the loop's
-)
 _STEADY = 75.0  # percent of blocks; so many may lie in moves
 _HELD, _AGAIN = (
     6.0,
@@ -49,7 +45,7 @@ def loop_period(data: Samples, period: float, bench: Bench) -> float:
         The bench as stated.
     """
     stated = bench.sample_period
-    if abs(period / stated - 1.0) <= _OTHER_RATE or len(data.time) < 4 * _BLOCK:
+    if abs(period / stated - 1.0) <= OTHER_RATE or len(data.time) < 4 * _BLOCK:
         return stated
     starts = np.linspace(0, len(data.time) - _BLOCK, _MOST).astype(np.int64)
     whole = data.time[starts + _BLOCK - 1] - data.time[starts] < (_BLOCK + 1) * period
@@ -63,12 +59,12 @@ def loop_period(data: Samples, period: float, bench: Bench) -> float:
     if period > stated:
         # block by block: the loop answers otherwise at another speed, and in a move its setpoint as well
         explained = np.percentile([_explained(*block) for block in zip(volts, tilt, strict=True)], _STEADY)
-        return period if explained > _ANSWERS else stated
+        return period if explained > ANSWERED else stated
     near = _HELD * bench.value("coil_voltage_noise")
     steps = np.diff(volts, axis=1)
     again = float(np.mean((np.abs(steps.real) < near) & (np.abs(steps.imag) < near)))
     found = period / max(1.0 - again, 1e-3) if again > _AGAIN else period
-    return stated if abs(found / stated - 1.0) <= _OTHER_RATE else found
+    return stated if abs(found / stated - 1.0) <= OTHER_RATE else found
 
 
 def _explained(volts: Any, tilt: Any) -> float:
@@ -98,7 +94,7 @@ def unseen_noise(left: Any, noise: float, samples: float) -> float:
     samples : float
         Samples of the recording for every one of the loop.
     """
-    if abs(samples - 1.0) <= _OTHER_RATE:
+    if abs(samples - 1.0) <= OTHER_RATE:
         return noise
     shown = max(float(np.mean(part**2)) for part in (left.real, left.imag))
     if samples < 1.0:

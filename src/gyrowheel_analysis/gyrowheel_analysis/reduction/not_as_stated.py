@@ -10,21 +10,24 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from gyrowheel_analysis.criteria import (
+    CLEAR_HIDDEN_JITTER,
+    CLEAR_READING,
+    CLOCK_RATE,
+    HIDDEN_PART,
+    HUM_PART,
+    JITTER_PART,
+    MAINS_FREQUENCY,
+    RATE_AGREES,
+    SAME_STEP,
+    STEP_PART,
+)
 from gyrowheel_analysis.reduction.hum import Line
 from gyrowheel_analysis.reduction.shown import Shown
 from gyrowheel_core.readings import READINGS
 from gyrowheel_sim.bench import Bench
 
 Remark = Literal["", "sampled", "stamped", "hidden", "stamps_off", "sampling_off"]
-
-_CLEAR = 5.0  # standard errors by which a reading must differ from what is stated
-_CLEAR_HIDDEN = 8.0  # the same for jitter that only the noise of the angle shows
-#: Parts of the noise of the reading from which on a difference counts.
-_HUM, _STEP, _JITTER, _HIDDEN = 0.02, 0.1, 0.05, 0.2
-_RATE = 1.0e-6  # part from which on the rate of the clock counts
-_MAINS = 5.0e-3  # part by which the frequency of the mains may wander
-_SAME = 1.0e-3  # part to which two steps are the same
-_COUNTED = 0.2  # of a difference of rates: how well the reading of the speed must agree to take a side
 
 
 @dataclass(frozen=True)
@@ -123,10 +126,10 @@ def _hums(own: Shown, recording: str, bench: Bench) -> list[ReadingFinding]:
             if not fundamental and channel not in line.found:
                 continue
             # an amplitude whose presence is not certain says nothing but that it is not larger
-            if channel not in line.found and value + _CLEAR * error > stated:
+            if channel not in line.found and value + CLEAR_READING * error > stated:
                 continue
             off = abs(value - stated)
-            if off > _CLEAR * error and off > _HUM * own.noise.get(f"{channel}_noise", 0.0):
+            if off > CLEAR_READING * error and off > HUM_PART * own.noise.get(f"{channel}_noise", 0.0):
                 result.append(
                     ReadingFinding(
                         f"{channel}_hum", channel, "hum", value, error, stated, bench.parameters[f"{channel}_hum"].unit,
@@ -140,7 +143,7 @@ def _hums(own: Shown, recording: str, bench: Bench) -> list[ReadingFinding]:
 
 def _mains(line: Line, recording: str, stated: float) -> list[ReadingFinding]:
     off = abs(line.frequency - stated)
-    if off <= max(_CLEAR * line.frequency_error, _MAINS * stated):
+    if off <= max(CLEAR_READING * line.frequency_error, MAINS_FREQUENCY * stated):
         return []
     chi2 = (off / line.frequency_error) ** 2
     return [
@@ -168,7 +171,7 @@ def _steps(own: Shown, recording: str, bench: Bench) -> list[ReadingFinding]:
         stated, channel = bench.value(name), name.removesuffix("_resolution")
         noise = own.noise.get(f"{channel}_noise", bench.value(f"{channel}_noise"))
         larger = max(step, stated)
-        if abs(step - stated) > _SAME * larger and larger > _STEP * noise and own.spin > 0.0:
+        if abs(step - stated) > SAME_STEP * larger and larger > STEP_PART * noise and own.spin > 0.0:
             unit = bench.parameters[name].unit
             result.append(
                 ReadingFinding(name, channel, "resolution", step, 0.0, stated, unit, None, recording)
@@ -199,22 +202,25 @@ def _clock(own: Shown, recording: str, bench: Bench) -> list[ReadingFinding]:
 
     stated = bench.value("clock_jitter")
     off = abs(stamps.jitter - stated)
-    if off > _CLEAR * stamps.jitter_error and own.spin * off > _JITTER * noise:
+    if off > CLEAR_READING * stamps.jitter_error and own.spin * off > JITTER_PART * noise:
         remark: Remark = ""
         if stamps.sampled_error < 0.1:
             remark = "sampled" if stamps.sampled > 0.5 else "stamped"
         result.append(jitter(stamps.jitter, stamps.jitter_error, stated, remark))
-    elif stamps.hidden > _CLEAR_HIDDEN * stamps.hidden_error and own.spin * stamps.hidden > _HIDDEN * noise:
+    elif (
+        stamps.hidden > CLEAR_HIDDEN_JITTER * stamps.hidden_error
+        and own.spin * stamps.hidden > HIDDEN_PART * noise
+    ):
         result.append(jitter(stamps.hidden, stamps.hidden_error, 0.0, "hidden"))
     period, rate_stated = stamps.stated, bench.value("clock_rate_error")
     rate, error = stamps.period / period - 1.0, stamps.period_error / period
     off = abs(rate - rate_stated)
-    if off > max(_CLEAR * error, _RATE):
+    if off > max(CLEAR_READING * error, CLOCK_RATE):
         side: Remark = ""
-        known = math.isfinite(stamps.counter) and 3.0 * stamps.counter_error < _COUNTED * abs(rate)
-        if known and abs(stamps.counter + rate) < _COUNTED * abs(rate):
+        known = math.isfinite(stamps.counter) and 3.0 * stamps.counter_error < RATE_AGREES * abs(rate)
+        if known and abs(stamps.counter + rate) < RATE_AGREES * abs(rate):
             side = "stamps_off"
-        elif known and abs(stamps.counter) < _COUNTED * abs(rate):
+        elif known and abs(stamps.counter) < RATE_AGREES * abs(rate):
             side = "sampling_off"
         result.append(
             ReadingFinding(

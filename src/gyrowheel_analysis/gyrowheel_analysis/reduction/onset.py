@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_analysis.criteria import ONSET_GAIN
 from gyrowheel_analysis.reduction.samples import Array, Samples
 from gyrowheel_core.readings import Readings
 from gyrowheel_sim.bench import Bench
@@ -25,8 +26,6 @@ _STEP = 0.01  # s between the instants that are tried
 _BESIDE = 3.0  # s of samples looked at on either side
 _FEWEST = 100  # points
 _LATE = 1.0e-3  # s; by how much a reading may be late without being stated so
-#: Gain in chi-squared from which an instant counts as seen.
-_SEEN = 16.0
 #: Part of the square of a change that must not look like anything else, for it to be told at all.
 _SHARED = 1.0e-9
 
@@ -126,7 +125,7 @@ def onset(
     left = (values - left_of(columns[:, best]) * along[best] / square[best])[:points]
     noise = _noise(left)
     # at an end of the range it is something else that grows there
-    if gains[best] < _SEEN * noise or not 0 < best < len(at) - 1:
+    if gains[best] < ONSET_GAIN * noise or not 0 < best < len(at) - 1:
         return None
     likely = gains > gains[best] - noise
     return float(at[best]), max(0.5 * float(np.count_nonzero(likely)) * _STEP, 2.0 * _STEP)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_analysis.criteria import MOST_SPIKES, NOISE_RANGE, SPIKE
 from gyrowheel_analysis.reduction.instants import even_times
 from gyrowheel_analysis.reduction.samples import Array, Samples
 from gyrowheel_analysis.reduction.taper import taper
@@ -44,9 +45,6 @@ _COMMANDED = 1e-6  # share of the largest spectrum of commands below which nothi
 _NOISE_BAND = (0.4, 0.97)  # of half the sampling rate: above every motion, below the corner of a filter
 #: Intervals before and after one whose commands a reading of a coil voltage may show, delayed and filtered.
 _SHOWN_COMMANDS = (-7, 2)
-_NOISE_RANGE = (0.5, 50.0)  # of the estimated noise over the stated one; estimates beyond are limited to it
-_SPIKE = 8.0  # robust standard deviations
-_MOST_SPIKES = 0.02  # of the samples; if there are more, they are not spikes
 _SPIKE_ROUNDS = 12
 #: More than so many of them, so many samples about one another, are no spikes: what stays off for a while has happened,
 #: as the answer of the loop to a command that came late. A motion at the edge of a window would go with them.
@@ -175,7 +173,7 @@ def reading_noise(data: Samples, bench: Bench) -> Array:
         found.append(math.sqrt(float(np.mean(taken))) if taken else 0.0)
     return np.array(
         [
-            own if ratio == 0.0 else own * min(max(ratio, _NOISE_RANGE[0]), _NOISE_RANGE[1])
+            own if ratio == 0.0 else own * min(max(ratio, NOISE_RANGE[0]), NOISE_RANGE[1])
             for own, ratio in zip(stated, np.array(found) / stated, strict=True)
         ]
     )
@@ -245,7 +243,7 @@ def despiked(readings: Any, design: Array, gram: Array) -> tuple[Any, Any, Any]:
     # a spike pulls the fit and hides smaller spikes until it is removed
     for _ in range(_SPIKE_ROUNDS):
         more = _spikes(left) & ~found & ~crowd
-        more &= (found | more).mean(axis=0) <= _MOST_SPIKES
+        more &= (found | more).mean(axis=0) <= MOST_SPIKES
         if not more.any():
             break
         found, changed = found | more, more.any(axis=0)
@@ -281,8 +279,8 @@ def _spikes(left: Any) -> NDArray[np.bool_]:
     # the median of the absolute value of a Gaussian number, real or complex
     scale = np.median(size, axis=0) / np.where(np.any(left.imag, axis=0), 1.1774, 0.6745)
     # relative to the largest one too: it pulls the fit, so that its neighbours seem far off
-    far = size > np.maximum(_SPIKE * scale, 0.3 * size.max(axis=0))
-    return np.asarray(far & (far.mean(axis=0) <= _MOST_SPIKES) & (scale > 0.0))
+    far = size > np.maximum(SPIKE * scale, 0.3 * size.max(axis=0))
+    return np.asarray(far & (far.mean(axis=0) <= MOST_SPIKES) & (scale > 0.0))
 
 
 def _crowded(found: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_analysis.criteria import CONE_DRIFT, CONE_OFF_SPEED
 from gyrowheel_analysis.reduction.coverage import Coverage
 from gyrowheel_analysis.reduction.instants import evened
 from gyrowheel_analysis.reduction.loop_rate import loop_period
@@ -30,8 +31,6 @@ from gyrowheel_analysis.reduction.windows import DEGREE, MEAN, RISE, Windows
 from gyrowheel_recording.bags.sampling import PAUSE, pauses
 from gyrowheel_sim.bench import Bench
 
-#: A window of a cone is left out if its speed changes faster than this [rad/s^2], or differs by more from the last one.
-_CONE_DRIFT, _CONE_OFF = 2.0, 0.01
 _SETTLES_BY = 0.2  # s; delay of the start of a window whose motion has not settled
 #: Reasons why steady motion lies in no window.
 _TOO_FEW = "with too few samples or revolutions"
@@ -178,4 +177,4 @@ def _why_too_few(time: Array, without: Array, start: float, stop: float, h: floa
 def _at_speed(row: dict[str, Any], last: float, length: float) -> bool:
     """Whether the rotor has reached the speed of a cone: it does not change, and is not at a turning point."""
     change, mean = row["spin"] @ RISE[:DEGREE], row["spin"] @ MEAN[:DEGREE]
-    return abs(change) <= _CONE_DRIFT * length and abs(mean - last) <= _CONE_OFF * last
+    return abs(change) <= CONE_DRIFT * length and abs(mean - last) <= CONE_OFF_SPEED * last

@@ -8,6 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_analysis.criteria import (
+    EDGE_OF_MOTION,
+    FURTHER_TERMS,
+    RESTLESS_CURRENT,
+    TOO_FEW_TERMS,
+    UNSETTLED_ANGLE,
+    UNSETTLED_TILT,
+)
 from gyrowheel_analysis.reduction.loop_rate import unseen_noise
 from gyrowheel_analysis.reduction.motor_temperature import interpolated
 from gyrowheel_analysis.reduction.quality import (
@@ -27,17 +35,9 @@ from gyrowheel_sim.environment import Environment
 _SPIN_TERMS = ((0.5, 4), (1.0, 8), (math.inf, 12))
 #: Fraction of the samples of a window that must be present.
 FEWEST_SAMPLES = 0.7
-#: Mean square of `_FURTHER` more terms of the polynomials, relative to noise, beyond which the motion has not settled.
-_UNSETTLED_TILT, _UNSETTLED_ANGLE = 10.0, 20.0
-_FURTHER = 4
-#: The same, beyond which the further terms are used: left out, the change from end to end would be off by several times
-#: its noise before the limit is reached. And beyond which as many terms again show that they do not suffice.
-_TAIL, _BEYOND = 2.5, 4.0
-#: Square of the mean residual of the first or last so many samples, relative to that of as many elsewhere and to noise,
-#: beyond which a motion began or ended there: no polynomial turns so sharply.
-_EDGE, _EDGE_SAMPLES = 9.0, (4, 8, 16)
-#: Residual motor current, relative to noise, beyond which averages do not describe it (a failing supply, say).
-_RESTLESS = 30.0
+_FURTHER = 4  # terms of the polynomials that show whether a motion has settled
+#: Samples at each end of a window whose mean residual shows that a motion began or ended there.
+_EDGE_SAMPLES = (4, 8, 16)
 #: Columns of what is fitted: tilt, motor current, coil voltages, spin rate, motor voltage.
 _TILT, _CURRENT, _COIL, _SPIN, _MOTOR = range(5)
 #: From a Legendre series of `DEGREE` terms to powers of x.
@@ -135,15 +135,15 @@ def fit_window(
     tilt, change_variance = fit[_TILT, :degree], float(RISE @ gram[:degree, :degree] @ RISE)
     tail = _more(x, design, gram, left[:, _TILT], degree) / (2.0 * tilt_noise**2)
     unsettled = (
-        tail > _UNSETTLED_TILT
-        or _more(x, turning, turning_gram, beside[:, 0], smooth) > _UNSETTLED_ANGLE * angle_noise**2
+        tail > UNSETTLED_TILT
+        or _more(x, turning, turning_gram, beside[:, 0], smooth) > UNSETTLED_ANGLE * angle_noise**2
         or np.mean(np.abs(left[:, _CURRENT]) ** 2) - 2.0 * abs(current_ripple) ** 2
-        > (_RESTLESS * current_noise) ** 2
+        > (RESTLESS_CURRENT * current_noise) ** 2
         or _sharp(left[:, _TILT], tilt_noise)
     )
-    if not unsettled and tail > _TAIL:
+    if not unsettled and tail > FURTHER_TERMS:
         tilt, change_variance, beyond = _with_tail(x, waves, readings[:, _TILT], degree)
-        unsettled = beyond > 2.0 * _BEYOND * tilt_noise**2
+        unsettled = beyond > 2.0 * TOO_FEW_TERMS * tilt_noise**2
     # mean second derivative of the angle: difference between the ends of its slope, which is n (n + 1) / 2 at x = 1
     slope = np.array([k * (k + 1) * (1 - k % 2) for k in range(smooth)]) * 2.0 / duration**2
     slope_variance = float(slope @ turning_gram[:smooth, :smooth] @ slope) * angle_noise**2
@@ -279,7 +279,7 @@ def _sharp(left: Any, noise: float) -> bool:
         ends, inner = np.array([left[:count], left[-count:]]), left[count:-count]
         blocks = inner[: len(inner) // count * count].reshape(-1, count)
         usual, off = (np.abs(part.sum(axis=1)) ** 2 for part in (blocks, ends))
-        if off.max() > _EDGE * max(float(usual.mean()), 2.0 * count * noise**2):
+        if off.max() > EDGE_OF_MOTION * max(float(usual.mean()), 2.0 * count * noise**2):
             return True
     return False
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.channels import CHANNELS
+from gyrowheel_analysis.criteria import CLEAR_HARMONIC
 from gyrowheel_analysis.reduction.motor_temperature import MOTOR_THERMAL
 from gyrowheel_analysis.reduction.quality import READING_NOISES
 from gyrowheel_analysis.reduction.samples import Array
@@ -24,7 +25,6 @@ FORWARD = tuple(sorted({channel.order for channel in CHANNELS.values() if channe
 HARMONICS = (*(-order for order in reversed(FORWARD)), *FORWARD)
 DEGREE = 5  # of the polynomials in time
 MODULATION = 3  # terms of the polynomial in time of a harmonic's amplitude
-_CLEAR = 10.0  # smallest ratio to its noise at which a harmonic or a spin acceleration counts
 _SAME_TILT, _SAME_SPEED = 0.1 * DEG, 0.004  # steps, of the speed relative: holds within one are alike
 
 #: Mean over -1..1, and difference between the ends, of the powers of x.
@@ -212,21 +212,21 @@ def without_noise(windows: Windows) -> Windows:
 
         def clear(of: Any) -> Any:
             power = np.einsum("nhj,jk,nhk->nh", of.conj(), modulation, of).real
-            return (power > _CLEAR**2 * 2.0 * (noise**2 / n)[:, None])[:, :, None]
+            return (power > CLEAR_HARMONIC**2 * 2.0 * (noise**2 / n)[:, None])[:, :, None]
 
         usual = _usual(amplitudes, n, alike)
         steady = np.where(clear(amplitudes - usual), amplitudes, usual)
         return np.where(clear(steady), steady, 0.0)
 
     def above(amplitude: Any, noise: Array) -> Any:
-        usual, least = _usual(amplitude, n, alike), _CLEAR * noise / np.sqrt(n)
+        usual, least = _usual(amplitude, n, alike), CLEAR_HARMONIC * noise / np.sqrt(n)
         steady = np.where(np.abs(amplitude - usual) > least, amplitude, usual)
         return np.where(np.abs(steady) > least, steady, 0.0)
 
     def level(series: Any, rate: Any, variance: Array) -> Any:
         """Return a polynomial in time (n, terms) without its change from end to end where that is noise."""
         result = series.copy()
-        noisy = np.abs(rate) ** 2 < _CLEAR**2 * variance
+        noisy = np.abs(rate) ** 2 < CLEAR_HARMONIC**2 * variance
         result[:, 1] -= 0.5 * np.where(noisy, rate * windows.duration, 0.0)
         return result
 

@@ -19,6 +19,16 @@ from scipy import stats
 
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.channels import CHANNELS
+from gyrowheel_analysis.criteria import (
+    DEPENDENCE_SHARE,
+    DEPENDENCE_SHARE_LEFT,
+    DEPENDENCE_WINDOWS,
+    EQUAL_DESCRIPTION,
+    MOSTLY_PLAIN,
+    NOISE_TRUST,
+    SIGNIFICANT,
+    STRONG_EVIDENCE,
+)
 from gyrowheel_analysis.reduction import Windows
 from gyrowheel_analysis.reduction.groups import UPRIGHT
 from gyrowheel_analysis.residuals.error_table import channel_parts
@@ -27,20 +37,7 @@ from gyrowheel_core.units import DEG, RPM
 
 Array = NDArray[np.float64]
 
-#: Probability by chance below which a dependence, or order among the residuals, is stated.
-SIGNIFICANT = 0.01
-#: Up to this factor noise may be larger than stated before a residual is called more than noise.
-NOISE_TRUST = 1.3
-#: A variable is named where it explains at least this part of the sum of squares.
-_SHARE = 0.05
-_SHARE_LEFT = 0.5  # or this part of what is neither constant nor in proportion to the tilt
-_MOSTLY = 0.5
-#: Descriptions are as good as each other within this (of Schwarz's criterion); time, which stands for anything that
-#: changes, must be better by it.
-_ALIKE = 14.0
-_STRONG = 6.0  # difference of the criterion that speaks strongly against the worse (Kass and Raftery, 1995)
 _MOST = 3  # variables together
-_FEWEST = 8
 _LAGS = 4
 #: Variables that act on coils and case, and those that act on the motor; what was set first, what went along behind.
 _OF_TILT = ("speed", "tilt", "azimuth", "temperature", "air_pressure", "time")
@@ -94,7 +91,7 @@ class Dependence:
     @property
     def stated(self) -> bool:
         """Whether the residual is said to depend on it."""
-        enough = min(_SHARE, _SHARE_LEFT * (1.0 - self.share_of_none))
+        enough = min(DEPENDENCE_SHARE, DEPENDENCE_SHARE_LEFT * (1.0 - self.share_of_none))
         return self.chosen and self.p_beside <= SIGNIFICANT and self.share_beside >= enough
 
     def to_json(self) -> dict[str, Any]:
@@ -196,7 +193,7 @@ def dependences(
         Divides rows (N, ...) by the square root of the covariance of their noise.
     """
     values = _variables(data.windows)
-    if len(data.windows) < _FEWEST or not values:
+    if len(data.windows) < DEPENDENCE_WINDOWS or not values:
         return []
     white = whiten(rows)
     tests = len(data.parts) * len(_OF_TILT)
@@ -235,12 +232,12 @@ def whiteness(data: WindowResiduals, balances: Sequence[Balance], white: Array) 
         pieces = [p[o] for p, o in zip(pieces, order, strict=True)]
         n = sum(len(p) for p in pieces)
         square = sum(float(p @ p) for p in pieces)
-        if n < _FEWEST or square == 0.0:
+        if n < DEPENDENCE_WINDOWS or square == 0.0:
             continue
         correlation, statistic, lags = 0.0, 0.0, 0
         for lag in range(1, _LAGS + 1):
             pairs = sum(max(len(p) - lag, 0) for p in pieces)
-            if pairs < _FEWEST:
+            if pairs < DEPENDENCE_WINDOWS:
                 break
             r = sum(float(p[lag:] @ p[:-lag]) for p in pieces if len(p) > lag) / square
             statistic += n * (n + 2.0) * r**2 / pairs
@@ -267,7 +264,7 @@ def judged(found: Sequence[Dependence], white: Sequence[Whiteness]) -> list[Part
         larger = parts * test.p_size <= SIGNIFICANT
         if stated or larger or test.correlation > 0.0:
             instead = tuple(d.variable for d in own if d.instead in names)
-            plain = bool(own) and own[0].share_of_none >= _MOSTLY  # the same for every variable
+            plain = bool(own) and own[0].share_of_none >= MOSTLY_PLAIN  # the same for every variable
             result.append(PartDependence(test.part, stated, instead, plain, larger, test))
     return result
 
@@ -290,7 +287,7 @@ def _variables(w: Windows) -> dict[str, Array]:
     for name, least in VARIABLES.items():
         if name == "azimuth":
             tilted = np.abs(z) > UPRIGHT
-            if tilted.sum() >= _FEWEST and np.ptp(np.angle(z[tilted])) > least:
+            if tilted.sum() >= DEPENDENCE_WINDOWS and np.ptp(np.angle(z[tilted])) > least:
                 angle = np.angle(z)
                 waves = [f(k * angle) for k in (1, 2) for f in (np.cos, np.sin)]
                 result[name] = np.where(tilted[:, None], np.column_stack(waves), 0.0)
@@ -414,13 +411,13 @@ class _Squares:
         rest, _ = self.left(names)
         if rest <= 0.0:
             return math.inf
-        return self._n * math.log(rest) + (_ALIKE if "time" in names else 0.0)
+        return self._n * math.log(rest) + (EQUAL_DESCRIPTION if "time" in names else 0.0)
 
     def best(self) -> tuple[str, ...]:
         """Return the few variables that describe the rows best; of as many that do as well, the plainest."""
         sets = [s for k in range(_MOST + 1) for s in itertools.combinations(self._columns, k)]
         best = min(sets, key=self.criterion)
-        limit = self.criterion(best) + _STRONG
+        limit = self.criterion(best) + STRONG_EVIDENCE
         # variables come in the order of how plain they are
         return next(s for s in sets if len(s) == len(best) and self.criterion(s) <= limit)
 
@@ -431,4 +428,4 @@ class _Squares:
         # that it takes more columns is why it was not chosen, not that it explains less
         trials = {own: self._misfit({*chosen, name} - {own}) for own in chosen}
         nearest = min(trials, key=lambda own: trials[own])
-        return nearest if trials[nearest] < self._misfit(chosen) + _ALIKE else None
+        return nearest if trials[nearest] < self._misfit(chosen) + EQUAL_DESCRIPTION else None

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.channels import FURTHER, LISTED, TORQUES
+from gyrowheel_analysis.criteria import NOISE_REACHED
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.preparation import Prepared
 
@@ -50,6 +52,30 @@ class ErrorRow:
     rms: dict[str, float]
     chi2_per_n: float
     channels: dict[str, ChannelError] = field(default_factory=dict)
+
+    def __contains__(self, channel: str) -> bool:
+        """Whether the row has an error of a channel."""
+        return channel in self.rms or channel in self.channels
+
+    def rms_of(self, channel: str) -> float:
+        """Return the root mean square of a channel's residual [unit of the channel]."""
+        return self.rms[channel] if channel in self.rms else self.channels[channel].rms
+
+    def is_noise(self, channel: str, floor: ErrorRow) -> bool:
+        """Whether a channel's error is down at its noise floor, within `criteria.NOISE_REACHED`.
+
+        The whitened residual decides where it is known: readings that drift together may lie off by chance.
+        """
+        own = self.channels.get(channel)
+        if own is not None:
+            return math.sqrt(own.chi2_per_n) <= NOISE_REACHED
+        return self.rms_of(channel) / (floor.rms_of(channel) or 1.0) <= NOISE_REACHED
+
+    @classmethod
+    def from_json(cls, row: Mapping[str, Any]) -> ErrorRow:
+        """Return the row of a JSON object, as `to_json` makes it."""
+        channels = {name: ChannelError(e["rms"], e["chi2_per_n"]) for name, e in row["channels"].items()}
+        return cls(dict(row["rms"]), row["chi2_per_n"], channels)
 
     def to_json(self) -> dict[str, Any]:
         """Return the row as a JSON object."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gyrowheel_analysis.criteria import LAW_EXCESS, LAW_EXCESS_OF_AVERAGE, LAW_OF_TIME, LAW_PLAINER, LAW_SHARE
 from gyrowheel_analysis.reduction.groups import speed_groups
 from gyrowheel_analysis.residuals.fits import (
     BySpeed,
@@ -19,14 +20,6 @@ from gyrowheel_analysis.residuals.fits import (
 )
 from gyrowheel_analysis.residuals.windows import Part, WindowResiduals
 
-#: A part is described if its misfit is this many deviations beyond that of noise, that of the averages, which may drift
-#: together, this many times that of noise; and if it has this share of the whole.
-_BEYOND = 6.0
-_DRIFTING = 4.0
-_SHARE = 0.03
-#: By this part of the sum of squares time, which stands in for all that changes, must describe it better than that.
-_STANDS_IN = 0.03
-_PLAINER = 0.01  # of the sum of squares that a plainer description may leave
 _MOST_LAWS = 3
 
 
@@ -97,14 +90,14 @@ def _failing(data: WindowResiduals) -> list[str]:
     """Return the names of the parts that are clearly more than noise, the worst first."""
     excess = {name: float(part.squares.sum()) - part.rows for name, part in data.parts.items()}
     whole = sum(max(value, 0.0) for value in excess.values())
-    names = [name for name, part in data.parts.items() if excess[name] > max(_least(part), _SHARE * whole)]
+    names = [name for name, part in data.parts.items() if excess[name] > max(_least(part), LAW_SHARE * whole)]
     return sorted(names, key=lambda n: -excess[n])
 
 
 def _least(part: Part) -> float:
     if part.kind.group == "average":
-        return (_DRIFTING - 1.0) * part.rows
-    return _BEYOND * math.sqrt(2.0 * part.rows)
+        return (LAW_EXCESS_OF_AVERAGE - 1.0) * part.rows
+    return LAW_EXCESS * math.sqrt(2.0 * part.rows)
 
 
 def _law(name: str, data: WindowResiduals) -> Growth | None:
@@ -118,13 +111,13 @@ def _law(name: str, data: WindowResiduals) -> Growth | None:
         return None
     # of patterns that describe it as well as any other the plainest one, which comes first
     most = max(d.explained for d in tried)
-    best = next(d for d in tried if d.explained > most - _PLAINER * total)
+    best = next(d for d in tried if d.explained > most - LAW_PLAINER * total)
     alone = max(
         (change for p in kind.patterns for change in linear(p, part, w)),
-        key=lambda c: c.gain - (_STANDS_IN * total if c.variable == "time" else 0.0),
+        key=lambda c: c.gain - (LAW_OF_TIME * total if c.variable == "time" else 0.0),
         default=None,
     )
-    if alone is not None and alone.gain > max(most + _PLAINER * total, half):
+    if alone is not None and alone.gain > max(most + LAW_PLAINER * total, half):
         # two numbers say more than an amplitude for every speed
         return Growth(name, alone.pattern, None, change=alone)
     other = along_variable(best, part, w, speeds)

@@ -152,7 +152,8 @@ def _named_effects(findings: Sequence[EffectFinding]) -> list[str]:
 
 def _too_little(found: Diagnosis) -> str:
     """Return why recordings are not enough."""
-    from gyrowheel_analysis.fitting.preparation import FEWEST_WINDOWS, too_few_windows
+    from gyrowheel_analysis.criteria import FEWEST_WINDOWS
+    from gyrowheel_analysis.fitting.preparation import too_few_windows
 
     if found.windows < FEWEST_WINDOWS:
         return too_few_windows(found.windows, found.coverage)

@@ -1,0 +1,249 @@
+"""Every statistical threshold of the analysis: its value, unit, reason, and what breaks when it moves.
+
+A gain is a decrease of chi-squared, or of minus twice the log likelihood [1]. Numerical constants (grids, steps, limits
+of iterations) stand in the module that uses them.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+# --- effects: selection, ties, plausibility ---
+
+#: Gain for the first amplitude of a term, and for each further one. About forty candidates are tried, on rows whose
+#: noise is known to a few percent: lower finds effects in complete models, higher raises all detection limits (root).
+ACCEPTED_GAIN: Final = 30.0
+ACCEPTED_GAIN_FURTHER: Final = 12.0
+#: Loss up to which an alternative counts as a tie: chance exceeds it in one of 1000 cases (chi-squared, two degrees of
+#: freedom). Lower hides true alternatives, higher makes clear findings ambiguous.
+TIE_LOSS: Final = 14.0
+#: Stated uncertainties beyond which a bench parameter is a finding, and from which on it is named as a tie (stated
+#: uncertainties are at times too small). Lower blames the bench for missing effects, higher misses wrong benches.
+ERROR_LIMIT: Final = 5.0
+ERROR_TIE_LIMIT: Final = 3.0
+#: Increase of chi-squared in cross-validation that chance explains (two standard deviations of one degree of freedom).
+#: Lower removes true effects, higher keeps terms that only describe noise.
+CROSS_VALIDATION_LOSS: Final = 4.0
+#: Groups of each kind from which on one can be left out; from fewer the rest does not determine the coefficients.
+CROSS_VALIDATION_PARTS: Final = {"speed": 3, "azimuth": 3, "recording": 2}
+#: Part of the gain of a finding; a rival that is worse by more explains nothing and is not listed.
+RIVAL_LOSS: Final = 0.95
+#: Standard errors by which an estimate may lie outside of a range by chance (95 %).
+MARGIN: Final = 2.0
+#: Times the largest usual size, relative errors of a parameter, and stated uncertainties of one that is estimated in
+#: the fit, beyond which a value alone is no explanation. Lower calls strong effects unknown, higher lets one effect
+#: stand for another one that is missing in the library.
+FAR_FROM_USUAL: Final = 5.0
+FAR_RELATIVE_ERROR: Final = (-0.5, 1.0)
+FAR_FROM_STATED: Final = 5.0
+
+# --- free forms ---
+
+#: Gain that a free form needs beside or in place of the effects; about seventy forms are tried.
+#: Lower reports unknown physics in noise, higher names the nearest known effect instead.
+FORM_GAIN: Final = 30.0
+#: The same for a single form that replaces several effects, which has fewer coefficients.
+FORM_GAIN_FOR_SEVERAL: Final = 12.0
+#: Loss that is accepted for a form that replaces effects that cancel each other: these are no explanation.
+FORM_LOSS: Final = 12.0
+#: Gain that an effect must bring to be kept beside a form.
+BESIDE_FORM_GAIN: Final = 6.0
+#: Standard error up to which an exponent is distinguished from the next whole one; standard errors, and distance at any
+#: rate, within which it is whole. Wider shows simple laws that are wrong, narrower hides them.
+EXPONENT_KNOWN: Final = 0.25
+EXPONENT_WITHIN: Final = 2.0
+EXPONENT_CLOSE: Final = 0.05
+
+# --- events and shapes of drifts ---
+
+#: Gain of an event beyond what chance brings somewhere among all times. Lower invents events in quiet recordings,
+#: higher lets real ones pass for effects.
+EVENT_GAIN: Final = 12.0
+#: Gain by which a quantity, kind or time must be better than a simpler one.
+EVENT_SIMPLER: Final = 6.0
+#: Gain within which another quantity explains an event as well; the same odds as `TIE_LOSS`.
+EVENT_TIE: Final = 14.0
+#: Gain by which the time of an edge may be less likely than the best one; about 3.5 standard errors.
+EVENT_LIKELY: Final = 12.0
+#: Gain that a kind must bring beyond its number of places: of two that serve equally the simplest is taken.
+EVENT_PRICE: Final = {"step": 0.0, "burst": 3.0, "trend": 3.0, "swing": 3.0}
+#: Distance [s] within which two searches found the same event, and within which another change may be the same event.
+EVENT_SAME: Final = 1.0
+EVENT_NEAR: Final = 5.0
+#: Standard errors, and at most seconds, around the time by windows within which the samples are searched.
+EVENT_SEARCH: Final = 3.0
+EVENT_SEARCH_MOST: Final = 5.0
+#: Gain in chi-squared from which on the samples show the instant of an event (4 standard deviations).
+ONSET_GAIN: Final = 16.0
+#: Windows at least before and after a burst; with fewer it is a step.
+BURST_BESIDE: Final = 3
+#: Shortest trend [s] in the scan (anything shorter looks like a step), and once its ends are refined.
+TREND_SHORTEST: Final = 8.0
+TREND_SHORTEST_REFINED: Final = 2.0
+#: Shortest period [s] and smallest number of periods of a swing: tilt and speed of a plan change faster than the one,
+#: and fewer than the other look like a drift.
+SWING_FASTEST: Final = 20.0
+SWINGS_FEWEST: Final = 1.5
+#: Change of a temperature [K] below which nothing can be seen to follow it.
+DRIFT_WARMING: Final = 0.3
+#: Scale of a drift from which on it counts as enlarged, so that smaller ones are tried beside an event.
+DRIFT_ENLARGED: Final = 1.05
+#: Standard errors by which the scatter of neighbouring windows must exceed the known noise, and the windows that this
+#: takes. Lower raises the noise by chance and hides events, higher takes scatter for events.
+SCATTER_EXCESS: Final = 2.0
+SCATTER_WINDOWS: Final = 8
+
+# --- proof on what was not fitted ---
+
+#: Standard deviations of chi-squared that chance explains (one case in 700). Lower fails complete models, higher proves
+#: incomplete ones.
+CHI2_RANGE: Final = 3.0
+#: Standard error of the variance of the noise [1], all rows alike: the reduction measures deviations to 1.5 %.
+NOISE_ERROR: Final = 0.03
+#: Gain on what was not seen that shows that a finding predicts something (3 standard deviations).
+PREDICTING_GAIN: Final = 9.0
+#: Variance of a prediction, in noise variances, from which on agreement proves little.
+VAGUE_PREDICTION: Final = 0.5
+#: Share of a misfit that a cause must account for to be named. Lower names chance, higher names nothing.
+CAUSE_SHARE: Final = 0.8
+#: Parts, and rows in each, from which on one can be left out and predicted.
+PROOF_PARTS: Final = {"recording": 2, "speed": 3, "azimuth": 3, "time": 4}
+PROOF_ROWS: Final = 12
+
+# --- the next test ---
+
+#: Expected separation that settles a tie (5 standard deviations), and that is worth proposing (3 standard deviations).
+SETTLING_SEPARATION: Final = 25.0
+USEFUL_SEPARATION: Final = 9.0
+#: Factor by which a variation of a plan must separate more than the best plan without variation.
+VARIATION_BETTER: Final = 1.5
+#: Relative standard error of an effect from which on no further test is needed.
+PRECISE: Final = 0.1
+#: Part by which a test must reduce an error to be worth its time.
+WORTHWHILE: Final = 0.3
+
+# --- error table, comparison, calibration, doubts of an addition ---
+
+#: Noise floors up to which an error counts as noise, and mean square of the whitened residual of a channel from which
+#: on a comparison says that the model fails. Lower calls noise an error (a few windows scatter by 20 %).
+NOISE_REACHED: Final = 1.3
+FAILING_CHI2: Final = 1.3
+#: Standard errors from zero below which an added effect is doubtful, and by which a coefficient of the model rarely
+#: moves by chance.
+DOUBTFUL: Final = 3.0
+MOVED: Final = 4.0
+#: Share of a prior uncertainty that is left after the fit, from which on the recordings do not determine a coefficient.
+UNCONSTRAINED: Final = 0.9
+#: Relative standard error of a calibrated constant from which on it is not determined.
+CALIBRATION_ERROR: Final = 0.02
+#: Mean square of the whitened residual of the tilt from which on the model lacks something that biases a calibration.
+CALIBRATION_CHI2: Final = 2.0
+
+# --- dependence of a residual on variables, and its law ---
+
+#: Probability by chance (after Bonferroni) below which a dependence, or order in time, is stated.
+SIGNIFICANT: Final = 0.01
+#: Factor by which noise may be larger than stated before a residual is called more than noise.
+NOISE_TRUST: Final = 1.3
+#: Share of the sum of squares from which on a variable is named; or share of what is neither constant nor in proportion
+#: to the tilt. Lower names what nobody would see in the map.
+DEPENDENCE_SHARE: Final = 0.05
+DEPENDENCE_SHARE_LEFT: Final = 0.5
+#: Share of the sum of squares from which on a residual is mostly constant or in proportion to the tilt.
+MOSTLY_PLAIN: Final = 0.5
+#: Difference of Schwarz's criterion within which descriptions are equally good, by which time (which stands for
+#: anything that changes) must be better; and one that speaks strongly against the worse (Kass and Raftery, 1995).
+EQUAL_DESCRIPTION: Final = 14.0
+STRONG_EVIDENCE: Final = 6.0
+#: Windows or rows from which on dependence and order are tested.
+DEPENDENCE_WINDOWS: Final = 8
+#: Excess of chi-squared from which on a law is sought: in standard deviations of noise; for averages, which drift
+#: together, in noise variances; and its share of the excess of all parts.
+LAW_EXCESS: Final = 6.0
+LAW_EXCESS_OF_AVERAGE: Final = 4.0
+LAW_SHARE: Final = 0.03
+#: Part of the sum of squares by which time, which stands in for all that changes, must describe it better.
+LAW_OF_TIME: Final = 0.03
+#: Part of the sum of squares that a plainer description may leave.
+LAW_PLAINER: Final = 0.01
+
+# --- noise of the rows ---
+
+#: Accuracy of the balance, measured against the full simulation on every shipped plan: part of the torque of the row,
+#: and constant part on the default bench [N m], which scales with the torques of a bench. Smaller turns errors of the
+#: method into effects, larger raises detection limits.
+MODEL_RELATIVE: Final = 5.0e-4
+MODEL_ABSOLUTE: Final = 4.0e-6
+#: Accuracy of the ripple of the speed while the tilt moves [N m].
+MODEL_RIPPLE: Final = 1.0e-4
+#: Accuracy of the ripple of the angle: part of it, and constant part [rad].
+MODEL_ANGLE: Final = 5.0e-3
+ANGLE_FLOOR: Final = 1.0e-6
+#: Floor of the variance of the amplitude of a voltage [V²].
+VOLTAGE_FLOOR: Final = 1.0e-14
+#: Difference between the response of a filter and that of a delay and a pole that are as late, at a phase of one
+#: radian; it goes with the cube of the phase. A Butterworth filter of two poles differs from a delay by 0.17.
+FILTER_SHAPE: Final = 0.1
+#: Range of the scale of a drift: one smaller than stated is not accepted, as few windows may show little by chance.
+DRIFT_SCALE_BOUNDS: Final = (1.0, 8.0)
+#: Prior standard deviation of the logarithm of a drift's scale.
+DRIFT_SCALE_SPREAD: Final = 0.7
+#: Change of the logarithm of a standard deviation from which on the noise is estimated again.
+NOISE_CHANGED: Final = 0.25
+#: Standard uncertainties within which a parameter counts as stated (`Problem.fit_within`).
+STATED_RANGE: Final = 3.0
+#: Steady windows below which nothing is fitted.
+FEWEST_WINDOWS: Final = 6
+#: Factor by which two recordings must differ in a distinguishing parameter to be of different machines.
+OTHER_MACHINE: Final = 2.0
+
+# --- readings and windows ---
+
+#: Robust standard deviations beyond which a sample is a spike, and the share of samples beyond which they are none.
+SPIKE: Final = 8.0
+MOST_SPIKES: Final = 0.02
+#: Estimated over stated noise of a reading, to which estimates are limited.
+NOISE_RANGE: Final = (0.5, 50.0)
+#: Mean square of further terms of the polynomials of tilt and angle, over noise, beyond which a motion has not settled.
+UNSETTLED_TILT: Final = 10.0
+UNSETTLED_ANGLE: Final = 20.0
+#: The same, beyond which further terms are used: without them the change from end to end would be off by several times
+#: its noise. And beyond which as many terms again show that they do not suffice.
+FURTHER_TERMS: Final = 2.5
+TOO_FEW_TERMS: Final = 4.0
+#: Square of the mean residual at an end of a window, over noise, beyond which a motion began or ended there.
+EDGE_OF_MOTION: Final = 9.0
+#: Residual motor current over noise beyond which averages do not describe it (say, a failing supply).
+RESTLESS_CURRENT: Final = 30.0
+#: Ratio to its noise at which a harmonic or a spin acceleration counts.
+CLEAR_HARMONIC: Final = 10.0
+#: Speed change [rad/s²] and distance from the last speed [1] from which on a window of a cone is left out.
+CONE_DRIFT: Final = 2.0
+CONE_OFF_SPEED: Final = 0.01
+#: Share of the steady motion that must be used for the coverage to be complete.
+NEARLY_ALL: Final = 0.9
+#: Probability that noise is taken for a line of hum, in all frequencies of all channels of a recording.
+HUM_CHANCE: Final = 1.0e-7
+#: Factor by which the level at a line may exceed the level around it.
+HUM_LEVEL: Final = 1.15
+#: Standard errors from which on a hum counts, and by which a reading must differ from what is stated; of jitter that
+#: only the noise of the angle shows. Millions of samples make small errors of the method significant before that.
+CLEAR_HUM: Final = 5.0
+CLEAR_READING: Final = 5.0
+CLEAR_HIDDEN_JITTER: Final = 8.0
+#: Parts of the noise of a reading from which on a hum, a step, a jitter and a hidden jitter count.
+HUM_PART: Final = 0.02
+STEP_PART: Final = 0.1
+JITTER_PART: Final = 0.05
+HIDDEN_PART: Final = 0.2
+#: Relative error of the rate of the clock, and of the frequency of the mains (which wanders), that counts.
+CLOCK_RATE: Final = 1.0e-6
+MAINS_FREQUENCY: Final = 5.0e-3
+#: Part to which two steps are the same.
+SAME_STEP: Final = 1.0e-3
+#: Part of a difference of rates to which the reading of the speed must agree to take a side.
+RATE_AGREES: Final = 0.2
+#: Relative difference of two rates of sampling from which on they are different; part of the changes of a voltage that
+#: the recorded tilts explain where every sample is the loop's.
+OTHER_RATE: Final = 0.05
+ANSWERED: Final = 0.9
