@@ -42,7 +42,6 @@ _SHORT = {
     "tilt_1n": "1N", "tilt_2n": "2N", "angle_1n": "a1N", "angle_2n": "a2N",
     "spin_ripple": "rip", "motor_voltage": "volt", "voltage_ripple": "vrip",
 }  # fmt: skip
-_SUSPICIOUS = 1.3  # mean square of the residuals in units of their noise
 _LEGEND = (
     "FIT: part of the signal explained. Theil: 0 perfect, 1 useless; its parts: a constant offset (bias), "
     "a wrong amplitude (var), a wrong shape (cov). Raw: RMS of the model file as it stands, nothing fitted."
@@ -222,7 +221,7 @@ def span_text(variable: str, span: Span) -> str:
 
 def fails(result: Comparison) -> bool:
     """Whether the error of a channel is visibly more than noise."""
-    return max(metrics.chi2_per_n for metrics in result.channels.values()) > _SUSPICIOUS
+    return result.fails
 
 
 def failures(
