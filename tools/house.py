@@ -90,7 +90,7 @@ HOUSE = (
         "gyrowheel_bringup",
         "the graph of nodes",
         (
-            ("graph", "viewers", "websocket_proxy"),
+            ("graph", "preload", "viewers", "websocket_proxy"),
             ("foxglove_process", "replay_session", "foxglove_node"),
         ),
     ),

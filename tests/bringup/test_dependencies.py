@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import ast
 import re
+import subprocess
 import sys
 import tomllib
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pytest
+
+from gyrowheel_bringup.graph.nodes import EXECUTABLES, MODULES, SHARED_MODULE, find_executable
 
 ROOT = Path(__file__).resolve().parents[2]
 SRC = ROOT / "src"
@@ -137,3 +140,10 @@ def test_versions_and_changelogs_agree(package: str) -> None:
     log = (folder / "CHANGELOG.rst").read_text()
     assert f"Changelog for package {package}" in log
     assert re.search(rf"^(Forthcoming|{re.escape(str(version))} .*)\n-+\n\* ", log, re.MULTILINE)
+
+
+def test_the_launcher_runs_the_modules_of_the_executables_and_imports_no_ros() -> None:
+    for name, module in MODULES.items():
+        assert f"gyrowheel_core.start_node {module} " in find_executable(*EXECUTABLES[name]).read_text()
+    look = f"import sys, {SHARED_MODULE}; sys.exit('rclpy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-P", "-c", look], check=False).returncode == 0

@@ -11,7 +11,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from gyrowheel_bringup.graph.launch import parameter_options
-from gyrowheel_bringup.graph.parameter_file import write_parameters
+from gyrowheel_bringup.graph.nodes import write_parameters
 
 pytestmark = pytest.mark.graph
 

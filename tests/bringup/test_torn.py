@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from gyrowheel_bringup.graph.children import Child
+from gyrowheel_bringup.graph.processes import Child
 from gyrowheel_core.node import TORN
 
 from ..domains import next_domain
@@ -56,7 +56,7 @@ def test_a_crash_counts_before_the_work_is_done_and_not_after(when: str, tmp_pat
     process.send_signal(signal.SIGINT)
     said = process.stdout.read()
     code = process.wait(240.0)
-    child = Child("fragile", process, tmp_path / "log", expected=True)
+    child = Child("fragile", process.pid, tmp_path / "log", returncode=code, expected=True)
     assert said == b"work done\n" + (b"0 left\n" if when == "well" else b"")
     if when == "well":
         assert code == 0

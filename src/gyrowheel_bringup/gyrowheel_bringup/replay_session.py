@@ -20,7 +20,7 @@ from typing import Any, Final
 
 from gyrowheel_analysis.drag.estimate import Estimate
 from gyrowheel_bringup.graph import EXECUTABLES, find_executable
-from gyrowheel_bringup.graph.parameter_file import write_parameters
+from gyrowheel_bringup.graph.nodes import write_parameters
 from gyrowheel_bringup.graph.shared_memory import remove_dead
 from gyrowheel_core import namespaces, topics
 from gyrowheel_core.errors import InputError

@@ -19,6 +19,7 @@ from typing import Any
 import numba
 import numpy as np
 from numba.core import caching
+from numba.core.registry import cpu_target
 from numba.core.serialize import dumps
 
 from gyrowheel_core import cache
@@ -45,6 +46,11 @@ def njit(function: FunctionType | None = None, *, cache: bool = False, **options
     if cache:
         compiled._cache = _Kept(function)
     return compiled
+
+
+def load_tables() -> None:
+    """Load the tables of numba, which otherwise come with the first compiled function that is called."""
+    cpu_target.target_context.refresh()
 
 
 class _Kept(caching.FunctionCache):

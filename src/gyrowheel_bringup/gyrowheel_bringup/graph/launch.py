@@ -7,7 +7,7 @@ import shutil
 from collections.abc import Collection, Mapping
 from typing import Any
 
-from gyrowheel_bringup.graph.parameter_file import text_rule
+from gyrowheel_bringup.graph.nodes import text_rule
 from gyrowheel_core import namespaces
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import PARENT_VARIABLE

@@ -281,7 +281,7 @@ class Link:
                 continue
             values = {pair.key: pair.value for pair in status.values}
             child = self._processes.children.get(name)
-            if child is None or values.get("pid") != str(child.process.pid):
+            if child is None or values.get("pid") != str(child.pid):
                 if self.starting:  # later ones are refused by their own graph
                     self.strangers[name] = values.get("pid", "unknown")
                 continue

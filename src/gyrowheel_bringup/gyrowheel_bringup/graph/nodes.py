@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import NoReturn
+
+import yaml
 
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError
@@ -21,6 +24,16 @@ EXECUTABLES: Mapping[str, tuple[str, str]] = {
     "recorder": ("gyrowheel_recording", "recorder_node"),
     "drag_estimator": ("gyrowheel_analysis", "drag_estimator_node"),
 }
+#: Module of each node, which its executable runs.
+MODULES: Mapping[str, str] = {
+    "plant": "gyrowheel_sim.plant.node",
+    "controller": "gyrowheel_control.nodes.controller",
+    "conductor": "gyrowheel_control.nodes.conductor",
+    "recorder": "gyrowheel_recording.nodes.recorder",
+    "drag_estimator": "gyrowheel_analysis.nodes.drag_estimator",
+}
+#: What they share, imported by their launcher.
+SHARED_MODULE = "gyrowheel_bringup.preload"
 
 #: Priority of the nodes of the loop in real time, where the system allows it.
 REALTIME_PRIORITY = 10
@@ -99,6 +112,36 @@ def node_parameters(
             "priority": of_listeners,
         },
     }
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes every text in quotes: ROS takes 3e32 without them for a number, while to this library it is a text."""
+
+
+_Dumper.add_representer(
+    str, lambda dumper, text: dumper.represent_scalar("tag:yaml.org,2002:str", text, style='"')
+)
+
+
+def write_parameters(file: Path, parameters: Mapping[str, object], node: str = "/**") -> None:
+    """Write parameters into a file for ``--params-file``.
+
+    Parameters
+    ----------
+    file : Path
+        The file.
+    parameters : mapping
+        Values by name; each has the type in the node that it has here.
+    node : str
+        Full name of the node that they are for.
+    """
+    content = {node: {"ros__parameters": dict(parameters)}}
+    file.write_text(yaml.dump(content, Dumper=_Dumper), encoding="utf-8")
+
+
+def text_rule(name: str, text: str) -> str:
+    """Return what stands behind ``-p`` for a parameter that is a text, whatever it looks like."""
+    return f"{name}:={json.dumps(text, ensure_ascii=False)}"
 
 
 def find_executable(package: str, executable: str) -> Path:

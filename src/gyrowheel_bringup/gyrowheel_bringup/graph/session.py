@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import contextlib
 import shutil
+import signal
 import tempfile
+import threading
 import time
 import zlib
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from gyrowheel_analysis.model import Model
-from gyrowheel_bringup.graph.children import uninterrupted
 from gyrowheel_bringup.graph.completeness import counted
-from gyrowheel_bringup.graph.cores import share_core
 from gyrowheel_bringup.graph.link import Link
 from gyrowheel_bringup.graph.nodes import EXECUTABLES, node_parameters
-from gyrowheel_bringup.graph.processes import Processes
+from gyrowheel_bringup.graph.processes import Processes, share_core
 from gyrowheel_bringup.graph.results import GraphError, GraphResult, Progress
 from gyrowheel_bringup.graph.shared_memory import remove_dead, remove_left
 from gyrowheel_control.loops.limits import plan_tilt_limit, tilt_limit
@@ -177,7 +177,7 @@ class Graph:
         if processes is None or link is None or not processes.children:
             self._cleanup.close()
             return
-        with uninterrupted():
+        with _uninterrupted():
             left: set[str] = set()
             try:
                 if not link.strangers:  # which would answer too
@@ -279,8 +279,7 @@ class Graph:
         )
         self._cleanup.callback(link.close)
         parameters = self._node_parameters(work)
-        for name in self._names:
-            self._pids[name] = processes.start(name, parameters[name], self._remap.get(name, {}))
+        self._pids = processes.start({name: parameters[name] for name in self._names}, self._remap)
         self._wait_until_active(link)
 
     def _started(self) -> Link:
@@ -379,3 +378,17 @@ class Graph:
             return {}
         values = link.values.get("plant", {})
         return {name: float(values[name]) for name in _PACE if name in values}
+
+
+@contextlib.contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Block every signal except SIGKILL; only the main thread gets signals."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {n: signal.signal(n, signal.SIG_IGN) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -45,7 +45,7 @@ What this gives each node:
 * ``--help`` with the table of the parameters.
 """
 
-from gyrowheel_core.node.base import PARENT_VARIABLE, SURPLUS, WAITS_FOR, WARN, BenchNode, Diagnosis, Fault
+from gyrowheel_core.node.base import SURPLUS, WAITS_FOR, WARN, BenchNode, Diagnosis, Fault
 from gyrowheel_core.node.inbox import Inbox
 from gyrowheel_core.node.newcomers import Newcomers
 from gyrowheel_core.node.parameters import AUTOSTART, Param
@@ -61,6 +61,7 @@ from gyrowheel_core.node.process import (
     spin,
 )
 from gyrowheel_core.node.requests import RepeatedRequest
+from gyrowheel_core.start_node import PARENT_VARIABLE
 
 __all__ = [
     "AUTOSTART",

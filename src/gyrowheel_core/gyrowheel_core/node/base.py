@@ -26,9 +26,7 @@ from gyrowheel_core.node.inbox import Inbox
 from gyrowheel_core.node.parameters import AUTOSTART, Param
 from gyrowheel_core.node.priority import PRIORITY, prioritise
 from gyrowheel_core.node.publishers import PublisherWatch
-
-#: Environment variable with the process id of the process that a node ends with (see `BenchNode`).
-PARENT_VARIABLE = "GYROWHEEL_PARENT"
+from gyrowheel_core.start_node import PARENT_VARIABLE
 
 #: Value of a diagnosis that names topics with more than one publisher, and their publishers.
 SURPLUS = "surplus_publishers"
