@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import inspect
 import sys
+from importlib import import_module
 
-import gyrowheel_sim.plant.machine
-import gyrowheel_sim.plant.real_time  # noqa: F401
 from gyrowheel_sim.jit import load_tables
 
+for _module in (
+    "gyrowheel_sim.plant.machine",
+    "gyrowheel_sim.plant.real_time",
+    "gyrowheel_control.loops.controller",
+    "gyrowheel_control.plans.fitting",
+    "gyrowheel_recording.bags",
+    "gyrowheel_analysis.drag.prediction",
+    "gyrowheel_analysis.drag.stream",
+):
+    import_module(_module)
 load_tables()
-inspect.getframeinfo(
-    sys._getframe()
-)  # the first line of rclpy's logger looks for its caller among all modules
+# the first line of rclpy's logger looks for its caller among all modules
+inspect.getframeinfo(sys._getframe())
