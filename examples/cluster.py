@@ -1,9 +1,9 @@
 # %% [markdown]
 # # A campaign on a cluster
 #
-# A campaign draws machines at random, hides something in each, and judges the answers. Seed and number determine a
-# case, so a cluster changes nothing but the time. Here the cluster is this computer; elsewhere give the address of
-# your scheduler. It needs `pip install 'gyrowheel[dask]'`.
+# A campaign draws machines at random, hides an effect in each, and compares the verdicts with the truth. Seed and
+# number determine a case, so a cluster changes only the computing time. Here the cluster is this computer; otherwise
+# give the address of your scheduler. It needs `pip install 'gyrowheel[dask]'`.
 
 # %%
 from dask.distributed import LocalCluster
@@ -16,4 +16,4 @@ if __name__ == "__main__":  # the workers are processes that may import this fil
     print(result)
 
 # %% [markdown]
-# Two cases show how it goes. How often a diagnosis is right needs hundreds: [campaigns](../campaign.md).
+# Two cases are an example. An estimate of how often a diagnosis is right needs hundreds: [campaigns](../campaign.md).

@@ -1,8 +1,8 @@
 # %% [markdown]
 # # Your own data
 #
-# A logger knows nothing of this project: its columns have other names and other units, it samples at another rate.
-# Here it writes CSV at 1 kHz, and calls degrees radians.
+# A logger of another program uses other column names, other units and another sample rate. This one writes CSV at
+# 1 kHz, and labels degrees as radians.
 
 # %%
 import numpy as np
@@ -25,8 +25,8 @@ table = np.column_stack(list(columns.values()))
 np.savetxt("bench3.csv", table, fmt="%.9g", delimiter=",", header=",".join(columns), comments="")
 
 # %% [markdown]
-# What is in it? Names, units and ranges are looked at, then the laws of the wheel are asked. A map is never taken in
-# silence:
+# Suggest a column map: by names, units and ranges, and by tests against the physics of the wheel. A map with open
+# questions is never used silently:
 
 # %%
 found = gw.suggest_map("bench3.csv")
@@ -42,7 +42,7 @@ recording = gw.read_table("bench3.csv", given)
 recording.plot()
 
 # %% [markdown]
-# From here on it is a recording like any other.
+# It is now a recording like any other.
 
 # %%
 print(gw.diagnose(recording, gw.Model("gyrowheel")))

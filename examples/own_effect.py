@@ -1,18 +1,18 @@
 # %% [markdown]
-# # An effect of your own
+# # Your own effect
 #
-# Write it as a formula, put it into a simulated machine, and fit it. What a formula may contain:
-# [effects of your own](../formulas.md).
+# Write it as a formula, put it into a simulated machine, and fit it. Grammar of formulas:
+# [your effects](../formulas.md).
 
 # %%
 import gyrowheel as gw
 
-# a drag that grows with the square of the spin rate; r is the rate over the reference rate of the bench
+# a drag that grows with the square of the spin rate; r is the spin rate divided by the reference rate of the bench
 brake = gw.own_effect("axial_torque = -k*r^2; k = 0.001 [N*m]", name="brake")
 recording = gw.simulate("check", effects=[brake])
 
 # %% [markdown]
-# Without the effect the model fails in the torque about the spin axis, with it nowhere:
+# Without the effect the model fails in the torque about the spin axis; with it, no channel fails:
 
 # %%
 model = gw.Model().add(brake, fit=recording)
@@ -20,7 +20,7 @@ for title, own in (("without", gw.Model()), ("with", model)):
     print(f"{title:8} worst channel: χ²/N {gw.compare(recording, own).worst:.1f}")
 
 # %% [markdown]
-# The coefficient, beside the 0.001 N·m that the machine has:
+# The estimate; the true value is 0.001 N·m:
 
 # %%
 value, error = model.effects["brake"]["k"], model.effect_errors["brake"]["k"]

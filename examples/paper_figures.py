@@ -2,11 +2,11 @@
 # # Figures of the published test
 #
 # The paper (Huo et al. 2016) held tilts at 3500 rpm and compared the DC voltages of coils and motor with the torques
-# of the air. Here the same plan is run on a bench with the torques of the air that were computed for its rotor.
-# Statement by statement: [the published test](../paper.md), or `gw.paper()`.
+# of the air. Here the same plan runs on a bench with the computed torques of the air. Statement by statement:
+# [the published test](../paper.md), or `gw.paper()`.
 
 # %% [markdown]
-# The angular momenta that the wheel can take (its Figs 3 and 4):
+# The reachable angular momenta of the wheel (Figs 3 and 4):
 
 # %%
 import numpy as np
@@ -16,7 +16,7 @@ import gyrowheel as gw
 gw.momentum().plot()
 
 # %% [markdown]
-# Voltages over the tilt, and their increments beside the model with and without air (its Figs 13 to 15):
+# Voltages over the tilt, and their increments compared with the model with and without air (Figs 13 to 15):
 
 # %%
 tilts = gw.simulate("paper_tilt", effects={"aero:surrogate": {}}, folder="paper_tilt")
@@ -24,7 +24,7 @@ air = gw.Model().add("aero:surrogate", fit=tilts)
 gw.drag(tilts, air).plot()
 
 # %% [markdown]
-# How much of a torque is air, part by part, at a tilt of 3° over the speed (its Figs 16 and 17):
+# Actuator torque budget at a tilt of 3° over the speed, with the part of the air (Figs 16 and 17):
 
 # %%
 speeds = [rpm * np.pi / 30 for rpm in (1000, 2000, 3000, 4000)]

@@ -1,7 +1,7 @@
 # %% [markdown]
 # # Raw columns
 #
-# A recording is columns of numpy in SI units. Read them, compute with them, draw them, and write them for other
+# A recording consists of numpy columns in SI units. Read them, compute with them, plot them, and export them to other
 # programs.
 
 # %%
@@ -9,7 +9,7 @@ import numpy as np
 
 import gyrowheel as gw
 
-gw.simulate("check", folder="check")  # or any recording of yours
+gw.simulate("check", folder="check")  # or your recording
 recording = gw.Recording.open("check")
 print(recording)
 

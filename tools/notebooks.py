@@ -1,7 +1,7 @@
-"""The gallery of notebooks: runs the scripts of examples/ cell by cell and writes a page of each with what it shows.
+"""The gallery of notebooks: runs the scripts of examples/ cell by cell and writes a page of each with its output.
 
 ``make notebooks`` calls this. The scripts are notebooks in the percent format of jupytext: Jupyter and editors open
-them as they are. The pages are in docs/notebooks, pictures beside them.
+them directly. Pages and pictures are in docs/notebooks.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ _INDEX: Final = """\
 
 <!-- Made by `make notebooks`; edit the scripts in examples. -->
 
-Each is a script in [examples](../../examples/loop.py) that runs as it stands, and a notebook: Jupyter with jupytext,
-and editors that know cells (`# %%`), open it as one. The tests run them; what a page shows is what its script showed
-when the page was made.
+Each is a script in [examples](../../examples/loop.py) and a notebook: Jupyter with jupytext, and editors that support
+cells (`# %%`), open it as one. The tests run them; a page shows the output of its script at the time when the page was
+made.
 
 """
 _WAIT: Final = 1800  # s: for what never ends, not a measure

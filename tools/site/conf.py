@@ -1,4 +1,4 @@
-"""Settings of the site that ``make site`` builds: the pages where they stand, and the API from its code."""
+"""Sphinx settings of the site that ``make site`` builds: the pages of docs, and the API from its docstrings."""
 
 import sys
 from pathlib import Path
@@ -11,20 +11,20 @@ author = "gyrowheel"
 language = "en"
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "pages"]
 
-# The sources are where a forge shows them, so that a link that works there works on the site.
+# The sources are at the paths that a forge shows, so that links work on the forge and on the site.
 root_doc = "docs/README"
 source_suffix = {".md": "markdown"}
 include_patterns = ["*.md", "docs/**"]
-# nothing else is looked into: it holds environments and recordings
+# other folders have environments and recordings
 exclude_patterns = [path.name for path in ROOT.iterdir() if path.is_dir() and path.name != "docs"]
 
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 4
-# the tables of the shell, which most blocks show, are no program
+# most blocks show printed tables, not programs
 highlight_language = "text"
 
 autodoc_member_order = "bysource"
-autodoc_typehints = "none"  # the types of the docstrings say more: shapes and units
+autodoc_typehints = "none"  # the docstrings have more: shapes and units
 napoleon_google_docstring = False
 napoleon_use_ivar = True
 napoleon_use_rtype = False
@@ -42,7 +42,7 @@ html_math_renderer = "mathml"
 html_copy_source = False
 html_show_copyright = False
 html_show_sphinx = False
-# a page that is opened from disk may not read others to show what is in them
+# a page that is opened from the disk may not read other pages for a summary
 html_show_search_summary = False
 html_theme_options = {"navigation_with_keys": True}
 pygments_style = "tango"

@@ -1,6 +1,6 @@
-"""What Sphinx does not do by itself: contents from the index pages, API by its place, formulas without a script.
+"""Sphinx extension: contents from the index pages, API at ``<!-- api: -->`` comments, formulas without a script.
 
-The pages stay plain Markdown: on a forge they show lists and formulas, and nothing of this.
+The pages stay plain Markdown that a forge shows with lists and formulas.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from sphinx.errors import ExtensionError
 from sphinx.util import logging
 
 _LOG = logging.getLogger(__name__)
-#: A page of a list or a table: its title and its place.
+#: Entry of a list or a table: title and path of a page.
 _PAGE = re.compile(r"^(?:- |\| )\[([^]]+)\]\(([^)#:]+)\.md\)", re.MULTILINE)
 _API = re.compile(r"^<!-- api: (.*?) -->$", re.MULTILINE)
-#: What a page would load from elsewhere.
+#: Element that would load a file from the network.
 _REMOTE = re.compile(
     r"<(?:script|link|img|iframe|source|video)\b[^>]*\b(?:src|href)=\"(?:https?:)?//[^\"]*\""
 )
@@ -36,7 +36,7 @@ _HOME = """\
 
 
 def contents(page: str, text: str) -> str:
-    """Return the contents that an index page stands for: a tree for each heading with a list or table of pages.
+    """Return the contents of an index page: a toctree for each heading with a list or table of pages.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def _block(translator: Any, node: nodes.Element) -> None:
 
 
 def _finished(app: Sphinx, problem: Exception | None) -> None:
-    """Put a first page where one looks for it, and refuse a site that would need the network."""
+    """Write ``index.html``, and refuse a site that would need the network."""
     if problem is not None or app.builder.format != "html":
         return
     folder = Path(app.outdir)
@@ -123,7 +123,7 @@ def _finished(app: Sphinx, problem: Exception | None) -> None:
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Say what this adds."""
+    """Register the extension."""
     app.connect("source-read", _read)
     app.connect("build-finished", _finished)
     app.add_html_math_renderer("mathml", (_inline, None), (_block, None))
