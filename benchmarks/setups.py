@@ -27,7 +27,7 @@ from gyrowheel_control.plans.plan import Plan
 from gyrowheel_recording.bags import Recording, write_run
 from gyrowheel_recording.mislabelled.find import of_one
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.blind.draw import draw
+from gyrowheel_sim.blind import draw
 from gyrowheel_sim.environment import to_json
 
 Samples = NDArray[Any]

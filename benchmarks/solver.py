@@ -24,7 +24,7 @@ from gyrowheel_control.loops.closed_loop import simulate
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_recording.bags import Recording, write_run
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.blind.draw import draw_machine
+from gyrowheel_sim.blind import draw_machine
 from gyrowheel_sim.environment import to_json
 from gyrowheel_sim.plant.scenario import Scenario
 

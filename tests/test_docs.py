@@ -17,7 +17,7 @@ from gyrowheel_analysis.model import Model
 from gyrowheel_sim.effects import Effect, registry
 from gyrowheel_sim.effects.declaration import Category
 from gyrowheel_sim.effects.dimensions import check_effect
-from gyrowheel_sim.effects.typed import typed_effect
+from gyrowheel_sim.effects.user_defined_line import typed_effect
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"

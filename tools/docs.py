@@ -33,18 +33,18 @@ from gyrowheel.show.layout import plain_text
 from gyrowheel.show.quantities import minus, quantity, span
 from gyrowheel_analysis.fitting.terms import ERRORS
 from gyrowheel_analysis.signature import Signature, signature
+from gyrowheel_control.plans.adaptation import skeleton
 from gyrowheel_control.plans.format import Block, PlanFile
-from gyrowheel_control.plans.skeleton import skeleton
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.schema import Section, keys
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import Coefficient, Effect, registry
+from gyrowheel_sim.effects.formula import factor_place, ordered_terms, signless_first
 from gyrowheel_sim.effects.grammar import FUNCTIONS, HANDY
-from gyrowheel_sim.effects.printing import factor_place, ordered_terms, signless_first
 from gyrowheel_sim.effects.quantities import QUANTITIES, REFERENCES, z
 from gyrowheel_sim.effects.targets import TARGETS
-from gyrowheel_sim.effects.typed import typed_effect
+from gyrowheel_sim.effects.user_defined_line import typed_effect
 from gyrowheel_sim.mechanics.momentum import envelope
 from tools import house, licences, reference
 

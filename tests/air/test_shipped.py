@@ -10,7 +10,7 @@ import pytest
 from gyrowheel_air import get_model
 from gyrowheel_air.cfd.mesh import MESHES
 from gyrowheel_air.check import check_table
-from gyrowheel_air.effects import air_effects
+from gyrowheel_air.surrogate import air_effects
 from gyrowheel_air.table import TorqueTable
 from gyrowheel_core.units import DEG, RPM
 

@@ -12,8 +12,8 @@ from gyrowheel_control.loops.closed_loop import simulate
 from gyrowheel_control.loops.controller import Gains
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_recording.bags import Recording, write_run
+from gyrowheel_sim import blind
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.blind import draw as blind
 from gyrowheel_sim.effects import EffectValues
 from gyrowheel_sim.environment import to_json
 from gyrowheel_sim.plant.scenario import Scenario

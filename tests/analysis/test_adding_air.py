@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gyrowheel_air.effects import air_effects
+from gyrowheel_air.surrogate import air_effects
 from gyrowheel_analysis.add import add_effect
 from gyrowheel_analysis.model import Model
 from gyrowheel_core.errors import InputError

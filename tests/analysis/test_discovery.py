@@ -21,7 +21,7 @@ from gyrowheel_analysis.model import Model
 from gyrowheel_control.loops.controller import Gains
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError
-from gyrowheel_sim.blind import draw as blind
+from gyrowheel_sim import blind
 from gyrowheel_sim.effects import EffectValues, physical, registry
 from gyrowheel_sim.plant.scenario import Scenario
 

@@ -14,7 +14,7 @@ from gyrowheel_analysis.diagnosis.diagnose import diagnose
 from gyrowheel_analysis.diagnosis.events import find
 from gyrowheel_analysis.fitting.preparation import one_thread, prepare
 from gyrowheel_analysis.model import Model
-from gyrowheel_sim.blind import draw as blind
+from gyrowheel_sim import blind
 from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law
 from gyrowheel_sim.effects.quantities import t as time_symbol
 from gyrowheel_sim.plant.scenario import Scenario

@@ -7,7 +7,7 @@ import pytest
 from gyrowheel.show.sentences.forms import simple_sentence
 from gyrowheel_analysis.diagnosis.result import Estimate, FreeForm
 from gyrowheel_analysis.diagnosis.unknown import forms, whole_exponents, with_exponents
-from gyrowheel_sim.effects.typed import effect_to_line, typed_effect
+from gyrowheel_sim.effects.user_defined_line import effect_to_line, typed_effect
 
 Found = dict[str, tuple[float, float]]
 

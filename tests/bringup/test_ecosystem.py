@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from gyrowheel_bringup.graph import EXECUTABLES, Graph, find_executable, node_parameters
 from gyrowheel_bringup.viewers import robot_description, rviz_config, share_file
-from gyrowheel_control.plans.fitting import plan_for
+from gyrowheel_control.plans.adaptation import plan_for
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import topics
 from gyrowheel_core.errors import InputError

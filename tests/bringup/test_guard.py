@@ -14,7 +14,8 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.plant import real_time
-from gyrowheel_sim.plant.guard import (
+from gyrowheel_sim.plant.machine import Plant
+from gyrowheel_sim.plant.protection import (
     HELD_SHARE,
     NONSENSE,
     STOP_SAMPLES,
@@ -23,9 +24,7 @@ from gyrowheel_sim.plant.guard import (
     GuardState,
     Refusal,
 )
-from gyrowheel_sim.plant.machine import Plant
-from gyrowheel_sim.plant.pacing import Pacer, Statistics
-from gyrowheel_sim.plant.real_time import RealTime
+from gyrowheel_sim.plant.real_time import Pacer, RealTime, Statistics
 from gyrowheel_sim.plant.scenario import Scenario
 
 LIMITS = GuardLimits(

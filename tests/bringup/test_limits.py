@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gyrowheel_control.loops.limits import (
+from gyrowheel_control.loops.supervision import (
     SetpointGuard,
     largest_tilt_limit,
     plan_tilt_limit,

@@ -21,7 +21,7 @@ from sensor_msgs.msg import JointState
 from gyrowheel_bringup.graph import Graph, Progress, find_executable
 from gyrowheel_bringup.viewers import robot_description
 from gyrowheel_control.loops.controller import Controller
-from gyrowheel_control.loops.efforts import Efforts, efforts_of
+from gyrowheel_control.nodes.joint_commands import Efforts, efforts_of
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording, info

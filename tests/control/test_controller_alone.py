@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gyrowheel_control.loops.controller import Controller, controller_parameters, loop_code
-from gyrowheel_control.loops.state import ControllerState, SetpointColumn
+from gyrowheel_control.loops.kernel import ControllerState, SetpointColumn
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.instruments.readings import Reading
 

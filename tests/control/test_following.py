@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gyrowheel_control.loops.reference import HOLD_TIME, REST_SPIN_RATE, REST_TILT_RATE, Rest, Tracking
+from gyrowheel_control.loops.supervision import HOLD_TIME, REST_SPIN_RATE, REST_TILT_RATE, Rest, Tracking
 from gyrowheel_core.units import DEG, RPM
 
 SECOND = 1_000_000_000

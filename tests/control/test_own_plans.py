@@ -10,11 +10,10 @@ import pytest
 import yaml
 
 from gyrowheel_control.plans import demands
-from gyrowheel_control.plans.fitting import fitted, plan_for
+from gyrowheel_control.plans.adaptation import adapted, plan_for, skeleton
 from gyrowheel_control.plans.format import Block, PlanFile, json_schema
 from gyrowheel_control.plans.inspection import inspect
 from gyrowheel_control.plans.plan import Plan
-from gyrowheel_control.plans.skeleton import skeleton
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.schema import keys
 from gyrowheel_core.units import DEG, RPM
@@ -48,7 +47,7 @@ OTHERS = {
 def test_on_its_own_bench_a_shipped_plan_is_as_it_is_written(name: str) -> None:
     plan = Plan.load(name)
     assert plan_for(plan, DEFAULT) is plan
-    assert fitted(plan, DEFAULT) is plan
+    assert adapted(plan, DEFAULT) is plan
     assert plan_for(name, like(coil_constant=1.01)).to_yaml() == plan.to_yaml()
 
 

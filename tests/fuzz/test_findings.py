@@ -21,7 +21,7 @@ from gyrowheel_recording.bags.definitions import definition
 from gyrowheel_recording.mapping import ColumnMap, import_table
 from gyrowheel_recording.tables import read_grid
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.effects.typed import typed_effect
+from gyrowheel_sim.effects.user_defined_line import typed_effect
 from gyrowheel_sim.environment import from_json
 
 from ..domains import next_domain

@@ -19,8 +19,8 @@ from gyrowheel_recording.bags.selection import parted
 from gyrowheel_recording.mapping import ColumnMap
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import registry
-from gyrowheel_sim.effects.code import laws_source
-from gyrowheel_sim.effects.typed import effect_to_line, typed_effect
+from gyrowheel_sim.effects.law_code import laws_source
+from gyrowheel_sim.effects.user_defined_line import effect_to_line, typed_effect
 from gyrowheel_sim.parameter import INSTRUMENTS
 from gyrowheel_sim.plant.scenario import Scenario
 

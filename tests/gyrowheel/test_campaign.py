@@ -34,7 +34,7 @@ from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import json_text
 from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.blind.draw import KINDS
+from gyrowheel_sim.blind import KINDS
 from gyrowheel_sim.effects import physical, registry
 from gyrowheel_sim.plant.scenario import Scenario
 

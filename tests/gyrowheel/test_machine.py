@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from gyrowheel.simulation.scenario import scenario
-from gyrowheel_air.effects import air_effects
+from gyrowheel_air.surrogate import air_effects
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
 

@@ -16,7 +16,7 @@ from gyrowheel_control.plans.plan import Plan
 from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import registry
-from gyrowheel_sim.effects.sizes import for_bench
+from gyrowheel_sim.effects.registry import for_bench
 
 from ..domains import next_domain
 from .findings import AMBIGUOUS

@@ -47,8 +47,8 @@ from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.units import unit_for
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import Effect, effect_from_text, registry
+from gyrowheel_sim.effects.complex_parts import split
 from gyrowheel_sim.effects.formula import parse
-from gyrowheel_sim.effects.parts import split
 
 from .findings import AMBIGUOUS, UNKNOWN, diagnosis, finding, limit, tie
 

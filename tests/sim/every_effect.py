@@ -6,7 +6,11 @@ import pytest
 
 from gyrowheel_analysis.diagnosis.unknown import forms
 from gyrowheel_sim.effects import Effect, registry
-from gyrowheel_sim.plant.outside import OUTSIDE
+from gyrowheel_sim.plant.unregistered_effects import UNREGISTERED
 
-EVERY: list[Effect] = [*registry().values(), *OUTSIDE, *(t.effect for t in forms() if t.effect is not None)]
+EVERY: list[Effect] = [
+    *registry().values(),
+    *UNREGISTERED,
+    *(t.effect for t in forms() if t.effect is not None),
+]
 EACH = pytest.mark.parametrize("effect", EVERY, ids=lambda effect: effect.name)

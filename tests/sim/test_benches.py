@@ -13,9 +13,9 @@ from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.units import DEG, RPM, unit_registry
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.blind.draw import draw, draw_effect
+from gyrowheel_sim.blind import draw, draw_effect
 from gyrowheel_sim.effects import Effect, effect_from_text, get, parse_option, registry
-from gyrowheel_sim.effects.sizes import for_bench, torque_scale
+from gyrowheel_sim.effects.registry import for_bench, torque_scale
 from gyrowheel_sim.plant.scenario import Scenario
 
 BENCHES = [Bench.load(name) for name in Bench.shipped()]

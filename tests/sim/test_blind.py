@@ -9,7 +9,7 @@ import pytest
 
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.blind.draw import reuse_or_draw
+from gyrowheel_sim.blind import reuse_or_draw
 
 
 @pytest.mark.parametrize(

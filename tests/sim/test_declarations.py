@@ -18,7 +18,7 @@ from gyrowheel_sim.effects import (
     effect_to_mapping,
     parse_option,
 )
-from gyrowheel_sim.effects.code import array_law, laws_source
+from gyrowheel_sim.effects.law_code import array_law, laws_source
 from gyrowheel_sim.effects.quantities import QUANTITIES
 from gyrowheel_sim.plant.machine import plant_code, simulated_effects
 from gyrowheel_sim.plant.scenario import Scenario

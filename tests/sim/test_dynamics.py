@@ -16,7 +16,7 @@ from scipy.integrate import solve_ivp
 
 from gyrowheel_control.loops.controller import loop_code
 from gyrowheel_core.units import DEG, RPM
-from gyrowheel_sim.compiled import compile_kernels
+from gyrowheel_sim.jit import compile_kernels
 from gyrowheel_sim.mechanics import derivation as d
 from gyrowheel_sim.mechanics.dynamics import (
     Spin,
@@ -37,8 +37,8 @@ from gyrowheel_sim.mechanics.kinematics import (
     motor_to_gimbal,
 )
 from gyrowheel_sim.plant.machine import Machine
-from gyrowheel_sim.plant.parameters import PlantParameters
 from gyrowheel_sim.plant.scenario import Scenario
+from gyrowheel_sim.plant.state import PlantParameters
 
 from .helpers import BENCH, INERTIAS, QUIET, TUNING_INERTIA, flexure_forces, perfect_hold
 

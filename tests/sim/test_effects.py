@@ -24,16 +24,15 @@ from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.readings import Readings
 from gyrowheel_core.units import unit_registry
 from gyrowheel_sim.effects import Coefficient, Effect, physical, registry
-from gyrowheel_sim.effects.code import FUNCTIONS, array_law, coefficient_arrays
-from gyrowheel_sim.effects.instant import Instant
+from gyrowheel_sim.effects.law_code import FUNCTIONS, Instant, array_law, coefficient_arrays
 from gyrowheel_sim.effects.quantities import REFERENCES, Omega
 from gyrowheel_sim.effects.targets import TARGETS
 from gyrowheel_sim.environment import RIGS, Environment
 from gyrowheel_sim.instruments.readings import N_NOISE
 from gyrowheel_sim.plant.machine import Machine, simulated_effects
-from gyrowheel_sim.plant.outside import THREE_LOBED
 from gyrowheel_sim.plant.scenario import Scenario
 from gyrowheel_sim.plant.state import N_STATE, State, Surroundings
+from gyrowheel_sim.plant.unregistered_effects import THREE_LOBED
 
 from .helpers import BENCH, QUIET, quiet_run
 

@@ -14,11 +14,10 @@ from gyrowheel_sim.effects import (
     Effect,
     effect_from_mapping,
 )
-from gyrowheel_sim.effects.code import laws_source
-from gyrowheel_sim.effects.formula import parse
+from gyrowheel_sim.effects.complex_parts import COMPONENTS, ComplexArgumentError, split
+from gyrowheel_sim.effects.formula import parse, to_text
 from gyrowheel_sim.effects.grammar import MAX_DEPTH, MAX_LENGTH
-from gyrowheel_sim.effects.parts import COMPONENTS, ComplexArgumentError, split
-from gyrowheel_sim.effects.printing import to_text
+from gyrowheel_sim.effects.law_code import laws_source
 from gyrowheel_sim.effects.quantities import Omega, Omega_ref, rho, rho_ref, z, z_rate, z_ref
 
 from .every_effect import EACH, EVERY

@@ -16,7 +16,7 @@ _RUN = """
     middle = np.cumsum(np.full(40, 1.7))
     covariance = DriftCovariance(middle, np.full(40, 1e-8), 2e-4, 20.0)
     white = covariance.whiten(np.sin(middle), 1.0)
-    from gyrowheel_sim.compiled import compile_source
+    from gyrowheel_sim.jit import compile_source
     lines = ["@njit(cache=True)", "def own(x: float) -> float:", "    return math.sin(x) * 3.0"]
     own = compile_source(["\\n".join(lines)], "a kernel").own
     value = own(0.5)

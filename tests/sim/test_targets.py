@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import gyrowheel_sim
-from gyrowheel_control.loops.state import CommandColumn, ControllerState, SetpointColumn
+from gyrowheel_control.loops.kernel import CommandColumn, ControllerState, SetpointColumn
 from gyrowheel_core import wire
 from gyrowheel_sim import columns
 from gyrowheel_sim.effects.targets import TARGETS, Entry, LawTarget, added, changed, entering
@@ -134,7 +134,7 @@ from gyrowheel_control.plans import Plan
 from gyrowheel_core.readings import Readings
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import get, registry
-from gyrowheel_sim.effects.typed import typed_effect
+from gyrowheel_sim.effects.user_defined_line import typed_effect
 from gyrowheel_sim.instruments.readings import Reading
 from gyrowheel_sim.plant.scenario import Scenario
 from tools.docs import effect_page, index_page, tables

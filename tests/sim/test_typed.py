@@ -9,13 +9,13 @@ from gyrowheel.show.formulas import plain, pretty
 from gyrowheel_analysis.diagnosis.unknown import forms
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.effects import Effect, effect_from_text, registry
-from gyrowheel_sim.effects.code import array_law
 from gyrowheel_sim.effects.dimensions import Unit
+from gyrowheel_sim.effects.law_code import array_law
 from gyrowheel_sim.effects.quantities import QUANTITIES
-from gyrowheel_sim.effects.typed import effect_to_line, typed_effect
-from gyrowheel_sim.plant.outside import OUTSIDE
+from gyrowheel_sim.effects.user_defined_line import effect_to_line, typed_effect
+from gyrowheel_sim.plant.unregistered_effects import UNREGISTERED
 
-EVERY = [*registry().values(), *OUTSIDE, *(term.effect for term in forms() if term.effect is not None)]
+EVERY = [*registry().values(), *UNREGISTERED, *(term.effect for term in forms() if term.effect is not None)]
 
 
 def values(effect: Effect) -> dict[str, complex]:

@@ -40,11 +40,11 @@ def get_model(name: str, table: TorqueTable | None = None) -> AirModel:
         If the name is unknown.
     """
     if name == "correlation":
-        from gyrowheel_air.simple import Correlation
+        from gyrowheel_air.correlations import Correlation
 
         return Correlation()
     if name == "vorticity":
-        from gyrowheel_air.simple import Vorticity
+        from gyrowheel_air.correlations import Vorticity
 
         return Vorticity()
     if name not in MODELS:

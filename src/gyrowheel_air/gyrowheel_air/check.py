@@ -1,25 +1,85 @@
-"""Whether a torque table shows what was found of the flow, and whether its rows agree with each other.
+"""Checks of a torque table: its agreement with known properties of the flow, and of its rows with each other.
 
-Bars are those of `findings` and of the models: each has its derivation. Most findings are about the published rotor and
-case; a table of other lengths is held to the lines that are about none.
+The limits come from `findings` and from the models; each names its derivation. Most findings hold for the published
+rotor and case; a table of other lengths is checked only against the lines that do not depend on them.
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from importlib import resources
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from gyrowheel_air.cfd.case import Result
-from gyrowheel_air.findings import Finding, findings
+from gyrowheel_air.correlations import Correlation
 from gyrowheel_air.geometry import Geometry
-from gyrowheel_air.simple import Correlation
 from gyrowheel_air.surrogate import REFERENCE_SPEED, fit_table
 from gyrowheel_air.table import PROPORTION_LIMIT, WALL_FUNCTION_Y, TorqueTable
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.schema import Name, Names, Number, Section, check
 from gyrowheel_core.units import DEG, RPM
+from gyrowheel_core.yaml_text import read_yaml
+
+
+class _Entry(Section):
+    """A finding as the file states it."""
+
+    value: Number
+    unit: Name
+    uncertainty: Annotated[Number, Field(ge=0.0)]
+    source: Name
+    description: Name
+
+
+class _File(Section):
+    """A file of findings."""
+
+    schema_: Literal[1] = Field(alias="schema")
+    name: Name
+    title: Name
+    findings: Names[_Entry]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One number that was found.
+
+    Attributes
+    ----------
+    value, uncertainty : float
+        Value and standard uncertainty, in its unit (SI).
+    unit, source, description : str
+        Unit, where both numbers come from, and what it is.
+    """
+
+    value: float
+    uncertainty: float
+    unit: str
+    source: str
+    description: str
+
+    def bar(self, times: float) -> tuple[float, float]:
+        """Return the range within so many standard uncertainties."""
+        return self.value - times * self.uncertainty, self.value + times * self.uncertainty
+
+
+@functools.cache
+def findings() -> dict[str, Finding]:
+    """Return the findings by name."""
+    origin = "findings.yaml"
+    text = resources.files("gyrowheel_air").joinpath(origin).read_text(encoding="utf-8")
+    content = check(_File, read_yaml(text, origin), origin, kind="file of findings")
+    return {
+        name: Finding(entry.value, entry.uncertainty, entry.unit, entry.source, entry.description)
+        for name, entry in content.findings.items()
+    }
+
 
 Array = NDArray[np.float64]
 _NAMES = ("T1", "T2", "T3")

@@ -31,7 +31,7 @@ from gyrowheel_analysis.residuals.error_table import ErrorTable, Residuals, erro
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.effects import Effect, effect_from_mapping, effect_to_mapping, get, registry
-from gyrowheel_sim.effects.user import check_name
+from gyrowheel_sim.effects.user_defined import check_name
 
 #: Stands for all effects that a model of the air has: ``aero:MODEL``.
 AIR = "aero"
@@ -273,7 +273,7 @@ def is_air(name: str) -> bool:
 
 def _air(model: Model, names: Sequence[str]) -> dict[str, dict[str, tuple[float, float]]]:
     """Return the effects of the models of the air among the names: {effect: {coefficient: (value, uncertainty)}}."""
-    from gyrowheel_air.effects import air_effects
+    from gyrowheel_air.surrogate import air_effects
 
     found: dict[str, dict[str, tuple[float, float]]] = {}
     for text in names:

@@ -12,7 +12,7 @@ for _module in (
     "gyrowheel_sim.plant.machine",
     "gyrowheel_sim.plant.real_time",
     "gyrowheel_control.loops.controller",
-    "gyrowheel_control.plans.fitting",
+    "gyrowheel_control.plans.adaptation",
     "gyrowheel_recording.bags",
     "gyrowheel_analysis.drag.prediction",
     "gyrowheel_analysis.drag.stream",

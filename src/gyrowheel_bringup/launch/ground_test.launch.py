@@ -25,8 +25,8 @@ from gyrowheel_bringup.graph.launch import (
     without,
 )
 from gyrowheel_bringup.viewers import robot_description, rviz_config, viewer_names
-from gyrowheel_control.loops.limits import plan_tilt_limit, usual_tilt_limit
-from gyrowheel_control.plans.fitting import plan_for
+from gyrowheel_control.loops.supervision import plan_tilt_limit, usual_tilt_limit
+from gyrowheel_control.plans.adaptation import plan_for
 from gyrowheel_core.files import require_new
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.plant.scenario import Scenario

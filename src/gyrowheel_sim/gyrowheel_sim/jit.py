@@ -1,8 +1,12 @@
-"""Compilation by numba with machine code that is kept on disk and checked as it is loaded.
+"""Compilation by numba, with machine code that is kept on disk and checked when it is loaded.
 
-Numba's own cache believes what lies in its folder: it unpickles it without a check, and knows its source by time and
-size. Here the machine code is kept by `gyrowheel_core.cache`, under a name made of the whole source, the version of
-numba and the processor.
+Numba's own cache unpickles whatever its folder contains, and identifies a source by time and size. Here
+`gyrowheel_core.cache` keeps the machine code, under a name made of the whole source, the version of numba and the
+processor.
+
+A kernel file is a module of this project whose text after the line ``# --- kernel ---`` can be compiled as part of
+another module. One module with all functions that call each other lets the compiler see all of them. It is made in
+memory; another process loads the machine code of the same text.
 """
 
 from __future__ import annotations
@@ -10,10 +14,12 @@ from __future__ import annotations
 import functools
 import hashlib
 import pickle
+import re
 import sys
 from collections.abc import Callable
+from importlib import resources
 from pathlib import Path
-from types import FunctionType
+from types import FunctionType, ModuleType
 from typing import Any
 
 import numba
@@ -23,6 +29,7 @@ from numba.core.registry import cpu_target
 from numba.core.serialize import dumps
 
 from gyrowheel_core import cache
+from gyrowheel_core.cache import digest
 
 #: Name in a module under which its whole source stands, for a module that has no file.
 SOURCE = "__kernel_source__"
@@ -114,3 +121,49 @@ def _source(module: str) -> str:
     found = sys.modules[module]
     text = getattr(found, SOURCE, None) or Path(str(found.__file__)).read_text(encoding="utf-8")
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+_MARK = "# --- kernel ---"
+_END = "# --- end of kernel ---"
+_HEADER = """\
+import math
+from collections import namedtuple
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+from gyrowheel_sim.jit import njit
+from numba.extending import register_jitable
+
+"""
+
+
+def kernel_text(package: str, name: str) -> str:
+    """Return what a kernel file of a package has to be compiled."""
+    text = resources.files(package).joinpath(name).read_text(encoding="utf-8")
+    body = text.split(_MARK, 1)[1].split(_END, 1)[0]
+    return f"# from {package}/{name}\n" + re.sub(r"^\n+", "", body)
+
+
+@functools.cache
+def compile_kernels(*files: tuple[str, str]) -> ModuleType:
+    """Return one compiled module of kernel files, (package, file name) each."""
+    text = "\n\n".join(kernel_text(package, name) for package, name in files)
+    return compile_source(text, "kernels of the bench")
+
+
+def compile_source(source: str, what: str) -> ModuleType:
+    """Return the compiled module of a source; `what` goes into its docstring."""
+    text = f'"""Generated: {what} in one compiled module."""\n{_HEADER}{source}'
+    name = f"gyrowheel_kernel_{digest(text)}"
+    if name in sys.modules:
+        return sys.modules[name]
+    module = ModuleType(name)
+    setattr(module, SOURCE, text)
+    sys.modules[name] = module
+    try:
+        exec(compile(text, f"<{name}>", "exec"), module.__dict__)
+    except BaseException:
+        del sys.modules[name]
+        raise
+    return module

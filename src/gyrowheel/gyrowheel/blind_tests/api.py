@@ -9,7 +9,7 @@ from gyrowheel.catalogue.api import load_bench
 from gyrowheel.models.api import Model
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.blind.draw import read_key
+from gyrowheel_sim.blind import read_key
 
 
 def open_key(

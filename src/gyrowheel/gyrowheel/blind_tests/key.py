@@ -82,9 +82,9 @@ class Key(Result):
     def effects(self) -> tuple[Quantity, ...]:
         """Coefficients of all effects that are hidden or in the model."""
         from gyrowheel_sim.effects import registry
-        from gyrowheel_sim.plant.outside import OUTSIDE
+        from gyrowheel_sim.plant.unregistered_effects import UNREGISTERED
 
-        library: dict[str, Effect] = {effect.name: effect for effect in OUTSIDE}
+        library: dict[str, Effect] = {effect.name: effect for effect in UNREGISTERED}
         library |= registry() if self.model is None else self.model.details.library
         found = {} if self.model is None else self.model.effects
         errors = {} if self.model is None else self.model.effect_errors

@@ -99,7 +99,7 @@ def campaign(
     from gyrowheel.campaigns.finished import earlier, note
     from gyrowheel.campaigns.summary import Summary
     from gyrowheel.campaigns.workers import check_jobs, cores, judged_cases
-    from gyrowheel_control.plans.fitting import plan_for
+    from gyrowheel_control.plans.adaptation import plan_for
     from gyrowheel_core.errors import InputError
     from gyrowheel_sim.bench import Bench
 

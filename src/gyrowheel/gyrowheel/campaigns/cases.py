@@ -10,7 +10,7 @@ from typing import Literal, TypeAlias
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.blind.draw import KINDS, Kind
+from gyrowheel_sim.blind import KINDS, Kind
 
 CaseKind: TypeAlias = Kind | Literal["event"]
 #: How often each kind comes, among those asked for.

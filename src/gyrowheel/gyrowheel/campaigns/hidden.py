@@ -33,9 +33,9 @@ from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.readings import Readings
 from gyrowheel_recording.bags import write_run
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.blind.draw import draw_effect, draw_machine
+from gyrowheel_sim.blind import draw_effect, draw_machine
 from gyrowheel_sim.effects import Effect, EffectValues, physical
-from gyrowheel_sim.effects.sizes import for_bench
+from gyrowheel_sim.effects.registry import for_bench
 from gyrowheel_sim.environment import to_json
 from gyrowheel_sim.plant.scenario import Scenario
 

@@ -11,7 +11,7 @@ import sympy as sp
 
 from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law
 from gyrowheel_sim.effects.quantities import QUANTITIES, Omega, Omega_ref, rho, rho_ref, z
-from gyrowheel_sim.plant.outside import OUTSIDE
+from gyrowheel_sim.plant.unregistered_effects import UNREGISTERED
 
 _c, _n, _p, _w, _T, _s = (sp.Symbol(name, real=True) for name in ("c", "n", "p", "w", "T", "s"))
 _size = sp.sqrt(z * sp.conjugate(z))
@@ -123,12 +123,15 @@ _OWN = (
     OutsideForm(_RUNNING_IN),
     OutsideForm(_BACKLASH),
 )
-_SHIPPED = {effect.name for effect in OUTSIDE}
+_SHIPPED = {effect.name for effect in UNREGISTERED}
 
 
 def outside_forms() -> tuple[OutsideForm, ...]:
     """Return every form that may be hidden as an effect outside the library."""
-    return (*(OutsideForm(effect) for effect in OUTSIDE), *(f for f in _OWN if f.effect.name not in _SHIPPED))
+    return (
+        *(OutsideForm(effect) for effect in UNREGISTERED),
+        *(f for f in _OWN if f.effect.name not in _SHIPPED),
+    )
 
 
 def declared() -> dict[str, Effect]:

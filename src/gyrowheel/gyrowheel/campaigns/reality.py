@@ -14,10 +14,10 @@ import numpy as np
 import sympy as sp
 
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.blind.draw import draw_effect
+from gyrowheel_sim.blind import draw_effect
 from gyrowheel_sim.effects import Coefficient, Effect, EffectValues, Law, registry
 from gyrowheel_sim.effects.quantities import QUANTITIES
-from gyrowheel_sim.effects.sizes import for_bench
+from gyrowheel_sim.effects.registry import for_bench
 from gyrowheel_sim.parameter import INSTRUMENTS
 
 Shape = Literal["step", "trend", "burst"]

@@ -106,7 +106,7 @@ def load_plan(source: str | Path) -> Plan:
 
 def plan_on(bench: Bench, source: str | Path) -> Plan:
     """Return a plan as a bench runs it, checked: a shipped one with the bench's own speeds, tilts and rates."""
-    from gyrowheel_control.plans.fitting import plan_for
+    from gyrowheel_control.plans.adaptation import plan_for
 
     return plan_for(source, bench)
 
@@ -169,8 +169,8 @@ def own_effect(
     """
     from gyrowheel.show.formulas import plain
     from gyrowheel_sim.effects import registry
-    from gyrowheel_sim.effects.typed import typed_effect
-    from gyrowheel_sim.effects.user import check_name
+    from gyrowheel_sim.effects.user_defined import check_name
+    from gyrowheel_sim.effects.user_defined_line import typed_effect
 
     free, number = _OWN, 2
     while free in taken:

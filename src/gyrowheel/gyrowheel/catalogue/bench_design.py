@@ -11,8 +11,7 @@ from gyrowheel_analysis.capability import reach as reach_of
 from gyrowheel_analysis.fitting.preparation import one_thread
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import write_text
-from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.bench_file import bench_text
+from gyrowheel_sim.bench import Bench, bench_text
 
 __all__ = ["Reach", "new_bench", "reach", "reach_json"]
 

@@ -7,12 +7,12 @@ from typing import Any
 
 from gyrowheel.catalogue.plan_check_result import Outlook, PlanCheck
 from gyrowheel_analysis.reduction import planned_windows
-from gyrowheel_control.loops.limits import plan_tilt_limit, usual_tilt_limit
+from gyrowheel_control.loops.supervision import plan_tilt_limit, usual_tilt_limit
 from gyrowheel_control.plans import demands
+from gyrowheel_control.plans.adaptation import skeleton
 from gyrowheel_control.plans.format import json_schema
 from gyrowheel_control.plans.inspection import Wrong, inspect
 from gyrowheel_control.plans.plan import Plan
-from gyrowheel_control.plans.skeleton import skeleton
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import read_text, write_text
 from gyrowheel_sim.bench import Bench

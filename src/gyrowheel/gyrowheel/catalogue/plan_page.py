@@ -15,9 +15,9 @@ from gyrowheel_core.units import DEG, RPM
 
 if TYPE_CHECKING:
     from gyrowheel.catalogue.plan_check_result import Outlook, PlanCheck
+    from gyrowheel_control.plans.demands import Segment
     from gyrowheel_control.plans.inspection import Wrong
     from gyrowheel_control.plans.plan import Plan
-    from gyrowheel_control.plans.segment import Segment
     from gyrowheel_sim.environment import Environment
 
 

@@ -184,7 +184,7 @@ def _detectable_seed(bench: Bench, seed: int) -> int:
     """Return the first seed, of this one and others that follow from it, whose effect the first plan can show."""
     from gyrowheel.campaigns.hidden import Yardstick
     from gyrowheel_control.plans.plan import Plan
-    from gyrowheel_sim.blind.draw import draw
+    from gyrowheel_sim.blind import draw
 
     yardstick = Yardstick(bench, Plan.load(PLAN))
     for other in range(seed, seed + _TRIALS * _NEXT_SEED, _NEXT_SEED):

@@ -21,7 +21,7 @@ from gyrowheel_bringup.graph import (
 from gyrowheel_bringup.graph.requests import walk
 from gyrowheel_bringup.replay_session import Outcome, play
 from gyrowheel_bringup.viewers import foxglove_layout, share_file
-from gyrowheel_control.plans.fitting import plan_for
+from gyrowheel_control.plans.adaptation import plan_for
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import topics
 from gyrowheel_core.errors import InputError

@@ -18,7 +18,7 @@ from gyrowheel.show.files import new_folder
 from gyrowheel.show.result import Result
 from gyrowheel.simulation.code_identity import code_identity
 from gyrowheel.simulation.scenario import scenario
-from gyrowheel_control.plans.fitting import plan_for
+from gyrowheel_control.plans.adaptation import plan_for
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.cache import digest
 from gyrowheel_core.errors import InputError

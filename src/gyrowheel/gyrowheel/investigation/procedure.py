@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from gyrowheel.investigation.sentences import learned, settled_by
 from gyrowheel.show.sentences.diagnosis import purpose, verdict_sentence
-from gyrowheel_control.plans.fitting import plan_for
+from gyrowheel_control.plans.adaptation import plan_for
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import disk_errors, json_text, write_text

@@ -21,15 +21,15 @@ from gyrowheel.simulation.api import simulate
 from gyrowheel.torque_budget.api import Torques, torques
 from gyrowheel_air.correlations import Drag as Correlated
 from gyrowheel_air.correlations import drag as correlated
-from gyrowheel_air.effects import air_effects
 from gyrowheel_air.flow import Flow, shipped
 from gyrowheel_air.geometry import Geometry
 from gyrowheel_air.state import AirState
+from gyrowheel_air.surrogate import air_effects
 from gyrowheel_air.table import TorqueTable
 from gyrowheel_analysis.drag.estimate import Estimate
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.blind.draw import draw_machine
+from gyrowheel_sim.blind import draw_machine
 
 Array = NDArray[np.float64]
 #: The experiment's tilt and speeds [rad, rad/s].

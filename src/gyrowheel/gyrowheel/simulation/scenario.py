@@ -12,9 +12,9 @@ import numpy as np
 
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.blind.draw import KINDS, Kind, draw_machine, reuse_or_draw
+from gyrowheel_sim.blind import KINDS, Kind, draw_machine, reuse_or_draw
 from gyrowheel_sim.effects import Effect, parse_option, registry, validated
-from gyrowheel_sim.effects.user import check_name
+from gyrowheel_sim.effects.user_defined import check_name
 from gyrowheel_sim.plant.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -166,7 +166,7 @@ def _effects_of(item: Item, declared: dict[str, Effect], bench: Bench) -> list[t
     first, _, rest = text.partition(":")
     if first.strip() != AIR:
         return [parse_option(text, declared, bench)]
-    from gyrowheel_air.effects import air_effects
+    from gyrowheel_air.surrogate import air_effects
 
     model = rest.strip() or "surrogate"
     if model == "table":

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from gyrowheel_sim.effects.code import array_law
 from gyrowheel_sim.effects.declaration import Effect, Law
+from gyrowheel_sim.effects.law_code import array_law
 from gyrowheel_sim.effects.quantities import T_motor, T_winding
 from gyrowheel_sim.effects.targets import (
     INERTIAS,

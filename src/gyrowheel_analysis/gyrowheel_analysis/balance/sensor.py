@@ -9,7 +9,7 @@ import numpy as np
 
 from gyrowheel_analysis.balance.laws import AT_REST, NO_JOINT, READING, ActiveEffect, laws_on
 from gyrowheel_analysis.balance.motion import Motion
-from gyrowheel_sim.effects.code import array_law
+from gyrowheel_sim.effects.law_code import array_law
 from gyrowheel_sim.effects.quantities import Omega, t, theta_z, z, z_rate
 
 #: Step of the derivatives of a reading's error [rad of the spin angle], and the five-point formulas for them.

@@ -11,8 +11,8 @@ import numpy as np
 from gyrowheel_analysis.balance.laws import AFTER, AHEAD, AT_REST, INSTRUMENT, ActiveEffect, Laws, evaluated
 from gyrowheel_analysis.balance.motion import Motion
 from gyrowheel_analysis.balance.sensor import tilt_reading_error
-from gyrowheel_sim.compiled import compile_kernels
 from gyrowheel_sim.effects.targets import INERTIAS, TARGETS, TORQUE_PARAMETERS, added, changed
+from gyrowheel_sim.jit import compile_kernels
 from gyrowheel_sim.mechanics.dynamics import Joint, generalised_forces
 from gyrowheel_sim.mechanics.inverse import N_POINT
 

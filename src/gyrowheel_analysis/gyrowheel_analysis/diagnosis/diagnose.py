@@ -62,7 +62,7 @@ from gyrowheel_analysis.residuals.windows import window_residuals
 from gyrowheel_recording.bags import Recording
 from gyrowheel_recording.mislabelled.find import wrong_setups
 from gyrowheel_sim.effects import effect_to_mapping
-from gyrowheel_sim.effects.typed import effect_to_line
+from gyrowheel_sim.effects.user_defined_line import effect_to_line
 
 
 @one_thread()

@@ -18,7 +18,7 @@ from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.fitting.terms import Term
 from gyrowheel_analysis.fitting.unknowns import Unknowns
 from gyrowheel_analysis.reduction import planned_windows
-from gyrowheel_control.plans.fitting import plan_for
+from gyrowheel_control.plans.adaptation import plan_for
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_control.plans.variation import MARK
 from gyrowheel_core.errors import InputError

@@ -41,7 +41,7 @@ from gyrowheel_analysis.fitting.terms import Term
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law
 from gyrowheel_sim.effects.quantities import QUANTITIES, Omega, Omega_ref, z, z_rate, z_ref
-from gyrowheel_sim.effects.sizes import for_bench
+from gyrowheel_sim.effects.registry import for_bench
 
 Array = NDArray[np.float64]
 

@@ -20,7 +20,7 @@ from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.channels import in_groups
 from gyrowheel_analysis.reduction import Windows
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.effects.sizes import torque_scale
+from gyrowheel_sim.effects.registry import torque_scale
 
 Array = NDArray[np.float64]
 Kind = Literal[

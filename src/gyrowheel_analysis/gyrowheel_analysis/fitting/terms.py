@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import Effect, physical, registry
-from gyrowheel_sim.effects.sizes import for_bench
+from gyrowheel_sim.effects.registry import for_bench
 
 #: Bench parameters whose error is a finding of its own name: {finding: groups that move by one common factor}.
 ERRORS: dict[str, tuple[str, ...]] = {

@@ -16,7 +16,7 @@ from gyrowheel_analysis.fitting.terms import ERRORS, Term, candidate_terms, inst
 from gyrowheel_analysis.reduction import MOTOR_THERMAL
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import Effect, EffectValues, registry
-from gyrowheel_sim.effects.sizes import for_bench
+from gyrowheel_sim.effects.registry import for_bench
 from gyrowheel_sim.effects.targets import INSTRUMENT_PARAMETERS
 from gyrowheel_sim.parameter import Parameter
 

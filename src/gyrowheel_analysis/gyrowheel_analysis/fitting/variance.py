@@ -22,7 +22,7 @@ from gyrowheel_analysis.fitting.drift import DriftCovariance
 from gyrowheel_analysis.reduction import FORWARD, HARMONICS
 from gyrowheel_analysis.reduction.windows import MEAN, MODULATION
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.effects.sizes import torque_scale
+from gyrowheel_sim.effects.registry import torque_scale
 
 Array = NDArray[np.float64]
 

@@ -27,7 +27,7 @@ from gyrowheel_sim.effects import (
     registry,
     validated,
 )
-from gyrowheel_sim.effects.user import check_name
+from gyrowheel_sim.effects.user_defined import check_name
 
 #: Checksums of the model files as this process wrote them last.
 _WRITTEN: dict[Path, str] = {}

@@ -22,8 +22,8 @@ from gyrowheel_bringup.graph.nodes import EXECUTABLES, node_parameters
 from gyrowheel_bringup.graph.processes import Processes, share_core
 from gyrowheel_bringup.graph.results import GraphError, GraphResult, Progress
 from gyrowheel_bringup.graph.shared_memory import remove_dead, remove_left
-from gyrowheel_control.loops.limits import plan_tilt_limit, tilt_limit
-from gyrowheel_control.plans.fitting import plan_for
+from gyrowheel_control.loops.supervision import plan_tilt_limit, tilt_limit
+from gyrowheel_control.plans.adaptation import plan_for
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import namespaces
 from gyrowheel_core.errors import InputError

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_control.loops.controller import Gains, controller_parameters, loop_code
-from gyrowheel_control.loops.state import CommandColumn, ControllerState, SetpointColumn
+from gyrowheel_control.loops.kernel import CommandColumn, ControllerState, SetpointColumn
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import Environment
@@ -33,7 +33,7 @@ class Run:
     stamps : ndarray (n,)
         Stamp that the clock of the instruments gave each sample [ns].
     command : ndarray (n, 3)
-        Commands, columns `gyrowheel_control.loops.state.CommandColumn`; row k answers sample k [V].
+        Commands, columns `gyrowheel_control.loops.kernel.CommandColumn`; row k answers sample k [V].
     setpoints : structured ndarray
         Setpoints, dtype `gyrowheel_control.plans.plan.SETPOINT_DTYPE`.
     environment : list of Environment

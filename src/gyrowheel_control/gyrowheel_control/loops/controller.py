@@ -10,13 +10,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gyrowheel_control.loops.kernel import ControllerParameters
-from gyrowheel_control.loops.state import CommandColumn, ControllerState, SetpointColumn
+from gyrowheel_control.loops.kernel import (
+    CommandColumn,
+    ControllerParameters,
+    ControllerState,
+    SetpointColumn,
+)
 from gyrowheel_sim import columns
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.compiled import compile_source, kernel_text
-from gyrowheel_sim.gains import Gains as Gains
 from gyrowheel_sim.instruments.readings import Reading
+from gyrowheel_sim.jit import compile_source, kernel_text
+from gyrowheel_sim.parameter import Gains as Gains
 
 if TYPE_CHECKING:
     from gyrowheel_sim.effects import Effect
@@ -60,8 +64,8 @@ def controller_parameters(bench: Bench, gains: Gains) -> ControllerParameters:
 @functools.cache
 def _code() -> ModuleType:
     """Return the compiled module of the controller alone: its node has no use for the plant."""
-    parts = [columns.source(ControllerState), kernel_text(*_KERNEL)]
-    return compile_source(parts, "the tilt and spin loops")
+    text = f"{columns.source(ControllerState)}\n\n{kernel_text(*_KERNEL)}"
+    return compile_source(text, "the tilt and spin loops")
 
 
 @functools.cache
@@ -74,10 +78,10 @@ def loop_code(declared: tuple[Effect, ...] = ()) -> ModuleType:
         Effects beside the registered ones.
     """
     # the laws of the plant need SymPy, which takes long to load; a controller alone has no use for them
-    from gyrowheel_sim.plant.compose import compose
+    from gyrowheel_sim.plant.compiled import compiled_plant
     from gyrowheel_sim.plant.machine import simulated_effects
 
-    return compose(
+    return compiled_plant(
         simulated_effects(declared),
         (_KERNEL, ("gyrowheel_control", "loops/loop_kernel.py")),
         (ControllerState, SetpointColumn, CommandColumn),
@@ -123,7 +127,7 @@ class Controller:
         measurement : sequence of 11 floats
             The sample (`gyrowheel_sim.instruments.readings.Reading`).
         setpoint : sequence of 6 floats
-            The setpoint (`gyrowheel_control.loops.state.SetpointColumn`).
+            The setpoint (`gyrowheel_control.loops.kernel.SetpointColumn`).
         age_s : float
             Time of the sample minus time of the setpoint [s]; the setpoint is continued by its rates.
         """

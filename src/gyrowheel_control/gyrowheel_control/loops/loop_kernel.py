@@ -1,15 +1,14 @@
 """The whole closed loop as one compiled run: plant and controller, sample by sample.
 
 As `gyrowheel_sim.plant.kernel`, the text below the kernel line is compiled together with the plant by
-`gyrowheel_sim.plant.compose`.
+`gyrowheel_sim.plant.compiled`.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-from gyrowheel_control.loops.kernel import controller_update
-from gyrowheel_control.loops.state import CommandColumn, ControllerState, SetpointColumn
+from gyrowheel_control.loops.kernel import CommandColumn, ControllerState, SetpointColumn, controller_update
 from gyrowheel_sim.instruments.readings import Reading
 from gyrowheel_sim.jit import njit
 from gyrowheel_sim.plant.kernel import plant_advance, plant_measure

@@ -30,13 +30,11 @@ from rclpy.action.server import ServerGoalHandle
 from rclpy.subscription import Subscription
 from std_msgs.msg import String
 
-from gyrowheel_control.loops.limits import plan_tilt_limit, tilt_limit
-from gyrowheel_control.loops.reference import Tracking
+from gyrowheel_control.loops.supervision import Tracking, plan_tilt_limit, tilt_limit
+from gyrowheel_control.nodes.bench_observer import TimeSources, WheelWatch
 from gyrowheel_control.nodes.controller_limit import ControllerLimit
 from gyrowheel_control.nodes.plan_server import PlanServer
-from gyrowheel_control.nodes.time_sources import TimeSources
-from gyrowheel_control.nodes.wheel_watch import WheelWatch
-from gyrowheel_control.plans.fitting import plan_for
+from gyrowheel_control.plans.adaptation import plan_for
 from gyrowheel_control.plans.plan import HOLD, RAMP, SETPOINT_PERIOD, Plan
 from gyrowheel_core import namespaces, topics, wire
 from gyrowheel_core.errors import InputError

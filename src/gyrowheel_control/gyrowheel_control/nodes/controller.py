@@ -22,8 +22,7 @@ from rclpy.publisher import Publisher
 from rclpy.timer import Timer
 
 from gyrowheel_control.loops.controller import Controller, Gains
-from gyrowheel_control.loops.limits import SetpointGuard, tilt_limit
-from gyrowheel_control.loops.reference import LOWEST_SPIN, Rest
+from gyrowheel_control.loops.supervision import LOWEST_SPIN, Rest, SetpointGuard, tilt_limit
 from gyrowheel_control.plans.plan import SETPOINT_PERIOD
 from gyrowheel_core import topics, wire
 from gyrowheel_core.node import PRIORITY, WAITS_FOR, BenchNode, Diagnosis, Param, run_node

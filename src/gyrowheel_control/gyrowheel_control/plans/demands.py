@@ -1,13 +1,56 @@
-"""What segments of a plan ask of a bench, and what of it is beyond its limits."""
+"""Segments of a plan, what they demand of a bench, and which demands exceed its limits."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-from gyrowheel_control.plans.segment import Segment
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.environment import Environment
+
+
+@dataclass(frozen=True)
+class Segment:
+    """One ramp to a state and the steady motion after it [SI].
+
+    Attributes
+    ----------
+    start, ramp, hold : float
+        Start time, time of the ramp, and time of the steady motion [s].
+    tilt_from, tilt : complex
+        Tilt angles phi_x + i phi_y before and after the ramp [rad].
+    spin_from, spin, spin_end : float
+        Spin rate before and after the ramp, and at the end of the steady motion [rad/s].
+    cone_rate : float
+        Rate at which the tilt turns about the case axis during the steady motion [rad/s]; 0 for a hold.
+    environment : Environment
+        The environment in which it runs.
+    label : str
+        What it is called.
+    block : int
+        Number of the block of the plan file that it comes from.
+    """
+
+    start: float
+    ramp: float
+    hold: float
+    tilt_from: complex
+    tilt: complex
+    spin_from: float
+    spin: float
+    spin_end: float
+    cone_rate: float
+    environment: Environment
+    label: str
+    block: int = 0
+
+    @property
+    def end(self) -> float:
+        """End time [s]."""
+        return self.start + self.ramp + self.hold
+
 
 #: Part of the coils' range that slewing and holding may take: the rest is left for damping the nutation.
 COIL_SHARE: Final = 0.75

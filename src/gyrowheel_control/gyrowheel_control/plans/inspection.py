@@ -6,9 +6,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from gyrowheel_control.plans import demands
+from gyrowheel_control.plans.demands import Segment
 from gyrowheel_control.plans.format import PlanFile
 from gyrowheel_control.plans.plan import Plan
-from gyrowheel_control.plans.segment import Segment
 from gyrowheel_control.plans.variation import as_text
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.quantities import short

@@ -16,9 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_control.plans.demands import excesses
+from gyrowheel_control.plans.demands import Segment, excesses
 from gyrowheel_control.plans.format import CONE_SETTLING, PlanFile
-from gyrowheel_control.plans.segment import Segment
 from gyrowheel_control.plans.variation import MARK, as_text, varied
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import is_file, read_text
@@ -56,7 +55,7 @@ class Plan:
     `description`, `segments`, `duration` [s], `tilt_limit`, the tilt that the guards of the bench must allow [rad],
     or None where the usual one will do, `written_for`, the shipped bench whose limits a shipped plan is made for
     (empty for a plan of one's own, which is taken as it stands), and `fitting`, what was changed for another bench, in
-    words (see `gyrowheel_control.plans.fitting`).
+    words (see `gyrowheel_control.plans.adaptation`).
     """
 
     def __init__(self, content: PlanFile, text: str, origin: str) -> None:

@@ -2,8 +2,8 @@
 
 from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law
 from gyrowheel_sim.effects.registry import EffectValues, get, parse_option, physical, registry, validated
-from gyrowheel_sim.effects.typed import effect_from_text
-from gyrowheel_sim.effects.user import effect_from_mapping, effect_to_mapping
+from gyrowheel_sim.effects.user_defined import effect_from_mapping, effect_to_mapping
+from gyrowheel_sim.effects.user_defined_line import effect_from_text
 
 __all__ = [
     "Coefficient",

@@ -10,8 +10,8 @@ from typing import Literal
 import sympy as sp
 
 from gyrowheel_core.units import require_unit
+from gyrowheel_sim.effects.formula import to_text
 from gyrowheel_sim.effects.grammar import RESERVED
-from gyrowheel_sim.effects.printing import to_text
 from gyrowheel_sim.effects.quantities import QUANTITIES
 from gyrowheel_sim.effects.targets import TARGETS
 

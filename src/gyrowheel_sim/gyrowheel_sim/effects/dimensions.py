@@ -12,9 +12,8 @@ from fractions import Fraction
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.units import unit_registry
 from gyrowheel_sim.effects.declaration import Effect
-from gyrowheel_sim.effects.formula import Formula, read
+from gyrowheel_sim.effects.formula import Formula, read, to_text
 from gyrowheel_sim.effects.grammar import Node
-from gyrowheel_sim.effects.printing import to_text
 from gyrowheel_sim.effects.quantities import QUANTITIES
 from gyrowheel_sim.effects.targets import TARGETS
 

@@ -1,8 +1,8 @@
-"""Interface of the code that `gyrowheel_sim.effects.code` generates: how the kernel of the plant meets the laws."""
+"""Interface of the code that `gyrowheel_sim.effects.law_code` generates: how the kernel of the plant meets the laws."""
 
 from typing import Any
 
-from gyrowheel_sim.effects.instant import Action, Instant
+from gyrowheel_sim.effects.law_code import Action, Instant
 
 def evaluate_laws(coef: Any, active: Any, q: Instant) -> Any:
     """Return the sum of the laws of each target, of all active effects, at an instant: fields named as the outputs."""

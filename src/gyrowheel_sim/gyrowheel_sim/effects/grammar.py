@@ -17,7 +17,7 @@ from typing import Any, Literal
 import sympy as sp
 
 from gyrowheel_core.errors import InputError
-from gyrowheel_sim.effects.parts import COMPONENTS
+from gyrowheel_sim.effects.complex_parts import COMPONENTS
 from gyrowheel_sim.effects.quantities import QUANTITIES, Omega, Omega_ref
 
 MAX_LENGTH = 1000

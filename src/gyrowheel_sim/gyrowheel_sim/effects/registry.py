@@ -1,4 +1,4 @@
-"""The registered effects: those of the library and those that other packages add by entry point."""
+"""The registered effects: those of the library and those of other packages; their sizes on a given bench."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import functools
 import logging
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib.metadata import entry_points
 from types import MappingProxyType
 from typing import TypeAlias
@@ -14,9 +15,8 @@ from typing import TypeAlias
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.declaration import Effect
-from gyrowheel_sim.effects.dimensions import check_effect
+from gyrowheel_sim.effects.dimensions import Unit, check_effect
 from gyrowheel_sim.effects.library import LIBRARY
-from gyrowheel_sim.effects.sizes import for_bench
 
 #: Coefficients of effects: {effect: {coefficient: value}}.
 EffectValues: TypeAlias = dict[str, dict[str, float]]
@@ -135,3 +135,80 @@ def parse_option(
             raise InputError(f"effects: {text!r}: {key} is given twice")
         values[key] = value
     return name.strip(), validated(name.strip(), values, where="effects", declared=declared, bench=bench)
+
+
+def for_bench(effect: Effect, bench: Bench) -> Effect:
+    """Return an effect with the usual sizes and bounds that it has on a bench; on the default bench, the effect itself.
+
+    Coefficients that shape a law keep theirs, unless they have a unit: an exponent is the same for every size.
+    """
+    return _sized(effect, _scales(bench))
+
+
+def torque_scale(bench: Bench) -> float:
+    """Return the torque of the flexures at the reference tilt over that of the default bench."""
+    return _scales(bench)[0]
+
+
+@functools.cache
+def _default() -> Bench:
+    return Bench.load()
+
+
+def _measures(bench: Bench) -> tuple[float, float, float, float]:
+    """Return what sizes go with: torque [N m], tilt [rad], spin rate [rad/s] and current of the motor [A]."""
+    v = bench.value
+    tilt = v("tilt_reference")
+    torque = 0.5 * (v("flexure_stiffness_x") + v("flexure_stiffness_y")) * tilt
+    return torque, tilt, v("spin_rate_reference"), torque / v("motor_constant")
+
+
+def _scales(bench: Bench) -> tuple[float, float, float, float]:
+    own, default = _measures(bench), _measures(_default())
+    return (own[0] / default[0], own[1] / default[1], own[2] / default[2], own[3] / default[3])
+
+
+@functools.lru_cache(maxsize=1024)
+def _sized(effect: Effect, scales: tuple[float, float, float, float]) -> Effect:
+    if scales == (1.0, 1.0, 1.0, 1.0):
+        return effect
+    coefficients = []
+    for c in effect.coefficients:
+        factor = _factor(c.unit, scales)
+        low, high = c.usual
+        coefficients.append(
+            replace(
+                c,
+                usual=(low * factor, high * factor),
+                bounds=(c.bounds[0] * factor, c.bounds[1] * factor),
+                shape=None if c.shape is None else c.shape * factor,
+                shape_uncertainty=c.shape_uncertainty * factor,
+                possible=None if c.possible is None else (c.possible[0] * factor, c.possible[1] * factor),
+            )
+        )
+    if effect.greatest is None:
+        return replace(effect, coefficients=tuple(coefficients))
+    return replace(
+        effect,
+        coefficients=tuple(coefficients),
+        greatest=effect.greatest * _factor(effect.amplitudes[0].unit, scales),
+    )
+
+
+def _factor(unit: str, scales: tuple[float, float, float, float]) -> float:
+    """Return by how much a coefficient of a unit is larger than on the default bench."""
+    torque, tilt, rate, current = scales
+    parsed = Unit.of(unit)
+    powers = {name: float(power) for name, power in parsed.dimension.items()}
+    mass, length = powers.pop("[mass]", 0.0), powers.pop("[length]", 0.0)
+    time, amperes = powers.pop("[time]", 0.0), powers.pop("[current]", 0.0)
+    # not made of torques, inertias, angles and times: nothing of the bench scales it
+    if length != 2.0 * mass or (mass == 0.0 and time < 0.0):
+        return 1.0
+    # kg m^2 is torque over rate squared, a second is one over the rate
+    return (
+        (torque / rate**2) ** mass
+        * rate**-time
+        * current**amperes
+        * tilt ** float(parsed.powers.get("radian", 0))
+    )

@@ -1,8 +1,12 @@
-"""The readings of one sample, and the slow drifts of the instruments that give them."""
+"""Array layouts of the instruments: readings of a sample, drifts, memory of delays and filters.
+
+The memory is one block of the plant's state: a flag, the filters (`Chain`), then the rows of `Past`, newest first.
+"""
 
 from __future__ import annotations
 
 from gyrowheel_sim.columns import Column
+from gyrowheel_sim.parameter import HIGHEST_ORDER
 
 
 class Reading(Column):
@@ -39,3 +43,41 @@ DRIFT_SIZES = {
 }
 #: Standard normal numbers that one sample takes: one a reading, then one a drift.
 N_NOISE = len(Reading) + len(Drift)
+
+
+class Past(Column):
+    """Columns of a row of the memory: motion, voltages and current at one sample."""
+
+    n_x = 0, "1", "spin axis: component along case x"
+    n_y = 1, "1", "spin axis: component along case y"
+    n_x_rate = 2, "1/s", "rate of n_x"
+    n_y_rate = 3, "1/s", "rate of n_y"
+    spin_angle = 4, "rad", "angle of the shaft, 0 .. 2 pi"
+    spin_rate = 5, "rad/s", "spin rate of the shaft"
+    coil_voltage_x = 6, "V", "voltage of coil x in the interval that ends at the sample"
+    coil_voltage_y = 7, "V", "the same of coil y"
+    motor_voltage = 8, "V", "the same of the motor"
+    motor_current = 9, "A", "current of the motor"
+
+
+class Chain(Column):
+    """The filters before the converters, each with its last input and the outputs of its poles."""
+
+    tilt_x = 0, "rad", "filter of the tilt about case x"
+    tilt_y = 1, "rad", "filter of the tilt about case y"
+    coil_voltage_x = 2, "V", "filter of coil voltage x"
+    coil_voltage_y = 3, "V", "filter of coil voltage y"
+    motor_voltage = 4, "V", "filter of the motor voltage"
+    motor_current = 5, "A", "filter of the motor current"
+
+
+#: Longest delay [samples] that the memory reaches; a delay below zero reaches one sample ahead at most.
+LONGEST = 10
+#: The next sample (voltages alone), the present one, those before; a filter looks one sample further back.
+N_ROWS = LONGEST + 4
+#: Places of one filter: its last input and one output for each pole.
+N_FILTER = 1 + HIGHEST_ORDER
+FILTERS = 1
+ROWS = FILTERS + N_FILTER * len(Chain)
+WIDTH = len(Past)
+N_MEMORY = ROWS + N_ROWS * WIDTH

@@ -1,6 +1,6 @@
 """The plant as one step of compiled code: rotor, coils, motor, thermal states; the instruments read it.
 
-This module is not run as it stands: `gyrowheel_sim.plant.compose` puts the places of the arrays, the generated laws of
+This module is not run as it stands: `gyrowheel_sim.plant.compiled` puts the places of the arrays, the generated laws of
 the effects, the equations of motion, the instruments and the text below into one source file, which is compiled once
 and cached on disk. Effects act through the interface of `gyrowheel_sim.effects.generated` alone: no law target is
 named here.
@@ -13,20 +13,23 @@ from typing import TYPE_CHECKING, Any
 
 from numba.extending import register_jitable
 
-from gyrowheel_sim.effects.instant import Instant
-from gyrowheel_sim.instruments.chain import (
+from gyrowheel_sim.effects.law_code import Instant
+from gyrowheel_sim.instruments.kernel import (
     SHORTEST_FILTER,
     SUB_STEPS,
+    advance_drifts,
+    encoded,
     filter_started,
     filtered,
     has_chain,
     moved_to,
     read_held,
+    read_instruments,
     remember,
     remember_next,
+    sensed_tilt,
 )
-from gyrowheel_sim.instruments.kernel import advance_drifts, encoded, read_instruments, sensed_tilt
-from gyrowheel_sim.instruments.memory import ROWS, WIDTH, Chain, Past
+from gyrowheel_sim.instruments.readings import ROWS, WIDTH, Chain, Past
 from gyrowheel_sim.jit import njit
 from gyrowheel_sim.mechanics.dynamics import (
     case_accelerations,

@@ -13,18 +13,57 @@ from numpy.typing import NDArray
 
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.effects.code import coefficient_arrays
 from gyrowheel_sim.effects.declaration import Effect
+from gyrowheel_sim.effects.law_code import coefficient_arrays
 from gyrowheel_sim.effects.registry import EffectValues, registry
 from gyrowheel_sim.environment import Environment
-from gyrowheel_sim.instruments.clock import StampClock
-from gyrowheel_sim.instruments.memory import LONGEST
-from gyrowheel_sim.instruments.readings import DRIFT_SIZES, N_NOISE, Drift, Reading
-from gyrowheel_sim.plant.compose import compose
-from gyrowheel_sim.plant.outside import OUTSIDE
-from gyrowheel_sim.plant.parameters import PlantParameters
+from gyrowheel_sim.instruments.readings import DRIFT_SIZES, LONGEST, N_NOISE, Drift, Reading
+from gyrowheel_sim.plant.compiled import compiled_plant
 from gyrowheel_sim.plant.scenario import Scenario
-from gyrowheel_sim.plant.state import DRIFT_START, HELD_START, N_STATE, State, Surroundings
+from gyrowheel_sim.plant.state import DRIFT_START, HELD_START, N_STATE, State, Surroundings, plant_parameters
+from gyrowheel_sim.plant.unregistered_effects import UNREGISTERED
+
+_LARGEST = 0.4  # of a sampling period: no stamp overtakes another
+
+
+class StampClock:
+    """Stamps of the samples, one after the other.
+
+    Parameters
+    ----------
+    period : float
+        Sampling period [s].
+    rate_error : float
+        Relative error of the rate.
+    jitter : float
+        Standard deviation of the random errors [s].
+    seed : int
+        Seed of the random errors; not that of the readings' noise, which stays as it is.
+    """
+
+    def __init__(self, period: float, rate_error: float, jitter: float, seed: int) -> None:
+        self._period, self._rate, self._jitter = period, rate_error, jitter
+        self._rng = np.random.default_rng([seed, 0x636C6F63])
+        self._next = 0
+
+    @property
+    def perfect(self) -> bool:
+        """Whether every stamp is the sampling instant itself."""
+        return self._rate == 0.0 and self._jitter == 0.0
+
+    def stamps(self, count: int) -> NDArray[np.int64]:
+        """Return the stamps of the next samples [ns]."""
+        sample = np.arange(self._next, self._next + count, dtype=np.int64)
+        self._next += count
+        stamps = sample * round(self._period * 1e9)
+        if self.perfect:
+            return stamps
+        late = stamps * self._rate * 1e-9
+        if self._jitter > 0.0:
+            limit = _LARGEST * self._period
+            late = late + np.clip(self._jitter * self._rng.standard_normal(count), -limit, limit)
+        return np.maximum(stamps + np.round(late * 1e9).astype(np.int64), 0)
+
 
 _NOISE_BLOCK = 2000
 _TRUTH = tuple(State)[: State.air_pressure + 1]
@@ -34,13 +73,13 @@ _TRUTH = tuple(State)[: State.air_pressure + 1]
 def simulated_effects(declared: tuple[Effect, ...] = ()) -> tuple[Effect, ...]:
     """Return every effect that the plant can have: the registered ones, those for blind tests, and those declared."""
     names = {effect.name for effect in declared}
-    return (*registry().values(), *(effect for effect in OUTSIDE if effect.name not in names), *declared)
+    return (*registry().values(), *(effect for effect in UNREGISTERED if effect.name not in names), *declared)
 
 
 @functools.cache
 def plant_code(declared: tuple[Effect, ...] = ()) -> ModuleType:
     """Return the compiled plant with the laws of every effect that it can have."""
-    return compose(simulated_effects(declared))
+    return compiled_plant(simulated_effects(declared))
 
 
 class Machine:
@@ -76,7 +115,7 @@ class Machine:
         true = bench.with_values(scenario.values, where="scenario.values")
         library = simulated_effects(tuple(scenario.declared.values())) if effects is None else tuple(effects)
         _check_delays(true, scenario.effects)
-        self.parameters = PlantParameters.of(true)
+        self.parameters = plant_parameters(true)
         self.coefficients, self.active = coefficient_arrays(
             library, _checked(scenario.effects, library), bench
         )

@@ -41,8 +41,8 @@ from gyrowheel_core.node import (
 from gyrowheel_core.units import RPM
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import from_json
-from gyrowheel_sim.plant.guard import HELD_SHARE, Guard, GuardLimits, GuardState, Refusal
 from gyrowheel_sim.plant.machine import Plant
+from gyrowheel_sim.plant.protection import HELD_SHARE, Guard, GuardLimits, GuardState, Refusal
 from gyrowheel_sim.plant.real_time import CLOCK_JUMP, CLOCK_PERIOD_NS, RELEASED, RealTime
 from gyrowheel_sim.plant.scenario import Scenario
 

@@ -22,7 +22,7 @@ from gyrowheel_sim.effects import (
     registry,
     validated,
 )
-from gyrowheel_sim.effects.user import check_name
+from gyrowheel_sim.effects.user_defined import check_name
 
 
 class KeyFile(BaseModel):

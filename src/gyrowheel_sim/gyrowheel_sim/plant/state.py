@@ -1,17 +1,18 @@
-"""The layout of the plant's state, and of what surrounds it.
+"""Layout of the arrays of the compiled plant: state, surroundings, parameters.
 
-The state is one flat array: the places of `State`, then the drifts of the instruments
-(`gyrowheel_sim.instruments.readings.Drift`), then what the laws that are evaluated once a sample gave at the last
-sample (`gyrowheel_sim.effects.targets`), then what instruments with delays and filters remember
-(`gyrowheel_sim.instruments.memory`).
+The state is one flat array: the indices of `State`, then the drifts of the instruments
+(`gyrowheel_sim.instruments.readings.Drift`), then the outputs of the laws that are evaluated once a sample
+(`gyrowheel_sim.effects.targets`), then the memory of the instruments (`gyrowheel_sim.instruments.readings.Past`).
 """
 
 from __future__ import annotations
 
+from collections import namedtuple
+
+from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.columns import Column
 from gyrowheel_sim.effects.targets import HELD_OUTPUTS
-from gyrowheel_sim.instruments.memory import N_MEMORY
-from gyrowheel_sim.instruments.readings import Drift
+from gyrowheel_sim.instruments.readings import N_MEMORY, Drift
 
 
 class State(Column):
@@ -55,3 +56,30 @@ DRIFT_START = len(State)
 HELD_START = DRIFT_START + len(Drift)
 MEMORY_START = HELD_START + len(HELD_OUTPUTS)
 N_STATE = MEMORY_START + N_MEMORY
+
+
+#: The bench parameters that the compiled step uses [SI].
+PlantParameters = namedtuple(
+    "PlantParameters",
+    "rotor_inertia_x rotor_inertia_y rotor_inertia_z gimbal_inertia_x gimbal_inertia_y gimbal_inertia_z shaft_inertia "
+    "flexure_stiffness_x flexure_stiffness_y flexure_damping_x flexure_damping_y bearing_coulomb bearing_viscous "
+    "coil_constant coil_voltage_limit coil_resistance coil_heat_capacity coil_thermal_resistance "
+    "motor_constant motor_resistance winding_heat_capacity winding_thermal_resistance "
+    "motor_heat_capacity motor_thermal_resistance supply_voltage fixed_torque_x fixed_torque_y "
+    "tilt_bias_x tilt_bias_y tilt_scale sample_period "
+    "tilt_noise spin_angle_noise spin_rate_noise coil_voltage_noise motor_voltage_noise motor_current_noise "
+    "temperature_noise pressure_noise coil_voltage_drift motor_voltage_drift motor_current_drift drift_time "
+    "temperature_bias pressure_bias air_temperature gas_constant "
+    "tilt_delay spin_angle_delay coil_voltage_delay motor_voltage_delay motor_current_delay "
+    "tilt_filter_time coil_voltage_filter_time motor_voltage_filter_time motor_current_filter_time "
+    "tilt_filter_order coil_voltage_filter_order motor_voltage_filter_order motor_current_filter_order "
+    "encoder_zero encoder_once_x encoder_once_y encoder_twice_x encoder_twice_y tilt_cubic tilt_cross_talk "
+    "tilt_resolution spin_angle_resolution spin_rate_resolution coil_voltage_resolution motor_voltage_resolution "
+    "motor_current_resolution temperature_resolution pressure_resolution "
+    "tilt_hum coil_voltage_hum motor_voltage_hum motor_current_hum mains_frequency",
+)
+
+
+def plant_parameters(bench: Bench) -> PlantParameters:
+    """Return the parameters of a bench that the compiled step uses."""
+    return PlantParameters(*map(bench.value, PlantParameters._fields))

@@ -19,11 +19,10 @@ from gyrowheel_core.files import json_text, read_json, write_text
 from gyrowheel_core.schema import check
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.declaration import Effect
-from gyrowheel_sim.effects.registry import EffectValues, physical, validated
-from gyrowheel_sim.effects.sizes import for_bench
+from gyrowheel_sim.effects.registry import EffectValues, for_bench, physical, validated
 from gyrowheel_sim.parameter import INSTRUMENTS
-from gyrowheel_sim.plant.outside import OUTSIDE
 from gyrowheel_sim.plant.scenario import KeyFile, Scenario
+from gyrowheel_sim.plant.unregistered_effects import UNREGISTERED
 
 Kind = Literal["none", "single", "pair", "outside"]
 #: Probability of each kind.
@@ -78,7 +77,7 @@ def draw(bench: Bench, seed: int, *, kinds: Sequence[Kind] = tuple(KINDS)) -> Sc
     values = draw_machine(bench, rng)
     weights = np.array([KINDS[kind] for kind in kinds])
     kind = kinds[int(rng.choice(len(kinds), p=weights / weights.sum()))]
-    pool = [for_bench(e, bench) for e in (OUTSIDE if kind == "outside" else physical().values())]
+    pool = [for_bench(e, bench) for e in (UNREGISTERED if kind == "outside" else physical().values())]
     count = {"none": 0, "single": 1, "pair": 2, "outside": 1}[kind]
     chosen = [pool[int(i)] for i in rng.choice(len(pool), size=count, replace=False)]
     effects: EffectValues = {effect.name: draw_effect(effect, rng) for effect in chosen}
@@ -119,7 +118,7 @@ def read_key(bench: Bench, key: Path) -> Scenario:
     """
     content = check(KeyFile, read_json(key), str(key), kind="key file")
     bench.with_values(content.values, where=f"{key}: values")
-    outside = {effect.name: effect for effect in OUTSIDE}
+    outside = {effect.name: effect for effect in UNREGISTERED}
     effects = {
         name: validated(name, given, where=f"{key}: effects", declared=outside, bench=bench)
         for name, given in content.effects.items()

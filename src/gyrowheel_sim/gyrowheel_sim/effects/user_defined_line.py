@@ -17,9 +17,8 @@ from gyrowheel_sim.effects.declaration import Effect
 from gyrowheel_sim.effects.dimensions import MissingUnitError, Unit, check_unit
 from gyrowheel_sim.effects.formula import Formula, read
 from gyrowheel_sim.effects.grammar import MAX_LENGTH, NAME, shortened, unknown_names
-from gyrowheel_sim.effects.schema import LAW_FIELDS
 from gyrowheel_sim.effects.targets import TARGETS
-from gyrowheel_sim.effects.user import effect_from_mapping, effect_to_mapping
+from gyrowheel_sim.effects.user_defined import LAW_FIELDS, effect_from_mapping, effect_to_mapping
 
 _FORM = "expected NAME: TARGET = FORMULA; COEFFICIENT [UNIT]; ..."
 _PREFIX = re.compile(rf"\s*({NAME.pattern})\s*:(.*)", re.DOTALL)
@@ -51,7 +50,7 @@ def effect_from_text(text: str, where: str = "formula") -> Effect:
     Raises
     ------
     InputError
-        As `gyrowheel_sim.effects.user.effect_from_mapping`, or if the line is not of that form.
+        As `gyrowheel_sim.effects.user_defined.effect_from_mapping`, or if the line is not of that form.
     """
     name, colon, rest = str(text).partition(":")
     if not colon:

@@ -1,8 +1,9 @@
-"""From declarations to code: generated compiled source for the simulation, array functions for the analysis."""
+"""Code of the laws: generated source for the compiled simulation, array functions for the analysis."""
 
 from __future__ import annotations
 
 import functools
+from collections import namedtuple
 from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
 from types import MappingProxyType
@@ -14,13 +15,30 @@ from sympy.printing.pycode import PythonCodePrinter
 
 from gyrowheel_core import cache
 from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.effects.complex_parts import split
 from gyrowheel_sim.effects.declaration import Effect
-from gyrowheel_sim.effects.instant import Action, Instant
-from gyrowheel_sim.effects.parts import split
 from gyrowheel_sim.effects.quantities import QUANTITIES, REFERENCES
 from gyrowheel_sim.effects.registry import EffectValues
 from gyrowheel_sim.effects.targets import HELD_OUTPUTS, TARGETS, Entry, LawTarget, Place, entering
 from gyrowheel_sim.instruments.readings import Reading
+
+# --- kernel ---
+
+
+#: The quantities of `gyrowheel_sim.effects.quantities` at an instant, complex ones by their components [SI].
+Instant = namedtuple(
+    "Instant",
+    "zx zy zx_rate zy_rate theta_z Omega theta_x theta_y theta_x_rate theta_y_rate "
+    "T_coil T_air T_winding T_motor rho i_motor t up up_x up_y home_xx home_xy home_yx home_yy",
+)
+#: What all laws together do to the motion, besides changes of bench parameters: torques on the rotor across its spin
+#: axis (case axes) and along it, on the motor shaft, of the flexures [N m]; rate of the case [rad/s]; mirrored part of
+#: the coils' torque.
+Action = namedtuple(
+    "Action", "across_x across_y along shaft flexure_x flexure_y case_rate_x case_rate_y mirror_x mirror_y"
+)
+
+# --- end of kernel ---
 
 #: The generated functions that evaluate laws, with the targets of each; the second one is called once a sample.
 FUNCTIONS: dict[str, tuple[LawTarget, ...]] = {
@@ -87,7 +105,7 @@ def cached_laws_source(effects: tuple[Effect, ...]) -> str:
     folder = resources.files("gyrowheel_sim").joinpath("effects")
     own = [
         folder.joinpath(f"{name}.py").read_text(encoding="utf-8")
-        for name in ("code", "instant", "parts", "targets")
+        for name in ("law_code", "complex_parts", "targets")
     ]
     declared = [
         (e.name, [(law.target, sp.srepr(law.expression)) for law in e.laws], [c.name for c in e.coefficients])

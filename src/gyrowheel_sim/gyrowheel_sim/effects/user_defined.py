@@ -1,4 +1,4 @@
-"""Effects that a user writes as formulas: checked, completed, and turned into declarations.
+"""User-defined effects: declarations in files and formulas, checked, completed and turned into `Effect`.
 
 A declaration in a model file::
 
@@ -6,7 +6,7 @@ A declaration in a model file::
     coefficients:
       k: {unit: N*m/rad, usual: [0.01, 0.05], bounds: [-0.5, 0.5]}
 
-`gyrowheel_sim.effects.typed` reads the same from one line.
+`gyrowheel_sim.effects.user_defined_line` reads the same from one line of text.
 """
 
 from __future__ import annotations
@@ -16,22 +16,136 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import sympy as sp
+from pydantic import AfterValidator, BeforeValidator, Field, StrictBool, create_model
 
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.schema import check
-from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law
+from gyrowheel_core.schema import Number, Section, check, refuse, shown
+from gyrowheel_sim.effects.complex_parts import ComplexArgumentError, is_real
+from gyrowheel_sim.effects.declaration import Category, Coefficient, Effect, Law
 from gyrowheel_sim.effects.dimensions import MissingUnitError, Unit, check_unit
-from gyrowheel_sim.effects.formula import Formula, read
-from gyrowheel_sim.effects.grammar import NAME
-from gyrowheel_sim.effects.parts import ComplexArgumentError, is_real
-from gyrowheel_sim.effects.printing import to_text
+from gyrowheel_sim.effects.formula import Formula, read, to_text
+from gyrowheel_sim.effects.grammar import NAME, RESERVED
 from gyrowheel_sim.effects.quantities import theta, theta_rate
-from gyrowheel_sim.effects.schema import LAW_FIELDS, CoefficientEntry, Declaration
 from gyrowheel_sim.effects.targets import TARGETS
+
+#: Names that a law may have in a declaration, and the targets that they mean.
+LAW_FIELDS: dict[str, str] = {"torque": "rotor_torque", **{target: target for target in TARGETS}}
+_LONGEST_TEXT = 300
+_MOST_COEFFICIENTS = 12
+_LARGEST = 1e100
+
+
+def _line(raw: Any) -> str:
+    if not isinstance(raw, str) or len(raw) > _LONGEST_TEXT:
+        refuse(f"{shown(raw)} is not a text of up to {_LONGEST_TEXT} characters")
+    return "".join(c if c.isprintable() else " " for c in " ".join(raw.split()))
+
+
+def _unit(raw: Any) -> str:
+    try:
+        Unit.of(str(raw))
+    except InputError as error:
+        refuse(str(error))
+    return str(raw).strip().replace("**", "^").replace("·", "*").replace(" ", "")
+
+
+def _is_pair(raw: Any) -> Any:
+    if not isinstance(raw, list | tuple) or len(raw) != 2:
+        refuse(f"{shown(raw)} is not a pair of numbers, [low, high]")
+    return tuple(raw)
+
+
+def _grows(pair: tuple[float, float]) -> tuple[float, float]:
+    if not pair[0] < pair[1]:
+        refuse(f"[{pair[0]:g}, {pair[1]:g}] is empty; allowed: low < high")
+    return pair
+
+
+def _not_huge(value: float) -> float:
+    if abs(value) > _LARGEST:
+        refuse(f"{value:g} is not finite")
+    return value
+
+
+def _some(value: float) -> float:
+    if value <= 0.0:
+        refuse(f"{value:g} is out of range; allowed: > 0")
+    return value
+
+
+#: A text of one line.
+Line = Annotated[str, BeforeValidator(_line)]
+Size = Annotated[Number, AfterValidator(_not_huge)]
+Pair = Annotated[tuple[Size, Size], BeforeValidator(_is_pair), AfterValidator(_grows)]
+
+
+class CoefficientEntry(Section):
+    """A coefficient in a declaration; `gyrowheel_sim.effects.declaration.Coefficient` says what the fields mean."""
+
+    unit: Annotated[str, BeforeValidator(_unit)] | None = None
+    description: Line = ""
+    usual: Pair | None = None
+    bounds: Pair | None = None
+    possible: Pair | None = None
+    possible_source: Line = ""
+    signed: StrictBool | None = None
+    value: Size | None = None
+    uncertainty: Size | None = None
+    source: Line = ""
+
+
+def _entry(raw: Any) -> Any:
+    if raw is None or isinstance(raw, str):
+        return {} if raw is None else {"unit": raw}
+    if not isinstance(raw, Mapping):
+        refuse(f"{shown(raw)} is not a unit or a mapping with unit, usual, bounds")
+    return raw
+
+
+def _named(raw: Any) -> Any:
+    if not isinstance(raw, Mapping) or not raw:
+        refuse("missing; an effect needs a coefficient, e.g. k: {unit: N*m/rad}")
+    if len(raw) > _MOST_COEFFICIENTS:
+        refuse(f"{len(raw)} coefficients; allowed: up to {_MOST_COEFFICIENTS}")
+    for name in raw:
+        if not isinstance(name, str) or NAME.fullmatch(name) is None:
+            refuse(f"{shown(name)} is no name of a coefficient; letters, digits and _ are allowed")
+        if name in RESERVED:
+            refuse("the name is taken; choose another", name)
+    return raw
+
+
+def _alike(raw: Any) -> Any:
+    if raw is not None and not isinstance(raw, Mapping):
+        refuse("a mapping of effects to tests is expected")
+    return {} if raw is None else {_line(str(name))[:40]: test for name, test in raw.items()}
+
+
+class _Declaration(Section):
+    title: Line = ""
+    category: Category = "other"
+    sentence: Line = ""
+    validity: Line = ""
+    source: Line = ""
+    look_alikes: Annotated[dict[str, Line], BeforeValidator(_alike)] = Field(default_factory=dict)
+    greatest: Annotated[Size, AfterValidator(_some)] | None = None
+    coefficients: Annotated[
+        dict[str, Annotated[CoefficientEntry, BeforeValidator(_entry)]], BeforeValidator(_named)
+    ] = Field(None, validate_default=True)
+
+    def laws(self) -> dict[str, Any]:
+        """Return the formulas that are given, by the names of their fields."""
+        return {field: getattr(self, field) for field in LAW_FIELDS if field in self.model_fields_set}
+
+
+_FORMULAS: dict[str, Any] = dict.fromkeys(LAW_FIELDS, (Any, None))
+#: A declaration: the fields above, and a formula for every target that a law of it acts on.
+Declaration: type[_Declaration] = create_model("Declaration", __base__=_Declaration, **_FORMULAS)
+
 
 #: States in which a law is tried: at rest on the axis, and tilted at speeds from 1000 to 4000 rpm.
 _SPEEDS = np.linspace(105.0, 420.0, 64)
@@ -361,7 +475,7 @@ def _sized(effect: Effect, where: str) -> list[Coefficient]:
 
 
 def _values(effect: Effect, instant: Mapping[str, Any], coefficients: Mapping[str, float]) -> list[Any]:
-    from gyrowheel_sim.effects.code import array_law  # imports the compiler, which few callers need
+    from gyrowheel_sim.effects.law_code import array_law  # imports the compiler, which few callers need
 
     # arrays: plain numbers would raise an exception where arrays hold an infinity
     values = {name: np.asarray(value) for name, value in {**instant, **coefficients}.items()}

@@ -63,4 +63,4 @@ CONTACT = Effect(
     source="assumed",
 )
 
-OUTSIDE: tuple[Effect, ...] = (SPEED_BUMP, THREE_LOBED, CONTACT)
+UNREGISTERED: tuple[Effect, ...] = (SPEED_BUMP, THREE_LOBED, CONTACT)
