@@ -1,23 +1,23 @@
-"""The node ``conductor``: walks test plans on request of the action ``/gyrowheel/run_plan``.
+"""The node ``conductor``: runs test plans on request of the action ``/gyrowheel/run_plan``.
 
-It publishes the setpoints of a plan ahead of the time of the bench, and before them what the operator changes
-on the rig. That time comes from ``/clock`` where somebody publishes it, as the plant does in lock-step. Elsewhere it
-comes from the stamps of the samples, or of the joint states where the same node publishes these, which are few; a clock
-of somebody who publishes no samples, such as a simulation beside a bench in real time, is left alone. A plan starts at
-the time at which it was asked for, so at 0 in a lock-step graph that was just started.
+It publishes the setpoints of a plan ahead of the bench's time, and before them the changes that the operator makes on
+the rig. That time comes from ``/clock`` where one is published, as by the plant in lock-step; elsewhere from the stamps
+of the samples, or of the less frequent joint states if the same node publishes both. A clock of a node that publishes
+no samples, such as a simulation next to a bench in real time, is ignored. A plan starts at the time of its request,
+thus at 0 in a lock-step graph that has just started.
 
-A plan ends early, and says why, when the clock jumps or stands, a node of the bench reports an error, such as a
-guard that has tripped, or the wheel does not follow: whoever controls it, the joint states, or where there are none the
-samples, show whether it comes to a setpoint that stands still (`Tracking`). The last setpoint is then held. Where the
-conductor itself is deactivated, the controller does so, and brings the wheel to rest. The tilt limit that a plan needs
-is set in the controller before it starts.
+A plan ends early, with the reason, when the clock jumps or stands, when a node of the bench reports an error (such as
+a tripped guard), or when the wheel does not follow: whichever node controls it, the joint states, or the samples where
+there are none, show whether it reaches a constant setpoint (`Tracking`). The last setpoint is then held. If the
+conductor itself is deactivated, the controller does so and brings the wheel to rest. The conductor sets the tilt limit
+of a plan in the controller before the plan starts.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -25,7 +25,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from gyrowheel_msgs.action import RunPlan
 from numpy.typing import NDArray
-from rclpy.action import CancelResponse, GoalResponse
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.subscription import Subscription
 from std_msgs.msg import String
@@ -33,9 +33,9 @@ from std_msgs.msg import String
 from gyrowheel_control.loops.supervision import Tracking, plan_tilt_limit, tilt_limit
 from gyrowheel_control.nodes.bench_observer import TimeSources, WheelWatch
 from gyrowheel_control.nodes.controller_limit import ControllerLimit
-from gyrowheel_control.nodes.plan_server import PlanServer
+from gyrowheel_control.nodes.setpoint_stream import SETPOINT_PERIOD_NS, SetpointStream, at_rest, final_hold
 from gyrowheel_control.plans.adaptation import plan_for
-from gyrowheel_control.plans.plan import HOLD, RAMP, SETPOINT_PERIOD, Plan
+from gyrowheel_control.plans.plan import RAMP, Plan
 from gyrowheel_core import namespaces, topics, wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import PRIORITY, BenchNode, Diagnosis, Newcomers, Param, run_node
@@ -44,44 +44,73 @@ from gyrowheel_sim.environment import to_json
 
 #: Relative, as all names are: they move with the namespace of the node.
 ACTION = "gyrowheel/run_plan"
-SETPOINT_PERIOD_NS = round(SETPOINT_PERIOD * 1e9)
 #: Plans start and end at whole multiples of this, at which the plant publishes the clock [ns].
 CLOCK_PERIOD_NS = 10_000_000
 POLL_PERIOD = 0.05
-#: How long a goal waits for somebody who listens to the setpoints [s].
+#: Time for which a goal waits for subscribers of the setpoints [s].
 MATCHING_TIMEOUT = 120.0
-#: How long a publisher of the clock is looked for before the samples tell the time [s].
+#: Time for which a publisher of the clock is awaited before the samples give the time [s].
 CLOCK_TIMEOUT = 0.5
-#: How long a clock of somebody else that is there may be silent before it counts as standing at 0 [s].
+#: Silence after which an existing clock of another node counts as standing at 0 [s].
 CLOCK_SILENCE = 2.5
-#: How long in real time a plan goes on without any command [ns].
+#: Time for which a plan in real time continues without any command [ns].
 COMMANDLESS_NS = 5_000_000_000
 #: A step of the clock beyond this is a jump [ns].
 JUMP_NS = 1_000_000_000
 #: Name of the guard.
 TRACKING_LOST = "tracking_lost"
-_MOTION = ("tilt_rate_x", "tilt_rate_y", "spin_acceleration")
 
 
 @dataclass
 class Walk:
-    """A plan on its way."""
+    """A plan in progress.
+
+    Attributes
+    ----------
+    goal, plan, setpoints : ServerGoalHandle, Plan, ndarray
+        The goal of the action, its plan, and the setpoints of the plan.
+    tilt_limit : float
+        Tilt limit of the plan [rad].
+    waits_for : str
+        The condition that is missing before the start.
+    start_ns : int or None
+        Time of the start [ns]; None before it.
+    deadline : float
+        Time up to which subscribers may appear, by `time.monotonic` [s].
+    timeless : float or None
+        Time since which only the bench's time is missing, by the same clock [s].
+    told : tuple of int
+        Segment and second of the last feedback.
+    """
 
     goal: ServerGoalHandle
     plan: Plan
     setpoints: NDArray[Any]
-    tilt_limit: float  # [rad]
+    tilt_limit: float
     waits_for: str = "somebody who listens to the setpoints"
-    start_ns: int | None = None  # set once somebody listens
-    deadline: float = 0.0  # for that, by the clock of `time.monotonic`
-    timeless: float | None = (
-        None  # since when nothing but the time of the bench is missing, by the same clock
-    )
-    told: tuple[int, int] = (-1, -1)  # segment and second of the last feedback
+    start_ns: int | None = None
+    deadline: float = 0.0
+    timeless: float | None = None
+    told: tuple[int, int] = (-1, -1)
+
+
+class PlanServer(ActionServer):
+    """Action server whose goals are processed by callbacks of the node instead of one callback for the whole goal.
+
+    ``goal.execute()`` marks a goal as executing; ``notify_execute(goal, callback)`` ends it with the result of the
+    callback. The events executor would poll a coroutine that waits for the end of a plan without a pause.
+    """
+
+    def notify_execute(
+        self, goal_handle: ServerGoalHandle, execute_callback: Callable[..., Any] | None
+    ) -> None:
+        """Run `execute_callback` if there is one."""
+        if execute_callback is not None:
+            super().notify_execute(goal_handle, execute_callback)
 
 
 class ConductorNode(BenchNode):
-    """Walks test plans: takes the action /gyrowheel/run_plan, publishes setpoints."""
+    """Runs test plans: takes the action /gyrowheel/run_plan, publishes setpoints."""
 
     NODE_NAME = "conductor"
     PARAMETERS = (
@@ -129,24 +158,21 @@ class ConductorNode(BenchNode):
         self._tilt_limit = self._limit(self.parameter("tilt_limit"))
         self._lead_ns = round(self.parameter("lead") * 1e9)
         self._now = 0  # time of the bench [ns]
-        self._told_time = False  # whether it is known
-        self._standing = 0.0  # for how long it has not gone on [s, wall clock]
+        self._time_known = False
+        self._standing = 0.0  # for how long the time of the bench has stood [s, wall clock]
+        self._moved = True  # whether it has advanced since the last poll
         self._polled = time.monotonic()
-        self._released = (
-            False  # whether the plant said that the controller has left, and another one may come
-        )
-        self._commandless = False  # whether the plant said, in real time, that no command has come yet
-        self._plant_seen = False  # whether one has said anything
-        self._plant_stopped = False  # whether the plant said that it is not active
-        self._samples: Subscription | None = None  # tell the time where there is no clock
-        self._time_sources = TimeSources(self)
+        # as last reported by the plant: it was heard of; it is inactive; its controller has left and another may come;
+        # no command has come yet, in real time
+        self._plant_seen = self._plant_stopped = self._released = self._commandless = False
+        self._samples: Subscription | None = None  # gives the time where there is no clock
         self._samples_due = 0  # time from which on the next sample does [ns]
+        self._time_sources = TimeSources(self)
         self._walk: Walk | None = None
         self._held: NDArray[Any] | None = None  # one setpoint, published after the plan
-        self._next = 0  # stamp of the next setpoint to publish [ns]
-        self._moved = True  # whether the time has gone on since the last poll
         self._wheel = WheelWatch(self._tracking, self._asked)
         self._setpoints = self.publisher(topics.SETPOINT)
+        self._stream = SetpointStream(self._setpoints.publish)
         self._newcomers = Newcomers(self, topics.SETPOINT)
         self._environment = self.publisher(topics.ENVIRONMENT)
         self._inputs = [
@@ -166,7 +192,9 @@ class ConductorNode(BenchNode):
             execute_callback=self._begin,  # required, never called: `_begin` is called on acceptance
             goal_callback=self._on_goal,
             handle_accepted_callback=self._begin,
-            cancel_callback=self._on_cancel,
+            cancel_callback=lambda _: (
+                CancelResponse.ACCEPT
+            ),  # noticed by `_on_poll`, also while the clock stands
         )
 
     def activate(self) -> None:
@@ -175,14 +203,14 @@ class ConductorNode(BenchNode):
         self._poll = self.wall_timer(POLL_PERIOD, self._on_poll)
 
     def deactivate(self) -> None:
-        """End a plan that is on its way and accept no more."""
+        """End the plan in progress and accept no more."""
         self.destroy_timer(self._poll)
         self._finish("aborted: the conductor was stopped")
         self._held = None
         self.deliver(self._setpoints)
 
     def cleanup(self) -> None:
-        """Give up topics and action."""
+        """Destroy topics and action."""
         self._server.destroy()
         for subscription in (*self._inputs, self._samples):
             if subscription is not None:
@@ -197,40 +225,35 @@ class ConductorNode(BenchNode):
         self._limit(values["tilt_limit"])
 
     def tune(self) -> None:
-        """Take over the tilt limit, for the next plan, and what counts as not following."""
+        """Adopt the tilt limit, for the next plan, and the bounds of tracking."""
         self._tilt_limit = self._limit(self.parameter("tilt_limit"))
         self._wheel.begin()
 
     def diagnose(self) -> Diagnosis:
-        """Return what is being walked."""
-        limit = self._tilt_limit if self._walk is None else self._walk.tilt_limit
+        """Return the plan in progress, and whether the wheel follows."""
+        walk = self._walk
         values = {
             "simulated_time": f"{self._now * 1e-9:.3f}",
             "time_from": "samples" if self._samples is not None else "clock",
-            "tilt_limit_deg": f"{math.degrees(limit):g}",
+            "tilt_limit_deg": f"{math.degrees(walk.tilt_limit if walk else self._tilt_limit):g}",
         }
         if self._wheel.lost:
             values["guard"] = TRACKING_LOST
             return Diagnosis(f"{TRACKING_LOST}: {self._wheel.lost}", values, DiagnosticStatus.ERROR)
-        if self._walk is None:
+        if walk is None:
             return Diagnosis("holding" if self._held is not None else "waiting for a plan", values)
-        values["plan"] = self._walk.plan.name
-        if self._walk.start_ns is None:
-            return Diagnosis(f"waiting for {self._walk.waits_for}", values)
-        return Diagnosis(f"walking plan {self._walk.plan.name}", values)
+        values["plan"] = walk.plan.name
+        if walk.start_ns is None:
+            return Diagnosis(f"waiting for {walk.waits_for}", values)
+        return Diagnosis(f"walking plan {walk.plan.name}", values)
 
-    # ---- action
+    # ---- the action, and the start of a plan
 
     def _on_goal(self, request: RunPlan.Goal) -> GoalResponse:
         if self.state != "active" or self._walk is not None:
-            self.get_logger().warning(
-                "a plan is refused: another one is on its way, or the node is not active"
-            )
+            self.get_logger().warning("plan refused: another one is in progress, or the node is not active")
             return GoalResponse.REJECT
         return GoalResponse.ACCEPT
-
-    def _on_cancel(self, goal: ServerGoalHandle) -> CancelResponse:
-        return CancelResponse.ACCEPT  # noticed in _on_poll, also while the clock is stopped
 
     def _begin(self, goal: ServerGoalHandle) -> None:
         goal.execute()
@@ -242,71 +265,69 @@ class ConductorNode(BenchNode):
             self._conclude(goal, RunPlan.Result(success=False, message=str(error)))
             return
         if len(setpoints) * SETPOINT_PERIOD_NS % CLOCK_PERIOD_NS:
-            setpoints = np.concatenate([setpoints, self._after(setpoints, plan)])
+            setpoints = np.concatenate([setpoints, final_hold(setpoints, plan)])
         self._walk = Walk(goal, plan, setpoints, limit, deadline=time.monotonic() + MATCHING_TIMEOUT)
         if self._controller_limit is not None:
             self._controller_limit.begin(plan.name, limit)
         self._on_poll()
 
     def _on_poll(self) -> None:
-        # a process that was stopped itself has heard nothing: long pauses count as a short one
+        # a process that was itself suspended has received nothing: a long pause counts as a short one
         now = time.monotonic()
         self._standing += min(now - self._polled, 2 * POLL_PERIOD)
         self._polled = now
         if self._newcomers.look(goes_on=self._moved, now=now):
-            self._publish_again()
+            self._resend()
         self._moved = False
-        walk = self._walk
+        walk, patience = self._walk, self.parameter("clock_timeout")
         if walk is None:
             return
         if walk.goal.is_cancel_requested:
             self._hold_here(walk)
             self._finish("cancelled")
         elif walk.start_ns is None:
-            needed = self.parameter("wait_for_subscribers")
-            listeners = self._setpoints.get_subscription_count()
-            rigs = self._environment.get_subscription_count()
-            if listeners >= needed and rigs >= needed:
-                try:
-                    limited = self._controller_limit is None or self._controller_limit.is_set(
-                        self._tilt_limit
-                    )
-                except InputError as error:
-                    self._finish(str(error))
-                    return
-                if not limited:
-                    walk.waits_for = "the controller to take the tilt limit"
-                elif not self._time_is_known(walk):
-                    walk.waits_for = "the time of the bench"
-                    walk.timeless = walk.timeless or now
-                    # a clock that is silent is taken to stand at 0 sooner than that
-                    if now - walk.timeless > max(self.parameter("clock_timeout"), 2.0 * CLOCK_SILENCE):
-                        self._finish(
-                            "aborted: clock_stands: nobody tells the time of the bench: neither a clock, nor samples"
-                        )
-                else:
-                    self._start(walk)
-            elif time.monotonic() > walk.deadline:
-                self._finish(
-                    f"nobody listens: after {MATCHING_TIMEOUT:g} s {topics.SETPOINT.name} has {listeners} of "
-                    f"{needed} subscribers, {topics.ENVIRONMENT.name} has {rigs}"
-                )
-        elif self._standing > self.parameter("clock_timeout"):
+            try:
+                self._start_if_ready(walk, now)
+            except InputError as error:
+                self._finish(str(error))
+        elif self._standing > patience:
             why = (
                 "the plant is not active"
                 if self._plant_stopped
                 else "nobody answers its last sample, or it is gone"
             )
-            self._hold_here(walk)
-            self._finish(
-                f"aborted: clock_stands: the time of the bench has stood at {self._now * 1e-9:.3f} s for "
-                f"{self.parameter('clock_timeout'):g} s: {why}"
+            self._abort(
+                f"clock_stands: the time of the bench has stood at {self._now * 1e-9:.3f} s for {patience:g} s: {why}"
             )
+
+    def _start_if_ready(self, walk: Walk, now: float) -> None:
+        """Start a plan if nothing is missing; InputError once something has been missing for too long."""
+        needed = self.parameter("wait_for_subscribers")
+        listeners = self._setpoints.get_subscription_count()
+        rigs = self._environment.get_subscription_count()
+        if listeners < needed or rigs < needed:
+            if time.monotonic() > walk.deadline:
+                raise InputError(
+                    f"nobody listens: after {MATCHING_TIMEOUT:g} s {topics.SETPOINT.name} has {listeners} of "
+                    f"{needed} subscribers, {topics.ENVIRONMENT.name} has {rigs}"
+                )
+        elif self._controller_limit is not None and not self._controller_limit.is_set(self._tilt_limit):
+            walk.waits_for = "the controller to take the tilt limit"
+        elif not self._find_time(walk):
+            walk.waits_for = "the time of the bench"
+            walk.timeless = walk.timeless or now
+            # a silent clock counts as standing at 0 before that
+            if now - walk.timeless > max(self.parameter("clock_timeout"), 2.0 * CLOCK_SILENCE):
+                raise InputError(
+                    "aborted: clock_stands: nobody tells the time of the bench: neither a clock, nor samples"
+                )
+        else:
+            self._start(walk)
 
     def _limit(self, wanted: float) -> float:
         return tilt_limit(self._bench, wanted, "parameter tilt_limit")
 
-    def _time_is_known(self, walk: Walk) -> bool:
+    def _find_time(self, walk: Walk) -> bool:
         """Return whether there is a time to start from: that of the clock, or else of the samples."""
         waited = time.monotonic() - walk.deadline + MATCHING_TIMEOUT
         if self._samples is None:
@@ -314,28 +335,28 @@ class ConductorNode(BenchNode):
             if foreign is None:
                 return False
             if foreign:
-                self._told_time, self._now = False, 0
+                self._time_known, self._now = False, 0
                 self._samples = self._time_of_samples()
-        if self._told_time:
+        if self._time_known:
             return True
         if self._samples is None and self.count_publishers(topics.CLOCK.relative):
-            # our plant says the time again and again while it stands; another clock that is silent stands at 0
+            # our plant repeats the time while it stands; another clock that is silent stands at 0
             return waited > (self.parameter("clock_timeout") if self._plant_seen else CLOCK_SILENCE)
         if self._samples is None and waited > CLOCK_TIMEOUT:
             self._samples = self._time_of_samples()
         return False
 
     def _time_of_samples(self) -> Subscription:
-        """Return what tells the time from now on, in the place of a clock."""
+        """Subscribe to the stamps that give the time in the place of a clock."""
         topic = self._time_sources.stamps()
         heard = self._on_sample if topic is topics.MEASUREMENT else self._on_stamp
         return self.subscription(topic, heard, raw=True)
 
     def _start(self, walk: Walk) -> None:
-        start = self._now if self._held is None else max(self._now, self._next)
+        start = self._now if self._held is None else max(self._now, self._stream.next)
         start += -start % CLOCK_PERIOD_NS
         if self._held is not None:
-            self._publish_held(self._held, start)
+            self._stream.hold(self._held, start)
             self._held = None
         machine = self.parameter("machine")
         events = [
@@ -343,26 +364,31 @@ class ConductorNode(BenchNode):
             for event in walk.plan.environment()
         ]
         self._environment.publish(String(data=to_json(events)))
-        # The plant must have them before the command that the first setpoint brings about.
+        # The plant must have them before the command that the first setpoint causes.
         self.deliver(self._environment)
-        walk.start_ns = self._next = start
+        walk.start_ns = self._stream.next = start
         self._wheel.begin()
         self._newcomers.begin()
         self._standing = 0.0
         self.get_logger().info(f"plan {walk.plan.name}: {walk.plan.duration:g} s from {start * 1e-9:g} s on")
-        self._go_on(walk)
+        self._continue(walk)
+
+    def _abort(self, reason: str) -> None:
+        """End the plan in progress early, and hold its last setpoint."""
+        if self._walk is not None:
+            self._hold_here(self._walk)
+        self._finish(f"aborted: {reason}")
 
     def _finish(self, message: str = "") -> None:
-        """End the plan on its way; no message: it went to its end."""
+        """End the plan in progress; without a message it was completed."""
         walk, self._walk = self._walk, None
         if walk is None:
             return
         elapsed = 0.0 if walk.start_ns is None else (self._now - walk.start_ns) * 1e-9
-        done = sum(segment.end <= elapsed + 1e-9 for segment in walk.plan.segments)
         result = RunPlan.Result(
             success=not message,
             message=message or f"plan {walk.plan.name} completed",
-            segments=done,
+            segments=sum(segment.end <= elapsed + 1e-9 for segment in walk.plan.segments),
             duration=min(elapsed, walk.plan.duration),
         )
         self._conclude(walk.goal, result)
@@ -381,18 +407,18 @@ class ConductorNode(BenchNode):
 
         self._server.notify_execute(goal, end)
 
-    # ---- setpoints
+    # ---- inputs
 
     def _on_clock(self, raw: bytes) -> None:
         try:
             now = wire.CLOCK.unpack(raw)[0]
-        except ValueError:  # from a node that is not of this bench
+        except ValueError:  # from a node of another bench
             return
         if self._samples is None or self._time_sources.clock_is_foreign() is False:
             self._advance(now)
 
     def _on_sample(self, raw: bytes) -> None:
-        """Take the time from a sample, and look at it if nothing else shows whether the wheel follows."""
+        """Take the time from a sample, and check tracking by it if nothing else shows the wheel."""
         self._on_stamp(raw)
         if self._wheel.is_due(self._now) and self._wheel.sample(raw):
             self._lose()
@@ -411,46 +437,42 @@ class ConductorNode(BenchNode):
             self._advance(now)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        """End a plan when a node of the bench says that it has failed."""
+        """End a plan when a node of the bench reports that it has failed."""
         for status in message.status:
-            if namespaces.is_of_another(status.hardware_id, self.namespace):
-                continue
             name = namespaces.local_name(status.name, self.namespace)
-            if name == self.get_name():
+            if namespaces.is_of_another(status.hardware_id, self.namespace) or name == self.get_name():
                 continue
             if name == "plant":
-                self._plant_seen = True
-                self._plant_stopped = status.level == DiagnosticStatus.WARN and status.message == "inactive"
-                guard = next((pair.value for pair in status.values if pair.key == "guard"), "")
-                self._released = guard == "released"
-                self._note_commands(waiting=guard == "waiting")
-            # such as a guard that has tripped: the wheel no longer is where the plan has it
+                self._note_plant(status)
+            # such as a tripped guard: the wheel is no longer where the plan has it
             names = {pair.key for pair in status.values}
             ended = "fault" in names and name in ("plant", self._controller)
             if status.level == DiagnosticStatus.ERROR and ("guard" in names or ended):
-                if self._walk is not None:
-                    self._hold_here(self._walk)
-                self._finish(f"aborted: {name}: {status.message}")
+                self._abort(f"{name}: {status.message}")
 
-    def _note_commands(self, *, waiting: bool) -> None:
-        """End a plan in real time that no command answers: the time would go on to its end without the wheel."""
+    def _note_plant(self, status: DiagnosticStatus) -> None:
+        """Note the state of the plant; end a plan in real time without commands: its time would run to its end."""
+        guard = next((pair.value for pair in status.values if pair.key == "guard"), "")
+        self._plant_seen = True
+        self._plant_stopped = status.level == DiagnosticStatus.WARN and status.message == "inactive"
+        self._released = guard == "released"
+        self._commandless = guard == "waiting" and self._samples is not None  # in lock-step the time stands
         walk = self._walk
-        self._commandless = waiting and self._samples is not None  # in lock-step the time stands
-        if not self._commandless or walk is None or walk.start_ns is None:
-            return
-        if self._now - walk.start_ns > COMMANDLESS_NS:
-            self._hold_here(walk)
-            self._finish("aborted: controller_silent: no command has come since the plan began")
+        if (
+            self._commandless
+            and walk is not None
+            and walk.start_ns is not None
+            and self._now - walk.start_ns > COMMANDLESS_NS
+        ):
+            self._abort("controller_silent: no command has come since the plan began")
 
     def _lose(self) -> None:
         """End the plan because the wheel does not follow it."""
-        if self._walk is not None:
-            self._hold_here(self._walk)
-        self._finish(f"aborted: {TRACKING_LOST}: {self._wheel.lost}")
+        self._abort(f"{TRACKING_LOST}: {self._wheel.lost}")
         self.announce()
 
     def _asked(self, stamp: int) -> list[float] | None:
-        """Return the setpoint that a reading of a time [ns] is to follow; None where there is none."""
+        """Return the setpoint in force for a reading at a time [ns]; None where there is none."""
         walk, rows, row = self._walk, self._held, 0
         if walk is not None and walk.start_ns is not None:
             rows = walk.setpoints
@@ -462,64 +484,68 @@ class ConductorNode(BenchNode):
     def _tracking(self) -> Tracking:
         return Tracking(*(self.parameter(f"tracking_{name}") for name in ("tilt", "spin", "time")))
 
-    def _advance(self, now: int) -> None:
-        """Go on to the time `now` [ns]."""
-        walk, step = self._walk, now - self._now
-        if step < 0 or (step > JUMP_NS and walk is not None and walk.start_ns is not None):
-            then = f"from {self._now * 1e-9:.3f} s to {now * 1e-9:.3f} s"
-            if step > 0 and walk is not None:
-                self._hold_here(walk)  # nothing else would: the setpoints that were published are over
-                self._next = now - now % SETPOINT_PERIOD_NS
-            else:
-                self._held = None
-            self._now, self._standing = now, 0.0
-            self._wheel.begin()
-            if step < 0:
-                reason = "the simulated time went back, the plant was started again"
-                self._finish(f"aborted: clock_jump: {reason} ({then})")
-            elif self._plant_stopped:
-                self._finish(f"aborted: plant_stopped: the plant was not active, and the time went {then}")
-            else:
-                self._finish(f"aborted: clock_jump: the time went {then}")
-            if self._held is not None:
-                self._publish_held(self._held, now + self._lead_ns)
-            return
-        self._told_time = True
-        if step:
-            self._standing, self._moved = 0.0, True
-        self._now = now
-        if walk is not None and walk.start_ns is not None:
-            if now < walk.start_ns + len(walk.setpoints) * SETPOINT_PERIOD_NS:
-                self._go_on(walk)
-            elif self._commandless and self.parameter("hold_after_plan"):
-                # it is known by the next diagnosis whether a command has come
-                self._publish_held(self._after(walk.setpoints, walk.plan), now + self._lead_ns)
-            else:
-                self._held = (
-                    self._after(walk.setpoints, walk.plan) if self.parameter("hold_after_plan") else None
-                )
-                self._finish()
-        if self._held is not None:
-            self._publish_held(self._held, now + self._lead_ns)
+    # ---- setpoints
 
-    def _go_on(self, walk: Walk) -> None:
-        """Publish the setpoints up to `lead` ahead of the clock, and tell the client about progress."""
+    def _advance(self, now: int) -> None:
+        """Advance to the time `now` [ns]."""
+        walk, step, ahead = self._walk, now - self._now, now + self._lead_ns
+        running = walk is not None and walk.start_ns is not None
+        if step < 0 or (step > JUMP_NS and running):
+            self._jump(now)
+        else:
+            self._time_known = True
+            if step:
+                self._standing, self._moved = 0.0, True
+            self._now = now
+            if walk is not None and walk.start_ns is not None:
+                if now < walk.start_ns + len(walk.setpoints) * SETPOINT_PERIOD_NS:
+                    self._continue(walk)
+                elif self._commandless and self.parameter("hold_after_plan"):
+                    # the next diagnosis will show whether a command has come
+                    self._stream.hold(final_hold(walk.setpoints, walk.plan), ahead)
+                else:
+                    hold = self.parameter("hold_after_plan")
+                    self._held = final_hold(walk.setpoints, walk.plan) if hold else None
+                    self._finish()
+        if self._held is not None:
+            self._stream.hold(self._held, ahead)
+
+    def _jump(self, now: int) -> None:
+        """End the plan in progress because the time has jumped to `now` [ns]."""
+        back, walk = now < self._now, self._walk
+        then = f"from {self._now * 1e-9:.3f} s to {now * 1e-9:.3f} s"
+        if not back and walk is not None:
+            self._hold_here(walk)  # the setpoints that were published have passed
+            self._stream.next = now - now % SETPOINT_PERIOD_NS
+        else:
+            self._held = None
+        self._now, self._standing = now, 0.0
+        self._wheel.begin()
+        if back:
+            reason = "the simulated time went back, the plant was started again"
+            self._finish(f"aborted: clock_jump: {reason} ({then})")
+        elif self._plant_stopped:
+            self._finish(f"aborted: plant_stopped: the plant was not active, and the time went {then}")
+        else:
+            self._finish(f"aborted: clock_jump: the time went {then}")
+
+    def _continue(self, walk: Walk) -> None:
+        """Publish the setpoints up to `lead` ahead of the clock, and report progress to the client."""
         assert walk.start_ns is not None
         if self._released and self._samples is not None:  # in lock-step the time itself waits
             self._wait(walk)
             return
-        first = (self._next - walk.start_ns) // SETPOINT_PERIOD_NS
+        first = (self._stream.next - walk.start_ns) // SETPOINT_PERIOD_NS
         last = (self._now + self._lead_ns - walk.start_ns) // SETPOINT_PERIOD_NS
-        self._publish_rows(walk.setpoints[first : max(last, first + 1)])
+        self._stream.send(walk.setpoints[first : max(last, first + 1)])
         if last > len(walk.setpoints) and self.parameter("hold_after_plan"):
-            # ahead of the clock too: in real time the bench is past the end before this node hears of it
-            self._publish_held(self._after(walk.setpoints, walk.plan), self._now + self._lead_ns)
+            # also ahead of the clock: in real time the bench passes the end before this node is told
+            self._stream.hold(final_hold(walk.setpoints, walk.plan), self._now + self._lead_ns)
         row = (self._now - walk.start_ns) // SETPOINT_PERIOD_NS
         segment = int(walk.setpoints["segment"][max(row, 0)])
         elapsed = max(self._now - walk.start_ns, 0) * 1e-9
-        told = (segment, int(elapsed))
-        if told != walk.told:
-            walk.told = told
+        if (segment, int(elapsed)) != walk.told:
+            walk.told = segment, int(elapsed)
             walk.goal.publish_feedback(
                 RunPlan.Feedback(
                     segment=segment,
@@ -531,71 +557,35 @@ class ConductorNode(BenchNode):
             )
 
     def _wait(self, walk: Walk) -> None:
-        """Publish the last setpoint again, as one that is not to be measured at, and move what follows."""
+        """Repeat the last setpoint, marked as a ramp so that nothing is measured there, and delay the rest."""
         assert walk.start_ns is not None
-        row = min(max((self._next - walk.start_ns) // SETPOINT_PERIOD_NS, 1), len(walk.setpoints)) - 1
-        still = self._still(walk.setpoints[row : row + 1])
+        row = min(max((self._stream.next - walk.start_ns) // SETPOINT_PERIOD_NS, 1), len(walk.setpoints)) - 1
+        still = at_rest(walk.setpoints[row : row + 1])
         still["phase"] = RAMP
-        count = max((self._now + self._lead_ns - self._next) // SETPOINT_PERIOD_NS, 0)
-        self._publish_rows(np.repeat(still, count))
-        walk.start_ns += count * SETPOINT_PERIOD_NS
+        before = self._stream.next
+        self._stream.hold(still, self._now + self._lead_ns)
+        walk.start_ns += self._stream.next - before
 
-    def _publish_rows(self, rows: NDArray[Any]) -> None:
-        """Publish setpoints, the first of them at the next stamp."""
-        messages = wire.SETPOINT.array(len(rows))
-        wire.SETPOINT.set_stamps(messages, self._next + np.arange(len(rows)) * SETPOINT_PERIOD_NS)
-        for name in (*wire.SETPOINT.integers, *wire.SETPOINT.fields):
-            messages[name] = rows[name]
-        data, size = messages.tobytes(), wire.SETPOINT.size
-        for place in range(0, len(data), size):
-            self._setpoints.publish(data[place : place + size])
-        self._next += len(rows) * SETPOINT_PERIOD_NS
-
-    def _publish_again(self) -> None:
-        """Publish the setpoint in force, and those to come, for nodes that have come while the time stands."""
-        after = self._next
-        since = self._now - self._now % SETPOINT_PERIOD_NS
-        rows = self._held
-        if self._walk is not None and self._walk.start_ns is not None:
-            since = max(since, self._walk.start_ns)
-            first, last = ((t - self._walk.start_ns) // SETPOINT_PERIOD_NS for t in (since, after))
-            rows = self._walk.setpoints[first:last]
-        elif rows is not None:
-            rows = np.repeat(rows, max((after - since) // SETPOINT_PERIOD_NS, 0))
-        if rows is not None and len(rows):
-            self._next = since
-            self._publish_rows(rows)
-
-    def _publish_held(self, held: NDArray[Any], until: int) -> None:
-        """Publish the setpoint that is held up to, not including, the stamp `until` [ns]."""
-        count = (until - self._next) // SETPOINT_PERIOD_NS
-        if count > 0:
-            self._publish_rows(np.repeat(held, count))
+    def _resend(self) -> None:
+        """Repeat the setpoint in force, and those to come, for nodes that have appeared while the time stands."""
+        after, since = self._stream.next, self._now - self._now % SETPOINT_PERIOD_NS
+        walk, held = self._walk, self._held
+        if walk is not None and walk.start_ns is not None:
+            since = max(since, walk.start_ns)
+            first, last = ((t - walk.start_ns) // SETPOINT_PERIOD_NS for t in (since, after))
+            self._stream.resend(walk.setpoints[first:last], since)
+        elif held is not None:
+            self._stream.resend(np.repeat(held, max((after - since) // SETPOINT_PERIOD_NS, 0)), since)
 
     def _hold_here(self, walk: Walk) -> None:
-        """Hold the last setpoint that was published of a plan that ends early."""
+        """Hold the last published setpoint of a plan that ends early."""
         if walk.start_ns is None or not self.parameter("hold_after_plan"):
             return
-        published = (self._next - walk.start_ns) // SETPOINT_PERIOD_NS
+        published = (self._stream.next - walk.start_ns) // SETPOINT_PERIOD_NS
         if published >= len(walk.setpoints):
-            self._held = self._after(walk.setpoints, walk.plan)
+            self._held = final_hold(walk.setpoints, walk.plan)
         else:
-            self._held = self._still(walk.setpoints[published - 1 : published])
-
-    def _after(self, setpoints: NDArray[Any], plan: Plan) -> NDArray[Any]:
-        """Return the setpoint that holds what a plan ends with."""
-        held = self._still(setpoints[-1:])
-        held["spin_rate"] = plan.segments[-1].spin_end
-        return held
-
-    @staticmethod
-    def _still(setpoint: NDArray[Any]) -> NDArray[Any]:
-        """Return a copy of one setpoint, shape (1,), with zero rates."""
-        held = setpoint.copy()
-        held["phase"] = HOLD
-        for name in _MOTION:
-            held[name] = 0.0
-        return held
+            self._held = at_rest(walk.setpoints[published - 1 : published])
 
 
 def main() -> int:

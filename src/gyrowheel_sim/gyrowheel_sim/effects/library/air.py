@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import sympy as sp
 
-from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law
+from gyrowheel_sim.effects.declaration import Effect, Law
 from gyrowheel_sim.effects.library.common import (
     CFD,
     LOW_PRESSURE,
+    amplitude,
     density_ratio,
     exponent,
     speed_ratio,
@@ -25,13 +26,8 @@ AERO_RESTORING = Effect(
     sentence="Pressure in the end gaps turns the tilted rotor back towards the case axis, in phase with the tilt.",
     laws=(Law("rotor_torque", -_k * speed_ratio**_n * density_ratio ** (_n - 1) * z),),
     coefficients=(
-        Coefficient(
-            "k",
-            "N*m/rad",
-            "torque per tilt at the reference speed and density",
-            (0.010, 0.040),
-            (-0.5, 0.5),
-            CFD,
+        amplitude(
+            "k", "N*m/rad", "torque per tilt at the reference speed and density", (0.010, 0.040), 0.5, CFD
         ),
         exponent(2.05, 0.03, 2.0, 2.1),
     ),
@@ -52,13 +48,8 @@ AERO_CROSS = Effect(
     sentence="The swirling air drags the tilted rotor round the case axis, a quarter turn ahead of the tilt.",
     laws=(Law("rotor_torque", sp.I * _c * speed_ratio**_n * density_ratio ** (_n - 1) * z),),
     coefficients=(
-        Coefficient(
-            "c",
-            "N*m/rad",
-            "torque per tilt at the reference speed and density",
-            (0.003, 0.010),
-            (-0.5, 0.5),
-            CFD,
+        amplitude(
+            "c", "N*m/rad", "torque per tilt at the reference speed and density", (0.003, 0.010), 0.5, CFD
         ),
         exponent(1.98, 0.05, 1.9, 2.06),
     ),
@@ -75,9 +66,7 @@ WINDAGE = Effect(
     sentence="Shear of the air in the gaps brakes the spin; along a tilted axis half of it shows in the tilt channel.",
     laws=(Law("axial_torque", -_w * speed_ratio**_n * density_ratio ** (_n - 1)),),
     coefficients=(
-        Coefficient(
-            "w", "N*m", "drag torque at the reference speed and density", (0.0008, 0.0013), (-0.1, 0.1), CFD
-        ),
+        amplitude("w", "N*m", "drag torque at the reference speed and density", (0.0008, 0.0013), 0.1, CFD),
         exponent(1.48, 0.03, 1.45, 1.55),
     ),
     validity="laminar separate boundary layers (Daily & Nece regime II), 1000 to 4000 rpm",
@@ -93,12 +82,12 @@ WINDAGE_TILT = Effect(
     sentence="A tilted rotor changes the flow in its gaps: the air brakes the spin more, or less, than in the middle.",
     laws=(Law("axial_torque", -_w * tilt_squared * speed_ratio**_n * density_ratio ** (_n - 1)),),
     coefficients=(
-        Coefficient(
+        amplitude(
             "w",
             "N*m",
             "additional drag torque at the reference tilt, speed and density",
             (0.0001, 0.0006),
-            (-0.1, 0.1),
+            0.1,
             "own flow computations: -0.15 mN*m (see the page of the air); assumed otherwise",
             signed=True,
         ),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sympy as sp
 
 from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law
-from gyrowheel_sim.effects.library.common import CONES, symbols
+from gyrowheel_sim.effects.library.common import CONES, amplitude, symbols
 from gyrowheel_sim.effects.quantities import T_coil, T_ref, i_motor, z, z_ref
 
 (_g,) = symbols("g")
@@ -17,12 +17,12 @@ COIL_TILT = Effect(
     sentence="At a tilt the coils leave the uniform part of the magnets' field, and a volt gives less torque.",
     laws=(Law("coil_gain", _g * z * sp.conjugate(z) / z_ref**2),),
     coefficients=(
-        Coefficient(
+        amplitude(
             "g",
             "1",
             "relative change of the torque per volt at the reference tilt",
             (0.03, 0.10),
-            (-0.9, 0.9),
+            0.9,
             "assumed; Huo et al. 2016, Section 4 (moment coefficients vary with tilt)",
             signed=True,
         ),
@@ -42,12 +42,12 @@ COIL_HEATING = Effect(
     sentence="Warm coils have more resistance and warm magnets less field, so a volt gives less torque.",
     laws=(Law("coil_gain", _a * (T_coil - T_ref)),),
     coefficients=(
-        Coefficient(
+        amplitude(
             "a",
             "1/K",
             "relative change of the torque per volt per kelvin",
             (0.001, 0.004),
-            (-0.05, 0.05),
+            0.05,
             "copper: -0.0039/K on a voltage drive; NdFeB magnets: -0.0011/K",
             signed=True,
         ),
@@ -67,22 +67,20 @@ COIL_ANISOTROPY = Effect(
     sentence="One pair of coils gives more torque per volt than the other, or the pairs are not at right angles.",
     laws=(Law("coil_anisotropy", _px + sp.I * _py),),
     coefficients=(
-        Coefficient(
+        amplitude(
             "p_x",
             "1",
             "half of the relative difference of the torques per volt, x over y",
             (0.01, 0.05),
-            (-0.5, 0.5),
-            "assumed",
+            0.5,
             signed=True,
         ),
-        Coefficient(
+        amplitude(
             "p_y",
             "1",
             "half of the angle by which the pairs are off the right angle",
             (0.01, 0.05),
-            (-0.5, 0.5),
-            "assumed",
+            0.5,
             signed=True,
         ),
     ),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import sympy as sp
 
 from gyrowheel_sim.effects.declaration import Coefficient
@@ -24,6 +26,19 @@ CONES = "cones at two radii (plan cone): slewing torque shows the gain, not the 
 def symbols(*names: str) -> tuple[sp.Symbol, ...]:
     """Return the symbols of coefficients."""
     return tuple(sp.Symbol(name, real=True) for name in names)
+
+
+def amplitude(
+    name: str,
+    unit: str,
+    description: str,
+    usual: tuple[float, float],
+    limit: float,
+    source: str = "assumed",
+    **options: Any,
+) -> Coefficient:
+    """Return a coefficient that may be typed and searched within +-`limit`; see `Coefficient` for the options."""
+    return Coefficient(name, unit, description, usual, (-limit, limit), source, **options)
 
 
 def exponent(usual: float, uncertainty: float, low: float, high: float) -> Coefficient:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sympy as sp
 
-from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law
-from gyrowheel_sim.effects.library.common import BALANCE, LOW_PRESSURE, symbols
+from gyrowheel_sim.effects.declaration import Effect, Law
+from gyrowheel_sim.effects.library.common import BALANCE, LOW_PRESSURE, amplitude, symbols
 from gyrowheel_sim.effects.quantities import N_ripple, Omega, T_motor, T_ref, T_winding, theta_z
 
 _T, _b = symbols("T", "b")
@@ -17,14 +17,7 @@ BEARING_COULOMB = Effect(
     sentence="Dry friction brakes the spin with a torque that does not depend on the speed.",
     laws=(Law("shaft_torque", -_T),),
     coefficients=(
-        Coefficient(
-            "T",
-            "N*m",
-            "friction torque beyond that of the bench file",
-            (0.0008, 0.003),
-            (-0.02, 0.02),
-            "assumed",
-        ),
+        amplitude("T", "N*m", "friction torque beyond that of the bench file", (0.0008, 0.003), 0.02),
     ),
     validity="shaft turning forward",
     source=BALANCE,
@@ -39,14 +32,7 @@ BEARING_VISCOUS = Effect(
     sentence="The lubricant brakes the spin in proportion to the speed.",
     laws=(Law("shaft_torque", -_b * Omega),),
     coefficients=(
-        Coefficient(
-            "b",
-            "N*m*s/rad",
-            "friction coefficient beyond that of the bench file",
-            (2e-6, 1e-5),
-            (-1e-3, 1e-3),
-            "assumed",
-        ),
+        amplitude("b", "N*m*s/rad", "friction coefficient beyond that of the bench file", (2e-6, 1e-5), 1e-3),
     ),
     validity="turning shaft, constant lubricant temperature",
     source=BALANCE,
@@ -62,9 +48,7 @@ EDDY_DRAG = Effect(
     category="motor",
     sentence="Stray fields induce currents in the turning rotor that brake it along its own axis.",
     laws=(Law("axial_torque", -_e * Omega),),
-    coefficients=(
-        Coefficient("e", "N*m*s/rad", "drag torque per spin rate", (2e-6, 1e-5), (-1e-3, 1e-3), "assumed"),
-    ),
+    coefficients=(amplitude("e", "N*m*s/rad", "drag torque per spin rate", (2e-6, 1e-5), 1e-3),),
     validity="fields small enough that the currents follow the speed in proportion",
     source="induction at low magnetic Reynolds number",
     look_alikes={
@@ -83,12 +67,12 @@ MOTOR_HEATING = Effect(
     sentence="Warm magnets have less field, and so less back-EMF and less torque per ampere.",
     laws=(Law("motor_gain", _m * (T_motor - T_ref)),),
     coefficients=(
-        Coefficient(
+        amplitude(
             "m",
             "1/K",
             "relative change of the motor constant per kelvin",
             (0.0005, 0.002),
-            (-0.05, 0.05),
+            0.05,
             "NdFeB magnets: -0.0011/K; ferrite: -0.002/K",
             signed=True,
         ),
@@ -108,12 +92,12 @@ WINDING_HEATING = Effect(
     sentence="The current heats the copper of the winding, and the motor needs more voltage for the same current.",
     laws=(Law("winding_resistance", _a2 * (T_winding - T_ref)),),
     coefficients=(
-        Coefficient(
+        amplitude(
             "a",
             "1/K",
             "relative change of the resistance per kelvin",
             (0.002, 0.006),
-            (-0.05, 0.05),
+            0.05,
             "copper: 0.0039/K",
         ),
     ),
@@ -136,15 +120,7 @@ COGGING = Effect(
     sentence="The magnets of the motor prefer some angles, and the speed ripples several times a revolution.",
     laws=(Law("shaft_torque", _Cx * sp.cos(_phase) + _Cy * sp.sin(_phase)),),
     coefficients=tuple(
-        Coefficient(
-            name,
-            "N*m",
-            f"torque in {word} of the ripple's phase",
-            (0.001, 0.008),
-            (-0.1, 0.1),
-            "assumed",
-            signed=True,
-        )
+        amplitude(name, "N*m", f"torque in {word} of the ripple's phase", (0.001, 0.008), 0.1, signed=True)
         for name, word in (("C_x", "the cosine"), ("C_y", "the sine"))
     ),
     validity="one harmonic, whose order is a parameter of the bench",
@@ -162,15 +138,7 @@ COMMUTATION_RIPPLE = Effect(
     sentence="The commutation makes torque per ampere and back-EMF ripple several times a revolution.",
     laws=(Law("motor_gain", _Cx * sp.cos(_phase) + _Cy * sp.sin(_phase)),),
     coefficients=tuple(
-        Coefficient(
-            name,
-            "1",
-            f"relative ripple in {word} of its phase",
-            (0.003, 0.03),
-            (-0.5, 0.5),
-            "assumed",
-            signed=True,
-        )
+        amplitude(name, "1", f"relative ripple in {word} of its phase", (0.003, 0.03), 0.5, signed=True)
         for name, word in (("C_x", "the cosine"), ("C_y", "the sine"))
     ),
     validity="one harmonic, whose order is a parameter of the bench",

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law
-from gyrowheel_sim.effects.library.common import CONES, LOW_PRESSURE, symbols
+from gyrowheel_sim.effects.declaration import Effect, Law
+from gyrowheel_sim.effects.library.common import CONES, LOW_PRESSURE, amplitude, symbols
 from gyrowheel_sim.effects.quantities import Omega, axis, theta, theta_rate
 
 (_q,) = symbols("q")
@@ -15,12 +15,12 @@ CUBIC_STIFFNESS = Effect(
     sentence="Crossed flexures stretch at larger angles, which adds a restoring torque with the cube of the angle.",
     laws=(Law("flexure_torque", -_q * theta**3),),
     coefficients=(
-        Coefficient(
+        amplitude(
             "q",
             "N*m/rad^3",
             "cubic stiffness of each flexure",
             (0.8, 4.0),
-            (-50.0, 50.0),
+            50.0,
             "assumed: 5 to 25 % more stiffness at 5 deg",
             signed=True,
         ),
@@ -40,13 +40,8 @@ FLEXURE_DAMPING = Effect(
     sentence="A tilted spinning rotor bends its flexures once a revolution; their loss needs a torque across the tilt.",
     laws=(Law("flexure_torque", -_C * theta_rate),),
     coefficients=(
-        Coefficient(
-            "C",
-            "N*m*s/rad",
-            "damping of each flexure beyond that of the bench file",
-            (3e-6, 2e-5),
-            (-1e-3, 1e-3),
-            "assumed",
+        amplitude(
+            "C", "N*m*s/rad", "damping of each flexure beyond that of the bench file", (3e-6, 2e-5), 1e-3
         ),
     ),
     validity="flexure angle up to 5 deg",
@@ -64,12 +59,12 @@ FLEXURE_HYSTERESIS = Effect(
     sentence="Each bending of a flexure loses a share of its energy that does not depend on how fast it bends.",
     laws=(Law("flexure_torque", -_h * theta_rate / Omega),),
     coefficients=(
-        Coefficient(
+        amplitude(
             "h",
             "N*m/rad",
             "loss stiffness of each flexure",
             (0.0008, 0.005),
-            (-0.05, 0.05),
+            0.05,
             "assumed: loss factor 0.006 to 0.04",
         ),
     ),
@@ -88,12 +83,12 @@ STIFFNESS_ANISOTROPY = Effect(
     sentence="At a held tilt, a joint that is stiffer about one of its axes gives a torque twice a revolution.",
     laws=(Law("flexure_torque", -_k2 * axis * theta),),
     coefficients=(
-        Coefficient(
+        amplitude(
             "k",
             "N*m/rad",
             "added to the stiffness of the inner flexure and taken from the outer one",
             (0.004, 0.015),
-            (-0.1, 0.1),
+            0.1,
             "assumed: 3 to 11 % of the stiffness",
             signed=True,
             possible=(-0.1343, 0.1343),
@@ -117,12 +112,12 @@ INERTIA_ANISOTROPY = Effect(
     sentence="At a held tilt, a rotor with unequal transverse moments of inertia gives a torque twice a revolution.",
     laws=(Law("inertia_difference", _d2),),
     coefficients=(
-        Coefficient(
+        amplitude(
             "d",
             "kg*m^2",
             "half of the difference of the moments of inertia, x less y",
             (5.0e-7, 5.0e-6),
-            (-1e-4, 1e-4),
+            1e-4,
             "assumed: 0.05 to 0.5 %",
             signed=True,
         ),

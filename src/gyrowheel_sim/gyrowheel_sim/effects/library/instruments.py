@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law
-from gyrowheel_sim.effects.library.common import symbols
+from gyrowheel_sim.effects.declaration import Effect, Law
+from gyrowheel_sim.effects.library.common import amplitude, symbols
 from gyrowheel_sim.parameter import LONGEST_DELAY
 
 _ROTATE = "several speeds: a delay turns the phase in proportion to the speed, the other does not"
@@ -30,12 +30,12 @@ def _delay(channel: str, title: str, sentence: str, look_alikes: Mapping[str, st
         sentence=sentence,
         laws=(Law(f"{channel}_delay", late),),
         coefficients=(
-            Coefficient(
+            amplitude(
                 "d",
                 "s",
                 "how much longer before the stamp it is read than stated; negative: less long",
                 (1.0e-4, 5.0e-4),
-                (-LONGEST_DELAY, LONGEST_DELAY),
+                LONGEST_DELAY,
                 "assumed: up to one sampling interval of the default bench",
                 signed=True,
             ),
@@ -55,12 +55,12 @@ def _filter(channel: str, title: str, sentence: str, look_alikes: Mapping[str, s
         sentence=sentence,
         laws=(Law(f"{channel}_filter_time", time),),
         coefficients=(
-            Coefficient(
+            amplitude(
                 "t_f",
                 "s",
                 "time constant of each pole beyond the stated one",
                 (1.0e-4, 5.0e-4),
-                (-LONGEST_DELAY, LONGEST_DELAY),
+                LONGEST_DELAY,
                 "assumed: corners of 300 Hz to 1.6 kHz, as anti-aliasing filters have",
             ),
         ),
@@ -145,12 +145,12 @@ ENCODER_ZERO = Effect(
     sentence="The angle reading is off by a constant, and all that turns with the shaft seems to stand turned.",
     laws=(Law("encoder_zero", _zero),),
     coefficients=(
-        Coefficient(
+        amplitude(
             "E_0",
             "rad",
             "reading less true angle, beyond the stated error",
             (0.01, 0.05),
-            (-3.2, 3.2),
+            3.2,
             "assumed: 0.6 to 3 deg",
             signed=True,
         ),
@@ -174,12 +174,12 @@ def _encoder(times: str, number: int, look_alikes: Mapping[str, str]) -> Effect:
         f"ahead and behind {times} a turn.",
         laws=(Law(f"encoder_{times}_x", x), Law(f"encoder_{times}_y", y)),
         coefficients=tuple(
-            Coefficient(
+            amplitude(
                 name,
                 "rad",
                 f"its {part} part, beyond the stated one",
                 (1.0e-3, 1.0e-2),
-                (-0.3, 0.3),
+                0.3,
                 "assumed: 20 to 200 micrometres at a radius of 20 mm",
                 signed=True,
             )
@@ -213,12 +213,12 @@ TILT_NONLINEARITY = Effect(
     sentence="Each tilt sensor shows too much or too little in proportion to the cube of the tilt about its axis.",
     laws=(Law("tilt_cubic", _q),),
     coefficients=(
-        Coefficient(
+        amplitude(
             "q",
             "1/rad^2",
             "relative error of a reading over the square of the tilt, beyond the stated one",
             (0.7, 4.0),
-            (-50.0, 50.0),
+            50.0,
             "assumed: 0.5 to 3 % at 5 deg",
             signed=True,
         ),
@@ -240,13 +240,12 @@ TILT_CROSS_TALK = Effect(
     sentence="Each tilt sensor shows a part of the tilt about the other axis, as if they were not at right angles.",
     laws=(Law("tilt_cross_talk", _c),),
     coefficients=(
-        Coefficient(
+        amplitude(
             "c",
             "1",
             "part of the tilt about the other axis that each sensor shows, beyond the stated one",
             (0.005, 0.03),
-            (-0.3, 0.3),
-            "assumed",
+            0.3,
             signed=True,
         ),
     ),

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sympy as sp
 
-from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law
-from gyrowheel_sim.effects.library.common import symbols
+from gyrowheel_sim.effects.declaration import Effect, Law
+from gyrowheel_sim.effects.library.common import amplitude, symbols
 from gyrowheel_sim.effects.quantities import theta_z, z
 
 _Bx, _By = symbols("B_x", "B_y")
@@ -17,12 +17,8 @@ TILT_BIAS = Effect(
     sentence="The tilt readings are off by a constant, so the rotor is held at a tilt other than the one shown.",
     laws=(Law("tilt_reading", _Bx + sp.I * _By),),
     coefficients=(
-        Coefficient(
-            "B_x", "rad", "zero error about case x", (0.001, 0.006), (-0.05, 0.05), "assumed", signed=True
-        ),
-        Coefficient(
-            "B_y", "rad", "zero error about case y", (0.001, 0.006), (-0.05, 0.05), "assumed", signed=True
-        ),
+        amplitude("B_x", "rad", "zero error about case x", (0.001, 0.006), 0.05, signed=True),
+        amplitude("B_y", "rad", "zero error about case y", (0.001, 0.006), 0.05, signed=True),
     ),
     validity="constant over the recording",
     source="sensor model",
@@ -38,11 +34,7 @@ TILT_SCALE = Effect(
     category="sensor",
     sentence="The tilt readings are too large or too small by a factor.",
     laws=(Law("tilt_reading", _s * z),),
-    coefficients=(
-        Coefficient(
-            "s", "1", "relative error of the readings", (0.005, 0.03), (-0.3, 0.3), "assumed", signed=True
-        ),
-    ),
+    coefficients=(amplitude("s", "1", "relative error of the readings", (0.005, 0.03), 0.3, signed=True),),
     validity="tilt up to 5 deg",
     source="sensor model",
     look_alikes={
@@ -60,15 +52,7 @@ TILT_ROTATION = Effect(
     sentence="The sensors are turned relative to the coils, so each reads a part of the tilt about the other axis.",
     laws=(Law("tilt_reading", sp.I * _alpha * z),),
     coefficients=(
-        Coefficient(
-            "a",
-            "rad",
-            "angle by which the readings are turned",
-            (0.005, 0.03),
-            (-0.3, 0.3),
-            "assumed",
-            signed=True,
-        ),
+        amplitude("a", "rad", "angle by which the readings are turned", (0.005, 0.03), 0.3, signed=True),
     ),
     validity="small angles",
     source="sensor model",
@@ -85,12 +69,12 @@ RUNOUT = Effect(
     sentence="The surface that the sensors look at is not square to the spin axis and wobbles once a revolution.",
     laws=(Law("tilt_reading", (_Rx + sp.I * _Ry) * sp.exp(sp.I * theta_z)),),
     coefficients=tuple(
-        Coefficient(
+        amplitude(
             name,
             "rad",
             f"angle of the target about {name[-1]} of the shaft",
             (5.0e-5, 5.0e-4),
-            (-0.05, 0.05),
+            0.05,
             "assumed: 5 to 50 micrometres at the rim",
             signed=True,
         )
@@ -111,12 +95,12 @@ TARGET_FLATNESS = Effect(
     sentence="The surface that the sensors look at is saddle-shaped, and the readings wobble twice a revolution.",
     laws=(Law("tilt_reading", (_Q_x + sp.I * _Q_y) * sp.exp(2 * sp.I * theta_z)),),
     coefficients=tuple(
-        Coefficient(
+        amplitude(
             name,
             "rad",
             f"amplitude of the reading about {name[-1]} of the shaft",
             (2.0e-5, 2.0e-4),
-            (-0.05, 0.05),
+            0.05,
             "assumed: 2 to 20 micrometres at the rim",
             signed=True,
         )

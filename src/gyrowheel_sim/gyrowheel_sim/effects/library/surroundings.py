@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sympy as sp
 
-from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law
-from gyrowheel_sim.effects.library.common import BALANCE, INVERT, YAW, symbols
+from gyrowheel_sim.effects.declaration import Effect, Law
+from gyrowheel_sim.effects.library.common import BALANCE, INVERT, YAW, amplitude, symbols
 from gyrowheel_sim.effects.quantities import home_x, home_y, theta_z, up, up_across, z, z_rate
 
 (_G,) = symbols("G")
@@ -17,12 +17,12 @@ GRAVITY_OFFSET = Effect(
     sentence="The weight of the rotor acts at a lever along the spin axis and turns the tilted rotor over, or back.",
     laws=(Law("rotor_torque", _G * (up * z - sp.I * up_across) / sp.sqrt(1 + z * sp.conjugate(z))),),
     coefficients=(
-        Coefficient(
+        amplitude(
             "G",
             "N*m/rad",
             "mass times g times the offset of the centre of gravity above the pivot",
             (0.0008, 0.006),
-            (-0.2, 0.2),
+            0.2,
             "assumed: 0.9 kg, 0.1 to 0.7 mm",
             signed=True,
         ),
@@ -47,12 +47,12 @@ STATIC_IMBALANCE = Effect(
         Law("axial_torque", -sp.im(sp.conjugate(_turning_S) * up_across)),
     ),
     coefficients=tuple(
-        Coefficient(
+        amplitude(
             name,
             "N*m",
             f"weight times the offset along {name[-1]} of the shaft",
             (2.0e-5, 2.0e-4),
-            (-0.05, 0.05),
+            0.05,
             "assumed: 0.9 kg, 2 to 20 micrometres",
             signed=True,
         )
@@ -73,12 +73,8 @@ FIXED_TORQUE = Effect(
     sentence="A lead or a stray magnetic field pulls the rotor with a torque that no tilt or speed changes.",
     laws=(Law("rotor_torque", _Fx + sp.I * _Fy),),
     coefficients=(
-        Coefficient(
-            "F_x", "N*m", "torque about case x", (0.0008, 0.003), (-0.05, 0.05), "assumed", signed=True
-        ),
-        Coefficient(
-            "F_y", "N*m", "torque about case y", (0.0008, 0.003), (-0.05, 0.05), "assumed", signed=True
-        ),
+        amplitude("F_x", "N*m", "torque about case x", (0.0008, 0.003), 0.05, signed=True),
+        amplitude("F_y", "N*m", "torque about case y", (0.0008, 0.003), 0.05, signed=True),
     ),
     validity="rig not turned",
     source=BALANCE,
@@ -94,11 +90,7 @@ EXTERNAL_DAMPING = Effect(
     category="environment",
     sentence="Eddy currents in the case, or leads, resist the motion of the spin axis through the case.",
     laws=(Law("rotor_torque", -_D * z_rate),),
-    coefficients=(
-        Coefficient(
-            "D", "N*m*s/rad", "torque per tilt rate", (0.002, 0.01), (-0.2, 0.2), "assumed", signed=False
-        ),
-    ),
+    coefficients=(amplitude("D", "N*m*s/rad", "torque per tilt rate", (0.002, 0.01), 0.2),),
     validity="tilt rates up to 1 rad/s",
     source=BALANCE,
     look_alikes={
@@ -119,12 +111,12 @@ EARTH_RATE = Effect(
     sentence="The case turns with the Earth, and the spinning rotor answers as a gyroscope does.",
     laws=(Law("case_rate", _Ex * home_x + _Ey * home_y),),
     coefficients=tuple(
-        Coefficient(
+        amplitude(
             name,
             "rad/s",
             f"horizontal rate of the Earth along the home axis {name[-1]}",
             (2.0e-5, 6.0e-5),
-            (-1e-3, 1e-3),
+            1e-3,
             "7.292e-5 rad/s times the cosine of the latitude",
             signed=True,
             possible=(-_EARTH, _EARTH),
