@@ -1,29 +1,28 @@
-"""How fast and how exact the bench is, measured beside what else could be used: ``python -m benchmarks``.
+"""Speed and accuracy of the bench, compared with alternatives: ``python -m benchmarks``.
 
-Each module of `SUBJECTS` measures one subject: its ``measure(progress)`` returns reports, each with figures and the
-sentences that say how they came about, and calls ``progress`` with the fraction done. A new subject is a new module and
-a line in `SUBJECTS`.
+Each module of `SUBJECTS` measures one subject: its ``measure(progress)`` returns reports, each with figures and notes
+on the method, and calls ``progress`` with the fraction done. A new subject is a new module and a line in `SUBJECTS`.
 """
 
 from __future__ import annotations
 
-#: What can be measured: module, and what it is about.
+#: Subjects: module and description.
 SUBJECTS = {
-    "simulation": "simulated seconds per second, beside SciPy and MuJoCo on the same mechanism",
-    "integrator": "false torque that the integrator makes",
+    "simulation": "simulated seconds per second, compared with SciPy and MuJoCo on the same mechanism",
+    "integrator": "false torque of the integrator",
     "start_up": "time from the command to the first step",
-    "graph": "the nodes in lock-step beside a bare ping-pong",
-    "realtime": "ten recorded minutes in real time: what is lost, what is late and why, memory of the nodes",
+    "graph": "the nodes in lock-step, compared with a minimal ping-pong",
+    "realtime": "ten recorded minutes in real time: lost samples, late commands and their causes, memory of the nodes",
     "hour": "an hour of the same, then diagnosed",
-    "stalls": "the plant stopped twenty times in a real-time run: what recording and diagnostics tell of it",
-    "diagnosis": "time and memory of a diagnosis, minutes and an hour of samples, stage by stage",
-    "workbench": "an hour in the browser: opening, zoom, memory, beside plotly-resampler; how soon a diagnosis shows",
-    "recording": "columns read per second, beside rosbags and mcap_ros2; the recorder at 10 000 messages/s, killed",
-    "studies": "every effect, instrument and verdict one by one: how many cases hold, of how many",
-    "solver": "one fit of a recording, our Gauss-Newton beside SciPy's least_squares: time, same minimum",
-    "killed": "kill -9 at random instants of verbs that write, and fifty writers of one model at once",
-    "readers": "our MCAP reader and writer beside rosbags' raw bytes: time, damage that shows, what a kill loses",
+    "stalls": "the plant stopped twenty times in a real-time run: accuracy of the reported stalls",
+    "diagnosis": "time and memory of a diagnosis, for minutes and for an hour of samples, stage by stage",
+    "workbench": "an hour in the browser: opening, zoom, memory, compared with plotly-resampler; delay of a diagnosis",
+    "recording": "columns read per second, rosbags and mcap_ros2 as peers; the recorder at 10 000 messages/s, killed",
+    "studies": "every effect, instrument and verdict one by one: number of cases that pass",
+    "solver": "one fit of a recording, our Gauss-Newton compared with SciPy's least_squares: time, same minimum",
+    "killed": "kill -9 at random instants of verbs that write, and fifty concurrent writers of one model",
+    "readers": "our MCAP reader and writer compared with rosbags' raw bytes: time, detected damage, loss by a kill",
 }
 
-#: What is measured only where it is asked for by name, because it takes so long.
+#: Subjects that are measured only if they are named, because they take long.
 LONG = {"hour"}

@@ -18,7 +18,7 @@ from gyrowheel_core.files import disk_errors, write_text
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure what was asked for and return the exit code."""
+    """Measure the requested subjects and return the exit code."""
     parser = _parser()
     asked = parser.parse_args(arguments)
     if stray := [name for name in asked.subject if name not in SUBJECTS]:
@@ -26,7 +26,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     file = Path(asked.json)
     reports: list[Report] = []
     try:
-        # some minutes of measuring are not to end with a file that cannot be written
+        # fail before the measurement, not after some minutes, if the file cannot be written
         with disk_errors(file), tempfile.TemporaryFile(dir=file.absolute().parent):
             pass
         for name in asked.subject or [name for name in SUBJECTS if name not in LONG]:
@@ -59,7 +59,7 @@ def _parser() -> argparse.ArgumentParser:
     subjects = "\n".join(f"  {name:{width}}  {about}" for name, about in SUBJECTS.items())
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks",
-        description="Measure how fast and how exact the bench is.",
+        description="Measure speed and accuracy of the bench.",
         epilog=f"subjects:\n{subjects}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

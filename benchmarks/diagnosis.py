@@ -1,7 +1,7 @@
-"""What a diagnosis costs: time of the processor and memory, stage by stage, for minutes and for an hour of samples.
+"""Processor time and memory of a diagnosis, stage by stage, for minutes and for an hour of samples.
 
-Every diagnosis runs in a process of its own, ``python -m benchmarks.diagnosis RECORDING``, which prints as JSON what it
-took; so the largest memory is that of the diagnosis alone.
+Every diagnosis runs in a separate process, ``python -m benchmarks.diagnosis RECORDING``, which prints its costs as
+JSON; so the peak memory is that of the diagnosis alone.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ import yaml
 from benchmarks.results import Bar, Figure, MeasurementError, Report
 from gyrowheel.show.layout import figures_table
 
-#: Functions that are stages: module, name, and what the stage is called. What none of them takes is the last one.
+#: Functions that are stages: module, function and name of the stage. The remaining time is the last stage.
 STAGES = (
     ("gyrowheel_recording.bags.reader", "Recording.open", "reading"),
     ("gyrowheel_analysis.fitting.preparation", "reduce_and_account", "reduction"),
@@ -41,14 +41,14 @@ _REST, _REPORT = "ties, limits, next test", "report"
 _HIDDEN = {"aero_cross": {"c": 0.0055, "n": 1.98}}
 MINUTES = "4 minutes"
 HOUR = "1 hour"
-#: Holds [s] and repetitions that make the survey as long as that.
+#: Holds [s] and repetitions of the survey for each length.
 _LENGTHS = {MINUTES: (3.25, 1), HOUR: (2.2, 20)}
 _BARS = {MINUTES: (10.0, 1.0), HOUR: (90.0, 3.0)}
 _RUNS = {MINUTES: 3, HOUR: 1}
 
 
 def plan(name: str) -> str:
-    """Return the text of the plan: the survey, its holds longer or all of it repeated in other orders."""
+    """Return the text of the plan: the survey with longer holds, or repeated in other orders."""
     text = resources.files("gyrowheel_control").joinpath("plans/survey.yaml").read_text(encoding="utf-8")
     survey = yaml.safe_load(text)
     hold, times = _LENGTHS[name]
@@ -63,7 +63,7 @@ def plan(name: str) -> str:
 
 
 def record(folder: Path, text: str, progress: Callable[[float], None]) -> int:
-    """Record a machine with something to find and return the number of samples."""
+    """Record a machine with a hidden effect and return the number of samples."""
     from gyrowheel_control.loops.closed_loop import simulate
     from gyrowheel_control.plans.plan import Plan
     from gyrowheel_recording.bags import write_run
@@ -83,7 +83,7 @@ def record(folder: Path, text: str, progress: Callable[[float], None]) -> int:
 
 
 def diagnosed(recording: Path) -> dict[str, Any]:
-    """Return what another process took to diagnose a recording.
+    """Return the costs of a diagnosis in another process.
 
     Raises
     ------
@@ -146,7 +146,7 @@ def measure(progress: Callable[[float], None]) -> list[Report]:
 
 
 def main(recording: str) -> None:
-    """Diagnose a recording and print what it took as JSON."""
+    """Diagnose a recording and print the costs as JSON."""
     from rich.console import Console
 
     begun = time.process_time()
@@ -182,9 +182,9 @@ def main(recording: str) -> None:
 
 
 def _most_memory() -> float:
-    """Return the most memory that this process has had [bytes].
+    """Return the peak memory of this process [bytes].
 
-    What `resource` says begins with what the process that started this one had at that time.
+    The value of `resource` would start with the memory of the parent process.
     """
     try:
         status = Path("/proc/self/status").read_text(encoding="utf-8")
@@ -194,7 +194,7 @@ def _most_memory() -> float:
 
 
 def _watch(module_name: str, path: str, stage: str, stages: dict[str, float]) -> None:
-    """Let a function add its time of the processor to its stage, but for that of a stage within it."""
+    """Add the processor time of a function to its stage, without that of nested stages."""
     owner: Any = importlib.import_module(module_name)
     *outer, name = path.split(".")
     for part in outer:

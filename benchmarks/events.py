@@ -1,4 +1,4 @@
-"""Events hidden in recordings at random: how many are found and dated, and how often one is told where none is.
+"""Events hidden in recordings at random: how many are found and dated, and how often there is a false alarm.
 
 ``python -m benchmarks.events --cases 100 --plan survey`` draws machines with drifts of 0.5 to 3 times the stated size,
 most of them with an effect, adds a step, a trend or a burst to a recorded reading in three of four, and diagnoses.
@@ -39,7 +39,7 @@ _CLEAR = 2.0  # detection limits
 
 @dataclass(frozen=True)
 class Case:
-    """A case: what was hidden, and what was found.
+    """A case: the truth, and the findings.
 
     Attributes
     ----------
@@ -54,11 +54,11 @@ class Case:
     limits : float
         Size of the event in detection limits.
     off : float or None
-        Time from the true to the found edge [s]; None where no event of that reading was found.
+        Time from the true to the estimated edge [s]; None if no event of that reading was found.
     others : int
-        Events that were found beside it.
+        Number of other events that were found.
     findings : tuple of str
-        What the diagnosis named.
+        Effects that the diagnosis named.
     """
 
     seed: int
@@ -72,7 +72,7 @@ class Case:
 
 
 def run(seed: int, plan: str, folder: Path) -> Case:
-    """Make a case and diagnose it."""
+    """Draw a case and diagnose it."""
     bench = Bench.load()
     rng = np.random.default_rng([seed, 0x6576656E])
     machine = draw(bench, seed, kinds=("none", "single"))
@@ -95,7 +95,7 @@ def run(seed: int, plan: str, folder: Path) -> Case:
     if kind != "none":
         end = min(begin + long, 0.97 * recording.duration)
         event = Event(0, _CHANNELS.get(reading, reading), kind, begin, np.inf if kind == "step" else end)  # type: ignore[arg-type]
-        # in units of a torque of 1 mN·m, whatever is read
+        # in units of a torque of 1 mN·m, for any reading
         unit = {
             "coil": 1e-3 / bench.value("coil_constant"),
             "motor_current": 1e-3 / bench.value("motor_constant"),
@@ -119,7 +119,7 @@ def run(seed: int, plan: str, folder: Path) -> Case:
 
 
 def _limits(recording: Recording, model: Model, event: Event, size: float) -> float:
-    """Return the size of an event in detection limits; at one, the expected gain is the least that counts."""
+    """Return the size of an event in detection limits; at 1, the expected gain equals the threshold."""
     with one_thread():
         problem = prepare([recording], model).problem
         evidence = Evidence(problem, select(problem).best)
@@ -131,7 +131,7 @@ def _limits(recording: Recording, model: Model, event: Event, size: float) -> fl
 
 
 def shown(cases: Sequence[Case]) -> str:
-    """Return the table of what was found."""
+    """Return the table of results."""
     table = words_table("", "cases", "found", f"within {_WITHIN:g} s", "others told")
     groups: dict[str, list[Case]] = {"no event": [c for c in cases if c.event is None]}
     for kind in ("step", "trend", "burst"):

@@ -1,4 +1,4 @@
-"""How fast the graph of nodes is in lock-step."""
+"""Speed of the graph of nodes in lock-step."""
 
 from __future__ import annotations
 
@@ -75,9 +75,9 @@ def measure(progress: Callable[[float], None]) -> list[Report]:
                 Figure("with estimator and recorder", ratio, "s/s", bar=Bar(">=", 1.0)),
             ],
             notes=[
-                "Rounds: the plant's sample and the controller's command, two processes; beside them two processes "
-                "that send each other the same number of bytes and do nothing else, rclpy on its EventsExecutor. "
-                f"By turns, {TURNS} times {TURN_S:.0f} s, the best second of each; medians of the turns "
+                "Rounds: the plant's sample and the controller's command, two processes; bare: two processes "
+                "that exchange the same number of bytes and do nothing else, rclpy on its EventsExecutor. "
+                f"Alternating, {TURNS} times {TURN_S:.0f} s, the best second of each; medians of the turns "
                 f"{statistics.median(rates):.0f} and {statistics.median(bare_rates):.0f}. With estimator and recorder: "
                 "simulated over wall time of the whole graph, five processes, everything recorded.",
             ],
@@ -86,7 +86,7 @@ def measure(progress: Callable[[float], None]) -> list[Report]:
 
 
 def ping_pong(seconds: float) -> tuple[float, float]:
-    """Return the rounds per second of two bare processes, the best second, and their processor time a round [s]."""
+    """Return the rounds per second of two minimal processes, best second, and their processor time per round [s]."""
     script = Path(__file__).with_name("ping_pong.py")
     with _process([sys.executable, str(script), "pong"]):
         text = subprocess.run(
@@ -103,10 +103,10 @@ def ping_pong(seconds: float) -> tuple[float, float]:
 
 
 def lock_step(seconds: float) -> tuple[float, float]:
-    """Return the rounds per second of plant and controller alone, and their processor time a round [s].
+    """Return the rounds per second of plant and controller alone, and their processor time per round [s].
 
-    The rate is that of the best second. Setpoints for more than the whole run are there before it begins, so that no
-    third process takes part.
+    The rate is that of the best second. Setpoints for more than the whole run are queued before it begins, so that no
+    third process is involved.
     """
     seen: list[tuple[float, int, float]] = []  # time, samples, processor time
 

@@ -1,4 +1,4 @@
-"""An hour of the whole graph in real time, recorded, then diagnosed: nothing lost, no memory that grows."""
+"""An hour of the whole graph in real time, recorded, then diagnosed: no lost samples, no growing memory."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from benchmarks.results import Bar, Figure, Report
 from gyrowheel_core.node import prepare_environment
 
 MINUTES = 60.0
-_RUN = 0.97  # share of the progress
+_RUN = 0.97  # fraction of the progress
 
 
 def measure(progress: Callable[[float], None]) -> list[Report]:
-    """Measure an hour; it takes five minutes more."""
+    """Measure an hour; takes five minutes more."""
     prepare_environment()
     folder = Path(tempfile.mkdtemp(prefix="gyrowheel-bench-"))
     recording, right = folder / "hour", True

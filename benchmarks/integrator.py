@@ -1,4 +1,4 @@
-"""The false torque that the integrator makes: a held tilt, at the default step and at a much finer one."""
+"""The false torque of the integrator: a constant tilt, at the default step and at a much finer one."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from gyrowheel_core.units import DEG, RPM
 TILT, SPIN = 5.0 * DEG, 3500.0 * RPM
 SECONDS = 3.0
 FINE = 16
-#: At 3500 rpm seven revolutions are 240 samples: nothing of the ripple is left in a mean over them.
+#: At 3500 rpm seven revolutions are 240 samples: the ripple cancels in their mean.
 MEAN_OVER = 4 * 240
 
 
 def mean_torque(substeps: int) -> complex:
     """Return the torque with which the closed loop holds the tilt, averaged over whole revolutions [N m].
 
-    The integral of the loop keeps the mean reading exactly at the reference, so whatever torque the integrator invents
-    appears with the opposite sign in the mean of the coils.
+    The integral action of the loop keeps the mean reading exactly at the reference, so a false torque of the integrator
+    appears with the opposite sign in the mean coil torque.
 
     Parameters
     ----------
     substeps : int
-        Steps of the plant a sample.
+        Steps of the plant per sample.
     """
     mean = sampled_loop(TILT, SPIN, SECONDS, substeps)[-MEAN_OVER:].mean(axis=0)
     return bench().value("coil_constant") * complex(mean[0], mean[1])

@@ -1,8 +1,8 @@
-"""``kill -9`` at random instants of verbs that write: the old one or the new one is there, and the next command works.
+"""``kill -9`` at random instants of verbs that write: the old or the new result exists, and the next command works.
 
-Each verb runs in a process that is forked from one that has everything loaded, so that the instants fall into its work
-and not into its start. It is done once without being killed, which gives its length, and after each kill what is there
-is read; at the end it is done once more.
+Each verb runs in a process that is forked from a fully loaded one, so that the instants fall into its work and not into
+its start. It runs once without being killed, which gives its duration; after each kill the files are read; at the end
+it runs once more.
 """
 
 from __future__ import annotations
@@ -79,17 +79,17 @@ class Verb:
     Attributes
     ----------
     name : str
-        What it is called.
+        Name of the verb.
     arguments : list of str
-        Of the command line.
+        Arguments of the command line.
     prepare : callable
-        Brings about what it begins with.
+        Creates its initial files.
     check : callable
-        Returns what is wrong with what is there after a kill; an empty text if nothing.
+        Returns the fault of the files after a kill; empty if there is none.
     done : callable
-        Returns whether its work is there.
+        Returns whether its result exists.
     folder : Path
-        Where it writes.
+        Folder of its output.
     """
 
     name: str
@@ -102,16 +102,16 @@ class Verb:
 
 @dataclass
 class Kills:
-    """What became of the kills of one verb.
+    """Results of the kills of one verb.
 
     Attributes
     ----------
     instants : int
-        How often it was killed while it worked.
+        Number of kills while it worked.
     before, after : int
-        How often its work was not there, and was there, after a kill.
+        How often its result was missing, and present, after a kill.
     wrong : list of str
-        What was wrong.
+        Faults.
     """
 
     instants: int = 0
@@ -121,7 +121,7 @@ class Kills:
 
 
 class Zygote:
-    """A process with everything loaded, from which verbs are forked."""
+    """A fully loaded process from which verbs are forked."""
 
     def __init__(self, folder: Path) -> None:
         plan = folder / "plan.yaml"
@@ -141,7 +141,7 @@ class Zygote:
         return self._process.stdout.readline().strip()
 
     def start(self, *verbs: list[str]) -> list[int]:
-        """Start verbs by their arguments, all at once; return the numbers of their processes."""
+        """Start verbs concurrently by their arguments; return their process numbers."""
         assert self._process.stdin is not None
         self._process.stdin.write(json.dumps(verbs) + "\n")
         self._process.stdin.flush()
@@ -152,15 +152,15 @@ class Zygote:
         return [int(text) for text in self._line().split()]
 
     def close(self) -> None:
-        """End it."""
+        """End the process."""
         assert self._process.stdin is not None
         self._process.stdin.close()
-        self._process.wait(10.0 * _PATIENCE)  # it may have had no processor for long
+        self._process.wait(10.0 * _PATIENCE)  # it may have waited long for the processor
 
 
 @contextlib.contextmanager
 def zygote(folder: Path) -> Iterator[Zygote]:
-    """Give a zygote for the time of the block."""
+    """Provide a zygote for the duration of the block."""
     found = Zygote(folder)
     try:
         yield found
@@ -169,7 +169,7 @@ def zygote(folder: Path) -> Iterator[Zygote]:
 
 
 def verbs(folder: Path, zygote: Zygote) -> dict[str, Verb]:
-    """Return the verbs that are killed; makes what they read."""
+    """Create the input files and return the verbs that are killed."""
     plan, whole = folder / "plan.yaml", folder / "whole"
     zygote.start(["simulate", "--plan", str(plan), "-o", str(whole), "--effect", "windage"])
     if any(zygote.ended()):
@@ -238,11 +238,11 @@ def verbs(folder: Path, zygote: Zygote) -> dict[str, Verb]:
             found = {}
             for file in place.glob("finished/[!.]*.json"):
                 case = json.loads(file.read_text(encoding="utf-8"))["content"]
-                case.pop("seconds")  # how long it took is another time each time
+                case.pop("seconds")  # the duration differs each time
                 found[file.name] = json.dumps(case, sort_keys=True)
             return found
 
-        def prepare() -> None:  # it goes on where it was, until it is done
+        def prepare() -> None:  # it continues until it is finished
             if len(cases()) == CASES:
                 whole.update(whole or cases())
                 shutil.rmtree(place)
@@ -277,11 +277,11 @@ def verbs(folder: Path, zygote: Zygote) -> dict[str, Verb]:
 
 
 def void(_: object) -> None:
-    """Take what is not looked at."""
+    """Ignore the progress."""
 
 
 def wait_for_nodes(place: Path) -> None:
-    """Wait until no process writes a recording any more: nodes end within seconds of whoever started them."""
+    """Wait until no process writes a recording any more: nodes end within seconds of their parent."""
     from gyrowheel_recording.bags.writer import being_written
 
     end = time.monotonic() + _PATIENCE
@@ -290,9 +290,9 @@ def wait_for_nodes(place: Path) -> None:
 
 
 def killed(verb: Verb, zygote: Zygote, count: int, draw: random.Random) -> Kills:
-    """Kill a verb at `count` random instants of its work, and look at what is there each time.
+    """Kill a verb at `count` random instants of its work, and check the files each time.
 
-    Instants are drawn up to a little after its end; those at which it had ended are drawn anew, within reason.
+    Instants are drawn up to slightly after its end; those at which it had already ended are drawn again, a few times.
     """
     found = Kills()
 
@@ -332,7 +332,7 @@ def killed(verb: Verb, zygote: Zygote, count: int, draw: random.Random) -> Kills
 
 
 def written_at_once(model: Path, zygote: Zygote, count: int) -> list[str]:
-    """Remove each effect of a model in a process of its own, all at once; return what went wrong."""
+    """Remove each effect of a model in a separate process, concurrently; return the faults."""
     names = [f"own_{k}" for k in range(count)]
     declared = {"rotor_torque": "-k*z", "coefficients": {"k": {"unit": "N*m/rad", "usual": [0.01, 0.05]}}}
     content = {"schema": 1, "bench": "gyrowheel", "overrides": {}, "effects": {}, "history": []}
@@ -349,7 +349,7 @@ def written_at_once(model: Path, zygote: Zygote, count: int) -> list[str]:
 
 
 def measure(progress: Fraction, count: int = COUNT, seed: int = 0) -> list[Report]:
-    """Kill each verb at as many of the instants."""
+    """Kill each verb at an equal number of instants."""
     draw = random.Random(seed)
     figures, wrong, notes = [], [], []
     with tempfile.TemporaryDirectory(prefix="gyrowheel-killed-") as name, zygote(Path(name)) as origin:

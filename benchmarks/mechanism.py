@@ -68,13 +68,13 @@ def reference(
     Parameters
     ----------
     f : callable
-        What `rates` gives.
+        Result of `rates`.
     start : ndarray (6,)
         State at the start.
     voltages : ndarray (n, 3)
         Voltages, each held for one sample [V].
     substeps : int
-        Steps a sample.
+        Steps per sample.
     """
     stages = DOP853.n_stages
     a, b = np.ascontiguousarray(DOP853.A[:stages, :stages]), np.ascontiguousarray(DOP853.B)
@@ -125,7 +125,7 @@ _BODIES = """
 
 
 class MujocoWheel:
-    """The mechanism as MuJoCo has it: a shaft, a gimbal and a rotor on three hinges with springs and dampers.
+    """The mechanism in MuJoCo: a shaft, a gimbal and a rotor on three hinges with springs and dampers.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ class MujocoWheel:
         self._coulomb = v("bearing_coulomb")
 
     def start(self, state: NDArray[np.float64]) -> None:
-        """Put it into a state of the case frame."""
+        """Set the state, given in the case frame."""
         mujoco.mj_resetData(self._model, self._data)
         nx, ny, ux, uy, angle, spin = state[:MECHANICAL]
         sx, _, sy, _, wx, wy = case_to_joint(nx, ny, ux, uy, math.sin(angle), math.cos(angle), spin)

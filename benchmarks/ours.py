@@ -1,4 +1,4 @@
-"""The bench as the benchmarks drive it: the one place that knows the arguments of the compiled step."""
+"""Our bench for the benchmarks: the only module with the arguments of the compiled step."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ def bench() -> Bench:
 
 
 def quiet() -> Scenario:
-    """Return a machine without noise and drift, exactly as its bench file says."""
+    """Return a machine without noise and drift, exactly as in its bench file."""
     return Scenario(values={name: 0.0 for name in bench().values() if name.endswith(("_noise", "_drift"))})
 
 
 class Held(NamedTuple):
-    """What the closed loop leaves: a state, and the voltages that act from then on.
+    """Record of the closed loop: a state, and the voltages that act from then on.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class Held(NamedTuple):
     voltages : ndarray (n, 3)
         Voltages of the coils and the motor, each held for one sample [V].
     readings : ndarray (n, 11)
-        The samples that were answered by them one sample before.
+        The samples that these voltages answer, one sample earlier.
     """
 
     machine: Machine
@@ -58,7 +58,7 @@ def hold(scenario: Scenario, tilt: float, spin_rate: float, settle: float, recor
     Parameters
     ----------
     scenario : Scenario
-        What the machine is.
+        Definition of the machine.
     tilt : float
         Tilt [rad].
     spin_rate : float
@@ -102,7 +102,7 @@ def steps(
     voltages : ndarray (n, 3)
         Voltages, each held for one sample [V].
     substeps : int
-        Steps a sample.
+        Steps per sample.
     """
     run, constants = _open_loop(), parameters(machine, substeps)
     states = np.empty((len(voltages), MECHANICAL))
@@ -135,9 +135,9 @@ def _open_loop() -> Any:
 
 
 def sampled_loop(tilt: float, spin_rate: float, seconds: float, substeps: int) -> NDArray[np.float64]:
-    """Return the voltages (n, 3) with which the quiet closed loop holds a tilt, the plant taking `substeps` a sample.
+    """Return the voltages (n, 3) with which the noise-free closed loop holds a tilt, with `substeps` per sample.
 
-    The controller answers every sample as ever; only the plant between two samples is integrated with other steps.
+    The controller answers every sample; only the plant between two samples is integrated with other steps.
     """
     code = loop_code()
     machine = Machine(bench(), quiet(), initial_spin_rate=spin_rate)

@@ -1,7 +1,7 @@
-"""Two bare processes that send each other the bytes of a sample and of a command: what rclpy can do at most.
+"""Two minimal processes that exchange the bytes of a sample and of a command: the upper limit of rclpy.
 
-``python ping_pong.py pong`` answers; ``python ping_pong.py ping SECONDS`` asks, and prints the rounds a second of every
-second, and at last its own processor time a round [s]. Both have topics, quality of service and executor of the real
+``python ping_pong.py pong`` answers; ``python ping_pong.py ping SECONDS`` asks, and prints the rounds in every
+second, and finally its processor time per round [s]. Both have topics, quality of service and executor of the real
 nodes, and do nothing else.
 """
 

@@ -1,7 +1,7 @@
-"""Our MCAP reader and writer beside those of rosbags at their fastest: raw bytes and ``numpy.frombuffer``.
+"""Our MCAP reader and writer compared with the fastest use of rosbags: raw bytes and ``numpy.frombuffer``.
 
-These figures decide whether the project keeps a reader and a writer of its own: the time to open and to write a
-recording, damage that is read as data, and the samples that are lost when the process is killed.
+These figures decide whether the project keeps its own reader and writer: the time to open and to write a recording,
+damage that is read as data, and the samples that are lost when the process is killed.
 """
 
 from __future__ import annotations
@@ -35,17 +35,17 @@ Fraction = Callable[[float], None]
 Columns = dict[str, npt.NDArray[Any]]
 
 SECONDS = 180.0  # length of the recording that is read
-WRITTEN = 20.0  # of the one that is written message by message [s]
-SMALL = 2.0  # of the one that is damaged [s]
+WRITTEN = 20.0  # length of the recording that is written message by message [s]
+SMALL = 2.0  # length of the recording that is damaged [s]
 DAMAGED = 400
 ROUNDS = 3
-_EVERY = 10  # samples to a setpoint, as the conductor sends them
+_EVERY = 10  # samples per setpoint, as the conductor sends them
 _TOPICS = (topics.MEASUREMENT, topics.COMMAND, topics.SETPOINT)
 _CHUNK = 1 << 20  # bytes
 
 
 def messages(seconds: float) -> Columns:
-    """Return the messages of a test: a smooth motion with noise, a command for every sample, and setpoints."""
+    """Return test messages: a smooth motion with noise, a command for every sample, and setpoints."""
     rng = np.random.default_rng(1)
     n = round(seconds * wire.SECOND / PERIOD_NS)
     stamps = np.arange(n) * PERIOD_NS
@@ -60,7 +60,7 @@ def messages(seconds: float) -> Columns:
         layout.set_stamps(rows, stamps[:: _EVERY if topic == topics.SETPOINT else 1])
         for k, name in enumerate(layout.fields):
             wave = np.sin(2e-3 * (k + 1) * np.arange(len(rows)))
-            # with the resolution of a 16-bit converter, so that it compresses as a recording does
+            # with the resolution of a 16-bit converter, so that it compresses like a recording
             rows[name] = np.round((wave + 1e-3 * rng.normal(size=len(rows))) * 2**15) / 2**15
     found[topics.MEASUREMENT.name]["sequence"] = np.arange(n)
     found[topics.COMMAND.name]["measurement_sequence"] = np.arange(n)
@@ -68,7 +68,7 @@ def messages(seconds: float) -> Columns:
 
 
 def in_turn(content: Columns) -> Iterator[tuple[Topic, int, bytes]]:
-    """Yield the messages one by one, as a recorder gets them."""
+    """Yield the messages one by one, as a recorder receives them."""
     stamps = {topic: topic.layout.stamps(content[topic.name]) for topic in _TOPICS if topic.layout}
     data = {topic: _pieces(content[topic.name]) for topic in _TOPICS}
     for k in range(len(stamps[topics.MEASUREMENT])):
@@ -88,7 +88,7 @@ def _pieces(rows: npt.NDArray[Any]) -> list[bytes]:
 
 
 def by_rosbags(path: Path) -> Columns:
-    """Read a recording with rosbags without deserializing messages: the fastest way that its interface allows."""
+    """Read a recording with rosbags without deserializing messages: the fastest use of its interface."""
     raw: dict[str, list[bytes]] = {topic.name: [] for topic in _TOPICS}
     with Reader(path) as reader:
         take = {c.id: raw[c.topic].append for c in reader.connections if c.topic in raw}
@@ -105,7 +105,7 @@ def by_rosbags(path: Path) -> Columns:
 
 
 def by_ours(path: Path) -> Recording:
-    """Read a recording as the program does: sorted, and its sequence numbers checked."""
+    """Read a recording as the program does: sorted, with checked sequence numbers."""
     return Recording.open(path)
 
 
@@ -145,7 +145,7 @@ def _write_zstd(file: Path, content: Columns) -> None:
 
 
 def _same(found: Columns, recording: Recording) -> bool:
-    """Whether both readers give the same numbers to the last bit."""
+    """Whether both readers give the same numbers bit for bit."""
     ours = {
         topics.MEASUREMENT: recording.measurement,
         topics.COMMAND: recording.command,
@@ -202,7 +202,7 @@ def _reading(progress: Fraction) -> Report:
 
 @dataclass
 class _Fates:
-    """What became of damaged recordings."""
+    """Results of reading damaged recordings."""
 
     refused: int = 0
     exact: int = 0
@@ -210,9 +210,9 @@ class _Fates:
 
 
 def fates(count: int, seed: int, progress: Fraction = lambda _: None) -> dict[str, _Fates]:
-    """Damage the file of a recording of ours in many ways; return what each reader makes of it.
+    """Damage the file of our recording in many ways; return the results of each reader.
 
-    ``wrong`` counts those that are read without an error and are not what was recorded.
+    ``wrong`` counts those that are read without an error and differ from the recorded data.
     """
     rng = random.Random(seed)
     result = {"ours": _Fates(), "rosbags": _Fates()}
@@ -234,7 +234,7 @@ def fates(count: int, seed: int, progress: Fraction = lambda _: None) -> dict[st
                         same = _same(by_rosbags(folder), truth)
                 except InputError:
                     fate.refused += 1
-                except Exception:  # rosbags lets through what its parsers raise
+                except Exception:  # rosbags passes on the exceptions of its parsers
                     if who == "ours":
                         raise
                     fate.refused += 1
@@ -299,7 +299,7 @@ def _writing(progress: Fraction) -> Report:
         lost, unchecked = {}, {}
         for who, write in (("ours", _write_ours), ("rosbags", _write_rosbags)):
             going: Any = write(folder, turns)
-            # what a process that is killed now leaves behind: its buffers are gone
+            # files of a process that is killed now: its buffers are lost
             shutil.copytree(folder, Path(name) / "killed")
             saved = salvage(Path(name) / "killed", Path(name) / "saved")
             last = int(Recording.open(saved.target).measurement["stamp_ns"][-1])

@@ -1,4 +1,4 @@
-"""How well the graph keeps pace with the wall clock: ten recorded minutes, samples lost and commands late, and why."""
+"""The graph in real time: ten recorded minutes, lost samples and late commands, and their causes."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from gyrowheel_core.node import prepare_environment
 from gyrowheel_recording.bags import info
 
 MINUTES = 10.0
-WATCHDOG_S = 2.0  # longer than usual, for a computer that does other things meanwhile
+WATCHDOG_S = 2.0  # longer than the default, for a busy computer
 #: Allowed growth of the memory of a node in an hour [MiB].
 GROWTH = 5.0
-_SEGMENTS_S = 10.8  # of one repetition of it
-_SETTLED_S = 60.0  # after which the memory of a node counts
+_SEGMENTS_S = 10.8  # duration of one repetition
+_SETTLED_S = 60.0  # start of the evaluation of the memory
 _DOMAIN = 62
 
 
@@ -35,7 +35,7 @@ def measure(progress: Callable[[float], None]) -> list[Report]:
 
 
 def run(directory: Path, minutes: float, progress: Callable[[float], None]) -> Report:
-    """Run the whole graph by the wall clock, recorded into `directory`, and return what it lost and what it took."""
+    """Run the whole graph in real time, recorded into `directory`, and return losses and costs."""
     marks: list[tuple[float, dict[str, float], dict[str, float]]] = []  # time, processor time, memory
 
     def note(p: Progress) -> None:
@@ -64,7 +64,7 @@ def run(directory: Path, minutes: float, progress: Callable[[float], None]) -> R
         ) as graph:
             result = graph.run(progress=note)
     except (GraphError, InputError) as error:
-        # such as the guard that trips because the computer has no time for the loop: that is a result, too
+        # for example a guard that trips because the computer is too slow for the loop: that is also a result
         figure = Figure("lost samples", float("nan"), "samples", bar=Bar("<=", 0.0))
         return Report(title, [figure], notes=[f"The run ended early: {error}."])
     found = info(directory).integrity
@@ -87,7 +87,7 @@ def run(directory: Path, minutes: float, progress: Callable[[float], None]) -> R
             Figure("samples more than a period late", 100.0 * pace["late_samples"] / samples, "%"),
             Figure("longest delay of a sample", pace["worst_delay_ms"], "ms"),
             Figure("time that the bench stood still", pace["behind_s"], "s"),
-            # of a virtual machine: what its host gives to others is missing to the loop, whatever its priority
+            # of a virtual machine: time that its host gives to others is lost for the loop, at any priority
             Figure("processor taken by the host", 100.0 * (stolen_time() - host) / (end - begin), "%"),
             *(
                 Figure(f"processor: {name}", 100.0 * (last[name] - first[name]) / (end - begin), "%")
@@ -108,7 +108,7 @@ def run(directory: Path, minutes: float, progress: Callable[[float], None]) -> R
 
 
 def _growth(marks: list[tuple[float, dict[str, float], dict[str, float]]], name: str) -> float:
-    """Return how fast the memory of a node grows [MiB/h]: the slope of a straight line."""
+    """Return the growth of the memory of a node [MiB/h]: the slope of a straight line."""
     begin = marks[0][0]
     points = [(t - begin, memory[name]) for t, _, memory in marks if t - begin > _SETTLED_S]
     if len(points) < 2:
@@ -118,7 +118,7 @@ def _growth(marks: list[tuple[float, dict[str, float], dict[str, float]]], name:
 
 
 def _memory(pid: int) -> float:
-    """Return the memory of a process that is its own, resident [bytes]; NaN where the system does not tell.
+    """Return the private resident memory of a process [bytes]; NaN if the system does not report it.
 
     Pages of files, such as the recording and shared libraries, do not count.
     """

@@ -1,6 +1,6 @@
-"""Recordings: columns read per second beside other readers, the recorder at 10 000 messages a second, and killed.
+"""Recordings: columns read per second, other readers, the recorder at 10 000 messages per second, and killed.
 
-The recorder is the node itself in a process of its own; another process publishes.
+The recorder is the real node in a separate process; another process publishes.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ ROUNDS = 2
 RATE, SECONDS = 10_000.0, 30.0
 KILLS = 20
 LIMIT = 0.25  # s that a killed recorder may lose
-#: How long a node may take to start and to be found [s].
+#: Time limit for the start and discovery of a node [s].
 PATIENCE = 60.0
 
-_BEGUN = 20_000  # bytes of a file that has more than its declarations
+_BEGUN = 20_000  # size of a file with more than its declarations [bytes]
 _RECORDER = "from gyrowheel_recording.nodes.recorder import main; raise SystemExit(main())"
 
 
@@ -120,16 +120,16 @@ def _reading(progress: Fraction) -> Report:
 
 
 class Recorder:
-    """The recorder node, and a source beside it; each a process of its own.
+    """The recorder node and a source, each in a separate process.
 
     Parameters
     ----------
     directory : Path
-        Where to record.
+        Folder of the recording.
     domain : int
         ROS domain of both.
     rate, seconds : float
-        How many messages a second the source publishes, and for how long [s].
+        Messages per second of the source, and its duration [s].
     """
 
     def __init__(self, directory: Path, domain: int, rate: float, seconds: float = PATIENCE) -> None:
@@ -178,17 +178,17 @@ class Recorder:
         return state(self._file)[1]
 
     def said(self) -> str:
-        """Return what the node has written to stderr."""
+        """Return the stderr output of the node."""
         self.words.seek(0)
         return self.words.read()
 
     def processor_time(self) -> float:
-        """Return the time of the processor that the node has taken [s]."""
+        """Return the processor time of the node [s]."""
         fields = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
         return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
     def stop(self) -> None:
-        """End the node as Ctrl-C does, and wait for it."""
+        """End the node as by Ctrl-C, and wait for it."""
         self.process.send_signal(signal.SIGINT)
         with contextlib.suppress(subprocess.TimeoutExpired):
             self.process.wait(timeout=PATIENCE)
@@ -200,20 +200,20 @@ def kill_once(directory: Path, domain: int, after: float, rate: float = 4000.0) 
     Parameters
     ----------
     directory : Path
-        Where to record; what is saved goes to a directory beside it.
+        Folder of the recording; the salvaged copy is written next to it.
     domain : int
         ROS domain.
     after : float
-        How long it goes on until it is killed, once something is on the disk [s].
+        Time from the first data on the disk to the kill [s].
     rate : float
-        Messages a second, of both topics together.
+        Messages per second, of both topics together.
 
     Returns
     -------
     lost : float
-        Time from the last sample saved to the last one published [s].
+        Time from the last salvaged sample to the last published one [s].
     saved : Salvaged
-        What was saved.
+        Result of the salvage.
     """
     with Recorder(directory, domain, rate) as recorder:
         end = time.monotonic() + PATIENCE
@@ -227,7 +227,7 @@ def kill_once(directory: Path, domain: int, after: float, rate: float = 4000.0) 
         recorder.process.wait()
     saved = salvage(directory, directory.with_name(f"{directory.name}_saved"))
     last = int(Recording.open(saved.target).measurement["sequence"][-1])
-    # in the time in which they were published: two messages a sample
+    # during publication: two messages per sample
     return (sent - 1 - last) / (rate / 2.0), saved
 
 

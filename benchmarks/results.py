@@ -1,4 +1,4 @@
-"""What a benchmark gives: figures with the bars that they are held against, as a table and as JSON."""
+"""Results of a benchmark: figures and their limits, as a table and as JSON."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ class MeasurementError(RuntimeError):
 
 @dataclass(frozen=True)
 class Bar:
-    """What a figure is held against.
+    """Limit of a figure.
 
     Attributes
     ----------
     sense : str
-        ``">="`` or ``"<"``, and so on: how the figure must stand to the limit.
+        Required relation of the figure to the limit: ``">="``, ``"<="``, ``">"`` or ``"<"``.
     limit : float
         The limit, in the unit of the figure.
     of : str
@@ -51,28 +51,28 @@ class Bar:
         }[self.sense]
 
     def __str__(self) -> str:
-        """Return it as it is written in the table and in the file."""
+        """Return the text in the table and in the file."""
         return f"{'ratio ' if self.of == 'ratio' else ''}{self.sense} {self.limit:g}"
 
 
 @dataclass(frozen=True)
 class Figure:
-    """One measured figure, alone or beside that of a peer.
+    """One measured figure, alone or with that of a peer.
 
     Attributes
     ----------
     name : str
-        What was measured, under the title of its report.
+        Measured quantity, under the title of its report.
     value : float
         The figure.
     unit : str
         Its unit.
     peer : str, optional
-        What the same was measured for.
+        Program with which it is compared.
     peer_value : float, optional
         The peer's figure, in the same unit.
     bar : Bar, optional
-        What it is held against.
+        Limit of the figure.
     """
 
     name: str
@@ -83,7 +83,7 @@ class Figure:
     bar: Bar | None = None
 
     def __post_init__(self) -> None:
-        """Refuse a peer without a figure, and a bar for a ratio that there is not."""
+        """Refuse a peer without a figure, and a bar for a missing ratio."""
         if (self.peer is None) != (self.peer_value is None):
             raise ValueError(f"{self.name}: a peer needs both a name and a figure")
         if self.bar is not None and self.bar.of == "ratio" and self.peer is None:
@@ -91,7 +91,7 @@ class Figure:
 
     @property
     def ratio(self) -> float | None:
-        """The figure over the peer's."""
+        """The figure divided by that of the peer."""
         if self.peer_value is None:
             return None
         return self.value / self.peer_value if self.peer_value else math.nan
@@ -105,7 +105,7 @@ class Figure:
         return number is not None and self.bar.holds(number)
 
     def to_json(self, title: str) -> dict[str, Any]:
-        """Return it as an entry of the file, named after its report; a number that is not finite becomes null."""
+        """Return the entry of the file, named after its report; a number that is not finite becomes null."""
         return {
             "name": f"{title}: {self.name}",
             "value": _finite(self.value),
@@ -120,18 +120,18 @@ class Figure:
 
 @dataclass(frozen=True)
 class Report:
-    """What the benchmark of one subject gives.
+    """Result of the benchmark of one subject.
 
     Attributes
     ----------
     title : str
-        Heading, which begins the names of the figures in the file.
+        Heading, the prefix of the names of the figures in the file.
     figures : sequence of Figure
         The figures.
     notes : sequence of str
-        How they came about: what was run, from which state, how often.
+        Method: what was run, from which state, how often.
     details : sequence
-        Tables that are shown under the figures and are not part of the file.
+        Tables that are shown under the figures and are not written to the file.
     """
 
     title: str
@@ -141,13 +141,13 @@ class Report:
 
 
 def to_json(reports: Sequence[Report]) -> str:
-    """Return the text of ``bench.json``: one entry a figure."""
+    """Return the text of ``bench.json``: one entry per figure."""
     entries = [figure.to_json(report.title) for report in reports for figure in report.figures]
     return json.dumps(entries, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def shown(report: Report) -> Iterator[RenderableType]:
-    """Yield a report as it is printed."""
+    """Yield the printed form of a report."""
     yield heading(report.title)
     beside = any(f.peer is not None for f in report.figures)
     table = figures_table("", "", *(("beside", "", "ratio") if beside else ()), "bar", "holds")
@@ -155,7 +155,7 @@ def shown(report: Report) -> Iterator[RenderableType]:
         table.columns[column].justify = "left"
     before = None
     for f in report.figures:
-        # one figure beside several peers is written once
+        # one figure with several peers is written once
         same, before = before == (f.name, f.value), (f.name, f.value)
         cells: list[str | Text] = ["" if same else f.name, "" if same else f"{number(f.value)} {f.unit}"]
         if beside:
@@ -171,7 +171,7 @@ def shown(report: Report) -> Iterator[RenderableType]:
 
 
 def number(value: float) -> str:
-    """Return a number with three digits: plain where that is short, else with a power of ten."""
+    """Return a number with three digits: plain if that is short, else with a power of ten."""
     if not math.isfinite(value):
         return "not known"
     if value == 0.0:

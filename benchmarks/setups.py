@@ -1,8 +1,8 @@
-"""Wrong setups: how many kinds are named, and whether a right recording is ever accused.
+"""Wrong setups: how many kinds are found, and whether there are false alarms on correct recordings.
 
-``python -m benchmarks.setups --right 100 --wrong 1`` draws machines of both benches with hidden effects, instruments
-that are imperfect or wrong, and events, records them by plans of all kinds, and asks of each whether its columns are
-what they are called; then it spoils recordings in every way of `WRONG` and asks again.
+``python -m benchmarks.setups --right 100 --wrong 1`` draws machines of both benches with hidden effects, imperfect or
+wrong instruments, and events, records them by plans of all kinds, and checks their setups; then it applies every
+mistake of `WRONG` to the recordings and checks them again.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _SLOWEST = 10.0  # s
 
 
 def scaled(*names: str, by: float) -> Spoil:
-    """Return what multiplies columns."""
+    """Return a function that multiplies columns."""
 
     def spoil(samples: Samples) -> None:
         for name in names:
@@ -60,7 +60,7 @@ def scaled(*names: str, by: float) -> Spoil:
 
 
 def exchanged(*pairs: tuple[str, str]) -> Spoil:
-    """Return what exchanges columns."""
+    """Return a function that exchanges columns."""
 
     def spoil(samples: Samples) -> None:
         for one, other in pairs:
@@ -70,7 +70,7 @@ def exchanged(*pairs: tuple[str, str]) -> Spoil:
 
 
 def late(*names: str, by: float) -> Spoil:
-    """Return what moves columns to later times [s]; the end comes to the beginning."""
+    """Return a function that shifts columns to later times [s], cyclically."""
 
     def spoil(samples: Samples) -> None:
         for name in names:
@@ -80,17 +80,17 @@ def late(*names: str, by: float) -> Spoil:
 
 
 def geared(samples: Samples) -> None:
-    """Let the angle turn twice a turn."""
+    """Double the angle."""
     samples["spin_angle"] = np.mod(2.0 * np.unwrap(samples["spin_angle"]), TURN)
 
 
 def reversed_wheel(samples: Samples) -> None:
-    """Mirror the machine: what a wheel that turns the other way would have given."""
+    """Mirror the machine: the readings of a wheel that turns the other way."""
     scaled("spin_angle", "spin_rate", "motor_voltage", "motor_current", "tilt_y", COIL[1], by=-1.0)(samples)
 
 
 def celsius(samples: Samples) -> None:
-    """Give the temperatures in degrees Celsius."""
+    """Convert the temperatures to degrees Celsius."""
     for name in ("coil_temperature", "air_temperature"):
         samples[name] -= 273.15
 
@@ -146,7 +146,7 @@ def spoilt(recording: Recording, spoil: Spoil) -> Recording:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What was said of one recording: what it is, what was found, and how much of the processor it took [s]."""
+    """Result for one recording: its kind, the findings, and the processor time [s]."""
 
     name: str
     right: bool
@@ -155,7 +155,7 @@ class Outcome:
 
 
 def machine(seed: int, bench_name: str, plan: str, folder: Path) -> tuple[Recording, Bench]:
-    """Record a machine drawn at random: effects, imperfect and wrong instruments, in one of three an event."""
+    """Record a random machine: effects, imperfect and wrong instruments, in one of three cases an event."""
     bench = Bench.load(bench_name)
     rng = np.random.default_rng([seed, 0x73657475])
     drawn = draw(bench, seed, kinds=("none", "single", "pair"))
@@ -186,7 +186,7 @@ def _asked(name: str, recording: Recording, bench: Bench) -> tuple[str, tuple[st
 
 
 def right_recordings(seed: int, count: int) -> list[Outcome]:
-    """Return what is said of right recordings; `Outcome.right` is whether none is accused."""
+    """Return the results for correct recordings; `Outcome.right` is true without a false alarm."""
     result = []
     for k in range(count):
         bench = "dtg" if k % 4 == 3 else "gyrowheel"
@@ -200,7 +200,7 @@ def right_recordings(seed: int, count: int) -> list[Outcome]:
 
 
 def wrong_recordings(seed: int, count: int) -> list[Outcome]:
-    """Return what is said of spoilt recordings; `Outcome.right` is whether kind and columns are named, and no more."""
+    """Return the results for wrong setups; `Outcome.right` is true if exactly kind and columns are named."""
     result = []
     for k in range(count):
         with tempfile.TemporaryDirectory() as folder:
@@ -214,7 +214,7 @@ def wrong_recordings(seed: int, count: int) -> list[Outcome]:
 
 
 def shown(right: Sequence[Outcome], wrong: Sequence[Outcome]) -> str:
-    """Return the table of what was said."""
+    """Return the table of results."""
     table = words_table("", "recordings", "right", "s of the processor, median", "slowest")
     for name, own in (("right setups left alone", right), ("wrong setups named", wrong)):
         if own:
@@ -234,7 +234,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the cases and print the table."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.setups", description=__doc__)
     parser.add_argument("--right", type=int, default=100, help="right recordings")
-    parser.add_argument("--wrong", type=int, default=1, help="machines that are spoilt in every way")
+    parser.add_argument("--wrong", type=int, default=1, help="machines on which every mistake is made")
     parser.add_argument(
         "--seed", type=int, default=0, help="the machines have this seed and the following ones"
     )

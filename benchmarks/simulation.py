@@ -1,4 +1,4 @@
-"""Simulated seconds per second: the open-loop step beside SciPy and MuJoCo at equal accuracy, and the closed loop."""
+"""Simulated seconds per second: the open-loop step, SciPy and MuJoCo at equal accuracy, and the closed loop."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ TILT, SPIN = 3.0 * DEG, 3500.0 * RPM
 SETTLE, SPAN = 3.0, 2.0  # s
 LIMIT = 1e-6  # rad
 ROUNDS = 9
-#: Ten effects of different kinds; every one of them acts at every stage of every step.
+#: Ten effects of different kinds; each acts at every stage of every step.
 EFFECTS = (
     "aero_restoring",
     "aero_cross",
@@ -56,7 +56,7 @@ Motion = NDArray[np.float64]
 
 
 class NotReachedError(MeasurementError):
-    """A contestant does not reach the accuracy with any of the settings that are tried."""
+    """A contestant does not reach the accuracy with any of its settings."""
 
 
 @dataclass(frozen=True)
@@ -68,13 +68,13 @@ class Contestant:
     family : str
         The integrator.
     interface : str
-        The function by which it is called, where there are several.
+        The function that calls it, if there are several.
     setting : str
         Its step or tolerance.
     go : callable
-        Runs the whole span; gives (n_x, n_y) at the samples `at`, shape (m, 2).
+        Runs the whole span; returns (n_x, n_y) at the samples `at`, shape (m, 2).
     at : ndarray of int
-        Numbers of the samples, counted from 1, at which it gives the tilt.
+        Numbers of the samples, counted from 1, at which it returns the tilt.
     """
 
     family: str
@@ -102,7 +102,7 @@ def coarsest(
     Raises
     ------
     NotReachedError
-        If none is.
+        If no error is within the limit.
     """
     for make in settings:
         contestant = make()
@@ -166,7 +166,7 @@ def _open_loop(record: Held, voltages: Motion, progress: Fraction, *, changing: 
         Figure("tilt error", default, "rad", bar=Bar("<=", LIMIT)),
     ]
     change = (
-        "The voltages change at every sample, so SciPy's integrators begin anew at every sample."
+        "The voltages change at every sample, so SciPy's integrators restart at every sample."
         if changing
         else "The voltages are the mean of those of the loop: nothing damps the nutation that the loop leaves."
     )
@@ -223,10 +223,10 @@ def _mujoco(record: Held, voltages: Motion) -> list[Callable[[], Contestant]]:
 
 
 def _scipy(f: Any, record: Held, voltages: Motion, *, changing: bool) -> list[list[Callable[[], Contestant]]]:
-    """Return DOP853 and LSODA by each of SciPy's interfaces: which is quicker is not for us to say."""
+    """Return DOP853 and LSODA by each of SciPy's interfaces; the faster one is used."""
     period, n = bench().sample_period, len(voltages)
     start, held = np.array(record.state[:MECHANICAL]), np.ascontiguousarray(voltages[0])
-    # tolerances in units in which all six entries are of one size: a rate is an angle times the spin rate
+    # tolerances in units in which all six entries have the same magnitude: a rate is an angle times the spin rate
     size = np.array([1.0, 1.0, SPIN, SPIN, 1.0, SPIN])
 
     @njit(error_model="numpy")
@@ -303,7 +303,7 @@ def _checkpoints(samples: int) -> NDArray[np.intp]:
 def _quickest(
     contestants: Sequence[tuple[Contestant, float]], times: Mapping[str, Timing]
 ) -> list[Contestant]:
-    """Return one contestant of each family: the quicker of two interfaces to one integrator."""
+    """Return one contestant of each family: the faster of two interfaces to one integrator."""
     found: dict[str, Contestant] = {}
     for contestant, _ in contestants:
         other = found.get(contestant.family)

@@ -1,4 +1,4 @@
-"""Our Gauss-Newton beside SciPy's least_squares: the same recording, effect, rows, derivatives and bounds."""
+"""Our Gauss-Newton compared with SciPy's least_squares: same recording, effect, rows, derivatives and bounds."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _PEERS: dict[Method, str] = {
     "trf": "SciPy least_squares, trf",
     "lm": "SciPy least_squares, lm without bounds",
 }
-#: Where SciPy stops; coarser, it stops some hundredths of a standard error before the minimum.
+#: Tolerance of SciPy; with a coarser one it stops some hundredths of a standard error before the minimum.
 _TOLERANCE = 1e-10
 _ROUNDS = 5
 
@@ -56,7 +56,7 @@ def problem() -> Problem:
 
 
 def fresh(given: Problem) -> Problem:
-    """Return a problem that has kept no state of earlier fits."""
+    """Return a problem without cached states of earlier fits."""
     return Problem(Prediction(given.balances, given.unknowns), given.noise, given.base, given.base_jacobian)
 
 
@@ -67,7 +67,7 @@ def ours(given: Problem) -> Fit:
 
 
 def scipys(given: Problem, method: Method) -> tuple[Array, float]:
-    """Return the unknowns and chi-squared as SciPy finds them."""
+    """Return the unknowns and chi-squared of SciPy."""
     own = fresh(given)
     terms = [own.unknowns.term(name) for name in _HIDDEN]
     objective = Objective(own.prediction, own.measured, own.noise, terms)

@@ -1,7 +1,7 @@
-"""A process that publishes measurements and commands in turn, at a rate.
+"""A process that publishes measurements and commands alternately, at a constant rate.
 
-``python -m benchmarks.source DOMAIN RATE SECONDS FILE`` begins when somebody reads both topics, and keeps in the file
-how many pairs it has published, and for how long.
+``python -m benchmarks.source DOMAIN RATE SECONDS FILE`` starts when both topics have a subscriber, and stores in the
+file how many pairs it has published, and for how long.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from gyrowheel_core import topics, wire
 from gyrowheel_core.node import prepare_environment
 
 PERIOD_NS: Final = 500_000
-#: What is kept in the file: pairs published, and time since the first [s].
+#: Content of the file: published pairs, and time since the first [s].
 STATE: Final = struct.Struct("<Qd")
-#: How far it may be behind and catch up [s].
+#: Largest delay that it catches up [s].
 _LATEST: Final = 0.05
 
 
 def state(file: Path) -> tuple[int, float]:
-    """Return what a source has published so far, and in what time [s]."""
+    """Return the number of pairs that a source has published so far, and the time [s]."""
     try:
         data = file.read_bytes()
     except FileNotFoundError:
@@ -37,7 +37,7 @@ def state(file: Path) -> tuple[int, float]:
 
 
 def main(domain: int, rate: float, seconds: float, file: Path) -> None:
-    """Publish so many messages a second, of both topics together."""
+    """Publish at a rate of messages per second, of both topics together."""
     prepare_environment()
     rclpy.init(domain_id=domain)
     node = rclpy.create_node("source")
@@ -54,7 +54,9 @@ def main(domain: int, rate: float, seconds: float, file: Path) -> None:
         while sent < int(seconds * rate / 2.0):
             now = time.monotonic() - begin
             due = min(int((now - lag) * rate / 2.0), int(seconds * rate / 2.0))
-            if (late := (due - sent) / (rate / 2.0) - _LATEST) > 0.0:  # not to flood the reader after a pause
+            if (
+                late := (due - sent) / (rate / 2.0) - _LATEST
+            ) > 0.0:  # avoids flooding the reader after a pause
                 lag += late
                 due = sent + int(_LATEST * rate / 2.0)
             for k in range(sent, due):
@@ -65,7 +67,7 @@ def main(domain: int, rate: float, seconds: float, file: Path) -> None:
             time.sleep(0.001)
         for publisher in publishers:
             publisher.wait_for_all_acked(Duration(seconds=10))
-    # without the way back: a reader that was killed may have left the middleware unable to go it
+    # exit without cleanup: after the kill of a reader the middleware may hang there
     os._exit(0)
 
 

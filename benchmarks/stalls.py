@@ -1,6 +1,6 @@
-"""The plant stopped by SIGSTOP in a real-time run: how exactly diagnostics and recording tell of each stall.
+"""The plant stopped by SIGSTOP in a real-time run: how exactly diagnostics and recording report each stall.
 
-The run hides an effect. The same one without stalls, beside it, shows whether the verdict is the same.
+The machine has a hidden effect. The same run without stalls shows whether the verdict is the same.
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ from gyrowheel_core.node import prepare_environment
 from gyrowheel_recording.bags import Recording, info
 from gyrowheel_sim.bench import Bench
 
-COUNT, LENGTH, BETWEEN = 20, 0.3, 1.5  # stalls; their length and what lies between two [s]
+COUNT, LENGTH, BETWEEN = 20, 0.3, 1.5  # number of stalls; their length and the time between them [s]
 DOMAIN = 84  # unless the environment names one
-#: Stamps that differ by more than this many periods tell of a stall.
+#: Stamps that differ by more than this number of periods are a stall.
 _GAP = 100
 PLAN, HIDDEN = "quick", "aero_cross"
 
 
 class _Ear:
-    """Hears what plant and recorder tell of stalls."""
+    """Collects the stalls that plant and recorder report."""
 
     def __init__(self, domain: int) -> None:
         self._context = Context()
@@ -52,8 +52,8 @@ class _Ear:
         self.told: list[float] = []
         self.recorded: dict[
             str, float
-        ] = {}  # length of each stall by what the recorder says of it, more than once
-        self.offset = float("nan")  # of the clock from the newest stamp, when it was told last [s]
+        ] = {}  # length of each stall by the message of the recorder, which repeats it
+        self.offset = float("nan")  # last reported difference of the clock and the newest stamp [s]
         topic = topics.DIAGNOSTICS
         self._node.create_subscription(topic.message_class, topic.relative, self._hear, topic.qos)
         self._end = threading.Event()
@@ -87,7 +87,7 @@ class _Ear:
 
 
 def measure(progress: Callable[[float], None]) -> list[Report]:
-    """Stop the plant again and again during a plan, and compare what is told with the stamps that were recorded."""
+    """Stop the plant repeatedly during a plan, and compare the reports with the recorded stamps."""
     prepare_environment()
     domain = int(os.environ.get("ROS_DOMAIN_ID") or DOMAIN)
     with tempfile.TemporaryDirectory(prefix="gyrowheel-bench-") as name:
@@ -149,7 +149,7 @@ def _report(record: Path, ear: _Ear) -> Report:
 
 
 def _verdicts(record: Path, beside: Path) -> Report:
-    """Compare what is found in the recording with stalls and in the one without."""
+    """Compare the findings in the recordings with and without stalls."""
     found = [gw.diagnose([path], gw.Model()) for path in (record, beside)]
     verdicts = [one.verdict for one in found]
     by_name = [{finding.name: finding.coefficients for finding in one.effects} for one in found]

@@ -24,14 +24,14 @@ segments:
 
 
 def first_step(folder: Path, cache: Path, number: int) -> float:
-    """Return the time from the start of ``gyrowheel simulate`` until it says that its short plan was simulated [s].
+    """Return the time from the start of ``gyrowheel simulate`` to the message that its short plan is simulated [s].
 
-    The plan is a tenth of a second long; what comes after, writing the recording, is not counted.
+    The plan is a tenth of a second long; writing the recording afterwards is not counted.
 
     Parameters
     ----------
     folder : Path
-        Where plan and recording go.
+        Folder of plan and recording.
     cache : Path
         Folder of the compiled code.
     number : int
@@ -95,6 +95,6 @@ def measure(progress: Callable[[float], None]) -> list[Report]:
 
 
 def _children() -> float:
-    """Return the time of the processor that the processes started from here have taken [s]."""
+    """Return the processor time of the child processes [s]."""
     times = os.times()
     return times.children_user + times.children_system

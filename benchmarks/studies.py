@@ -1,6 +1,6 @@
-"""Studies: the cases that the tests leave out because others show the same, one by one.
+"""Studies: further cases of tests, run one by one.
 
-They stand beside the tests and are marked ``study`` there; ``make test`` leaves them out.
+They are part of the test files and marked ``study``; ``make test`` leaves them out.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def measure(progress: Callable[[float], None]) -> list[Report]:
-    """Run all studies, on all cores, and count those that hold."""
+    """Run all studies, on all cores, and count those that pass."""
     with tempfile.TemporaryDirectory(prefix="gyrowheel-bench-") as name:
         written = Path(name) / "studies.xml"
         command = [sys.executable, "-m", "pytest", "--studies", "-n", "auto", "-q", f"--junitxml={written}"]
@@ -36,7 +36,7 @@ def measure(progress: Callable[[float], None]) -> list[Report]:
 
 
 def report(written: Path) -> Report:
-    """Return the figures of a run that pytest has written down."""
+    """Return the figures of the report of a pytest run."""
     cases: Counter[str] = Counter()
     failed: dict[str, list[str]] = {}
     for case in ET.parse(written).getroot().iter("testcase"):

@@ -1,4 +1,4 @@
-"""Timing of contestants by turns, so that what else the machine does falls on all of them; time of other processes."""
+"""Timing of contestants by turns, so that other load affects all of them equally; time of other processes."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class Timing:
-    """Times of one contestant, one entry a call.
+    """Times of one contestant, one entry per call.
 
     Attributes
     ----------
     cpu : tuple of float
-        Time of the processor [s]: on a machine that does nothing else, the time by the clock.
+        Processor time [s]: on an idle machine equal to the wall-clock time.
     wall : tuple of float
-        Time by the clock [s].
+        Wall-clock time [s].
     """
 
     cpu: tuple[float, ...]
@@ -28,17 +28,17 @@ class Timing:
 
     @property
     def best(self) -> float:
-        """The shortest time of the processor [s]: what the work takes when nothing else disturbs it."""
+        """The shortest processor time [s]: that of the undisturbed work."""
         return min(self.cpu)
 
     @property
     def median(self) -> float:
-        """The median time of the processor [s]."""
+        """The median processor time [s]."""
         return statistics.median(self.cpu)
 
     @property
     def clock(self) -> float:
-        """The shortest time by the clock [s]."""
+        """The shortest wall-clock time [s]."""
         return min(self.wall)
 
 
@@ -49,16 +49,16 @@ def by_turns(
     turn_s: float = 0.05,
     progress: Callable[[float], None] | None = None,
 ) -> dict[str, Timing]:
-    """Run every contestant in every round and return their times; one round before the first is not counted.
+    """Run every contestant in every round and return their times; a first warm-up round is not counted.
 
     Parameters
     ----------
     contestants : mapping of str to callable
-        What to run; each prepares what it needs beforehand, so that a call is the work alone.
+        Functions to run; preparation is done beforehand, so that a call is the work alone.
     rounds : int
-        How many rounds.
+        Number of rounds.
     turn_s : float
-        How long a contestant's turn lasts at least [s]: what is quick is called several times.
+        Minimum duration of a contestant's turn [s]: a fast function is called several times.
     progress : callable, optional
         Called after every round with the fraction done.
     """
@@ -85,7 +85,7 @@ def by_turns(
 
 
 def processor_time(pid: int) -> float:
-    """Return the time of the processor that a process has taken [s]; NaN where the system does not tell."""
+    """Return the processor time of a process [s]; NaN if the system does not report it."""
     try:
         fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
     except OSError:
@@ -94,9 +94,9 @@ def processor_time(pid: int) -> float:
 
 
 def stolen_time() -> float:
-    """Return how long the host of a virtual machine has kept its processors to itself so far, all together [s].
+    """Return the total time that the host has withheld the processors of a virtual machine so far (steal time) [s].
 
-    Zero where the system does not tell.
+    Zero if the system does not report it.
     """
     try:
         first = Path("/proc/stat").read_text(encoding="ascii").splitlines()[0].split()

@@ -1,8 +1,8 @@
-"""The workbench in a browser: an hour opened and zoomed, beside plotly-resampler; how soon a diagnosis shows.
+"""The workbench in a browser: opening and zooming an hour, compared with plotly-resampler; delay of a diagnosis.
 
-``python -m benchmarks.workbench FOLDER`` serves the workbench as the command line does, and says on stdout where it is
-and when a diagnosis was computed. The peer runs in an environment of its own, which is made for the time of the
-measuring and removed with it.
+``python -m benchmarks.workbench FOLDER`` serves the workbench like the command line, and prints its address and the
+time at which a diagnosis was computed. The peer runs in a separate environment, which is created for the measurement
+and removed afterwards.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from benchmarks.diagnosis import HOUR, MINUTES, plan, record
 from benchmarks.results import Bar, Figure, MeasurementError, Report
 
 PEER = "plotly-resampler"
-#: What the peer's environment holds.
+#: Packages of the peer's environment.
 _PEER_PACKAGES = ("plotly-resampler==0.11.1",)
-_POINTS = 2000  # of a line, here as there
+_POINTS = 2000  # per line, for both
 _PATIENCE = 600.0  # s
-#: Parts of the recording that are looked at, one after another: middle and width, as fractions of its length.
+#: Parts of the recording that are shown in turn: middle and width, as fractions of its length.
 _ZOOMS = tuple(
     (0.2 + 0.6 * (7 * k % 10) / 10, width)
     for k, width in enumerate(
@@ -67,7 +67,7 @@ _PEER_ZOOM = """async ([from, until]) => {
   plot.removeAllListeners("plotly_afterplot");
   return performance.now() - began;
 }"""
-#: Time [ms since 1970] of the second frame after a verdict has come to stand on the page.
+#: Time [ms since 1970] of the second frame after a verdict is on the page.
 _SHOWN = """() => new Promise((done) => {
   const seen = () => {
     if (!document.querySelector("[data-verdict]")) return;
@@ -100,18 +100,18 @@ figure.show_dash(mode="external", port=int(port), host="127.0.0.1")
 
 
 def measure(progress: Callable[[float], None]) -> list[Report]:
-    """Measure an hour beside the peer, and a diagnosis of four minutes."""
+    """Measure an hour with the peer, and a diagnosis of a recording of four minutes."""
     with tempfile.TemporaryDirectory(prefix="gyrowheel-bench-") as name:
         return measured(Path(name), (HOUR, MINUTES), progress)
 
 
 def measured(folder: Path, lengths: tuple[str, str], progress: Callable[[float], None]) -> list[Report]:
-    """Measure with recordings of two lengths, the first for looking, the second for a diagnosis.
+    """Measure with recordings of two lengths, the first for viewing, the second for a diagnosis.
 
     Raises
     ------
     MeasurementError
-        If there is no browser to measure with, or something does not answer.
+        If there is no browser, or a server does not answer.
     """
     chromium = shutil.which("chromium")
     if chromium is None:
@@ -163,7 +163,7 @@ def _report(
 
 
 def _look(folder: Path, browser: Any, progress: Callable[[float], None]) -> dict[str, Any]:
-    """Open a recording in the workbench and look at parts of it."""
+    """Open a recording in the workbench and zoom into parts of it."""
     from playwright.sync_api import expect
 
     with _serving([sys.executable, "-m", "benchmarks.workbench", str(folder)]) as (process, lines):
@@ -183,7 +183,7 @@ def _look(folder: Path, browser: Any, progress: Callable[[float], None]) -> dict
         page.wait_for_selector("#where canvas", timeout=1e3 * _PATIENCE)
         expect(page.locator("#job button")).to_have_count(0, timeout=1e3 * _PATIENCE)
         compared = _most_memory(process.pid)
-        page.wait_for_timeout(1000.0)  # what was freed is given back
+        page.wait_for_timeout(1000.0)  # until freed memory is returned
         kept = _memory(process.pid)
         page.close()
     progress(0.8)
@@ -192,7 +192,7 @@ def _look(folder: Path, browser: Any, progress: Callable[[float], None]) -> dict
 
 
 def _diagnosis(folder: Path, browser: Any) -> float:
-    """Return how long after it was computed a diagnosis is seen [s]."""
+    """Return the delay from the end of a diagnosis to its display [s]."""
     with _serving([sys.executable, "-m", "benchmarks.workbench", str(folder)]) as (_, lines):
         page = _page(browser, lines.after("page: "))
         page.locator("button[data-do=open]").first.click()
@@ -204,7 +204,7 @@ def _diagnosis(folder: Path, browser: Any) -> float:
 
 
 def _peer(recording: Path, browser: Any) -> dict[str, Any] | str:
-    """Return what the peer takes for the same samples; why not, where it cannot be installed."""
+    """Return the figures of the peer for the same samples; the reason if it cannot be installed."""
     from gyrowheel_recording.bags import Recording
 
     with tempfile.TemporaryDirectory(prefix="gyrowheel-bench-") as name:
@@ -245,7 +245,7 @@ def _peer(recording: Path, browser: Any) -> dict[str, Any] | str:
             )
             page.evaluate(_TWO_FRAMES)
             opening = time.perf_counter() - began
-            page.wait_for_timeout(3000.0)  # it draws some time before it listens to a zoom
+            page.wait_for_timeout(3000.0)  # it draws some time before it reacts to a zoom
             found = _zooms(page, lambda span: page.evaluate(_PEER_ZOOM, span), end, "_dash-update-component")
             page.close()
             return found | {"opening": opening, "memory": _most_memory(process.pid)}
@@ -258,7 +258,7 @@ def _zooms(page: Any, zoom: Callable[[list[float]], float], end: float, answer: 
     for middle, width in _ZOOMS:
         span = [max(end * (middle - 0.5 * width), 0.0), min(end * (middle + 0.5 * width), end)]
         took.append(zoom(span))
-        page.wait_for_timeout(150.0)  # what comes after a zoom is not counted to the next one
+        page.wait_for_timeout(150.0)  # late work of a zoom does not count for the next one
     return {"median": median(took), "worst": max(took), "bytes": 1e-3 * median(sizes) if sizes else 0.0}
 
 
@@ -280,7 +280,7 @@ def _browser(chromium: str) -> Iterator[Any]:
 
 
 class _Lines:
-    """The lines that a process says, in the order in which they come."""
+    """The output lines of a process, in order."""
 
     def __init__(self, process: subprocess.Popen[str]) -> None:
         self._lines: list[str] = []
@@ -300,7 +300,7 @@ class _Lines:
             self._said.notify_all()
 
     def after(self, mark: str) -> str:
-        """Return what stands behind a mark in the first line that has it; wait for it."""
+        """Wait for a line with a mark and return the text after the mark."""
 
         def found() -> str | None:
             return next((line.partition(mark)[2].strip() for line in self._lines if mark in line), None)
@@ -340,7 +340,7 @@ def _free_port() -> int:
 
 
 def _await_port(port: int) -> None:
-    """Wait until something answers at a port."""
+    """Wait until a server answers at a port."""
     import socket
 
     end = time.monotonic() + _PATIENCE
@@ -356,18 +356,18 @@ def _await_port(port: int) -> None:
 
 
 def _memory(pid: int, which: str = "VmRSS") -> float:
-    """Return the memory that a process has [GB]."""
+    """Return the memory of a process [GB]."""
     status = Path(f"/proc/{pid}/status").read_text(encoding="utf-8")
     return 1.024e-6 * float(next(line.split()[1] for line in status.splitlines() if line.startswith(which)))
 
 
 def _most_memory(pid: int) -> float:
-    """Return the most memory that a process has had [GB]."""
+    """Return the peak memory of a process [GB]."""
     return _memory(pid, "VmHWM")
 
 
 def serve(folder: str) -> None:
-    """Serve the workbench on recordings of a folder, and say where it is and when a diagnosis was computed."""
+    """Serve the workbench on recordings of a folder, and print its address and the time of a diagnosis."""
     from gyrowheel.models.api import Model
     from gyrowheel.workbench import session as desk
     from gyrowheel.workbench.library import Shelf

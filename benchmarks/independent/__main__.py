@@ -1,4 +1,4 @@
-"""The command: ``python -m benchmarks.independent --cases 40 --seed S`` tries the finder and prints a table."""
+"""The command: ``python -m benchmarks.independent --cases 40 --seed S`` tests the diagnosis and prints a table."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from gyrowheel.show.layout import figures_table, heading, sentences
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import disk_errors, write_text
 
-#: Share of right answers that is asked for, and of wrong ones that is allowed.
+#: Required fraction of right answers, and allowed fraction of wrong ones.
 BARS = {"none": (1.0 - 0.01), "single": 0.97, "pair": 0.88}
 _CONFIDENCE = 0.95
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Try the finder and return the exit code."""
+    """Test the diagnosis and return the exit code."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.independent", description=__doc__.split(": ", 1)[1]
     )
@@ -75,7 +75,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def shown(cases: Sequence[Case]) -> bool:
-    """Print the tables; return whether every bar lies within the binomial interval of its figure, or is reached."""
+    """Print the tables; return whether every bar is reached, or within the binomial interval of its figure."""
     table = figures_table("", "hidden", "size", "answer", "")
     for column in (1, 2, 3, 4):
         table.columns[column].justify = "left"

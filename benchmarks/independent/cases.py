@@ -1,4 +1,4 @@
-"""Cases: what is hidden, how large it is for the finder, what the finder answers, and whether that is right."""
+"""Cases: hidden effects, their size in detection limits, the verdict, and its correctness."""
 
 from __future__ import annotations
 
@@ -36,17 +36,17 @@ Array = NDArray[np.float64]
 Kind = Literal["none", "single", "pair"]
 Effects = dict[str, dict[str, float]]
 
-#: Which kinds of cases take turns.
+#: Kinds of cases, in turn.
 TURNS: tuple[Kind, ...] = ("single", "pair", "none", "single")
 SEQUENCES = {"long": long_sequence, "short": short_sequence}
-#: Exponents that are drawn, not scaled: ranges that the literature on the air gives.
+#: Exponents that are drawn, not scaled: ranges of the literature on air drag.
 _EXPONENTS = {
     "aero_restoring": (2.0, 2.1),
     "aero_cross": (1.9, 2.06),
     "windage": (1.45, 1.55),
     "windage_tilt": (1.45, 1.55),
 }
-#: Largest amplitudes that a machine may have: a few times what is usual.
+#: Largest amplitudes of a machine: a few times the usual size.
 _LARGEST = {
     "aero_restoring": 0.12, "aero_cross": 0.03, "windage": 4e-3, "windage_tilt": 1.8e-3, "eddy_drag": 3e-5,
     "bearing_coulomb": 9e-3, "bearing_viscous": 3e-5, "cubic_stiffness": 12.0, "flexure_damping": 6e-5,
@@ -56,9 +56,9 @@ _LARGEST = {
 }  # fmt: skip
 _MOST_WRONG = 0.5  # of a bench parameter
 SMALLEST, LARGEST = 1.0, 10.0
-#: From this size on an effect counts, in detection limits.
+#: Smallest size of an effect that counts, in detection limits.
 DETECTABLE = 2.0
-#: What turns with the tilt or the case has no sign that it must have.
+#: Effects that turn with the tilt or the case may have either sign.
 _EITHER_SIGN = ("windage_tilt", "cubic_stiffness", "coil_tilt", "tilt_rotation", "stiffness_anisotropy")
 _SETPOINT = np.dtype(
     [
@@ -66,12 +66,12 @@ _SETPOINT = np.dtype(
         ("tilt_rate_x", float), ("tilt_rate_y", float), ("spin_rate", float), ("spin_acceleration", float),
     ]
 )  # fmt: skip
-_EVERY = 10  # samples a setpoint
+_EVERY = 10  # samples per setpoint
 
 
 @dataclass(frozen=True)
 class Case:
-    """What is hidden, and what came of it.
+    """A case: hidden effects and result.
 
     Attributes
     ----------
@@ -82,15 +82,15 @@ class Case:
     effects : dict
         {effect: {coefficient: value}}.
     sizes : dict of str to float
-        Size of each over its detection limit.
+        Size of each in detection limits.
     verdict : str
-        What the finder said.
+        Verdict of the diagnosis.
     named : dict of str to list of str
-        What it named, each with its ties that have a separating test.
+        Named effects, each with its ties that have a separating test.
     outcome : str
         ``right``, ``tied``, ``missed``, ``partial``, ``unknown`` or ``wrong``.
     summary : str
-        The finder's sentence.
+        Sentence of the diagnosis.
     """
 
     number: int
@@ -104,17 +104,17 @@ class Case:
 
     @property
     def detectable(self) -> bool:
-        """Whether all that is hidden is twice as large as its detection limit."""
+        """Whether every hidden effect is at least twice its detection limit."""
         return all(size >= DETECTABLE for size in self.sizes.values())
 
     @property
     def good(self) -> bool:
-        """Whether the answer is as it should be."""
+        """Whether the answer is right."""
         return self.outcome in ("right", "tied")
 
 
 class Limits:
-    """How much of an effect a recording of the sequence shows, judged from outside with the model of the bench.
+    """Detection limits of effects in a recording of the sequence, computed with the model of the bench.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ class Limits:
             self._problem = prepare([recording], Model(Bench.load())).problem
 
     def size(self, name: str, effects: Effects, drift: float) -> float:
-        """Return the size of an effect over its detection limit, the others and the bench's parameters fitted along."""
+        """Return the size of an effect in detection limits, given the other effects and the bench parameters."""
         problem = self._problem
         if name in ERRORS:
             return abs(effects[name]["relative_error"]) / self._error_limit(name, drift)
@@ -156,7 +156,7 @@ class Limits:
         return self._problem.predict(self._problem.unknowns.stated({name: dict(values)})) - self._problem.base
 
     def _left(self, columns: Array, drift: float, keep: list[bool] | None = None) -> Array:
-        """Return what of some responses the parameters of the bench cannot explain, over the noise."""
+        """Return the part of responses that the bench parameters cannot explain, in units of the noise."""
         problem = self._problem
         noise = problem.noise.with_scales(dict.fromkeys(problem.noise.scales, max(drift, 1.0)))
         free = problem.base_jacobian[:, np.array(keep or [True] * problem.count)]
@@ -170,7 +170,7 @@ class Limits:
 
 @cache
 def limits(sequence: str) -> Limits:
-    """Return the detection limits of a sequence; made once a process."""
+    """Return the detection limits of a sequence; computed once per process."""
     return Limits(sequence)
 
 
@@ -180,18 +180,18 @@ def _asked(sequence: str) -> References:
 
 
 def record(folder: Path, taken: Run, asked: References, *, setpoints: bool = True) -> Recording:
-    """Write what was read as a recording, and open it.
+    """Write readings as a recording, and open it.
 
     Parameters
     ----------
     folder : Path
-        To create.
+        Folder to create.
     taken : Run
-        What was read and commanded.
+        Readings and commands.
     asked : References
-        What was asked for.
+        Setpoints.
     setpoints : bool
-        Whether that is in the recording.
+        Whether the recording has the setpoints.
     """
     period = bench_file()["sample_period"].value
     rows = np.arange(0, len(asked.spin), _EVERY)
@@ -211,7 +211,7 @@ def record(folder: Path, taken: Run, asked: References, *, setpoints: bool = Tru
 def draw(
     seed: int, number: int, sequence: str, kind: Kind | None = None
 ) -> tuple[Case, Secret, dict[str, Any]]:
-    """Draw a case: what is hidden, the machine, and how it is recorded.
+    """Draw a case: hidden effects, machine, and recording.
 
     Parameters
     ----------
@@ -220,7 +220,7 @@ def draw(
     sequence : str
         Name of the sequence, for the sizes.
     kind : str, optional
-        What kind it is; by its turn if not given.
+        Kind of the case; default: in turn.
     """
     rng = np.random.default_rng([seed, number, 0x696E64])
     kind = kind or TURNS[number % len(TURNS)]
@@ -230,7 +230,7 @@ def draw(
         "drift": math.exp(rng.uniform(-0.3, 0.3)),
     }
     names = [*_LARGEST, *ERRORS]
-    # every effect comes once before one comes again
+    # every effect occurs once before one occurs again
     turn = number // len(TURNS) * TURNS.count("single") + TURNS[: number % len(TURNS)].count("single")
     first = names[
         int(np.random.default_rng([seed, turn // len(names)]).permutation(len(names))[turn % len(names)])
@@ -274,27 +274,27 @@ def _unit(name: str, rng: np.random.Generator) -> dict[str, float]:
 def solve(
     seed: int, number: int, sequence: str = "long", kind: Kind | None = None, *, setpoints: bool = True
 ) -> Case:
-    """Draw a case, record it, let the finder answer, and judge the answer.
+    """Draw a case, record it, diagnose it, and judge the verdict.
 
     Parameters
     ----------
     seed, number, sequence, kind
         See `draw`.
     setpoints : bool
-        Whether the recording tells what was asked for.
+        Whether the recording has the setpoints.
     """
     case, secret, manner = draw(seed, number, sequence, kind)
     asked = _asked(sequence)
     taken = run(secret, asked, **manner)
     with tempfile.TemporaryDirectory() as folder:
-        # the recording and the bench as its file describes it: nothing else reaches the finder
+        # the diagnosis gets only the recording and the bench file
         recording = record(Path(folder) / "recording", taken, asked, setpoints=setpoints)
         answer = diagnose([recording], Model(Bench.load()))
     return judged(case, answer)
 
 
 def judged(case: Case, answer: Diagnosis) -> Case:
-    """Return a case with the finder's answer beside what is hidden."""
+    """Return a case with its verdict and outcome."""
     named = {
         finding.name: [tie.name for tie in finding.ties if tie.separating_plan] for finding in answer.effects
     }

@@ -23,14 +23,14 @@ _SPIN_FILTER = 5.0  # Butterworth of second order [Hz]
 
 
 class Controller:
-    """What computes the voltages that answer a sample.
+    """The controller: computes the voltages that answer a sample.
 
     Parameters
     ----------
     stated : mapping
-        The numbers of the bench file [SI]: all that it knows.
+        The numbers of the bench file [SI], its only input.
     gain : float
-        All gains over the usual ones.
+        Factor of all gains.
     """
 
     def __init__(self, stated: Mapping[str, float], gain: float = 1.0) -> None:
@@ -67,7 +67,7 @@ class Controller:
         self._out = np.zeros(3)
 
     def start(self, tilt_x: float, tilt_y: float, spin: float) -> None:
-        """Begin with filters that have always seen these readings."""
+        """Initialise the filters to the steady state of these readings."""
         self._state[:] = 0.0
         for place, value in ((0, tilt_x), (2, tilt_y), (4, spin)):
             f = self._spin_filter if place == 4 else self._tilt_filter
@@ -79,7 +79,7 @@ class Controller:
         self, tilt_x: float, tilt_y: float, spin: float,
         tilt: complex, tilt_rate: complex, speed: float, speed_rate: float,
     ) -> tuple[float, float, float]:  # fmt: skip
-        """Return the voltages of two coils and the motor for a sample and what is asked for."""
+        """Return the voltages of two coils and the motor for a sample and its setpoint."""
         _answer(
             self._p, self._tilt_filter, self._spin_filter, self._state, tilt_x, tilt_y, spin,
             tilt.real, tilt.imag, tilt_rate.real, tilt_rate.imag, speed, speed_rate, self._out,
@@ -88,7 +88,7 @@ class Controller:
 
 
 def _butterworth(corner: float, h: float) -> Array:
-    """Return (b0, b1, b2, a1, a2) of a low-pass of second order, by the bilinear rule."""
+    """Return (b0, b1, b2, a1, a2) of a second-order low-pass, by the bilinear transform."""
     w = math.tan(math.pi * corner * h)
     n = 1.0 / (1.0 + math.sqrt(2.0) * w + w * w)
     return np.array(
@@ -104,7 +104,7 @@ def _butterworth(corner: float, h: float) -> Array:
 
 @njit(cache=True)
 def _filtered(f: Any, s: Any, at: int, x: float) -> float:
-    """Advance a filter of second order (transposed form) whose two states stand at `at`."""
+    """Advance a second-order filter (transposed form) whose two states are at `at`."""
     y = f[0] * x + s[at]
     s[at] = f[1] * x - f[3] * y + s[at + 1]
     s[at + 1] = f[2] * x - f[4] * y

@@ -1,8 +1,8 @@
-"""Instruments of another make: what they show is gathered between the samples, while the machine moves.
+"""Independent instruments, integrated between the samples together with the motion.
 
-Tilts and angle are noted at every step of the integrator, go through the poles of a filter there, and are read at the
-instant that the delay says, by a parabola through the three nearest. Voltages go through their filter as they are held,
-and the converter counts for one sampling period, up to the delay before the sample.
+Tilts and angle are filtered at every step of the integrator, and are read at the delayed instant by a parabola through
+the three nearest steps. Held voltages are filtered, and the converter averages over one sampling period that ends at
+the delay before the sample.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-#: Lines of the bench file that describe instruments end so, begin so, or are these.
+#: Suffixes, prefixes and names of the lines of the bench file that describe instruments.
 _ENDINGS = ("_delay", "_filter_time", "_filter_order", "_resolution", "_hum")
 _OTHERS = ("tilt_cubic", "tilt_cross_talk", "mains_frequency", "clock_jitter", "clock_rate_error")
-#: What is added to a line of the bench file by an instrument that is not as stated: {name: {coefficient: line}}.
+#: Lines of the bench file that an instrument error changes: {name: {coefficient: line}}.
 WRONG = {
     **{
         f"{channel}_delay": {"d": f"{channel}_delay"}
@@ -58,13 +58,13 @@ class _Poles:
         """Return the output after a step in which the input is `value` on average."""
         for pole, before in enumerate(self.out):
             self.out[pole] = before + self.take * (value - before)
-            # the next pole sees what this one gave on average
+            # the input of the next pole is the mean output of this one
             value = 0.5 * (before + self.out[pole])
         return self.out[-1] if self.out else value
 
 
 class _Smooth:
-    """A channel of something that moves smoothly."""
+    """A channel of a smooth motion."""
 
     def __init__(self, delay: float, time: float, order: float, step: float, substeps: int) -> None:
         if delay < -step:
@@ -74,13 +74,13 @@ class _Smooth:
         self._before = self._last = 0.0
 
     def start(self, value: float, rate: float = 0.0) -> None:
-        """Begin with what has moved evenly."""
+        """Initialise with a uniform motion."""
         self._past.extend(value - rate * self._step * k for k in range(self._past.maxlen or 0, -1, -1))
         self._poles.settle(value)
         self._before, self._last = value - rate * self._step, value
 
     def note(self, value: float) -> None:
-        """Take the value at the end of a step of the integrator."""
+        """Advance to the value at the end of a step of the integrator."""
         if self._poles.out:
             shown = 0.0
             half, bend = 0.5 * (value - self._before), 0.5 * (value - 2.0 * self._last + self._before)
@@ -112,12 +112,12 @@ class _Held:
         self._past: list[float] = []
 
     def start(self, voltage: float) -> None:
-        """Begin with what has always been."""
+        """Initialise with a constant voltage."""
         self._past = [voltage] * self._need
         self._poles.settle(voltage)
 
     def _means(self, voltage: float, steps: int) -> list[float]:
-        """Go on under a voltage and return the mean of what the converter sees, in steps of the filter."""
+        """Advance at a voltage and return the mean at the converter, in steps of the filter."""
         if not self._poles.out:
             return [voltage] * steps
         means, before = [], self._poles.out[-1]
@@ -128,13 +128,13 @@ class _Held:
         return means
 
     def note(self, voltage: float) -> None:
-        """Take the voltage of a step of the integrator."""
+        """Advance with the voltage of a step of the integrator."""
         self._past += self._means(voltage, _MICRO)
         if len(self._past) > 20 * self._need:
             del self._past[: -self._need]
 
     def read(self, following: float) -> float:
-        """Return what is read now; `following` is the voltage of the next interval."""
+        """Return the present reading; `following` is the voltage of the next interval."""
         means = self._past[-self._need :]
         end = len(means) - self._late
         if end > len(means):
@@ -156,9 +156,9 @@ class Instruments:
     Parameters
     ----------
     numbers : dict of str to float
-        Every line of the bench file, as the machine has it [SI].
+        Every line of the bench file, with the values of the machine [SI].
     substeps : int
-        Steps of the integrator a sample.
+        Steps of the integrator per sample.
     """
 
     def __init__(self, numbers: Mapping[str, float], substeps: int) -> None:
@@ -179,11 +179,11 @@ class Instruments:
             _Held(*chain("motor_voltage")),
         ]
         self._driving = _Held(*chain("motor_current"))
-        # without delay and filter the speed is that of the sample, and so is everything else
+        # without delay and filter the speed and all else are those of the sample
         self.perfect = not any(numbers[line] for line in numbers if line.endswith(("_delay", "_filter_time")))
 
     def start(self, tilt: tuple[float, float], angle: float, spin: float, volts: tuple[float, ...]) -> None:
-        """Begin with a machine that turns evenly."""
+        """Initialise with a machine at constant speed."""
         for channel, value in zip(self._tilt, tilt, strict=True):
             channel.start(value)
         self._angle.start(angle, spin)
@@ -192,14 +192,14 @@ class Instruments:
             held.start(voltage)
 
     def note(self, tilt: tuple[float, float], angle: float, spin: float, volts: tuple[float, ...]) -> None:
-        """Take what there is at the end of a step of the integrator, under the voltages of the step."""
+        """Advance to the state at the end of a step of the integrator, with the voltages of the step."""
         for channel, value in zip((*self._tilt, self._angle, self._speed), (*tilt, angle, spin), strict=True):
             channel.note(value)
         for held, voltage in zip((*self._volts, self._driving), (*volts, volts[2]), strict=True):
             held.note(voltage)
 
     def read(self, following: tuple[float, ...]) -> tuple[float, ...]:
-        """Return what is read now: two tilts, angle, three voltages and the motor's current."""
+        """Return the present readings: two tilts, angle, three voltages and the motor current."""
         n = self._n
         volts = [held.read(voltage) for held, voltage in zip(self._volts, following, strict=True)]
         current = self._driving.read(following[2]) - n["motor_constant"] * self._speed.read()
@@ -207,19 +207,19 @@ class Instruments:
         return (*tilts, self.encoder(self._angle.read()), *volts, current / n["motor_resistance"])
 
     def encoder(self, angle: float) -> float:
-        """Return what the encoder shows of an angle."""
+        """Return the encoder reading of an angle."""
         n, turn = self._n, complex(math.cos(angle), -math.sin(angle))
         once = complex(n["encoder_once_x"], n["encoder_once_y"]) * turn
         twice = complex(n["encoder_twice_x"], n["encoder_twice_y"]) * turn**2
         return angle + n["encoder_zero"] + once.real + twice.real
 
     def sensor(self, x: float, y: float, true_x: float, true_y: float) -> tuple[float, float]:
-        """Return what the tilt sensors show beside their linear part (x, y), of the tilt [rad]."""
+        """Return the non-linear part of the tilt readings (x, y), of the tilt [rad]."""
         bent, cross = self._n["tilt_cubic"], self._n["tilt_cross_talk"]
         return x + bent * true_x**3 + cross * true_y, y + bent * true_y**3 + cross * true_x
 
 
-#: Reading of every column of a recording, as the lines of the bench file begin.
+#: Reading of every column of a recording, by the prefix of its lines in the bench file.
 _CHANNELS = (
     "tilt", "tilt", "spin_angle", "spin_rate", "coil_voltage", "coil_voltage", "motor_voltage", "motor_current",
     "temperature", "temperature", "pressure",
@@ -233,7 +233,7 @@ def hum(numbers: Mapping[str, float], count: int) -> Array:
 
 
 def in_steps(numbers: Mapping[str, float], row: Array) -> Array:
-    """Return readings in the steps of their converters."""
+    """Return readings rounded to the steps of their converters."""
     step = np.array([numbers[f"{name}_resolution"] for name in _CHANNELS])
     some = step > 0.0
     row[..., some] = np.floor(row[..., some] / step[some] + 0.5) * step[some]

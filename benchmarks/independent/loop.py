@@ -1,4 +1,4 @@
-"""Machine, controller, sensors and their noise put together: from a secret to the columns of a recording."""
+"""Machine, controller, sensors and noise combined: from a secret to the columns of a recording."""
 
 from __future__ import annotations
 
@@ -35,16 +35,16 @@ _KNOT = 0.05  # s between the values of a drift, which is straight between them
 
 @dataclass(frozen=True)
 class Run:
-    """What was read and commanded.
+    """Readings and commands.
 
     Attributes
     ----------
     readings : ndarray (n, 11)
-        Columns as `COLUMNS` says [SI].
+        Columns in the order of `COLUMNS` [SI].
     commands : ndarray (n, 3)
         Voltages that answer each sample; they act from the next one on [V].
     stamps : ndarray (n,)
-        What the clock said at each [ns].
+        Time stamp of each sample [ns].
     """
 
     readings: Array
@@ -69,15 +69,15 @@ def run(
     secret : Secret
         The machine.
     asked : References
-        What is asked for.
+        Setpoints.
     rng : Generator or None
-        Source of the noise; None for readings without any.
+        Source of the noise; None for readings without noise.
     gain : float
-        Gains of the controller over its usual ones.
+        Factor of the controller gains.
     noise, drift : float
-        White noise and slow drift over those of the bench file.
+        Factors of white noise and slow drift of the bench file.
     substeps : int
-        Steps of the integrator a sample.
+        Steps of the integrator per sample.
     """
     n = len(asked.spin)
     stated = {name: line.value for name, line in bench_file().items()}
@@ -135,7 +135,7 @@ def _white(stated: dict[str, float], n: int, rng: np.random.Generator | None, le
 
 
 def _slow(stated: dict[str, float], n: int, rng: np.random.Generator | None, level: float) -> Array:
-    """Return slow drifts: what follows white noise with a first-order lag of the stated time."""
+    """Return slow drifts: white noise through a first-order lag with the stated time constant."""
     result = np.zeros((n, len(COLUMNS)))
     if rng is None:
         return result

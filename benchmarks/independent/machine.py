@@ -1,4 +1,4 @@
-"""A bench of another make: numbers from the bench file, a mechanism in MuJoCo, effects by virtual work in case axes."""
+"""An independent bench: numbers from the bench file, a mechanism in MuJoCo, effects by virtual work in case axes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 BENCH_FILE = Path(__file__).parents[2] / "src/gyrowheel_sim/gyrowheel_sim/config/bench.yaml"
 
-#: Coefficients of the effects that this machine can have, in the order of the array that the compiled code takes.
+#: Coefficients of the possible effects, in the order of the array of the compiled code.
 COEFFICIENTS = (
     ("aero_restoring", "k"),
     ("aero_restoring", "n"),
@@ -54,7 +54,7 @@ COEFFICIENTS = (
     ("runout", "R_x"),
     ("runout", "R_y"),
 )
-#: Errors of bench parameters: the parameters that are wrong by one factor.
+#: Errors of bench parameters: the parameters that share one factor.
 ERRORS = {
     "stiffness_error": ("flexure_stiffness_x", "flexure_stiffness_y"),
     "gimbal_inertia_error": ("gimbal_inertia_x", "gimbal_inertia_y", "gimbal_inertia_z"),
@@ -125,7 +125,7 @@ def bench_file() -> dict[str, Number]:
 
 @dataclass(frozen=True)
 class Secret:
-    """What a machine really is.
+    """The truth of a machine.
 
     Attributes
     ----------
@@ -140,12 +140,12 @@ class Secret:
 
     @classmethod
     def stated(cls, effects: Mapping[str, Mapping[str, float]] | None = None) -> Secret:
-        """Return a machine as the bench file says, with some effects."""
+        """Return a machine with the values of the bench file and some effects."""
         numbers = {name: line.value for name, line in bench_file().items()}
         return cls(numbers, {name: dict(values) for name, values in (effects or {}).items()})._with_wrong()
 
     def _with_wrong(self) -> Secret:
-        """Return the same machine with what is wrong of its instruments in their numbers."""
+        """Return the same machine with its instrument errors in its numbers."""
         for name, lines in WRONG.items():
             for key, line in lines.items():
                 self.numbers[line] += self.effects.get(name, {}).get(key, 0.0)
@@ -159,10 +159,10 @@ class Secret:
         *,
         instruments: bool = False,
     ) -> Secret:
-        """Return a machine with every parameter drawn within its uncertainty; what shares a group moves together.
+        """Return a machine with every parameter drawn within its uncertainty; parameters of a group change together.
 
-        The error of a parameter is added to what is drawn where several parameters have it, else it takes its place.
-        Instruments are as stated, but for those among the effects, unless `instruments` lets them be drawn as well.
+        An error that several parameters share is added to the drawn values; any other error replaces the drawn value.
+        Instruments are as stated, except those among the effects, unless `instruments` has them drawn as well.
         """
         lines = bench_file()
         (apart,) = rng.spawn(1)
@@ -191,10 +191,10 @@ class Machine:
     Parameters
     ----------
     secret : Secret
-        What it is.
+        Truth of the machine.
     substeps : int
-        Steps of MuJoCo's Runge-Kutta integrator a sample. In its joints a constant tilt swings once a
-        revolution, and a step that is too long makes a torque of that: 0.0005 mN m at 3 degrees with four.
+        Steps of MuJoCo's Runge-Kutta integrator per sample. In joint angles a constant tilt oscillates once per
+        revolution, and the integration error is a false torque: 0.0005 mN m at 3 degrees with four steps.
     """
 
     def __init__(self, secret: Secret, substeps: int = 4) -> None:
@@ -231,7 +231,7 @@ class Machine:
         self.coil_temperature = n["air_temperature"]
 
     def start(self, spin: float) -> None:
-        """Let it turn without a tilt."""
+        """Set a spin rate without tilt."""
         mujoco.mj_resetData(self._model, self._data)
         self.rates[0] = spin
         self.coil_temperature = self._n["air_temperature"]
@@ -242,7 +242,7 @@ class Machine:
         """Hold three voltages for one sample; `each` is called after every step of the integrator."""
         n, c = self._n, self._c
         model, data = self._model, self._data
-        # what the flexures lose: with the rate, and (as hysteresis does) with the rate over the speed
+        # losses of the flexures: with the rate, and (hysteresis) with the rate over the speed
         loss = c[_PLACE["flexure_damping", "C"]] + c[_PLACE["flexure_hysteresis", "h"]] / self.rates[0]
         model.dof_damping[1] = self._damping[0] + loss
         model.dof_damping[2] = self._damping[1] + loss
@@ -259,7 +259,7 @@ class Machine:
         self.coil_temperature += self._period * power / n["coil_heat_capacity"]
 
     def read(self, motor: float) -> tuple[float, float, float, float, float]:
-        """Return what the sensors show at this instant, without noise.
+        """Return the sensor readings at this instant, without noise.
 
         Two tilts [rad], spin angle [rad], spin rate [rad/s] and motor current [A].
 
@@ -292,7 +292,7 @@ def _tangents(spin: float, inner: float, outer: float) -> Any:
     return -ny / nz, nx / nz
 
 
-_INSTANT = 1.0e-6  # s; short against every motion
+_INSTANT = 1.0e-6  # s; short compared with every motion
 
 
 @njit(cache=True)
@@ -300,12 +300,12 @@ def _push(
     p: Any, c: Any, angles: Any, rates: Any, coil_x: float, coil_y: float, motor: float, warm: float, half: float,
     torque: Any, joint_torque: Any,
 ) -> None:  # fmt: skip
-    """Write the torque on the rotor in case axes and those in the joints, as they are in the middle of a step."""
+    """Write the torques on the rotor in case axes and in the joints, at the middle of a step."""
     k, km, resistance, coulomb, viscous, fx, fy, reference, tilt_reference, order, density = p
     spin = rates[0]
     angle, inner, outer = angles[0] + half * spin, angles[1] + half * rates[1], angles[2] + half * rates[2]
     zx, zy = _tangents(angle, inner, outer)
-    # how the tilt changes, where the rates are known: half a step on they have turned with the rotor
+    # tilt rate at the middle of the step: half a step later the rates have turned with the rotor
     a, b, e = angles, rates, _INSTANT
     zx1, zy1 = _tangents(a[0] - e * b[0], a[1] - e * b[1], a[2] - e * b[2])
     zx2, zy2 = _tangents(a[0] + e * b[0], a[1] + e * b[1], a[2] + e * b[2])
@@ -320,12 +320,12 @@ def _push(
     cos, sin = math.cos(angle), math.sin(angle)
     tx = in_phase * zx - ahead * zy - c[14] * zx_rate + c[15] + fx - c[18] * sin - c[19] * cos
     ty = in_phase * zy + ahead * zx - c[14] * zy_rate + c[16] + fy + c[18] * cos - c[19] * sin
-    tz = zx * ty - zy * tx  # nothing of it acts along the rotor's axis
+    tz = zx * ty - zy * tx  # no component along the rotor's axis
     # drag along the axis of the rotor
     drag = c[4] * r ** c[5] * density ** (c[5] - 1.0)
     drag += c[6] * r ** c[7] * density ** (c[7] - 1.0) * square
     drag += c[8] * spin
-    # coils, which stand in the case
+    # coils, which are fixed in the case
     gain = k * (1.0 + c[22] * square + c[23] * warm)
     cx = gain * (coil_x + c[24] * coil_x + c[25] * coil_y)
     cy = gain * (coil_y + c[25] * coil_x - c[24] * coil_y)

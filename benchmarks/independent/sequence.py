@@ -1,4 +1,4 @@
-"""A test sequence: what tilt and speed are asked for at every sample, and in which parts the machine is steady."""
+"""A test sequence: setpoints of tilt and speed at every sample, and the parts with steady motion."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ Array = NDArray[np.float64]
 
 _DEGREE = math.pi / 180.0
 _RPM = math.pi / 30.0
-_TILT_SPEED = 6.0 * _DEGREE  # mean of a change of tilt [rad/s]
-_SPEED_UP = 80.0  # mean of a change of speed [rad/s^2]
+_TILT_SPEED = 6.0 * _DEGREE  # mean rate of a change of tilt [rad/s]
+_SPEED_UP = 80.0  # mean rate of a change of speed [rad/s^2]
 
 
 @dataclass(frozen=True)
 class Step:
-    """One steady motion: a tilt held, or a cone.
+    """One steady motion: a hold or a cone.
 
     Attributes
     ----------
@@ -29,7 +29,7 @@ class Step:
     tilt : complex
         Tilt phi_x + i phi_y at its start [degrees].
     hold : float
-        How long it lasts [s].
+        Duration [s].
     turn : float
         Turns of the tilt about the case axis in that time; 0 for a hold.
     """
@@ -42,7 +42,7 @@ class Step:
 
 @dataclass(frozen=True)
 class References:
-    """What is asked for at every sample.
+    """Setpoints at every sample.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class References:
     spin, spin_rate : ndarray (n,)
         Speed [rad/s] and its rate [rad/s^2].
     steady : ndarray of bool (n,)
-        Whether a steady motion is asked for.
+        Whether the setpoint is a steady motion.
     step : ndarray of int (n,)
         Number of the step.
     """
@@ -65,7 +65,7 @@ class References:
 
 
 def references(steps: Sequence[Step], period: float) -> References:
-    """Return what a sequence asks for, changes shaped as half a wave of a cosine."""
+    """Return the setpoints of a sequence; changes have the shape of half a cosine wave."""
     parts: list[tuple[NDArray[Any], ...]] = []
     tilt, spin, turning = steps[0].tilt * _DEGREE, steps[0].rpm * _RPM, 0.0
     for number, step in enumerate(steps):
@@ -88,7 +88,7 @@ def references(steps: Sequence[Step], period: float) -> References:
             )
         )
         if step.turn:
-            # the cone gets under way within half a second
+            # the cone starts within half a second
             n = round(0.5 / period)
             t = np.arange(n) * period
             turned = rate * t * t / (2.0 * n * period)
