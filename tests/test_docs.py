@@ -1,4 +1,4 @@
-"""The pages of docs: those made from the code are up to date, and what the others show is so."""
+"""The pages of docs: generated pages are up to date, and links, tables and examples of the others are correct."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ DOCS = ROOT / "docs"
 
 @pytest.fixture(scope="module")
 def generator() -> ModuleType:
-    """Return the generator, which is a script."""
+    """Return the generator script as a module."""
     spec = importlib.util.spec_from_file_location("gyrowheel_docs", ROOT / "tools" / "docs.py")
     assert spec is not None
     assert spec.loader is not None
@@ -35,12 +35,10 @@ def generator() -> ModuleType:
 
 
 @pytest.mark.slow
-def test_pages_are_what_the_declarations_give(generator: ModuleType) -> None:
+def test_generated_pages_are_up_to_date(generator: ModuleType) -> None:
     pages = generator.made()
-    assert [str(path.relative_to(ROOT)) for path in generator.stale(pages)] == [], (
-        "`make docs` writes them anew"
-    )
-    # made twice, the same
+    assert [str(path.relative_to(ROOT)) for path in generator.stale(pages)] == [], "run `make docs`"
+    # reproducible
     effect = registry()["aero_cross"]
     found = generator.signature(effect, generator.Bench.load())
     path = DOCS / "effects" / "aero_cross.svg"
@@ -48,7 +46,7 @@ def test_pages_are_what_the_declarations_give(generator: ModuleType) -> None:
 
 
 @pytest.mark.slow
-def test_a_page_that_is_not_up_to_date_is_noticed(
+def test_outdated_pages_are_detected(
     generator: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     svg = (DOCS / "effects" / "aero_cross.svg").read_text(encoding="utf-8")
@@ -58,7 +56,7 @@ def test_a_page_that_is_not_up_to_date_is_noticed(
     pages = {folder / "a.md": "text\n", folder / "b.svg": svg, folder / "c.md": "new\n"}
     (folder / "a.md").write_text("text\n", encoding="utf-8")
     (folder / "b.svg").write_text(svg.replace("stroke", "strokes"), encoding="utf-8")  # the same numbers
-    (folder / "d.md").write_text("of an effect that is gone\n", encoding="utf-8")
+    (folder / "d.md").write_text("of a removed effect\n", encoding="utf-8")
     assert generator.stale(pages) == [folder / "c.md", folder / "d.md"]
     (folder / "a.md").write_text("old\n", encoding="utf-8")
     picture = generator.caps_figure(generator.Bench.load())
@@ -75,7 +73,7 @@ def test_a_page_that_is_not_up_to_date_is_noticed(
 
 
 @pytest.mark.parametrize("effect", registry().values(), ids=lambda effect: effect.name)
-def test_a_page_tells_all_that_is_declared(effect: Effect, generator: ModuleType) -> None:
+def test_an_effect_page_has_the_whole_declaration(effect: Effect, generator: ModuleType) -> None:
     page = (DOCS / "effects" / f"{effect.name}.md").read_text(encoding="utf-8")
     for text in (effect.title[1:], effect.sentence, effect.validity[1:], effect.source, "gyrowheel simulate"):
         assert text in page
@@ -94,13 +92,13 @@ def test_a_page_tells_all_that_is_declared(effect: Effect, generator: ModuleType
     assert f"[{effect.name}]({effect.name}.md)" in index
 
 
-def test_every_category_function_and_name_has_words(generator: ModuleType) -> None:
+def test_every_category_function_and_name_has_a_description(generator: ModuleType) -> None:
     assert set(generator._CATEGORIES) == set(get_args(Category))
     assert set(generator._FUNCTIONS) == set(generator.FUNCTIONS)
     assert set(generator._HANDY) == set(generator.HANDY)
 
 
-def test_every_table_has_its_place(generator: ModuleType) -> None:
+def test_every_generated_table_is_on_one_page(generator: ModuleType) -> None:
     pages = "".join(path.read_text(encoding="utf-8") for path in DOCS.rglob("*.md"))
     for name in generator.tables():
         assert pages.count(f"<!-- table: {name} -->") == 1
@@ -108,7 +106,7 @@ def test_every_table_has_its_place(generator: ModuleType) -> None:
 
 
 def anchors(page: Path) -> set[str]:
-    """Return the places within a page that a forge links: its headings, a number behind those that repeat."""
+    """Return the anchors of a page as on a forge: its headings, with a number appended to repeated ones."""
     found: set[str] = set()
     for heading in re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE):
         text = re.sub(r"\]\([^)]*\)", "", heading).lower()
@@ -121,7 +119,7 @@ def anchors(page: Path) -> set[str]:
     return found
 
 
-def test_links_lead_somewhere() -> None:
+def test_all_links_have_a_target() -> None:
     known = {page: anchors(page) for page in [*ROOT.glob("*.md"), *DOCS.rglob("*.md")]}
     wrong = []
     for page in known:
@@ -143,7 +141,7 @@ def test_every_page_is_in_the_index(generator: ModuleType) -> None:
 
 
 def test_every_fault_names_a_test() -> None:
-    """A row of docs/faults.md ends with a test, which is there; what was said or kept stands before it."""
+    """A row of docs/faults.md ends with an existing test, and states the kept data or the message."""
     rows = [
         line
         for line in (DOCS / "faults.md").read_text(encoding="utf-8").splitlines()
@@ -170,7 +168,7 @@ def blocks(language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```", FORMULAS, re.DOTALL | re.MULTILINE)
 
 
-def test_commands_on_the_page_of_formulas_give_effects() -> None:
+def test_commands_on_the_formula_page_define_effects() -> None:
     commands = [
         shlex.split(line) for block in blocks("") for line in block.splitlines() if "--formula" in line
     ]
@@ -183,14 +181,14 @@ def test_commands_on_the_page_of_formulas_give_effects() -> None:
         assert {c.name: c.unit for c in effect.coefficients} == {"k": "N*m/rad"}
 
 
-def test_the_model_file_on_the_page_of_formulas_is_one(tmp_path: Path) -> None:
+def test_the_model_file_on_the_formula_page_is_valid(tmp_path: Path) -> None:
     (text,) = blocks("yaml")
     model = Model.from_mapping(yaml.safe_load(text), "page")
     assert model.effects == {"stator_pull": {"k": 0.02}}
     assert model.declared["stator_pull"].category == "motor"
 
 
-def test_the_package_on_the_page_of_formulas_is_right() -> None:
+def test_the_package_on_the_formula_page_declares_valid_effects() -> None:
     (text,) = blocks("python")
     names = {node.id for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Name)}
     assert "EFFECTS" in names
@@ -203,11 +201,11 @@ def test_the_package_on_the_page_of_formulas_is_right() -> None:
 
 # --- words
 
-#: Words that were replaced by standard terms and are not to come back; here in parts, so that this file has none.
+#: Replaced phrases that must not return; in parts here, so that this file does not contain them.
 REPLACED = ["recko" + "ned", "size of " + "the tilt", "pressure of " + "the air", "clock on " + "the wall"]
 
 
-def test_replaced_words_do_not_come_back() -> None:
+def test_replaced_phrases_are_not_used() -> None:
     folders = ("src", "docs", "benchmarks", "tools", "examples", "tests")
     files = [ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
     for folder in folders:
@@ -223,7 +221,7 @@ def test_replaced_words_do_not_come_back() -> None:
     assert found == []
 
 
-def test_modules_that_pages_name_are_there() -> None:
+def test_modules_named_on_pages_exist() -> None:
     pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *DOCS.glob("*.md")]
     named = {
         name

@@ -1,4 +1,4 @@
-"""The glossary has every head of a table that the shell prints."""
+"""The glossary has the heads of all printed tables."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def heads_in(page: str) -> set[str]:
 
 
 def texts(node: ast.AST) -> Iterator[str]:
-    """Yield the texts within an expression, but not what its calls are given and how its values are formatted."""
+    """Yield the texts within an expression, without the arguments of calls and format specifications."""
     if isinstance(node, ast.Constant) and isinstance(node.value, str):
         yield node.value
     for name, child in ast.iter_fields(node):
@@ -40,7 +40,7 @@ def texts(node: ast.AST) -> Iterator[str]:
 def heads_in_code() -> Iterator[tuple[Path, str]]:
     for path in sorted((ROOT / "src" / "gyrowheel" / "gyrowheel").rglob("*.py")):
         text = path.read_text(encoding="utf-8")
-        # layout and uncut_table make tables of heads that they are given
+        # layout and uncut_table get the heads as arguments
         if path.name in ("layout.py", "uncut_table.py") or not any(name in text for name in MAKERS):
             continue
         for node in ast.walk(ast.parse(text)):
@@ -53,7 +53,7 @@ def heads_in_code() -> Iterator[tuple[Path, str]]:
 
 
 def words(head: str) -> list[str]:
-    """Return the lines of a head without units; a line of two quantities is two heads."""
+    """Return the lines of a head without units; each line of two quantities is a separate head."""
     lines = []
     for line in head.split("\n"):
         line = line.strip(" ,").removeprefix("up to ")
@@ -75,14 +75,14 @@ def test_every_head_is_in_the_glossary() -> None:
     assert len(found) > 100
     missing = {f"{path.name}: {head!r}" for path, head in found if not explained(head, known)}
     assert missing == set()
-    # what is put together when it is printed
+    # heads that are composed at run time
     made = [*errors._COLUMNS, *comparison._SHORT.values()]
     made += [comparison._axis_title(name) for name in ("tilt", "azimuth", "speed", "time", "temperature")]
     assert [head for head in made if not explained(head, known)] == []
     assert not explained("entropy\nJ/K", known)
 
 
-def test_channels_verdicts_and_variables_have_words() -> None:
+def test_channels_variables_and_basic_terms_are_in_the_glossary() -> None:
     text = " ".join(PAGE.split())
     for channel in CHANNELS.values():
         assert channel.title in text, channel.title
@@ -102,7 +102,7 @@ def test_channels_verdicts_and_variables_have_words() -> None:
         assert re.search(rf"^### {word}$", PAGE, re.MULTILINE), word
 
 
-def test_words_are_in_their_order() -> None:
+def test_terms_are_in_alphabetical_order() -> None:
     named = re.findall(r"^### (.+)$", PAGE, re.MULTILINE)
     assert len(named) == len(set(named)) > 40
     plain = [name.lower().replace("χ²/n", "chi") for name in named]

@@ -1,4 +1,4 @@
-"""Every command on a page is one that the command line takes: verb, options, names of plans, effects and benches."""
+"""Every command on a page is valid: verb, options, names of plans, effects and benches."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from gyrowheel_sim.effects import registry
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
-#: What a name on a page may be instead of a shipped one: a file, a variation, or a word for any.
+#: Options whose value is a shipped name, a file, a variation, or a placeholder.
 NAMES = {
     "--plan": Plan.shipped,
     "--validation-plan": Plan.shipped,
@@ -39,13 +39,13 @@ def blocks(page: Path, *languages: str) -> Iterator[str]:
 
 
 def commands() -> Iterator[tuple[Path, str, bool]]:
-    """Yield every command of the project on a page, and whether it stands there whole."""
+    """Yield every command of the project on the pages, and whether it is complete."""
     for page in PAGES:
         for text in blocks(page, "", "console", "sh"):
             for line in re.sub(r"\\\n\s*", "", text).splitlines():
                 found = re.match(r"\s*(?:\$ )?(gyrowheel [a-z].*)", line)
                 if found and "metavar" not in line:
-                    # what stands behind several blanks, or a hash, says what the command does
+                    # text after several blanks or a hash describes the command
                     yield page, re.split(r"\s{3,}|\s+#\s", found[1])[0], line.startswith("$")
         prose = FENCE.sub("", page.read_text(encoding="utf-8"))
         for text in re.findall(r"`(gyrowheel [a-z][^`]*)`", prose):
@@ -58,7 +58,7 @@ def root() -> Any:
 
 
 def fault(command: str, *, whole: bool) -> str:
-    """Return what is wrong with a command; empty if it would be taken."""
+    """Return the fault of a command; empty if it is valid."""
     words = shlex.split(command)[1:]
     verb = root()
     while hasattr(verb, "commands"):
@@ -108,11 +108,11 @@ def _unknown(option: str, value: str) -> str:
     return f"{option}: {name!r} is not known"
 
 
-#: What a page has its reader add: the recipes of CONTRIBUTING.md, the package of docs/formulas.md.
+#: Names that the reader of a page adds: the recipes of CONTRIBUTING.md, the package of docs/formulas.md.
 OF_PAGES = {"slow", "nonlinear_damping", "stator_pull"}
 
 
-def test_every_command_is_taken() -> None:
+def test_every_command_on_the_pages_is_valid() -> None:
     found = list(commands())
     assert len(found) > 150
     wrong = [
@@ -138,11 +138,11 @@ def test_every_command_is_taken() -> None:
         ("gyrowheel simulate --plan quick -o runs/a --effect aero:surrogate", ""),
     ],
 )
-def test_a_wrong_command_is_noticed(command: str, said: str) -> None:
+def test_invalid_commands_are_detected(command: str, said: str) -> None:
     assert fault(command, whole=True) == said
 
 
-def test_targets_of_make_and_subjects_are_there() -> None:
+def test_make_targets_and_benchmark_subjects_on_the_pages_exist() -> None:
     targets = set(re.findall(r"^([a-z]+):.*##", (ROOT / "Makefile").read_text("utf-8"), re.MULTILINE))
     named, subjects = set(), set()
     for page in PAGES:
@@ -155,7 +155,7 @@ def test_targets_of_make_and_subjects_are_there() -> None:
     assert {name for name in subjects if name} <= {*benchmarks.SUBJECTS, *modules}
 
 
-def test_python_on_the_pages_names_what_there_is() -> None:
+def test_python_on_the_pages_uses_public_names() -> None:
     seen = 0
     for page in PAGES:
         for text in blocks(page, "python"):
