@@ -25,7 +25,7 @@ from gyrowheel.show.layout import plain_text, words_table
 from gyrowheel_control.loops.closed_loop import simulate
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_recording.bags import Recording, write_run
-from gyrowheel_recording.mislabelled.find import of_one
+from gyrowheel_recording.mislabelled.find import wrong_setups
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.blind import draw
 from gyrowheel_sim.environment import to_json
@@ -177,7 +177,7 @@ def machine(seed: int, bench_name: str, plan: str, folder: Path) -> tuple[Record
 
 def _asked(name: str, recording: Recording, bench: Bench) -> tuple[str, tuple[str, ...], Outcome]:
     began = time.process_time()
-    found = of_one(recording, bench)
+    found = wrong_setups([recording], bench)
     seconds = time.process_time() - began
     said = "; ".join(f"{f.kind} {' '.join(f.columns)}" for f in found)
     first = found[0] if len(found) == 1 else None

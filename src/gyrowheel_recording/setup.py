@@ -8,7 +8,7 @@ setup(
     name="gyrowheel-recording",
     version="0.1.0",
     packages=find_packages(include=["gyrowheel_recording", "gyrowheel_recording.*"]),
-    package_data={"": ["py.typed"]},
+    package_data={"": ["py.typed", "**/*.yaml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/gyrowheel_recording"]),
         ("share/gyrowheel_recording", ["package.xml"]),

@@ -10,7 +10,7 @@ import pyarrow as pa
 import pytest
 
 import gyrowheel as gw
-from gyrowheel_recording.mapping.column_names import TEMPERATURE, named, unknown_unit
+from gyrowheel_recording.mapping.column_names import TEMPERATURE, meaning_of, unknown_unit
 
 from .test_wrong_tables import RATE, N, Table
 
@@ -70,20 +70,20 @@ ASKED = [
 
 @pytest.mark.parametrize(("name", "unit"), NAMES)
 def test_a_name_says_what_a_column_is(name: str, unit: str) -> None:
-    found = named(name, unit).fields
+    found = meaning_of(name, unit).fields
     clearest = max(found, key=lambda field: found[field], default="")
     assert clearest == NAMES[name, unit], found
-    assert not named(name, unit).asked
+    assert not meaning_of(name, unit).commanded
 
 
 @pytest.mark.parametrize("name", ASKED)
 def test_what_was_asked_for_is_not_taken_for_measured(name: str) -> None:
-    assert named(name).asked
+    assert meaning_of(name).commanded
 
 
 @pytest.mark.parametrize("name", ["rev_per_min", "Time [min]", "Tilt X [deg]"])
 def test_a_unit_is_no_end_of_a_range(name: str) -> None:
-    assert not named(name).asked
+    assert not meaning_of(name).commanded
 
 
 def test_a_unit_of_something_else_is_told() -> None:

@@ -11,7 +11,7 @@ import pytest
 
 import gyrowheel as gw
 from gyrowheel.recordings.provenance import machine_options, note_machine, noted_machine
-from gyrowheel_recording.mislabelled.fixes import Cure, correct
+from gyrowheel_recording.mislabelled.fixes import Fix, correct
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.plant.scenario import Scenario
 
@@ -132,7 +132,7 @@ def test_wrong_setup_ends_with_its_cure_which_works(
     gyrowheel: Shell, machines: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    spoil = Cure(exchange=(("tilt_x", "tilt_y"),), scale={"spin_rate": 9.549296586})
+    spoil = Fix(exchange=(("tilt_x", "tilt_y"),), scale={"spin_rate": 9.549296586})
     correct(gw.Recording.open(machines / "drag1").data, spoil, tmp_path / "wrong")
     gyrowheel.good("model", "new", "--model", "m.yaml")
     refused = gyrowheel("diagnose", "wrong", "--model", "m.yaml", "--json", "found.json")

@@ -34,7 +34,7 @@ from gyrowheel_analysis.reduction import Coverage
 from gyrowheel_analysis.reduction.not_as_stated import ReadingFinding
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.origin_guard import is_loopback
-from gyrowheel_recording.mislabelled.fixes import Cure, WrongSetup
+from gyrowheel_recording.mislabelled.fixes import Fix, WrongSetup
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import effect_to_mapping
 from gyrowheel_sim.plant.scenario import Scenario
@@ -494,7 +494,7 @@ def test_all_that_a_diagnosis_says_stands_on_the_page(wheel: Wheel) -> None:
         return str(views.state(desk)["parts"]["missing"])
 
     nothing: dict[str, Any] = {"error": None, "nuisance": {}, "limits": (), "where": ()}
-    wrong = WrongSetup("sign", ("tilt_y",), Cure(scale={"tilt_y": -1.0}), recording="runs/mine")
+    wrong = WrongSetup("sign", ("tilt_y",), Fix(scale={"tilt_y": -1.0}), recording="runs/mine")
     shown = part(diagnosis("insufficient_data", setup=(wrong,), **nothing))
     assert "the sign of tilt_y is turned" in shown
     assert "gyrowheel correct runs/mine" in shown

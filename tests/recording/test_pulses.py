@@ -10,10 +10,10 @@ import pytest
 from gyrowheel_recording.mapping.pulses import (
     Edges,
     PulseError,
+    angle_from_pulses,
     edges_of_count,
     edges_of_level,
     edges_of_times,
-    turned,
 )
 
 TURN = 2.0 * math.pi
@@ -58,7 +58,7 @@ def disturbed(edges: Edges, *, missed: float, doubled: float) -> Edges:
 @pytest.mark.parametrize("scale", [1.0, 1.004])
 def test_the_angle_is_known_as_well_as_is_said(pulses: int, scale: float) -> None:
     time, angle, rate = machine()
-    found = turned(time, scale * rate, edges_of_level(time, level(angle, pulses)), pulses)
+    found = angle_from_pulses(time, scale * rate, edges_of_level(time, level(angle, pulses)), pulses)
     wrong = off(found.angle, angle, pulses)
     # an edge alone is known to 0.1 rad; all of them say more
     assert float(np.sqrt(np.mean(wrong**2))) < 3.0 * found.uncertainty < 0.1
@@ -68,7 +68,7 @@ def test_the_angle_is_known_as_well_as_is_said(pulses: int, scale: float) -> Non
 def test_edges_that_are_missed_or_doubled_are_bridged_and_told() -> None:
     time, angle, rate = machine()
     edges = disturbed(edges_of_level(time, level(angle, 1)), missed=0.05, doubled=0.03)
-    found = turned(time, rate, edges, 1)
+    found = angle_from_pulses(time, rate, edges, 1)
     wrong = off(found.angle, angle, 1)
     assert float(np.abs(wrong).max()) < 0.15
     told = "; ".join(found.remarks)
@@ -78,14 +78,14 @@ def test_edges_that_are_missed_or_doubled_are_bridged_and_told() -> None:
 
 def test_pulses_shorter_than_a_sample_are_seen_now_and_then() -> None:
     time, angle, rate = machine()
-    found = turned(time, rate, edges_of_level(time, level(angle, 1, 0.01)), 1)
+    found = angle_from_pulses(time, rate, edges_of_level(time, level(angle, 1, 0.01)), 1)
     wrong = off(found.angle, angle, 1)
     assert float(np.sqrt(np.mean(wrong**2))) < 3.0 * found.uncertainty < 0.3
 
 
 def test_without_a_speed_the_edges_say_it_too() -> None:
     time, angle, _ = machine()
-    found = turned(time, None, edges_of_level(time, level(angle, 3)), 3)
+    found = angle_from_pulses(time, None, edges_of_level(time, level(angle, 3)), 3)
     wrong = off(found.angle, angle, 3)
     assert float(np.sqrt(np.mean(wrong**2))) < 3.0 * found.uncertainty < 0.3
     assert "the speed is taken from the pulses, too" in found.remarks
@@ -97,7 +97,7 @@ def test_levels_counts_and_times_say_the_same() -> None:
     count = np.floor(angle / TURN)
     last = exact[np.maximum(np.searchsorted(exact, time, side="right") - 1, 0)]
     found = [
-        turned(time, rate, edges, 1)
+        angle_from_pulses(time, rate, edges, 1)
         for edges in (
             edges_of_level(time, level(angle, 1)),
             edges_of_count(time, np.mod(count, 16.0)),
@@ -115,7 +115,7 @@ def test_unequal_pulses_are_told_and_taken_out() -> None:
     turns = np.arange(0, math.floor(angle[-1] / TURN))
     exact = np.sort((turns[:, None] * TURN + spaced).ravel())
     exact = exact[(exact > angle[0]) & (exact < angle[-1])]
-    found = turned(time, rate, edges_of_times(np.interp(exact, angle, time)), 3)
+    found = angle_from_pulses(time, rate, edges_of_times(np.interp(exact, angle, time)), 3)
     assert any("unequal by up to" in remark for remark in found.remarks)
     assert float(np.std(off(found.angle, angle, 3))) < 0.01
 
@@ -126,13 +126,13 @@ def test_unequal_pulses_are_told_and_taken_out() -> None:
 def test_another_number_of_pulses_is_refused_with_what_fits(pulses: int, told: str) -> None:
     time, angle, rate = machine(6.0)
     with pytest.raises(PulseError, match=told):
-        turned(time, rate, edges_of_level(time, level(angle, 1)), pulses)
+        angle_from_pulses(time, rate, edges_of_level(time, level(angle, 1)), pulses)
 
 
 def test_a_column_without_pulses_is_refused() -> None:
     time, _, rate = machine(6.0)
     with pytest.raises(PulseError, match=r"^0 rising edges; allowed: 8 or more"):
-        turned(time, rate, edges_of_level(time, np.full(len(time), 3.0)), 1)
+        angle_from_pulses(time, rate, edges_of_level(time, np.full(len(time), 3.0)), 1)
 
 
 @pytest.mark.parametrize("pause", [5.0, 5e6])
@@ -142,4 +142,4 @@ def test_a_pause_is_refused_at_once_however_long_it_is(pause: float) -> None:
     late = time + np.where(time > 4.0, pause, 0.0)
     for speed in (rate, None):
         with pytest.raises(PulseError, match="do not come where the speed has them"):
-            turned(late, speed, edges_of_level(late, level(angle, 3)), 3)
+            angle_from_pulses(late, speed, edges_of_level(late, level(angle, 3)), 3)

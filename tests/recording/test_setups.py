@@ -17,8 +17,8 @@ from benchmarks.setups import COIL, TILT, TURN, WRONG, Samples, Spoil, exchanged
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording
 from gyrowheel_recording.mislabelled.blocks import NAMES, blocks_of
-from gyrowheel_recording.mislabelled.find import of_one, wrong_setups
-from gyrowheel_recording.mislabelled.fixes import Cure, correct, corrected
+from gyrowheel_recording.mislabelled.find import wrong_setups
+from gyrowheel_recording.mislabelled.fixes import Fix, correct, corrected
 from gyrowheel_sim.bench import Bench
 
 #: Slow enough that the coils can turn twice the momentum.
@@ -62,10 +62,10 @@ def test_wrong_setup_is_named_and_its_cure_brings_the_readings_back(
     right: Recording, bench: Bench, spoil: Spoil, kind: str, columns: tuple[str, ...]
 ) -> None:
     wrong = spoilt(right, spoil)
-    (found,) = of_one(wrong, bench)
+    (found,) = wrong_setups([wrong], bench)
     assert (found.kind, found.columns) == (kind, columns)
     mended = corrected(wrong.measurement, found.cure)
-    assert not of_one(replace(right, measurement=mended), bench)
+    assert not wrong_setups([replace(right, measurement=mended)], bench)
     original = right.measurement[np.isin(right.measurement["sequence"], mended["sequence"])]
     rolled = round(3.0 / 5e-4) if kind == "shifted" else 0  # the fixture's roll puts the end at the beginning
     for name in columns if kind != "reversed" else ("tilt_x", "coil_voltage_x"):
@@ -84,7 +84,7 @@ def test_column_that_stays_or_stands_twice_has_no_cure_but_is_named(right: Recor
         (lambda s: s["motor_voltage"].fill(11.0), "stuck", ("motor_voltage",)),
         (lambda s: s.__setitem__("coil_voltage_y", s["coil_voltage_x"]), "same", COIL),
     ):
-        (found,) = of_one(spoilt(right, spoil), bench)
+        (found,) = wrong_setups([spoilt(right, spoil)], bench)
         assert (found.kind, found.columns, bool(found.cure)) == (kind, columns, False)
 
 
@@ -95,7 +95,7 @@ def test_readings_of_another_run_are_not_joined(right: Recording, bench: Bench) 
         for name in COIL:
             samples[name] = np.resize(other[name], len(samples))
 
-    (found,) = of_one(spoilt(right, spoil), bench)
+    (found,) = wrong_setups([spoilt(right, spoil)], bench)
     assert (found.kind, found.columns) == ("foreign", (*TILT, *COIL))
 
 
@@ -104,7 +104,7 @@ def test_two_mistakes_at_once(right: Recording, bench: Bench) -> None:
         exchanged(TILT)(samples)
         scaled("spin_rate", by=30.0 / math.pi)(samples)
 
-    found = of_one(spoilt(right, spoil), bench)
+    found = wrong_setups([spoilt(right, spoil)], bench)
     assert [(f.kind, f.columns) for f in found] == [("unit", ("spin_rate",)), ("exchanged", TILT)]
 
 
@@ -136,8 +136,8 @@ BESIDE = [
 
 def test_what_is_wrong_is_named_where_other_readings_are_missing(right: Recording, bench: Bench) -> None:
     for absent, spoil, kind, columns in BESIDE:
-        assert not of_one(spoilt(right, without(absent)), bench), absent
-        found = of_one(spoilt(right, without(absent, spoil)), bench)
+        assert not wrong_setups([spoilt(right, without(absent))], bench), absent
+        found = wrong_setups([spoilt(right, without(absent, spoil))], bench)
         assert [(own.kind, own.columns) for own in found] == [(kind, columns)], (absent, columns)
 
 
@@ -162,11 +162,11 @@ def test_constants_that_are_half_as_large_again_are_no_setup(right: Recording) -
     for name in ("coil_constant", "rotor_inertia_z", "motor_constant", "flexure_stiffness_x"):
         for factor in (0.55, 1.45):
             other = stated.with_values({name: factor * stated.value(name)})
-            assert not of_one(right, other), (name, factor)
+            assert not wrong_setups([right], other), (name, factor)
 
 
 def test_corrected_recording_is_whole(right: Recording, tmp_path: Path) -> None:
-    count = correct(right, Cure(scale={"tilt_x": -1.0}, shift={"motor_current": 0.25}), tmp_path / "new")
+    count = correct(right, Fix(scale={"tilt_x": -1.0}, shift={"motor_current": 0.25}), tmp_path / "new")
     made = Recording.open(tmp_path / "new")
     assert count == len(made.measurement) == len(right.measurement) - 500
     assert made.environment == [replace(e, time=max(e.time - 0.25, 0.0)) for e in right.environment]
@@ -180,14 +180,14 @@ def test_corrected_recording_is_whole(right: Recording, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("cure", "what"),
     [
-        (Cure(), "nothing to correct"),
-        (Cure(scale={"tilt": 2.0}), "did you mean"),
-        (Cure(scale={"tilt_x": 0.0}), "out of range"),
-        (Cure(exchange=(("tilt_x", "tilt_x"),)), "twice"),
-        (Cure(shift={"tilt_x": 1e4}), "nothing is left"),
+        (Fix(), "nothing to correct"),
+        (Fix(scale={"tilt": 2.0}), "did you mean"),
+        (Fix(scale={"tilt_x": 0.0}), "out of range"),
+        (Fix(exchange=(("tilt_x", "tilt_x"),)), "twice"),
+        (Fix(shift={"tilt_x": 1e4}), "nothing is left"),
     ],
 )
-def test_corrections_that_make_no_sense_are_refused(right: Recording, cure: Cure, what: str) -> None:
+def test_corrections_that_make_no_sense_are_refused(right: Recording, cure: Fix, what: str) -> None:
     with pytest.raises(InputError, match=what):
         corrected(right.measurement, cure)
 

@@ -36,7 +36,7 @@ class Origin:
 
 
 def described(bench: str, origins: Mapping[str, Origin]) -> str:
-    """Return the description of a bench with what a recording says of its readings."""
+    """Return the description of a bench with the origins of the readings of a recording."""
     if not origins:
         return bench
     content = json.loads(bench)
@@ -48,7 +48,7 @@ def described(bench: str, origins: Mapping[str, Origin]) -> str:
 
 
 def origins_in(bench: str) -> dict[str, Origin]:
-    """Return what the description of a bench says of the readings, by reading; nothing where it is not valid."""
+    """Return the origins of readings in the description of a bench, by reading; empty where it is not valid."""
     try:
         entries = json.loads(bench)["readings"].items()
         found = {
@@ -64,7 +64,7 @@ def origins_in(bench: str) -> dict[str, Origin]:
 
 
 def origins_in_words(origins: Mapping[str, Origin]) -> tuple[str, ...]:
-    """Return what stands for readings that no instrument of their own took, and how far off it may be."""
+    """Return, in words, the substitutes of readings that no instrument took, and their uncertainty."""
     found = []
     for name, own in origins.items():
         if own.pulses:
@@ -105,14 +105,9 @@ def unmeasured(readings: Readings) -> frozenset[str]:
 
 
 def assumed_errors(readings: Readings, stated: Mapping[str, float]) -> dict[str, float]:
-    """Return how far off what is assumed for some readings of `ASSUMED` may be [SI, 1 sigma], by reading.
+    """Return how far off the values assumed for readings without any number may be [SI, 1 sigma], by reading.
 
-    Parameters
-    ----------
-    readings : Readings
-        The readings; for those of which none is a number something is assumed.
-    stated : mapping of str to float
-        The same of readings that are a value which somebody gave.
+    `stated` has the same of readings that are a given value.
     """
     never = {name: size for name, (_, size) in ASSUMED.items() if not np.isfinite(readings[name]).any()}
     return never | {name: size for name, size in stated.items() if name in ASSUMED and size > 0.0}
@@ -129,7 +124,7 @@ def largest_errors(recordings: Iterable[Mapping[str, float]]) -> dict[str, float
 
 
 def shares(sizes: Mapping[str, float], largest: Mapping[str, float]) -> dict[str, float]:
-    """Return which part of the error of a parameter, as large as `largest_errors` says, each reading may have."""
+    """Return the share of each reading in the error of a parameter (`largest_errors`)."""
     return {name: size / largest[ASSUMED[name][0]] for name, size in sizes.items()}
 
 

@@ -46,13 +46,13 @@ def correct(
         If there is no such reading, a value is not allowed, nothing is to be done, or the folder cannot be written.
     """
     from gyrowheel_core.files import new_directory, require_new
-    from gyrowheel_recording.mislabelled.fixes import Cure
+    from gyrowheel_recording.mislabelled.fixes import Fix
     from gyrowheel_recording.mislabelled.fixes import correct as write
 
     if folder is not None:
         require_new(Path(folder))
     given = recording if isinstance(recording, Recording) else Recording.open(recording)
-    cure = Cure(tuple(exchange), dict(scale or {}), dict(offset or {}), dict(shift or {}))
+    cure = Fix(tuple(exchange), dict(scale or {}), dict(offset or {}), dict(shift or {}))
     if folder is not None:
         with new_directory(Path(folder)) as place:
             write(given.data, cure, place)

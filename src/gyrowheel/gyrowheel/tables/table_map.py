@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from rich.console import RenderableType
 
-    from gyrowheel_recording.mapping.suggestion.records import Suggestion
+    from gyrowheel_recording.mapping.suggestion.result import Suggestion
 
 
 @dataclass(frozen=True, repr=False)
@@ -23,7 +23,7 @@ class TableMap(Result):
 
     Attributes
     ----------
-    details : gyrowheel_recording.mapping.suggestion.records.Suggestion
+    details : gyrowheel_recording.mapping.suggestion.result.Suggestion
         The facts.
     """
 

@@ -28,10 +28,10 @@ _LONGEST_DEFINITION = 200_000
 _MOST_ELEMENTS = 10_000
 #: Types within types; brackets within brackets, which the parser of IDL reads twice or more at each of them.
 _DEEPEST_TYPE, _DEEPEST_BRACKET = 50, 2
-#: What is no code in IDL, as rosbags reads it.
+#: Texts and comments in IDL, as rosbags reads it.
 _NO_CODE = re.compile(r'"(?:\\"|[^"])*"|//[^\n]*|/\*.*?(?:\*/|\Z)', re.DOTALL)
 _LONGEST_TEXT = 1_000_000  # bytes of a description of bench or environment
-_LONGEST_SAID = 200  # characters of what a parser says
+_LONGEST_SAID = 200  # characters of the message of a parser
 
 #: A step of the stamps beyond this many periods, where no sample is missing, is no jitter: the bench stood still.
 STALL = 5.0
@@ -45,21 +45,16 @@ def column_dtype(layout: Layout) -> np.dtype[Any]:
 
 
 def wanted(layout: Layout) -> Want:
-    """Return how to read a topic whose messages should have a layout: for `columns`.
+    """Return how to read a topic whose messages should have a layout, for `columns`.
 
     Messages of the layout are copied as they are; others (another frame_id, byte order or further fields) are left
     for `columns` to decode.
-
-    Parameters
-    ----------
-    layout : Layout
-        The layout.
     """
 
     def fits(topic: TopicData) -> bool:
         try:
             return _declares(topic, layout, topic.name)
-        except InputError:  # the checksums come first, they may tell why; `columns` raises it again
+        except InputError:  # the checksums come first, they may show why; `columns` raises it again
             return False
 
     def take(
@@ -77,26 +72,15 @@ def wanted(layout: Layout) -> Want:
 
 
 def columns(topic: TopicData | None, layout: Layout, where: str) -> npt.NDArray[Any]:
-    """Return the messages of a topic as columns; messages of another layout are decoded one by one.
+    """Return the messages of a topic, shape (n,), as columns; messages of another layout are decoded one by one.
 
-    Parameters
-    ----------
-    topic : TopicData or None
-        The messages, which are released; None for a topic that the recording lacks.
-    layout : Layout
-        Expected layout, which also names the fields to return.
-    where : str
-        What to name in an error.
-
-    Returns
-    -------
-    structured ndarray, shape (n,)
-        In the order of the file; dtype as `column_dtype` says.
+    They are in the order of the file, dtype `column_dtype`. The messages of `topic` (None: not recorded) are
+    released.
 
     Raises
     ------
     InputError
-        If the messages lack a field of the layout, or cannot be decoded.
+        If messages lack a field of the layout or cannot be decoded; it names `where`.
     """
     dtype = column_dtype(layout)
     if topic is None or topic.count == 0:
@@ -130,7 +114,7 @@ def _put(messages: npt.NDArray[Any], rows: npt.NDArray[Any], layout: Layout) -> 
 
 
 def _rows(messages: npt.NDArray[Any], layout: Layout) -> npt.NDArray[Any]:
-    rows = np.zeros(len(messages), column_dtype(layout))  # copies are told by their bytes, what pads them too
+    rows = np.zeros(len(messages), column_dtype(layout))  # copies are compared as bytes, padding included
     _put(messages, rows, layout)
     return rows
 
@@ -239,21 +223,12 @@ def _declares(topic: TopicData, layout: Layout, where: str) -> bool:
 
 
 def is_earlier(topic: TopicData | None, layout: Layout, where: str) -> bool:
-    """Whether the messages of a topic are of an earlier version of a type, which lacks fields of the layout.
-
-    Parameters
-    ----------
-    topic : TopicData or None
-        The topic; None if the recording lacks it.
-    layout : Layout
-        The layout.
-    where : str
-        What to name in an error.
+    """Whether a topic has an earlier version of a type, which lacks fields of the layout.
 
     Raises
     ------
     InputError
-        If the definition of the type cannot be read.
+        If the definition of the type cannot be read; it names `where`.
     """
     if topic is None or topic.type_name != layout.type_name or not topic.definition:
         return False
@@ -301,7 +276,8 @@ def _declared(type_name: str, encoding: str, definition: str, where: str) -> dic
 def _types(topic: TopicData, where: str) -> Typesdict:
     """Return the types that the definition of a topic declares, if they are such as a recording may have.
 
-    rosbags parses by trial and error and makes code of the types. What would take it minutes or the memory is refused.
+    rosbags parses by trial and error and makes code of the types. What would take it minutes or the memory is
+    refused.
     """
     what = f"{where}: the definition of {topic.type_name}"
     if len(topic.definition) > _LONGEST_DEFINITION:
@@ -328,7 +304,9 @@ def _types(topic: TopicData, where: str) -> Typesdict:
 def _types_from_idl(definition: str, what: str) -> Typesdict:
     code = _NO_CODE.sub(" ", definition)
     if "<<" in code or max(_depth(code, "()"), _depth(code, "<>")) > _DEEPEST_BRACKET:
-        raise InputError(f"{what} cannot be read: it has expressions as none of ROS has")
+        raise InputError(
+            f"{what} cannot be read: unsupported type definition (expressions, or nested brackets)"
+        )
     types: Typesdict = {}
     parts = definition.split(_SEPARATOR)
     for part in parts[1:] if len(parts) > 1 else parts:
@@ -337,7 +315,7 @@ def _types_from_idl(definition: str, what: str) -> Typesdict:
 
 
 def _depth(text: str, brackets: str) -> int:
-    """Return how many of these brackets are open at a time, at most; such as close nothing do not count."""
+    """Return the deepest nesting of these brackets; unmatched closing ones do not count."""
     deepest = depth = 0
     for sign in text:
         if sign == brackets[0]:
@@ -349,7 +327,7 @@ def _depth(text: str, brackets: str) -> int:
 
 
 def _elements(field: FieldDesc) -> int:
-    """Return for how many elements of an array code is made; numbers are read all at once."""
+    """Return the number of elements of an array for which code is generated; numbers are read all at once."""
     if field[0] != Nodetype.ARRAY:
         return 0
     element, count = field[1]

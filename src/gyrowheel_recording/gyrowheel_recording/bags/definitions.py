@@ -19,18 +19,10 @@ _SEPARATOR = "=" * 80
 
 @dataclass(frozen=True)
 class Definition:
-    """Definition of one message type.
+    """Definition of one message type."""
 
-    Attributes
-    ----------
-    text : str
-        Its ``.msg`` file, followed by those of the types it contains (schema encoding ``ros2msg``).
-    type_hash : str
-        Its ROS 2 type hash, ``RIHS01_...``.
-    """
-
-    text: str
-    type_hash: str
+    text: str  # its ``.msg`` file, followed by those of the types it contains (schema encoding ``ros2msg``)
+    type_hash: str  # its ROS 2 type hash, ``RIHS01_...``
 
 
 @functools.cache

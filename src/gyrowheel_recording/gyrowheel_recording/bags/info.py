@@ -103,7 +103,7 @@ class RecordingInfo:
 
 
 def info(source: str | Path | Recording) -> RecordingInfo:
-    """Return what a recording holds; one that is given by its path is read.
+    """Return the summary of a recording; a path is read first.
 
     Raises
     ------
@@ -179,7 +179,7 @@ def _holds(recording: Recording) -> tuple[Hold, ...]:
 
 
 def _extremes(count: int, values: Callable[[slice], NDArray[np.float64]]) -> tuple[float, float]:
-    """Return the smallest and the largest finite value; both 0 where there is none."""
+    """Return the smallest and the largest finite value; both 0 without one."""
 
     def look(first: int, last: int) -> list[float]:
         own = values(slice(first, last))

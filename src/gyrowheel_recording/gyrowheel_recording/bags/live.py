@@ -147,18 +147,10 @@ class LiveRecording:
         self._early: list[tuple[Topic, bytes]] = []  # came before the first measurement
 
     def take(self, topic: Topic, data: bytes, number: int | None = None) -> bool:
-        """Write one message; return False if it is the first sample of another run.
+        """Write one message; return False if it is the first sample of another run, which is not written.
 
-        A sample that is not of the run is counted as surplus and left out: a recording is of one run.
-
-        Parameters
-        ----------
-        topic : Topic
-            Its topic.
-        data : bytes
-            The serialized message.
-        number : int, optional
-            Which message of its publisher it is.
+        A recording is of one run: a sample of another publisher is left out and counted as surplus. `number` is the
+        number that its publisher gave the message, where known.
 
         Raises
         ------

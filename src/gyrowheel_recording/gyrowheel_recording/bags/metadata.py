@@ -26,33 +26,16 @@ _STORAGES: Final = ("mcap", "sqlite3")
 
 @dataclass(frozen=True)
 class Metadata:
-    """What ``metadata.yaml`` says of the files of a recording.
+    """Content of ``metadata.yaml``."""
 
-    Attributes
-    ----------
-    files : list of str
-        Their names, in order.
-    count : int
-        Messages in all of them.
-    end : int or None
-        Largest log time [ns]; None where it is not stated.
-    storage : str
-        ``mcap`` or ``sqlite3``.
-    compression : str
-        What is compressed: ``none``, ``file``, ``message`` or, by the storage itself, ``storage``.
-    compression_format : str
-        Format of the compression; empty where nothing is compressed.
-    custom : dict of str to str
-        Further entries.
-    """
-
-    files: list[str]
-    count: int
-    end: int | None
-    storage: str
+    files: list[str]  # their names, in order
+    count: int  # messages in all of them
+    end: int | None  # largest log time [ns]; None where it is not stated
+    storage: str  # ``mcap`` or ``sqlite3``
+    #: What is compressed: ``none``, ``file``, ``message`` or, by the storage itself, ``storage``.
     compression: str
-    compression_format: str
-    custom: dict[str, str] = field(default_factory=dict)
+    compression_format: str  # format of the compression; empty where nothing is compressed
+    custom: dict[str, str] = field(default_factory=dict)  # further entries
 
     def require_readable(self, file: Path) -> None:
         """Refuse metadata that cannot be followed; the error names `file`.
@@ -112,19 +95,10 @@ def _end(content: Mapping[str, Any]) -> int | None:
 
 @dataclass(frozen=True)
 class BagFile:
-    """A completed file of a recording.
-
-    Attributes
-    ----------
-    name : str
-        Its name.
-    start, end : int
-        Smallest and largest log time in it [ns].
-    count : int
-        Messages.
-    """
+    """A completed file of a recording."""
 
     name: str
+    #: start, end: smallest and largest log time in it [ns].
     start: int
     end: int
     count: int
@@ -133,17 +107,7 @@ class BagFile:
 def bag_metadata(
     files: Sequence[BagFile], topics: Sequence[tuple[dict[str, Any], int]], custom_data: Mapping[str, str]
 ) -> dict[str, Any]:
-    """Return the contents of ``metadata.yaml``.
-
-    Parameters
-    ----------
-    files : sequence of BagFile
-        The files.
-    topics : sequence of (dict, int)
-        rosbag2's ``topic_metadata`` and the number of messages of every topic.
-    custom_data : mapping of str to str
-        Further entries.
-    """
+    """Return the contents of ``metadata.yaml``; `topics` has rosbag2's metadata and message count of each."""
     filled = [file for file in files if file.count]
     start = min((file.start for file in filled), default=0)
     end = max((file.end for file in filled), default=0)

@@ -37,16 +37,8 @@ class Described(NamedTuple):
     latched: bool
 
 
-class Stored(Protocol):
-    """The messages of a recording.
-
-    Attributes
-    ----------
-    topics : dict of str to Described
-        What is declared of each topic, by name.
-    start_ns, end_ns : int
-        Times of the first and the last message [ns].
-    """
+class Storage(Protocol):
+    """The messages of a recording: declarations by topic, times of the first and the last message [ns]."""
 
     topics: dict[str, Described]
     start_ns: int
@@ -61,18 +53,11 @@ class Stored(Protocol):
         """Close the files."""
 
 
-def stored(path: Path, names: Collection[str]) -> Stored:
-    """Open a recording that `read_bag` has read, and so checked.
+def open_storage(path: Path, names: Collection[str]) -> Storage:
+    """Open a recording that `read_bag` has read, and so checked; `names` are its topics that have messages.
 
-    What is compressed, as a whole or message by message, and what SQLite keeps is unpacked into the memory, as far as
-    the limit allows; messages of others are read from the disk when they are due.
-
-    Parameters
-    ----------
-    path : Path
-        The recording.
-    names : collection of str
-        Names of the topics that have messages.
+    Compressed files and those of SQLite are unpacked into memory, as far as the limit allows; messages of others
+    are read from the disk when they are due.
 
     Raises
     ------
@@ -257,7 +242,7 @@ class Tape:
         names = [name for name in sorted(counts) if (not only or name in only) and name not in without]
         if not names:
             raise InputError(f"{self.path}: no topic is left to replay")
-        self._stored = stored(self.path, counts)
+        self._stored = open_storage(self.path, counts)
         try:
             for name in names:
                 if name not in self._stored.topics:
@@ -289,14 +274,9 @@ class Tape:
         return (time_ns - self.zero_ns) / wire.SECOND
 
     def messages(self, *, without: Collection[Topic] = ()) -> Iterator[Message]:
-        """Yield the messages of the range in the order in which they are due.
+        """Yield the messages of the range in the order in which they are due, without some topics.
 
         Setpoints are due `setpoint_lead` before their time, but not before the start.
-
-        Parameters
-        ----------
-        without : collection of Topic
-            Further topics to leave out.
 
         Raises
         ------
@@ -373,11 +353,6 @@ class Pace:
         Time of the recording to begin at [ns].
     paused : bool
         Whether it starts paused.
-
-    Attributes
-    ----------
-    paused : bool
-        Whether it is paused.
     """
 
     def __init__(self, rate: float, start_ns: int, *, paused: bool = False) -> None:
@@ -386,10 +361,7 @@ class Pace:
         self.rate = rate
         self.paused = paused
         # time of the recording [ns], and the wall-clock time at which it held [s]
-        self._from: tuple[int, float | None] = (
-            start_ns,
-            None,
-        )
+        self._from: tuple[int, float | None] = (start_ns, None)
 
     def limit(self, now: float) -> float:
         """Return the time of the recording up to which messages are due [ns]; it may be infinite.

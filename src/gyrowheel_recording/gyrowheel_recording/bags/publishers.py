@@ -49,22 +49,11 @@ class _Series:
 
 
 class Division:
-    """Divides the messages of a topic among its publishers.
+    """Divides the messages of a topic among its publishers, of which `look` returns pairs of GID and node.
 
-    The middleware does not say who sent a message, but every publisher numbers its own. A message that continues the
-    numbers of a publisher is its. Where two have come to the same number it cannot be said any more.
-
-    Parameters
-    ----------
-    topic : str
-        The topic.
-    look : callable
-        Returns the publishers that the topic has had: pairs of GID and node.
-
-    Attributes
-    ----------
-    unknown : bool
-        Whether it cannot be said whose the messages are, or some were not added.
+    The middleware does not report who sent a message, but every publisher numbers its own: a message that continues
+    the numbers of a publisher belongs to it. `unknown` is set once two publishers have reached the same number, or
+    some messages were not added.
     """
 
     def __init__(self, topic: str, look: Callable[[], Sequence[tuple[str, str]]]) -> None:
@@ -111,18 +100,12 @@ class Division:
 
 
 class Source:
-    """Tells the samples of the run that is recorded from those of anybody else who publishes samples.
+    """Tells the samples of the run that is recorded from those of other publishers.
 
-    A run is told by its first sample, or by a publisher in the place of the one before. Its publisher counts its
-    messages and the samples alike, so that the two numbers go on together; what another one sends does not fit. As long
-    as nobody else was seen, every sample is its own.
-
-    Parameters
-    ----------
-    look : callable
-        Returns the publishers that the topic has had: pairs of GID and node.
-    present : callable
-        Returns the GIDs of those that are there now.
+    A run is known by its first sample, or by a publisher that replaces the one before. Its publisher numbers
+    messages and samples alike, so that both numbers advance together; samples of another publisher do not fit. As
+    long as no other publisher was seen, every sample belongs to the run. `look` returns pairs of GID and node of
+    all publishers that the topic has had, `present` the GIDs of those that are there now.
     """
 
     def __init__(
@@ -135,14 +118,10 @@ class Source:
         self._unknown = False  # whose some of the messages are
 
     def of(self, number: int | None, sequence: int) -> Literal["own", "repeated", "other", "again"]:
-        """Return whose a sample is: the run's own, the same once more, of somebody else, or the first of another run.
+        """Return whose a sample is: the run's own, a repetition, of another publisher, or the first of another run.
 
-        Parameters
-        ----------
-        number : int or None
-            Which message of its publisher it is; None where that is not known: then every sample is its own.
-        sequence : int
-            The sequence number of the sample.
+        `number` is the number that its publisher gave the message; None where it is not known: then every sample is
+        the run's own.
         """
         if number is None:
             self._unknown = True

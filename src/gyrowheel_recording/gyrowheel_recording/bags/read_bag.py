@@ -32,21 +32,12 @@ def file_in_memory(name: str) -> Iterator[tuple[BinaryIO, Path]]:
 
 
 def unpack(source: BinaryIO, target: BinaryIO, name: Path) -> None:
-    """Write what a file compressed by zstd holds.
-
-    Parameters
-    ----------
-    source : file
-        The compressed file.
-    target : file
-        Takes the content; after an error it has what could be unpacked before.
-    name : Path
-        What the file is called, for the error.
+    """Decompress a file (zstd) into `target`, which after an error has what could be unpacked before.
 
     Raises
     ------
     InputError
-        If it unpacks to more than `limits.largest`, or to more than any recording can.
+        If it unpacks to more than `limits.largest`, or to more than any recording can; it names `name`.
     zstandard.ZstdError
         If it is damaged.
     """
@@ -67,7 +58,7 @@ _MESSAGE_LIMIT: Final = 1 << 28  # bytes of a decompressed message; more counts 
 
 
 def read_bag(path: Path, wanted: Wanted) -> dict[str, TopicData]:
-    """Read the messages of some topics of a bag, and count those of the others.
+    """Read the messages of some topics of a bag, and count those of the others; return all topics by name.
 
     Parameters
     ----------
@@ -75,11 +66,6 @@ def read_bag(path: Path, wanted: Wanted) -> dict[str, TopicData]:
         A rosbag2 directory, or one ``.mcap`` or ``.db3`` file.
     wanted : mapping of str to Want or None
         Names of the topics to read, and how.
-
-    Returns
-    -------
-    dict of str to TopicData
-        All topics by name.
 
     Raises
     ------

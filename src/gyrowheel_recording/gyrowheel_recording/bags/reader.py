@@ -194,7 +194,7 @@ class Recording:
 
     @cached_property
     def origins(self) -> dict[str, Origin]:
-        """Where readings come from that no instrument of their own took, by reading."""
+        """Origins of the readings that no instrument took, by reading."""
         return origins_in(self.bench_text)
 
     @cached_property
@@ -277,7 +277,7 @@ def _in_order(samples: npt.NDArray[Any], where: str) -> tuple[npt.NDArray[Any], 
 
 @dataclass(frozen=True)
 class _Look:
-    """What is found in a block of samples, and in the steps from each of them to the next one."""
+    """Findings in a block of samples and in the steps from each of them to the next one."""
 
     ascending: bool
     gaps: list[tuple[int, int]]

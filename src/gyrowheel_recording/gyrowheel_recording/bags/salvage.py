@@ -77,7 +77,7 @@ class Loss:
 
 @dataclass(frozen=True)
 class Salvaged:
-    """What was saved, and what was not.
+    """Account of a salvage: what was saved, and what was not.
 
     Attributes
     ----------
@@ -123,11 +123,7 @@ class Salvaged:
 
 
 def salvage(
-    source: str | Path,
-    target: str | Path,
-    *,
-    every_file: bool = False,
-    progress: Fraction | None = None,
+    source: str | Path, target: str | Path, *, every_file: bool = False, progress: Fraction | None = None
 ) -> Salvaged:
     """Make a complete recording of the readable part of a broken one.
 
@@ -166,9 +162,9 @@ def salvage(
 
 
 def _sources(source: Path, every_file: bool) -> tuple[list[Path], Metadata | None, list[str]]:
-    """Return the files in order, what ``metadata.yaml`` says of them, and why others are left out.
+    """Return the files in order, the content of ``metadata.yaml``, and why others are left out.
 
-    What ``metadata.yaml`` says is None where it cannot be read.
+    The content is None where it cannot be read.
     """
     if is_file(source):
         if _is_other(source):
@@ -186,14 +182,22 @@ def _sources(source: Path, every_file: bool) -> tuple[list[Path], Metadata | Non
     stated = None
     with contextlib.suppress(InputError):
         stated = read_metadata(source / METADATA_FILE)
+    order, left_out = _chosen(found, stated.files if stated else (), every_file)
+    return [found[name] for name in order], stated, left_out
+
+
+def _chosen(
+    found: Mapping[str, Path], stated: Sequence[str], every_file: bool
+) -> tuple[list[str], list[str]]:
+    """Return the names of the files to read in order, and why others are left out."""
     natural = sorted(found, key=lambda name: [int(p) if p.isdigit() else p for p in re.split(r"(\d+)", name)])
-    order = [name for name in dict.fromkeys(stated.files if stated else ()) if name in found]
+    order = [name for name in dict.fromkeys(stated) if name in found]
     others = [name for name in natural if name not in order]
     if every_file:
-        return [found[name] for name in (*order, *others)], stated, []
+        return [*order, *others], []
     if order:
         why = f"left out: {METADATA_FILE} does not name it, and every file was not asked for"
-        return [found[name] for name in order], stated, [f"{name}: {why}" for name in others]
+        return order, [f"{name}: {why}" for name in others]
     first: dict[str, str] = {}
     left_out = []
     for name in others:
@@ -202,7 +206,7 @@ def _sources(source: Path, every_file: bool) -> tuple[list[Path], Metadata | Non
             order.append(name)
         else:
             left_out.append(f"{name}: left out: a copy of {original}")
-    return [found[name] for name in order], stated, left_out
+    return order, left_out
 
 
 def _content(file: Path) -> str:
@@ -243,27 +247,60 @@ class _Job:
         self, files: Sequence[Path], stated: Metadata | None, left_out: Sequence[str], name: str
     ) -> Salvaged:
         """Salvage the files into the target, and return the account."""
-        ended, ends = True, [stated.end if stated else None]
-        for name_stated in stated.files if stated else ():
-            if name_stated not in {file.name for file in files}:
-                self._notes.append(f"the file {name_stated} is not there")
-        expected: int | None = 0
+        present = {file.name for file in files}
+        absent = [file for file in stated.files if file not in present] if stated else []
+        self._notes += [f"the file {file} is not there" for file in absent]
+        whole, count, ends = self._copy(files)
+        saved = sum(file.count for file in self._files)
+        if not saved:
+            raise InputError(f"{self._source}: holds no message that can be saved")
+        self._write_metadata(stated)
+        integrity = self._verify()
+        start = min(file.start for file in self._files if file.count)
+        end = max(file.end for file in self._files if file.count)
+        if stated is not None:
+            count = stated.count
+            ends += [] if stated.end is None else [stated.end]
+        missing = None if count is None else max(count - saved, 0)
+        lost_at_end = self._lost_at_end(ends, end)
+        if not whole and not ends:
+            missing, lost_at_end = None, lost_at_end or None
+        losses = self._dated_losses(start)
+        duplicates = integrity is not None and integrity.duplicates > 0
+        return Salvaged(
+            source=str(self._source),
+            target=name,
+            files=tuple(file.name for file in files),
+            complete=whole and not (losses or missing or self._notes or duplicates),
+            messages={topic: count for topic, (_, count) in sorted(self._topics.items())},
+            unchecked=self._unchecked,
+            missing=missing,
+            duration=(end - start) / SECOND,
+            lost_at_end=lost_at_end,
+            broken_off=not whole,
+            losses=losses,
+            integrity=integrity,
+            notes=(*self._notes, *left_out),
+        )
+
+    def _copy(self, files: Sequence[Path]) -> tuple[bool, int | None, list[int]]:
+        """Copy what is intact; return whether all files have their ends, and the number and last times they state.
+
+        The number of messages is None where a file does not state it.
+        """
+        whole, counts, ends = True, [], []
+        part = 0.5 / len(files)
         for number, file in enumerate(files):
-            share = number / len(files), 1.0 / len(files)
-            with _opened(file) as (stream, whole):
-                survey = take_survey(stream, str(file), self._part(share[0], 0.5 * share[1]))
-                if not whole:
+            begin = 2.0 * part * number
+            with _opened(file) as (stream, unpacked):
+                survey = take_survey(stream, str(file), self._part(begin, part))
+                if not unpacked:
                     survey.notes.append("it cannot be decompressed to its end")
                     survey.ended = False
-                self._write(
-                    file.name,
-                    survey,
-                    stream,
-                    self._part(share[0] + 0.5 * share[1], 0.5 * share[1]),
-                )
-            ended &= survey.ended
-            expected = None if expected is None or survey.count is None else expected + survey.count
-            ends.append(survey.end)
+                self._write(file.name, survey, stream, self._part(begin + part, part))
+            whole &= survey.ended
+            counts.append(survey.count)
+            ends += [] if survey.end is None else [survey.end]
             self._losses += [(file.name, gap) for gap in survey.gaps]
             self._notes += [f"{file.name}: {note}" for note in survey.notes]
             if not survey.ended:
@@ -271,62 +308,37 @@ class _Job:
                     f"{file.name}: has no end: it was not completed, or is cut off; what was recorded after its last"
                     " whole chunk is not in it"
                 )
-        saved = sum(file.count for file in self._files)
-        if not saved:
-            raise InputError(f"{self._source}: holds no message that can be saved")
+        known = [count for count in counts if count is not None]
+        return whole, sum(known) if len(known) == len(counts) else None, ends
+
+    def _write_metadata(self, stated: Metadata | None) -> None:
         custom = {
             "gyrowheel.salvaged_from": self._source.absolute().name,
             "gyrowheel.unchecked_messages": str(self._unchecked),
         }
-        if stated:
-            custom |= {ENTRY: stated.custom[ENTRY]} if ENTRY in stated.custom else {}
+        if stated and ENTRY in stated.custom:
+            custom[ENTRY] = stated.custom[ENTRY]
         metadata = bag_metadata(self._files, list(self._topics.values()), custom)
         if stated and stated.compression == "message":  # the messages are copied as they are
             metadata["compression_format"] = stated.compression_format
             metadata["compression_mode"] = stated.compression.upper()
         write_metadata(self._target, metadata)
-        integrity = self._verify()
-        start = min(file.start for file in self._files if file.count)
-        end = max(file.end for file in self._files if file.count)
-        expected = expected if stated is None else stated.count
-        last = [e for e in ends if e is not None]
-        last += [gap.end for _, gap in self._losses if gap.end is not None]
-        missing = None if expected is None else max(expected - saved, 0)
-        known_end = max(last) if last else None
-        lost_at_end = None if known_end is None else max(known_end - end, 0) / SECOND
-        if not ended and not any(e is not None for e in ends):
-            missing = None
-            lost_at_end = lost_at_end or None
+
+    def _lost_at_end(self, ends: Sequence[int], end: int) -> float | None:
+        """Return the time from the last message saved to the last one recorded [s]; None if it is not known."""
+        last = [*ends, *(gap.end for _, gap in self._losses if gap.end is not None)]
+        return max(max(last) - end, 0) / SECOND if last else None
+
+    def _dated_losses(self, start: int) -> tuple[Loss, ...]:
+        """Return the losses, with times from the first message; `start` is the time of the first one saved [ns]."""
         origin = min([start, *(gap.start for _, gap in self._losses if gap.start is not None)])
-        losses = tuple(
-            Loss(
-                file,
-                gap.reason,
-                gap.byte,
-                gap.size,
-                gap.messages,
-                *(None if t is None else (t - origin) / SECOND for t in (gap.start, gap.end)),
-            )
+
+        def seconds(time: int | None) -> float | None:
+            return None if time is None else (time - origin) / SECOND
+
+        return tuple(
+            Loss(file, gap.reason, gap.byte, gap.size, gap.messages, seconds(gap.start), seconds(gap.end))
             for file, gap in self._losses
-        )
-        return Salvaged(
-            source=str(self._source),
-            target=name,
-            files=tuple(file.name for file in files),
-            complete=ended
-            and not losses
-            and not missing
-            and not self._notes
-            and (integrity is None or not integrity.duplicates),
-            messages={topic: count for topic, (_, count) in sorted(self._topics.items())},
-            unchecked=self._unchecked,
-            missing=missing,
-            duration=(end - start) / SECOND,
-            lost_at_end=lost_at_end,
-            broken_off=not ended,
-            losses=losses,
-            integrity=integrity,
-            notes=(*self._notes, *left_out),
         )
 
     def _part(self, begin: float, size: float) -> Fraction:
@@ -408,7 +420,7 @@ def _divided(records: memoryview, found: Found) -> Iterator[tuple[memoryview, Fo
         return
     times = found.heads["log_time"].astype(np.uint64)
     slot = (times - times.min()) // _LONGEST
-    # a message that was late stays with those beside it
+    # a message that was late stays with its neighbours
     cuts = np.flatnonzero(np.diff(np.maximum.accumulate(slot).astype(np.int64))) + 1
     for first, last in zip([0, *cuts], [*cuts, len(times)], strict=True):
         begin = int(found.places[first]) if first else 0
@@ -423,9 +435,7 @@ def _new_index(found: Found) -> dict[int, npt.NDArray[np.uint64]]:
     return {channel: pairs[channels == channel] for channel in np.unique(channels).tolist()}
 
 
-def _usable(
-    declared: Mapping[tuple[int, int], bytes],
-) -> tuple[dict[int, bytes], dict[int, bytes]]:
+def _usable(declared: Mapping[tuple[int, int], bytes]) -> tuple[dict[int, bytes], dict[int, bytes]]:
     """Return the schemas, and the channels that can be parsed, by number."""
     schemas, channels = {}, {}
     for (opcode, number), contents in declared.items():

@@ -16,21 +16,10 @@ _STRIDE: Final = 1000  # samples between those that are looked at first
 
 
 def pauses(time: NDArray[np.float64], longest: float = PAUSE) -> NDArray[np.float64]:
-    """Find the pauses between samples.
+    """Return the pauses between samples: times of the last sample before and of the first one after each [s], (k, 2).
 
-    What costs time or memory in proportion to the length of a recording must leave them out: they may last for years.
-
-    Parameters
-    ----------
-    time : ndarray (n,)
-        Times of the samples [s], ascending.
-    longest : float
-        Longest time without samples that is no pause [s].
-
-    Returns
-    -------
-    ndarray (k, 2)
-        Times of the last sample before and of the first one after each pause [s].
+    Code whose time or memory grows with the length of a recording must leave them out: they may last for years.
+    `time` (n,) ascends [s]; `longest` is the longest time without samples that is no pause [s].
     """
     # a pause lies between two of those that are looked at first
     few = np.append(time[::_STRIDE], time[-1:])

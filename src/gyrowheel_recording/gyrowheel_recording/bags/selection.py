@@ -85,17 +85,12 @@ class AnyNamespace(Mapping[str, _V]):
 def bench_in(counts: Mapping[str, int], where: str) -> str:
     """Return the namespace in which the bench of a recording ran: empty for the root, else such as ``/bench2``.
 
-    Parameters
-    ----------
-    counts : mapping
-        Number of messages of each topic, by its full name.
-    where : str
-        The recording, for an error.
+    `counts` is the number of messages by the full name of each topic.
 
     Raises
     ------
     InputError
-        If it holds the samples of several benches.
+        If it has the samples of several benches; it names `where`.
     """
     benches = namespaces.found([name for name, count in counts.items() if count])
     if len(benches) > 1:

@@ -1,7 +1,7 @@
 """The messages of the sqlite3 files of rosbag2, read by SQLite alone.
 
 A database may hold more than tables: views and virtual tables run queries, columns may be computed, and all of that
-without end if somebody means it. Such a file is refused by what SQLite says of it before a message is read.
+without end in a malicious file. Such a file is refused by its schema before a message is read.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from gyrowheel_recording.bags.mcap.topics import TopicData, Wanted
 _HEAD: Final = b"SQLite format 3\0"
 _BATCH: Final = 1 << 14  # messages parsed together
 _LONGEST: Final = 1 << 28  # bytes of a row
-_OBJECT: Final = 40  # bytes that a message takes beside its content
-#: Where the way of writing stands in a file: 2 for a log beside it, which a file in memory cannot have.
+_OBJECT: Final = 40  # bytes of overhead of a message
+#: Place of the journal mode in a file: 2 for a log next to it, which a file in memory cannot have.
 _WAYS: Final = slice(18, 20)
 #: Columns that are read.
 _MESSAGES: Final = ("topic_id", "timestamp", "data")
@@ -54,7 +54,7 @@ def read_database(
     unpack: Callable[[bytes], bytes] | None = None,
     content: memoryview | None = None,
 ) -> list[TopicData]:
-    """Read the messages of some topics of an sqlite3 file in the order of the file, and count those of the others.
+    """Read the messages of some topics of an sqlite3 file, and count those of the others; one result for each topic.
 
     Parameters
     ----------
@@ -65,17 +65,12 @@ def read_database(
     unpack : callable, optional
         Decompresses one message, where each is compressed on its own; raises `Damaged`.
     content : memoryview, optional
-        What it holds, where it was compressed.
-
-    Returns
-    -------
-    list of TopicData
-        One for each topic of the file.
+        Content of the file, where it was compressed.
 
     Raises
     ------
     InputError
-        If it cannot be read, is no such file, or is damaged as far as that can be seen: it has no checksums.
+        If it cannot be read, is no such file, or is visibly damaged: it has no checksums.
     """
     if content is None and not is_file(file):  # a pipe would be waited for
         why = "is no file" if file.exists() else "cannot be read: No such file or directory"
@@ -114,10 +109,10 @@ def _opened(file: Path, content: memoryview | None) -> Iterator[sqlite3.Connecti
 
 
 def _address(file: Path) -> str:
-    """Return by which address SQLite opens a file.
+    """Return the URI by which SQLite opens a file.
 
-    One that was not closed has a log beside it, with which SQLite reads it. Any other is read as it stands, so that
-    nothing is made beside it.
+    A file that was not closed has a log next to it, with which SQLite reads it. Any other is opened as immutable, so
+    that no file is created.
     """
     logs = (file.with_name(f"{file.name}{end}") for end in ("-wal", "-journal"))
     is_open = any(is_file(log) and log.stat().st_size for log in logs)

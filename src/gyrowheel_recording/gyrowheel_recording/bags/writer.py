@@ -113,17 +113,7 @@ class RecordingWriter:
         self._open()
 
     def write(self, topic: Topic, data: bytes, stamp_ns: int) -> None:
-        """Write one message.
-
-        Parameters
-        ----------
-        topic : Topic
-            Its topic.
-        data : bytes
-            The serialized message.
-        stamp_ns : int
-            Time of the message on the clock of the bench [ns]; not negative.
-        """
+        """Write one message at its time on the clock of the bench [ns], not negative."""
         if self._begun is None:
             self._begun = stamp_ns
         elif (self._max_duration and stamp_ns - self._begun >= self._max_duration) or (
@@ -172,7 +162,7 @@ class RecordingWriter:
     def flush_old(self) -> None:
         """Send to the disk what has waited since the last call, and check that the file still exists.
 
-        Called again and again, it leaves chunks that become full by themselves whole; what comes too slowly for that
+        Called again and again, it does not cut chunks that become full soon; what comes too slowly for that
         waits for two periods at most.
         """
         if self._mcap.chunks == self._chunks_before:

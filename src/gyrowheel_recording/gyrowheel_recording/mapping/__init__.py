@@ -1,6 +1,6 @@
 """Import of tables of other programs (CSV, Parquet) as recordings, and export of recordings as tables.
 
-A map file says which column of a table holds which reading, and in which unit; docs/exchange.md describes it.
+A map file states which column of a table has which reading, in which unit; docs/exchange.md describes it.
 """
 
 from gyrowheel_recording.mapping.map_file import ColumnMap, Source

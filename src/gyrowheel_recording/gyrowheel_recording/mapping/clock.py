@@ -19,38 +19,26 @@ Array = NDArray[np.float64]
 
 #: How far from the first row a time can be [s]: some three years.
 FARTHEST: Final = 1e8
-_AROUND: Final = 20  # rows before and after a gap by which its length is told
+_AROUND: Final = 20  # rows before and after a gap by which its length is measured
 _STRIDE: Final = 50  # rows over which the period is taken, so that neither jitter nor rounding shows
 _CLEAR: Final = 6.0  # robust standard deviations of the steps
 _EXACT: Final = 1e-9  # s, of a stamp
-_EVEN: Final = 0.3  # of the period: beyond that jitter the stamps say less than the count of the samples
-_JITTERS: Final = 2e-6  # s; less is not worth saying
+_EVEN: Final = 0.3  # of the period: with more jitter the count of the samples is better than the stamps
+_JITTERS: Final = 2e-6  # s; less is not reported
 
 
 @dataclass(frozen=True)
 class Clock:
-    """When the samples of a table were taken.
+    """When the samples of a table were taken."""
 
-    Attributes
-    ----------
-    period : float
-        Sampling period [s].
-    sequence : ndarray (n,)
-        Numbers of the samples from 0 on; missing ones are counted.
-    stamps_ns : ndarray (n,)
-        Stamps from 0 on [ns], strictly ascending.
-    remarks : tuple of str
-        What there is to say about it.
-    """
-
-    period: float
-    sequence: NDArray[np.int64]
-    stamps_ns: NDArray[np.int64]
-    remarks: tuple[str, ...]
+    period: float  # sampling period [s]
+    sequence: NDArray[np.int64]  # (n,): numbers of the samples from 0 on; missing ones are counted
+    stamps_ns: NDArray[np.int64]  # (n,): stamps from 0 on [ns], strictly ascending
+    remarks: tuple[str, ...]  # findings
 
 
 class ClockError(InputError):
-    """Times that no clock gives.
+    """Times that are impossible for a clock.
 
     Attributes
     ----------
@@ -71,12 +59,12 @@ def clock_of(time: Array, numbers: NDArray[np.int64] | None = None) -> Clock:
     time : ndarray (n,)
         Times of the rows [s], up to `FARTHEST` from the first; they may jitter, and be rounded.
     numbers : ndarray (n,), optional
-        Numbers of the samples, strictly ascending; where there are none, gaps show in the times.
+        Numbers of the samples, strictly ascending; if not given, gaps show in the times.
 
     Raises
     ------
     ClockError
-        If the times go back, repeat without being rounded, or are of no rate that can be meant.
+        If the times go back, repeat without being rounded, or have an impossible rate.
     """
     steps = np.diff(time)
     period = period_of(time) if numbers is None else _slope(time, numbers)
@@ -145,7 +133,7 @@ def _counted(time: Array, period: float, scatter: float) -> NDArray[np.int64]:
     if scatter < 0.1 * period:
         more[at] = np.maximum(np.round(steps[at] / period).astype(np.int64) - 1, 0)
     elif len(at):
-        # beside jitter or rounding, a gap is what lasts: rows before and after lie on lines that are apart
+        # with jitter or rounding, a gap is a lasting offset between the rows before and after
         late = time - period * np.arange(len(time))
         smooth = median_filter(late, 2 * _AROUND + 1, mode="nearest")
         before = smooth[np.maximum(at - _AROUND, 0)]
@@ -174,7 +162,7 @@ def _fitted(time: Array, sequence: NDArray[np.int64]) -> tuple[float, Array]:
     return period, np.asarray(middle + period * x, dtype=np.float64)
 
 
-#: A motion and what drives it: the rate of the one follows the other, as the laws of the wheel say.
+#: A motion and what drives it: the rate of the one follows the other, by the laws of the wheel.
 _DRIVEN: Final = (
     ("spin_rate", "motor_current"),
     ("tilt_x", "coil_voltage_y"),
@@ -192,21 +180,8 @@ def clock_offset(
 ) -> tuple[float, float] | None:
     """Return what must be added to the times of a clock to be those of the map's, and its standard error [s].
 
-    Parameters
-    ----------
-    found : mapping of str to Proposal
-        What the columns are.
-    grid : Grid
-        The table.
-    clock : str
-        Column with the times of the other clock.
-    bench : Bench
-        The bench.
-
-    Returns
-    -------
-    (float, float) or None
-        None where no pair of readings on the two clocks is alike.
+    `found` are the `Proposal` of the columns, `clock` is the column with the times of the other clock. None where no
+    pair of readings on the two clocks resembles each other.
     """
     best: tuple[float, float, float] | None = None
     for pair in _DRIVEN:
@@ -272,7 +247,7 @@ def _match(
 
 
 def _smoothed(grid: Array, times: Array, values: Array, *, rate: bool) -> Array:
-    """Return values, or their rate, averaged over a tenth of a second, on a grid; zero where there are none."""
+    """Return values, or their rate, averaged over a tenth of a second, on a grid; zero outside of their times."""
     width = round(0.1 / _STEP)
     smooth = np.convolve(np.interp(grid, times, values), np.ones(width) / width, mode="same")
     result = np.gradient(smooth) if rate else smooth

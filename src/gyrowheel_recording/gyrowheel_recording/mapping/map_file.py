@@ -27,8 +27,8 @@ from gyrowheel_sim.environment import LONGEST_NAME, AirDensityRatio, Environment
 class Reading:
     """A field of a message.
 
-    SI unit, plausible range, whether a constant is allowed in place of a column, whether it may be missing, and another
-    unit that a resistance turns into its own; whether pulses may stand for it.
+    SI unit, plausible range, whether a constant is allowed in place of a column, whether it may be missing, and
+    another unit that a resistance turns into its own; whether pulses may stand for it.
     """
 
     unit: str
@@ -73,7 +73,7 @@ GROUPS: Final = {"columns": READINGS, "command": COMMANDS, "setpoint": SETPOINTS
 SCHEMA: Final = 1
 #: Unit of time stamps written as dates, such as 2026-05-04T10:00:00.0005.
 TIMESTAMP: Final = "timestamp"
-#: What is done with readings that are missing: nothing is imported, or they stay missing in the recording.
+#: Treatment of missing readings: nothing is imported, or they stay missing in the recording.
 REFUSE: Final = "refuse"
 KEEP: Final = "keep"
 #: Unit of a running count of pulses.
@@ -101,7 +101,7 @@ class Source(Section):
     resistance : float
         For a voltage whose current was measured: what the current is multiplied by [ohm]; 0 where it is a voltage.
     missing : float
-        A number in the table that says that there is no reading; NaN for none.
+        A number in the table that stands for no reading; NaN if there is no such number.
     uncertainty : float
         Of a constant: how far off it may be (1 sigma), in the unit; 0 where it counts as measured.
     pulses : int
@@ -200,14 +200,7 @@ def _schema_of(group: str) -> type[Section]:
 
 
 def read_group(group: str, content: Any, origin: str) -> dict[str, Source]:
-    """Return the sources of a group of fields.
-
-    Parameters
-    ----------
-    group : str
-        A key of `GROUPS`.
-    content : object
-        What the map file `origin` has there.
+    """Return the sources of a group of fields, a key of `GROUPS`, from the content of the map file `origin`.
 
     Raises
     ------
@@ -332,43 +325,21 @@ class MapFile(Section):
 
 @dataclass(frozen=True)
 class ColumnMap:
-    """A map file: what the columns of a table mean.
+    """A map file: what the columns of a table mean."""
 
-    Attributes
-    ----------
-    origin : str
-        The file, for errors.
-    bench : Bench
-        The bench that the table was measured on.
-    time : Source
-        Time of the samples.
-    sequence : Source or None
-        Numbers of the samples, where some are missing.
-    keep_missing : bool
-        Whether a reading that is missing is kept as such; an error if not.
-    columns, command, setpoint : dict of str to Source
-        Sources of the fields of the messages; the last two may be empty.
-    environment : tuple of Environment
-        What held on the rig; empty where unknown.
-    csv : CsvSettings or None
-        How a CSV file is written; None where it is to be seen.
-    clocks : dict of str to float
-        What is added to the times of further clocks [s].
-    readings : dict of str to Origin
-        What an exported table says of readings that no instrument of their own took.
-    """
-
-    origin: str
-    bench: Bench
-    time: Source
-    sequence: Source | None
-    keep_missing: bool
+    origin: str  # the file, for errors
+    bench: Bench  # the bench that the table was measured on
+    time: Source  # time of the samples
+    sequence: Source | None  # numbers of the samples, where some are missing
+    keep_missing: bool  # whether a reading that is missing is kept as such; an error if not
+    #: columns, command, setpoint: sources of the fields of the messages; the last two may be empty.
     columns: dict[str, Source]
     command: dict[str, Source]
     setpoint: dict[str, Source]
-    environment: tuple[Environment, ...]
-    csv: CsvSettings | None
-    clocks: dict[str, float]
+    environment: tuple[Environment, ...]  # what held on the rig; empty where unknown
+    csv: CsvSettings | None  # how a CSV file is written; None where it is to be seen
+    clocks: dict[str, float]  # what is added to the times of further clocks [s]
+    #: Origins of readings that no instrument took, in an exported table.
     readings: dict[str, Origin]
 
     @classmethod

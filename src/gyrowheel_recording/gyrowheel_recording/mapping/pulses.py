@@ -24,21 +24,13 @@ _LOW, _HIGH = 1.0, 99.0  # percentiles; a short pulse is high in few samples
 
 @dataclass(frozen=True)
 class Edges:
-    """Edges of pulses.
+    """Edges of pulses."""
 
-    Attributes
-    ----------
-    times : ndarray (m,)
-        When they were [s], ascending.
-    within : ndarray (m,)
-        Each was within this of its time [s]: half a sample where all that is known is between which two it was.
-    high : float
-        Part of the time for which the signal is high; of a pulse shorter than a sample only those are seen that are
-        high at one, so that its edge was just before that.
-    """
-
-    times: Array
+    times: Array  # (m,): when they were [s], ascending
+    #: (m,): each was within this of its time [s]: half a sample where all that is known is between which two it was.
     within: Array
+    #: Part of the time for which the signal is high; of a pulse shorter than a sample only those are seen that are
+    #: high at one, so that its edge was just before that.
     high: float = 1.0
 
     def __len__(self) -> int:
@@ -47,17 +39,10 @@ class Edges:
 
 
 def edges_of_level(times: Array, values: Array, level: float = math.nan) -> Edges:
-    """Return the rising edges of a signal.
+    """Return the rising edges of a signal, (n,) times [s] and values, NaN where there is none.
 
-    Where it is sampled so fast that edges show samples on their way up, the crossing is interpolated; where it jumps
-    from one sample to the next, the edge was anywhere between the two.
-
-    Parameters
-    ----------
-    times, values : ndarray (n,)
-        The samples [s]; a value that is not there is NaN.
-    level : float
-        What is crossed; the middle between low and high if not a number.
+    Where edges show samples on their way up, the crossing of `level` is interpolated; where the signal jumps from one
+    sample to the next, the edge was anywhere between the two. The level is the middle between low and high if NaN.
     """
     known = np.isfinite(values)
     if known.sum() < 2:
@@ -99,7 +84,7 @@ def levels(values: Array) -> tuple[float, float]:
 def edges_of_count(times: Array, counts: Array) -> Edges:
     """Return the edges of a running count of pulses: it changed between two samples.
 
-    A counter that begins anew changes there, too; one that counts more than once between two samples has one edge.
+    A counter that wraps changes there, too; one that counts more than once between two samples has one edge.
     """
     known = np.flatnonzero(np.isfinite(counts))
     up = np.flatnonzero(np.diff(counts[known]) != 0.0)
@@ -115,7 +100,7 @@ def edges_of_times(times: Array) -> Edges:
 
 TURN: Final = 2.0 * math.pi
 _FEWEST: Final = 8  # edges
-#: Of the way between two edges, by which one may come too early or too late beside what is known of its time.
+#: Part of the way between two edges by which one may be early or late, in addition to the uncertainty of its time.
 _OFF: Final = 0.25
 _PULL: Final = 0.2  # part by which an edge moves where the next ones are expected
 _LOST: Final = 12  # edges in a row that are out of place before they are taken for the place
@@ -124,7 +109,7 @@ _SAME: Final = 0.02  # part by which the speed may differ from that of the pulse
 _WHOLE: Final = 0.1  # by which a step may differ from a whole number of edges
 _BLOCK: Final = 1.0  # s
 _WANDERS: Final = tuple(10.0**k for k in range(-7, 3))  # (rad/s)²/s, of the rate of what is left
-_SAID: Final = 1e-3  # part by which the speed is off before it is said
+_SAID: Final = 1e-3  # part by which the speed is off before it is reported
 #: The speed from edges alone: every so long, from edges before and after that are so near [s], and to how much [rad].
 _STEP, _SPANS, _FINE = 0.05, (0.8, 0.4, 0.2, 0.1, 0.05), 2e-3
 _FINEST: Final = 1e-4  # rad; no shaft is better known
@@ -135,25 +120,17 @@ class PulseError(InputError):
 
 
 @dataclass(frozen=True)
-class Turned:
-    """How a shaft turned, by its pulses.
+class ShaftAngle:
+    """How a shaft turned, by its pulses."""
 
-    Attributes
-    ----------
-    angle : ndarray (n,)
-        The angle at the samples [rad], not cut at whole turns.
-    uncertainty : float
-        How far off it may be (1 sigma) [rad].
-    remarks : tuple of str
-        What was bridged, and what the speed is beside the pulses.
-    """
-
-    angle: Array
-    uncertainty: float
-    remarks: tuple[str, ...]
+    angle: Array  # (n,): the angle at the samples [rad], not cut at whole turns
+    uncertainty: float  # how far off it may be (1 sigma) [rad]
+    remarks: tuple[str, ...]  # bridged gaps, and the deviation of the speed from the pulses
 
 
-def turned(time: Array, rate: Array | None, edges: Edges, pulses: int, *, at: float = 0.0) -> Turned:
+def angle_from_pulses(
+    time: Array, rate: Array | None, edges: Edges, pulses: int, *, at: float = 0.0
+) -> ShaftAngle:
     """Return the angle of a shaft from the edges of its pulses.
 
     Parameters
@@ -161,18 +138,18 @@ def turned(time: Array, rate: Array | None, edges: Edges, pulses: int, *, at: fl
     time : ndarray (n,)
         Times of the samples [s], ascending.
     rate : ndarray (n,) or None
-        Speed [rad/s]; NaN where it was not read. Where there is none, it is taken from the edges.
+        Speed [rad/s]; NaN where it was not read. If None, it is computed from the edges.
     edges : Edges
         The edges.
     pulses : int
-        How many there are in a turn.
+        Pulses per turn.
     at : float
         The angle at an edge [rad].
 
     Raises
     ------
     PulseError
-        If there are too few, or the speed does not go with them.
+        If there are too few, or they contradict the speed.
     """
     inside = (edges.times >= time[0]) & (edges.times <= time[-1])
     when, within = edges.times[inside], edges.within[inside]
@@ -225,7 +202,7 @@ def turned(time: Array, rate: Array | None, edges: Edges, pulses: int, *, at: fl
         remarks.append(
             f"the speed reads {abs(1.0 / share - 1.0):.2%} {'more' if share < 1.0 else 'less'} than they show"
         )
-    return Turned(sign * (share * turning + moved) + at, max(uncertainty, _FINEST), tuple(remarks))
+    return ShaftAngle(sign * (share * turning + moved) + at, max(uncertainty, _FINEST), tuple(remarks))
 
 
 def _filled(time: Array, rate: Array) -> Array:
@@ -377,8 +354,8 @@ def _smoothed(time: Array, when: Array, left: Array, width: Array) -> tuple[Arra
 def _walked(at: Array, seen: Array, noise: Array, wander: float) -> tuple[float, Array, Array, Array, Array]:
     """Return how likely values are whose rate walks at random, and the smoothed values, rates and variances.
 
-    A Kalman filter forth and the smoother of Rauch, Tung and Striebel (AIAA Journal 3, 1965) back. The last result are
-    the innovations over their standard deviations.
+    A Kalman filter forth and the smoother of Rauch, Tung and Striebel (AIAA Journal 3, 1965) back. The last result
+    are the innovations over their standard deviations.
     """
     n = len(at)
     states, covariances = np.zeros((n, 2)), np.zeros((n, 2, 2))
@@ -408,7 +385,7 @@ def _walked(at: Array, seen: Array, noise: Array, wander: float) -> tuple[float,
 
 
 def _bridged(number: NDArray[np.int64], out: float, seen: int, pulses: int) -> list[str]:
-    """Return what is said of edges that were missed or are left out."""
+    """Return the remarks on edges that were missed or are left out."""
     missed = int(number[-1] - number[0]) + 1 - len(number)
     found = [f"{len(number)} edges of {pulses} pulse{'s' * (pulses > 1)} a turn"]
     if missed:

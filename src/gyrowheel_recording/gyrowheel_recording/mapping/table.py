@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -56,9 +56,7 @@ class Table:
         self._first = 0
         self._periods: dict[str, float] = {}  # of the clocks of columns that were interpolated [s]
         self._holed: set[str] = set()  # columns that are NaN within gaps of their clock
-        self._pulses: dict[
-            str, tuple[Array, Array]
-        ] = {}  # times and values of those with a clock of their own
+        self._pulses: dict[str, tuple[Array, Array]] = {}  # times and values of pulses on another clock
         form = format_of(path) if grid is None else None
         self._file = TableFile(path, column_map, is_text=form is not None and form.name == "text")
         clocks = {s.column: s.clock for s in column_map.sources if s.column}
@@ -220,19 +218,18 @@ class Table:
             )
 
     def _put_on_one_clock(self, clocks: Mapping[str, str]) -> None:
-        """Interpolate columns of other clocks than the map's at its times; rows that one does not cover go.
+        """Interpolate the columns of other clocks than the map's at its times, and drop rows that one does not cover.
 
-        `clocks` has the names of the columns with the times of some columns.
+        `clocks` has the columns with the times of some columns, by the names of these.
         """
         own = self._map.time.column
         time, start = self._seconds(own)
         others = {name: clock for name, clock in clocks.items() if clock and clock != own}
-        pulses = {source.column: source for source in self._map.sources if source.pulses}
-        for name, source in pulses.items():
-            if is_time(source.unit):
-                self._pulses[name] = self._edge_times(source, start), np.zeros(0)
-                others.pop(name, None)
-        rows = slice(0, len(time))
+        for source in self._map.sources:
+            if source.pulses and is_time(source.unit):
+                self._pulses[source.column] = self._edge_times(source, start), np.zeros(0)
+                others.pop(source.column, None)
+        begin, end = 0, len(time)
         for clock in dict.fromkeys(others.values()):
             there, _ = self._seconds(clock, start, self._map.clocks.get(clock, 0.0))
             if len(there) < 2 or np.any(np.diff(there) < 0.0):
@@ -240,55 +237,55 @@ class Table:
                     f"{self.path}: column '{clock}': times do not ascend; allowed: those of a clock"
                 )
             first, last = (int(k) for k in np.searchsorted(time, (there[0], there[-1])))
-            rows = slice(max(rows.start, first), min(rows.stop, last))
-            period, usual = (max(period_of(x), 1e-12) for x in (there, time))
-            rate, step = 1.0 / period, 1.0 / usual
-            names = [name for name, other in others.items() if other == clock]
-            empty = 0
-            for name in names:
-                values = self._readings(name)
-                if name in pulses and len(values) == len(there):
-                    self._pulses[name] = there, values
-                    continue
-                known = np.isfinite(values)
-                if len(values) != len(there) or not known.any():
-                    raise InputError(f"{self.path}: column '{name}': has not the rows of its clock '{clock}'")
-                between, holes = self._between(name, time, there[known], values[known], period)
-                self._columns[name] = pa.chunked_array([between])
-                self._periods[name] = period
-                empty = max(empty, holes)
-            if abs(rate / step - 1.0) > 0.01:
-                lost = f"; what is faster than {0.5 * min(rate, step):.4g} Hz is {'lost' if rate < step else 'folded'}"
-                self.remarks.append(f"{', '.join(names)}: {rate:.4g} samples a second, interpolated{lost}")
-            else:
-                self.remarks.append(f"{', '.join(names)}: interpolated to the clock '{own}'")
-            if empty:
-                self.remarks.append(
-                    f"{empty} rows lie in gaps of the clock '{clock}': they count as not measured"
-                )
-        lengths = {name: len(column) for name, column in self._columns.items()}
-        for name, length in lengths.items():
-            if length != len(time) and name not in others.values() and name not in self._pulses:
+            begin, end = max(begin, first), min(end, last)
+            self._interpolate([name for name, other in others.items() if other == clock], clock, time, there)
+        for name, column in self._columns.items():
+            if len(column) != len(time) and name not in others.values() and name not in self._pulses:
                 raise InputError(
-                    f"{self.path}: column '{name}': {length} rows, '{own}' has {len(time)}; allowed: as many, or a "
-                    "clock of its own (`clock:` names the column with its times)"
+                    f"{self.path}: column '{name}': {len(column)} rows, '{own}' has {len(time)}; allowed: as many, or "
+                    "a clock of its own (`clock:` names the column with its times)"
                 )
-        if rows.stop - rows.start < 2:
-            raise InputError(
-                f"{self.path}: {max(rows.stop - rows.start, 0)} rows; allowed: 2 or more, on all clocks"
-            )
-        if others and rows != slice(0, len(time)):
-            gone = len(time) - (rows.stop - rows.start)
-            self.remarks.append(f"{gone} rows that not all clocks cover are left out")
-        self._first = rows.start
+        if end - begin < 2:
+            raise InputError(f"{self.path}: {max(end - begin, 0)} rows; allowed: 2 or more, on all clocks")
+        if others and (begin, end) != (0, len(time)):
+            self.remarks.append(f"{len(time) - (end - begin)} rows that not all clocks cover are left out")
+        self._first = begin
         self._columns = {
-            name: column.slice(rows.start, rows.stop - rows.start)
+            name: column.slice(begin, end - begin)
             for name, column in self._columns.items()
             if len(column) == len(time)
         }
-        begin = time[rows][0]
-        self._time = time[rows] - begin
-        self._pulses = {name: (when - begin, values) for name, (when, values) in self._pulses.items()}
+        zero = time[begin]
+        self._time = time[begin:end] - zero
+        self._pulses = {name: (when - zero, values) for name, (when, values) in self._pulses.items()}
+
+    def _interpolate(self, names: Sequence[str], clock: str, time: Array, there: Array) -> None:
+        """Interpolate the columns of a clock, whose times are `there`, at the times of the map's [s]."""
+        pulsed = {source.column for source in self._map.sources if source.pulses}
+        period, usual = (max(period_of(x), 1e-12) for x in (there, time))
+        rate, step = 1.0 / period, 1.0 / usual
+        empty = 0
+        for name in names:
+            values = self._readings(name)
+            if name in pulsed and len(values) == len(there):
+                self._pulses[name] = there, values
+                continue
+            known = np.isfinite(values)
+            if len(values) != len(there) or not known.any():
+                raise InputError(f"{self.path}: column '{name}': has not the rows of its clock '{clock}'")
+            between, holes = self._between(name, time, there[known], values[known], period)
+            self._columns[name] = pa.chunked_array([between])
+            self._periods[name] = period
+            empty = max(empty, holes)
+        how = f"interpolated to the clock '{self._map.time.column}'"
+        if abs(rate / step - 1.0) > 0.01:
+            lost = f"; what is faster than {0.5 * min(rate, step):.4g} Hz is {'lost' if rate < step else 'folded'}"
+            how = f"{rate:.4g} samples a second, interpolated{lost}"
+        self.remarks.append(f"{', '.join(names)}: {how}")
+        if empty:
+            self.remarks.append(
+                f"{empty} rows lie in gaps of the clock '{clock}': they count as not measured"
+            )
 
     def _readings(self, name: str) -> Array:
         """Return the values in a column; NaN where there is no reading, or what stands for none."""
@@ -306,7 +303,7 @@ class Table:
         In a gap only what changes slowly is interpolated; all else is NaN there.
         """
         readings = {field: own for field, own in self._map.columns.items() if own.column == name}
-        if "spin_angle" in readings:  # it begins anew at every turn, and goes on in between
+        if "spin_angle" in readings:  # it wraps at every turn, and goes on in between
             own = readings["spin_angle"]
             turn = 2.0 * math.pi / abs(conversion(own.unit, "rad")[1] * own.scale)
             values = np.unwrap(values, period=turn)
@@ -337,15 +334,7 @@ class Table:
         return when
 
     def edges(self, source: Source, even: Array) -> Edges:
-        """Return the edges of pulses, at times from the first row on [s].
-
-        Parameters
-        ----------
-        source : Source
-            The source of an angle with `pulses`.
-        even : ndarray (n,)
-            Times of the rows without their jitter [s].
-        """
+        """Return the edges of the pulses of an angle, at times from the first row on [s]; `even` (n,) has no jitter."""
         times, values = self._pulses.get(source.column, (even, None))
         if is_time(source.unit):
             return edges_of_times(times)

@@ -202,11 +202,7 @@ def _nearest(recording: Recording) -> tuple[NDArray[np.int64], NDArray[np.int64]
 
 
 def _rows(
-    recording: Recording,
-    rows: slice,
-    schema: Any,
-    command: NDArray[np.int64],
-    setpoint: NDArray[np.int64],
+    recording: Recording, rows: slice, schema: Any, command: NDArray[np.int64], setpoint: NDArray[np.int64]
 ) -> Any:
     samples = recording.measurement[rows]
     arrays = [

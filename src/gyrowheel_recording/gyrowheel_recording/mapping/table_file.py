@@ -1,4 +1,4 @@
-"""The file of a table of another program, read as a map says how it is written."""
+"""The file of a table of another program, text or Parquet, read by a map."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from gyrowheel_core.limits import require_room
 from gyrowheel_recording.mapping.map_file import TIMESTAMP, ColumnMap, CsvSettings
 from gyrowheel_recording.tables import EMPTY, TextForm, form_of_file, text_of
 from gyrowheel_recording.tables.readers.text_table import dates_of, numbers_of
-from gyrowheel_recording.tables.text import GZIP, ZSTD, plain_rows, stands_as_it_is
+from gyrowheel_recording.tables.text import GZIP, ZSTD, needs_no_change, plain_rows
 
 _TEXT_TO_MEMORY: Final = 2.0  # a short number takes more bytes in memory than in a text
 _BYTES_A_VALUE: Final = 16  # as it is read, and as it is converted
@@ -29,19 +29,8 @@ _HEAD: Final = 1 << 16  # bytes by which a text is known
 class TableFile:
     """A text or a Parquet file, of which a map names columns.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    column_map : ColumnMap
-        Names the columns, and may say how a text is written; what it does not say is taken as it seems.
-    is_text : bool
-        Whether it is a text.
-
-    Attributes
-    ----------
-    remarks : list of str
-        What was left out.
+    The map may also state how a text is written; otherwise its form is detected. `remarks` are about what was left
+    out.
     """
 
     def __init__(self, path: Path, column_map: ColumnMap, *, is_text: bool) -> None:
@@ -58,7 +47,7 @@ class TableFile:
         return f"line {row + 2 + s.skip_lines + s.unit_lines}" if self.is_text else f"row {row + 1}"
 
     def read(self) -> Any:
-        """Return the columns that the map names, as they stand there, as a table of arrow.
+        """Return the columns that the map names, unconverted, as a table of arrow.
 
         Raises
         ------
@@ -97,7 +86,7 @@ class TableFile:
                 "another encoding"
             ) from None
         except LookupError:
-            return ""  # is told where the file is read
+            return ""  # reported where the file is read
         if "\0" in text:
             raise InputError(f"{self.path}: is no text: it has a zero byte near its beginning")
         return text
@@ -108,7 +97,7 @@ class TableFile:
         with self.path.open("rb") as file:
             packed = file.read(4).startswith((GZIP, ZSTD))
         plain = not (packed or settings.unit_lines or settings.comment or settings.delimiter == " ")
-        plain = plain and stands_as_it_is(beginning, self._form())
+        plain = plain and needs_no_change(beginning, self._form())
         data = b"" if plain else text_of(self.path)
         require_room(_TEXT_TO_MEMORY * (self.path.stat().st_size if plain else len(data)), f"{self.path}: it")
         encoding, skipped = (settings.encoding, settings.skip_lines) if plain else ("utf-8", 0)
@@ -205,14 +194,7 @@ class TableFile:
             )
 
     def _by_cells(self, table: Any, dates: str) -> Any:
-        """Return a table of texts as one of numbers, cell by cell: arrow knows neither a sign + nor an exponent D.
-
-        Parameters
-        ----------
-        table : pyarrow.Table
-            The texts.
-        dates : str
-            Name of the column of dates with times; empty if there is none.
+        """Return a table of texts as numbers, and the column `dates` as dates: arrow reads neither a sign + nor 1D3.
 
         Raises
         ------
@@ -261,12 +243,12 @@ class TableFile:
                 raise InputError(f"{self.path}: {count} columns are called '{name}'; allowed: one")
 
     def _text_settings(self) -> CsvSettings:
-        """Return how a text is written: as the map says, or as it seems."""
+        """Return how a text is written: as stated by the map, or as detected."""
         if self._map.csv is not None:
             return self._map.csv
         try:
             form = form_of_file(self.path)
-        except InputError:  # what is wrong with it is told where it is read
+        except InputError:  # reported where it is read
             return CsvSettings()
         except OSError as error:
             raise InputError(f"{self.path}: cannot be read: {error.strerror or one_line(error)}") from None

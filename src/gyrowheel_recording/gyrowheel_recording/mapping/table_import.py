@@ -18,7 +18,7 @@ from gyrowheel_core.units import DEG, conversion
 from gyrowheel_recording.bags import Origin, RecordingWriter, described
 from gyrowheel_recording.mapping.clock import Clock
 from gyrowheel_recording.mapping.map_file import COMMANDS, READINGS, SETPOINTS, ColumnMap, Source
-from gyrowheel_recording.mapping.pulses import PulseError, Turned, turned
+from gyrowheel_recording.mapping.pulses import PulseError, ShaftAngle, angle_from_pulses
 from gyrowheel_recording.mapping.table import Table
 from gyrowheel_recording.tables import Grid
 from gyrowheel_sim import environment as environments
@@ -29,7 +29,7 @@ _TURNS: Final = 0.9 * math.pi
 
 @dataclass(frozen=True)
 class Imported:
-    """What a table held.
+    """Result of an import.
 
     Attributes
     ----------
@@ -137,7 +137,7 @@ def _pulsed(column_map: ColumnMap) -> bool:
 
 
 def _assumed(column_map: ColumnMap) -> dict[str, Origin]:
-    """Return how far off the values are that stand for readings, where the map says it."""
+    """Return the uncertainties of assumed values, where the map states them."""
     return column_map.readings | {
         name: Origin(source.uncertainty * conversion(source.unit, READINGS[name].unit)[1])
         for name, source in column_map.columns.items()
@@ -145,12 +145,12 @@ def _assumed(column_map: ColumnMap) -> dict[str, Origin]:
     }
 
 
-def _turned(table: Table, source: Source, readings: NDArray[Any], clock: Clock) -> Turned:
+def _turned(table: Table, source: Source, readings: NDArray[Any], clock: Clock) -> ShaftAngle:
     """Return the angle by its pulses."""
     even = clock.period * clock.sequence.astype(np.float64)
     rate = readings["spin_rate"]
     try:
-        return turned(
+        return angle_from_pulses(
             even,
             rate if np.isfinite(rate).any() else None,
             table.edges(source, even),
@@ -162,7 +162,7 @@ def _turned(table: Table, source: Source, readings: NDArray[Any], clock: Clock) 
 
 
 def _hidden_turns(readings: NDArray[Any], period: float, step: float) -> list[str]:
-    """Leave an angle out that was read so seldom, every `step` seconds, that it does not show how far it turns."""
+    """Leave out an angle that was read too seldom, every `step` seconds, to show how far it turns."""
     fastest = _fastest(readings, period)
     if fastest * step <= _TURNS:
         return []

@@ -23,30 +23,14 @@ Times = NDArray[np.floating[Any]]
 
 @dataclass(frozen=True)
 class Shortened:
-    """Times of a recording whose long pauses are shortened, so that whatever is averaged around one sees it still.
+    """Times of a recording whose long pauses are shortened, so that whatever is averaged around one sees it still."""
 
-    Attributes
-    ----------
-    begin : ndarray (k,)
-        When what is left out of each pause begins [s].
-    left_out : ndarray (k,)
-        How much of it is left out [s].
-    """
-
-    begin: Array
-    left_out: Array
+    begin: Array  # (k,): when what is left out of each pause begins [s]
+    left_out: Array  # (k,): how much of it is left out [s]
 
     @classmethod
     def of(cls, time: Array, step: float) -> Shortened:
-        """Shorten the pauses between samples.
-
-        Parameters
-        ----------
-        time : ndarray (n,)
-            Times of the samples [s], ascending.
-        step : float
-            What is left out of a pause is a multiple of this [s], so that a grid of such steps goes on unmoved.
-        """
+        """Shorten the pauses between ascending times (n,) [s] by multiples of `step` [s]: a grid of it stays."""
         found = pauses(time, PAUSE + 2.0 * step)
         # one step less than could be left out, so that rounding puts no sample on the other side of it
         steps = np.floor((found[:, 1] - found[:, 0] - PAUSE) / step) - 1.0
@@ -71,7 +55,7 @@ class Shortened:
 
 Complex = NDArray[np.complex128]
 
-#: Length of a block [s]: short beside every ramp, long beside a sample.
+#: Length of a block [s]: much shorter than a ramp, much longer than a sample.
 BLOCK: Final = 0.01
 #: Blocks in an average, so that no harmonic of the spin rate passes down to 600 rpm, and from one to the next.
 _WEIGHTS: Final = 32
@@ -80,7 +64,7 @@ _AT_A_TIME = 2048  # blocks
 _FULL = 0.5  # of the samples of a block must be there
 _GAP = 4.5  # sample periods; over a longer gap the angle may have made any number of turns
 
-#: Columns of the readings that setups are told by, in their order.
+#: Columns of the readings by which setups are judged, in their order.
 NAMES: Final = (
     "tilt_x", "tilt_y", "coil_voltage_x", "coil_voltage_y", "spin_angle", "spin_rate", "motor_voltage",
     "motor_current",
@@ -94,18 +78,13 @@ class Averages:
     """Averages over some tenths of a second; NaN where samples are missing.
 
     The rates are derivatives of the same averages: the weight is differentiated, never a reading.
-
-    Attributes
-    ----------
-    means, rates, bends : ndarray (k, 8)
-        Means, first and second derivatives of the columns `NAMES` [SI].
-    absent : frozenset of str
-        Columns that were never measured (`blocks_of`); nothing may be said of them.
     """
 
+    #: means, rates, bends: (k, 8): means, first and second derivatives of the columns `NAMES` [SI].
     means: Array
     rates: Array
     bends: Array
+    #: Columns that were never measured (`blocks_of`) and must not be judged.
     absent: frozenset[str] = frozenset()
 
     def __len__(self) -> int:
@@ -170,15 +149,7 @@ class Averages:
 
 
 def averages(blocks: Array, absent: Set[str] = frozenset()) -> Averages:
-    """Return the averages over `_WEIGHTS` blocks, every `EVERY` blocks.
-
-    Parameters
-    ----------
-    blocks : ndarray (m, 8)
-        What `blocks_of` returns.
-    absent : set of str
-        Columns that were never measured.
-    """
+    """Return the averages over `_WEIGHTS` blocks (m, 8), every `EVERY` blocks; `absent` columns were never measured."""
     if len(blocks) < _WEIGHTS:
         windows = np.zeros((0, len(NAMES), _WEIGHTS))
     else:

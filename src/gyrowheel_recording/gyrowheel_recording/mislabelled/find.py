@@ -24,7 +24,7 @@ from gyrowheel_recording.mislabelled.blocks import (
     blocks_of,
     never_measured,
 )
-from gyrowheel_recording.mislabelled.fixes import Cure, WrongSetup
+from gyrowheel_recording.mislabelled.fixes import Fix, WrongSetup
 from gyrowheel_recording.mislabelled.relations import (
     Ratio,
     precession,
@@ -32,8 +32,8 @@ from gyrowheel_recording.mislabelled.relations import (
     slews,
     spin_up_ratio,
 )
-from gyrowheel_recording.mislabelled.spin import SPINNING, spinning
-from gyrowheel_recording.mislabelled.tilt import harmonics, tilting
+from gyrowheel_recording.mislabelled.spin import SPINNING, wrong_spin_columns
+from gyrowheel_recording.mislabelled.tilt import harmonics, wrong_tilt_columns
 from gyrowheel_sim.bench import Bench
 
 #: Pascals in a unit of pressure.
@@ -46,7 +46,7 @@ _ROOM = (-30.0, 120.0)  # deg C
 _TEMPERATURES = ("coil_temperature", "air_temperature")
 
 
-def air(recording: Recording, bench: Bench) -> list[WrongSetup]:
+def wrong_air_units(recording: Recording, bench: Bench) -> list[WrongSetup]:
     """Return which readings of pressure and temperature are in another unit."""
     found = []
     pressures = recording.readings.air_pressure / _ratio(recording)
@@ -62,7 +62,7 @@ def air(recording: Recording, bench: Bench) -> list[WrongSetup]:
                     WrongSetup(
                         "unit",
                         ("air_pressure",),
-                        Cure(scale={"air_pressure": _PRESSURES[unit]}),
+                        Fix(scale={"air_pressure": _PRESSURES[unit]}),
                         unit,
                         value=pressure,
                     )
@@ -71,7 +71,7 @@ def air(recording: Recording, bench: Bench) -> list[WrongSetup]:
     if cold:
         value = _median(recording.readings[cold[0]])
         found.append(
-            WrongSetup("unit", tuple(cold), Cure(offset=dict.fromkeys(cold, _CELSIUS)), "deg C", value=value)
+            WrongSetup("unit", tuple(cold), Fix(offset=dict.fromkeys(cold, _CELSIUS)), "deg C", value=value)
         )
     return found
 
@@ -107,7 +107,7 @@ _SHORTEST = 3.0  # s at one value
 _SPEED = 0.02  # relative change of the speed that voltage, current and speed reading must follow
 
 
-def stuck(recording: Recording, blocks: Array, bench: Bench) -> list[WrongSetup]:
+def stuck_columns(recording: Recording, blocks: Array, bench: Bench) -> list[WrongSetup]:
     """Return the columns that stay at one value for seconds while what they must follow moves."""
     found = []
     for name in NAMES:
@@ -174,18 +174,10 @@ _CERTAIN = 8.0  # standard errors
 def other_machines(
     recordings: Sequence[Recording], averages: Sequence[Averages], bench: Bench
 ) -> list[WrongSetup]:
-    """Return the recordings that state another machine than an earlier one, or show other inertias than one.
+    """Return the recordings that state another machine than an earlier one, or show other inertias.
 
-    Where both state their machine, nothing else is asked.
-
-    Parameters
-    ----------
-    recordings : sequence of Recording
-        The recordings, their setups right.
-    averages : sequence of Averages
-        Of each recording.
-    bench : Bench
-        The bench as stated; what is compared are its inertias as each recording shows them.
+    Where both state their machine, nothing else counts. The setups of the recordings are right; `averages` has
+    those of each, and its inertias are compared by their ratios to those of the bench.
     """
     found = []
     known: list[tuple[Recording, tuple[Ratio, ...]]] = []
@@ -237,7 +229,7 @@ def wrong_setups(recordings: Sequence[Recording], bench: Bench, *, mixed: bool =
     Parameters
     ----------
     recordings : sequence of Recording
-        The recordings, each judged by itself.
+        The recordings, each judged alone.
     bench : Bench
         The bench as stated.
     mixed : bool
@@ -246,7 +238,7 @@ def wrong_setups(recordings: Sequence[Recording], bench: Bench, *, mixed: bool =
     Raises
     ------
     InputError
-        If the samples of a recording are too far apart to say anything.
+        If the samples of a recording are too far apart for any judgement.
     """
     found, averaged = [], []
     # the matrices are small: several threads would only wait for each other
@@ -260,26 +252,21 @@ def wrong_setups(recordings: Sequence[Recording], bench: Bench, *, mixed: bool =
     return found
 
 
-def of_one(recording: Recording, bench: Bench) -> list[WrongSetup]:
-    """Return the wrong setups of one recording, see `wrong_setups`."""
-    return wrong_setups([recording], bench)
-
-
 def _judged(recording: Recording, bench: Bench) -> tuple[list[WrongSetup], Averages]:
-    """Return the wrong setups of one recording, and its averages as they stand."""
+    """Return the wrong setups of one recording, and its uncorrected averages."""
     require_rate(recording)
     absent = never_measured(recording)
     blocks = blocks_of(recording, absent=absent)
     now = averages(_at_rest(recording, blocks), absent)
-    still = stuck(recording, blocks, bench) if len(blocks) else []
-    return [*air(recording, bench), *(still or _of_motion(recording, now, bench))], now
+    still = stuck_columns(recording, blocks, bench) if len(blocks) else []
+    return [*wrong_air_units(recording, bench), *(still or _of_motion(recording, now, bench))], now
 
 
 def _of_motion(recording: Recording, now: Averages, bench: Bench) -> list[WrongSetup]:
     """Return what is wrong with the columns that move."""
     if not len(now):
         return []
-    wrong = spinning(recording, now, bench)
+    wrong = wrong_spin_columns(recording, now, bench)
     if not wrong:
         return _of_tilt(recording, now, bench, 1.0)
     # where several changes explain the spin as well, the precession decides
@@ -298,13 +285,13 @@ def _of_tilt(recording: Recording, now: Averages, bench: Bench, angle_factor: fl
     speed = now.rate[np.isfinite(now.rate)]
     if not len(speed) or np.median(speed) > 0.0:
         turning = harmonics(recording, angle_factor=angle_factor, absent=now.absent)
-        return tilting(recording, now, bench, turning)
+        return wrong_tilt_columns(recording, now, bench, turning)
     if not now.measured(*TILT) or now.absent >= set(COIL) or not slews(now, bench):
         return []
     # the wheel turns the other way, or the signs of all that belongs to the spin are turned
     measured = [name for name in SPINNING if now.measured(name)]
-    signs = Cure(scale=dict.fromkeys(measured, -1.0))
-    mirror = Cure(scale=dict.fromkeys((TILT[1], COIL[1]), -1.0))
+    signs = Fix(scale=dict.fromkeys(measured, -1.0))
+    mirror = Fix(scale=dict.fromkeys((TILT[1], COIL[1]), -1.0))
     own, other = (precession(a, bench) for a in (now, signs.applied(now)))
     if own < other:
         return [WrongSetup("reversed", SPINNING, signs.and_then(mirror), before=other, after=own)]

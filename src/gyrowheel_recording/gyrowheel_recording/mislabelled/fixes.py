@@ -29,7 +29,7 @@ Kind = Literal[
 
 
 @dataclass(frozen=True)
-class Cure:
+class Fix:
     """What makes the columns of a recording right.
 
     Attributes
@@ -57,9 +57,9 @@ class Cure:
         """Whether it changes anything."""
         return bool(self.columns)
 
-    def and_then(self, other: Cure) -> Cure:
+    def and_then(self, other: Fix) -> Fix:
         """Return this one together with another one that changes other columns."""
-        return Cure(
+        return Fix(
             self.exchange + other.exchange,
             {**self.scale, **other.scale},
             {**self.offset, **other.offset},
@@ -67,7 +67,7 @@ class Cure:
         )
 
     def applied(self, averages: Averages) -> Averages:
-        """Return averages with the cure; those of an angle that is scaled by its unit must be made anew."""
+        """Return corrected averages; those of an angle that is scaled by its unit must be computed again."""
         return averages.changed(self._on)
 
     def _on(self, columns: Array) -> Array:
@@ -113,7 +113,7 @@ class WrongSetup:
     otherwise : tuple of tuple of str
         Other columns that would explain it as well.
     before, after : float
-        Part of the readings that physics leaves unexplained as they stand and with the cure.
+        Part of the readings that physics leaves unexplained, as recorded and corrected.
     recording : str
         Path of the recording.
     value : float
@@ -122,7 +122,7 @@ class WrongSetup:
 
     kind: Kind
     columns: tuple[str, ...]
-    cure: Cure = Cure()
+    cure: Fix = Fix()
     unit: str = ""
     otherwise: tuple[tuple[str, ...], ...] = ()
     before: float = float("nan")
@@ -133,22 +133,17 @@ class WrongSetup:
     def to_json(self) -> dict[str, Any]:
         """Return the facts as a JSON object, to which the words are added."""
         cure = {key: value for key, value in asdict(self.cure).items() if value}
-        return {
-            "kind": self.kind,
-            "columns": list(self.columns),
-            "change": cure,
-            "recording": self.recording,
-        }
+        return {"kind": self.kind, "columns": list(self.columns), "change": cure, "recording": self.recording}
 
 
 _ANGLE: Final = "spin_angle"
 
 
-def correct(recording: Recording, cure: Cure, directory: str | Path) -> int:
+def correct(recording: Recording, cure: Fix, directory: str | Path) -> int:
     """Write a recording with corrected columns as a new one.
 
-    Measurements are corrected; setpoints, commands, environment and bench are taken over. Drag estimates are left out:
-    they were made of the columns as they stood.
+    Measurements are corrected; setpoints, commands, environment and bench are taken over. Drag estimates are left
+    out: they were made of the columns as they stood.
 
     Parameters
     ----------
@@ -162,7 +157,7 @@ def correct(recording: Recording, cure: Cure, directory: str | Path) -> int:
     Returns
     -------
     int
-        Number of samples; those to which a shifted column has nothing to say are left out.
+        Number of samples; those without a value of a shifted column are left out.
 
     Raises
     ------
@@ -192,7 +187,7 @@ def correct(recording: Recording, cure: Cure, directory: str | Path) -> int:
     return len(samples)
 
 
-def corrected(samples: NDArray[Any], cure: Cure) -> NDArray[Any]:
+def corrected(samples: NDArray[Any], cure: Fix) -> NDArray[Any]:
     """Return samples of a recording with corrected columns; see `correct`."""
     _check(cure)
     result = samples.copy()
@@ -211,7 +206,7 @@ def corrected(samples: NDArray[Any], cure: Cure) -> NDArray[Any]:
         result[_ANGLE] = np.where(angle >= 2.0 * math.pi, 0.0, angle)
     keep = np.ones(len(result), dtype=bool)
     period = float(np.median(np.diff(samples["stamp_ns"]))) * 1e-9 if len(samples) > 1 else 1.0
-    # samples may be missing: the sequence tells which one stands so much earlier
+    # samples may be missing: the sequence shows which one is so much earlier
     sequence = samples["sequence"].astype(np.int64)
     for name, seconds in cure.shift.items():
         steps = round(seconds / period)
@@ -236,7 +231,7 @@ def _scaled_angle(angle: NDArray[np.float64], factor: float) -> NDArray[np.float
     return result
 
 
-def _check(cure: Cure) -> None:
+def _check(cure: Fix) -> None:
     if not cure:
         raise InputError("nothing to correct; give exchange, scale, offset or shift")
     for name in cure.columns:

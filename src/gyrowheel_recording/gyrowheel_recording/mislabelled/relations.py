@@ -1,7 +1,7 @@
-"""What physics demands of the columns: the angle is that of the speed, voltage balances, precession, energy.
+"""Physical relations between the columns: angle and speed, balance of voltages, precession, energy.
 
-Each relation is fitted with constants that may be wrong by more than any effect or tolerance makes them, and tells what
-part of the readings it leaves unexplained. Nothing here is an estimate: that is what the diagnosis is for.
+Each relation is fitted with constants that may be wrong by more than any effect or tolerance makes them, and returns
+what part of the readings it leaves unexplained. Nothing here is an estimate: that is what the diagnosis is for.
 """
 
 from __future__ import annotations
@@ -37,21 +37,11 @@ _OVERLAP = 16.0  # averages that share their blocks
 
 @dataclass(frozen=True)
 class Spin:
-    """What the relations of the spin leave unexplained, as parts of the readings: 0 perfect, 1 nothing explained.
+    """What the relations of the spin leave unexplained, as parts of the readings: 0 perfect, 1 nothing explained."""
 
-    Attributes
-    ----------
-    kinematic : float
-        Speed against the rate at which the angle turns.
-    electrical : float
-        V = R i + Ke Omega.
-    energy : float
-        Kt i = J dOmega/dt + friction, which may not drive.
-    """
-
-    kinematic: float
-    electrical: float
-    energy: float
+    kinematic: float  # speed against the rate at which the angle turns
+    electrical: float  # V = R i + Ke Omega
+    energy: float  # kt i = J dOmega/dt + friction, which may not drive
 
     @property
     def worst(self) -> float:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_recording.bags import Recording
 from gyrowheel_recording.mislabelled.blocks import BLOCK, EVERY, NAMES, Averages, averages, blocks_of
-from gyrowheel_recording.mislabelled.fixes import Cure, Kind, WrongSetup
+from gyrowheel_recording.mislabelled.fixes import Fix, Kind, WrongSetup
 from gyrowheel_recording.mislabelled.relations import Spin, spin
 from gyrowheel_sim.bench import Bench
 
@@ -26,10 +26,12 @@ _ANGLES = {"deg": DEG, "turns": 2.0 * math.pi}
 _RATES = {"rpm": RPM, "Hz": 2.0 * math.pi, "deg/s": DEG}
 _THOUSANDS = {"m": 1e-3, "k": 1e3, "u": 1e-6}
 
-Change = tuple[Kind, str, tuple[str, ...], Cure]
+Change = tuple[Kind, str, tuple[str, ...], Fix]
 
 
-def spinning(recording: Recording, now: Averages, bench: Bench) -> list[tuple[WrongSetup, Averages]]:
+def wrong_spin_columns(
+    recording: Recording, now: Averages, bench: Bench
+) -> list[tuple[WrongSetup, Averages]]:
     """Return what may be wrong with the columns of the spin, and the averages as they should be; likeliest first.
 
     A wheel that turns the other way is not seen here: all four columns then have the other sign.
@@ -73,37 +75,37 @@ def _plain() -> Iterator[Change]:
     """Yield the changes of signs and units, and the exchange of voltage and current."""
     signs = ((_ANGLE,), (_RATE,), (_VOLTAGE,), (_CURRENT,), (_ANGLE, _RATE), (_VOLTAGE, _CURRENT))
     for columns in signs:
-        yield "sign", "", columns, Cure(scale=dict.fromkeys(columns, -1.0))
+        yield "sign", "", columns, Fix(scale=dict.fromkeys(columns, -1.0))
     for unit, factor in _ANGLES.items():
-        yield "unit", unit, (_ANGLE,), Cure(scale={_ANGLE: factor})
+        yield "unit", unit, (_ANGLE,), Fix(scale={_ANGLE: factor})
     for factor in (0.5, 2.0, -0.5, -2.0):
-        yield "scale", "", (_ANGLE,), Cure(scale={_ANGLE: factor})
+        yield "scale", "", (_ANGLE,), Fix(scale={_ANGLE: factor})
     for unit, factor in _RATES.items():
         for sign in (1.0, -1.0):
-            yield "unit", unit, (_RATE,), Cure(scale={_RATE: sign * factor})
+            yield "unit", unit, (_RATE,), Fix(scale={_RATE: sign * factor})
         for own, size in _ANGLES.items():
-            both = Cure(scale={_ANGLE: size, _RATE: factor})
+            both = Fix(scale={_ANGLE: size, _RATE: factor})
             yield "unit", f"{own}, {unit}", (_ANGLE, _RATE), both
     for prefix, factor in _THOUSANDS.items():
-        yield "unit", f"{prefix}V", (_VOLTAGE,), Cure(scale={_VOLTAGE: factor})
-        yield "unit", f"{prefix}A", (_CURRENT,), Cure(scale={_CURRENT: factor})
-        both = Cure(scale={_VOLTAGE: factor, _CURRENT: factor})
+        yield "unit", f"{prefix}V", (_VOLTAGE,), Fix(scale={_VOLTAGE: factor})
+        yield "unit", f"{prefix}A", (_CURRENT,), Fix(scale={_CURRENT: factor})
+        both = Fix(scale={_VOLTAGE: factor, _CURRENT: factor})
         yield "unit", f"{prefix}V, {prefix}A", (_VOLTAGE, _CURRENT), both
     for sign in (1.0, -1.0):
         scale = {} if sign > 0.0 else {_VOLTAGE: sign, _CURRENT: sign}
-        yield "exchanged", "", (_VOLTAGE, _CURRENT), Cure(exchange=((_VOLTAGE, _CURRENT),), scale=scale)
+        yield "exchanged", "", (_VOLTAGE, _CURRENT), Fix(exchange=((_VOLTAGE, _CURRENT),), scale=scale)
 
 
-def _cured(recording: Recording, now: Averages, unit: str, cure: Cure) -> Averages:
+def _cured(recording: Recording, now: Averages, unit: str, cure: Fix) -> Averages:
     if _ANGLE not in cure.scale or not unit:
         return cure.applied(now)
-    # the turns of an angle in another unit must be counted anew
+    # the turns of an angle in another unit must be counted again
     blocks = blocks_of(recording, angle_scale=cure.scale[_ANGLE], absent=now.absent)
     anew, place = averages(blocks, now.absent), NAMES.index(_ANGLE)
     parts = {name: getattr(now, name).copy() for name in ("means", "rates", "bends")}
     for name, own in parts.items():
         own[:, place] = getattr(anew, name)[:, place]
-    others = Cure(scale={name: factor for name, factor in cure.scale.items() if name != _ANGLE})
+    others = Fix(scale={name: factor for name, factor in cure.scale.items() if name != _ANGLE})
     return others.applied(replace(now, **parts))
 
 
@@ -123,7 +125,7 @@ def _lags(a: Averages, bench: Bench) -> Iterator[Change]:
     for columns, own, other in pairs:
         lag = best_lag(own, other)
         for step in range(-_NEAR, _NEAR + 1):
-            yield "shifted", "", columns, Cure(shift=dict.fromkeys(columns, lag + step * _STEP))
+            yield "shifted", "", columns, Fix(shift=dict.fromkeys(columns, lag + step * _STEP))
 
 
 def best_lag(own: NDArray[np.inexact], other: NDArray[np.inexact]) -> float:

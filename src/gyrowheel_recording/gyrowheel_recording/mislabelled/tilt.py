@@ -23,7 +23,7 @@ from gyrowheel_recording.mislabelled.blocks import (
     asked_tilt,
     commanded,
 )
-from gyrowheel_recording.mislabelled.fixes import Cure, Kind, WrongSetup
+from gyrowheel_recording.mislabelled.fixes import Fix, Kind, WrongSetup
 from gyrowheel_recording.mislabelled.relations import precession, precession_ratio, slews
 from gyrowheel_recording.mislabelled.spin import SPINNING, Change, best_lag, measured_alone
 from gyrowheel_sim.bench import Bench
@@ -37,19 +37,12 @@ _ORDERS = (1, -1, 2, -2)
 
 @dataclass(frozen=True)
 class Turning:
-    """Amplitudes twice a revolution of a pair of columns x + i y in windows at rest.
+    """Amplitudes twice a revolution of a pair of columns x + i y in windows at rest."""
 
-    Attributes
-    ----------
-    forward, backward : complex ndarray (n,)
-        Of exp(2 i theta) and exp(-2 i theta), theta the recorded angle.
-    noise : float
-        Standard deviation of an amplitude, from what no harmonic explains.
-    """
-
+    #: forward, backward: (n,): of exp(2 i theta) and exp(-2 i theta), theta the recorded angle.
     forward: Complex
     backward: Complex
-    noise: float
+    noise: float  # standard deviation of an amplitude, from what no harmonic explains
 
     def changed(self, along: complex, across: complex) -> Turning:
         """Return the amplitudes of ``along * pair + across * conj(pair)``."""
@@ -75,14 +68,8 @@ def harmonics(
 ) -> tuple[Turning, Turning]:
     """Return how tilt and coil voltages turn twice a revolution; empty where no tilt is held.
 
-    Parameters
-    ----------
-    recording : Recording
-        The recording.
-    angle_factor : float
-        What the recorded angle must be multiplied by.
-    absent : set of str
-        Columns that were never measured: the angle is summed up from the speed, a coil's voltage counts as zero.
+    The recorded angle is multiplied by `angle_factor`. Of columns that were never measured (`absent`), the angle is
+    integrated from the speed, and a coil's voltage counts as zero.
     """
     readings, time = recording.readings, recording.time
     if absent:
@@ -97,7 +84,7 @@ def harmonics(
     tilt = readings.tilt_x[: count * n] + 1j * readings.tilt_y[: count * n]
     parts = tilt.reshape(count, n)[:, :: max(n // 8, 1)]
     size, change = np.abs(parts.mean(axis=1)), np.abs(parts - parts[:, :1]).max(axis=1, initial=0.0)
-    # any unit will do: what is at rest is small beside the largest tilt
+    # any unit will do: at rest it is small compared with the largest tilt
     most = float(np.nanmax(size, initial=0.0))
     with np.errstate(invalid="ignore"):
         still = np.flatnonzero((change < _STILL * size) & (size > min(_TILTED, 0.2 * most)))
@@ -157,7 +144,7 @@ class _Trial:
     kind: Kind
     unit: str
     columns: tuple[str, ...]
-    cure: Cure
+    cure: Fix
     after: float
     doubts: float
 
@@ -166,21 +153,12 @@ class _Trial:
         return self.doubts, len(self.columns)
 
 
-def tilting(
+def wrong_tilt_columns(
     recording: Recording, now: Averages, bench: Bench, turning: Sequence[Turning]
 ) -> list[WrongSetup]:
-    """Return what is wrong with tilts and coil voltages.
+    """Return what is wrong with tilts and coil voltages; the columns of the spin are right.
 
-    Parameters
-    ----------
-    recording : Recording
-        For setpoints and commands, where there are any.
-    now : Averages
-        Its averages; the columns of the spin are right.
-    bench : Bench
-        The bench as stated.
-    turning : sequence of Turning
-        How tilt and coil voltages turn twice a revolution.
+    `turning` is how tilt and coil voltages turn twice a revolution; setpoints and commands of the recording are used.
     """
     if not len(now) or not now.measured(*TILT) or now.absent >= set(COIL) or not slews(now, bench):
         return []
@@ -191,7 +169,7 @@ def tilting(
     commands = commanded(recording, len(now)) if now.measured(*COIL) else None
     judge = _Judge(now, bench, turning, asked, commands)
     before = precession(now, bench)
-    if before <= GROSS and judge.forward(Cure()):
+    if before <= GROSS and judge.forward(Fix()):
         own = _halved(now, bench, asked) or _late_together(now, asked, commands, recording)
         return [] if own is None else [replace(own, before=before)]
     trials = [t for t in judge.trials(measured_alone(_plain(), now)) if _mends(before, t.after)]
@@ -233,7 +211,7 @@ class _Judge:
         self._now, self._bench, self._turning = now, bench, turning
         self._asked, self._commands = asked, commands
 
-    def forward(self, cure: Cure) -> bool:
+    def forward(self, cure: Fix) -> bool:
         """Whether nothing turns against the rotor twice a revolution."""
         return all(
             not self._now.measured(*names) or pair.changed(*_complex(cure, names)).direction > _AGAINST
@@ -271,36 +249,31 @@ class _Judge:
 def _plain() -> Iterator[Change]:
     """Yield the exchanges of axes, turned signs, units and factors."""
     for pair in (TILT, COIL):
-        yield "exchanged", "", pair, Cure(exchange=(pair,))
+        yield "exchanged", "", pair, Fix(exchange=(pair,))
         for name in pair:
-            yield "sign", "", (name,), Cure(scale={name: -1.0})
-        yield "sign", "", pair, Cure(scale=dict.fromkeys(pair, -1.0))
+            yield "sign", "", (name,), Fix(scale={name: -1.0})
+        yield "sign", "", pair, Fix(scale=dict.fromkeys(pair, -1.0))
         for name in pair:
             # a quarter turn
-            yield "exchanged", "sign", pair, Cure(exchange=(pair,), scale={name: -1.0})
-    # mirrored axes, or a wheel that turns the other way: no torque tells them apart
-    mirrored = Cure(scale={TILT[1]: -1.0, COIL[1]: -1.0})
+            yield "exchanged", "sign", pair, Fix(exchange=(pair,), scale={name: -1.0})
+    # mirrored axes, or a wheel that turns the other way: no torque distinguishes them
+    mirrored = Fix(scale={TILT[1]: -1.0, COIL[1]: -1.0})
     yield "reversed", "", SPINNING, mirrored
-    yield "exchanged", "", (*TILT, *COIL), Cure(exchange=(TILT, COIL))
+    yield "exchanged", "", (*TILT, *COIL), Fix(exchange=(TILT, COIL))
     for axis in (0, 1):
         own = (TILT[axis], COIL[axis])
-        yield "sign", "", own, Cure(scale=dict.fromkeys(own, -1.0))
+        yield "sign", "", own, Fix(scale=dict.fromkeys(own, -1.0))
     for pair, units in ((TILT, _UNITS), (COIL, _VOLTS)):
         for columns in (pair, *((name,) for name in pair)):
             for unit, factor in units.items():
-                yield "unit", unit, columns, Cure(scale=dict.fromkeys(columns, factor))
+                yield "unit", unit, columns, Fix(scale=dict.fromkeys(columns, factor))
                 if columns == pair:
-                    yield (
-                        "unit",
-                        unit,
-                        columns,
-                        Cure(scale=dict.fromkeys(columns, -factor)),
-                    )
+                    yield ("unit", unit, columns, Fix(scale=dict.fromkeys(columns, -factor)))
     for name, factor in itertools.product((*TILT, *COIL), (2.0, 0.5)):
-        yield "scale", "", (name,), Cure(scale={name: factor})
+        yield "scale", "", (name,), Fix(scale={name: factor})
 
 
-def _complex(cure: Cure, names: tuple[str, ...]) -> tuple[complex, complex]:
+def _complex(cure: Fix, names: tuple[str, ...]) -> tuple[complex, complex]:
     """Return what a cure makes of a pair x + i y: (factor of the pair, factor of its conjugate)."""
     x, y = (cure.scale.get(name, 1.0) for name in names)
     along, across = 0.5 * (x + y), 0.5 * (x - y)
@@ -338,8 +311,8 @@ def _same(a: Averages, bench: Bench) -> WrongSetup | None:
 def _halved(a: Averages, bench: Bench, asked: Complex | None) -> WrongSetup | None:
     """Return that the tilts are read twice or half as large as they are.
 
-    The coils' torque then fits the precession by half or twice. A constant of the coils or an inertia may be as wrong,
-    so the tilt must differ from what was asked for by the same factor.
+    The coils' torque then fits the precession by half or twice. A constant of the coils or an inertia may be as
+    wrong, so the tilt must differ from what was asked for by the same factor.
     """
     ratio = precession_ratio(a, bench).value
     if asked is None or not ratio > 0.0:
@@ -350,7 +323,7 @@ def _halved(a: Averages, bench: Bench, asked: Complex | None) -> WrongSetup | No
     if not own > 0.0 or abs(math.log(own * factor)) > _TWICE or not 0.6 < ratio / factor < 1.7:
         return None
     off = _off(factor * a.tilt, asked)
-    return WrongSetup("scale", TILT, Cure(scale=dict.fromkeys(TILT, factor))) if off < _FOLLOWS else None
+    return WrongSetup("scale", TILT, Fix(scale=dict.fromkeys(TILT, factor))) if off < _FOLLOWS else None
 
 
 def _late_together(
@@ -365,7 +338,7 @@ def _late_together(
     if asked is None or speed is None or _off(a.tilt, asked) < _LATE:
         return None
     lag = best_lag(a.tilt, asked)
-    cure = Cure(shift=dict.fromkeys((*TILT, *COIL), lag))
+    cure = Fix(shift=dict.fromkeys((*TILT, *COIL), lag))
     if abs(lag) < _LATEST or _off(cure.applied(a).tilt, asked) > _FOLLOWS:
         return None
     if commands is not None and abs(best_lag(a.coil, commands) - lag) > 2.0 * _STEP:
@@ -389,7 +362,7 @@ def _lags(a: Averages) -> Iterator[Change]:
         likely += [((COIL[k],), lag), ((TILT[1 - k],), -lag)]
     for columns, lag in likely:
         for step in range(-_NEAR, _NEAR + 1):
-            yield "shifted", "", columns, Cure(shift=dict.fromkeys(columns, lag + step * _STEP))
+            yield "shifted", "", columns, Fix(shift=dict.fromkeys(columns, lag + step * _STEP))
 
 
 def _lags_of_speed(a: Averages) -> Iterator[Change]:
@@ -397,4 +370,4 @@ def _lags_of_speed(a: Averages) -> Iterator[Change]:
     both = (*TILT, *COIL)
     half = _COARSE * (len(a) * _STEP // (2.0 * _COARSE))
     for lag in np.arange(-half, half, _COARSE):
-        yield "shifted", "", both, Cure(shift=dict.fromkeys(both, float(lag)))
+        yield "shifted", "", both, Fix(shift=dict.fromkeys(both, float(lag)))

@@ -27,7 +27,7 @@ FLUSH_PERIOD: Final = 0.1
 TAKE_PERIOD: Final = 0.02
 #: Messages of a topic that may wait until then: of one that is published as fast as the middleware can.
 ROOM: Final = 5_000
-#: A stall of this length is told at once: another one may come before the next diagnosis [s].
+#: A stall of this length is reported at once: another one may come before the next diagnosis [s].
 TOLD_AT_ONCE: Final = 0.02
 
 
@@ -45,17 +45,9 @@ class RecorderNode(BenchNode):
             "directory", "", "Directory to create and record into at once; empty: wait for the service start"
         ),
         Param("record_clock", False, "Record the clock too"),
+        Param("max_bag_size", 0, "File size at which the next file begins [bytes]; 0: no limit", low=0),
         Param(
-            "max_bag_size",
-            0,
-            "File size at which the next file begins [bytes]; 0: no limit",
-            low=0,
-        ),
-        Param(
-            "max_bag_duration",
-            0.0,
-            "Bench time after which the next file begins [s]; 0: no limit",
-            low=0.0,
+            "max_bag_duration", 0.0, "Bench time after which the next file begins [s]; 0: no limit", low=0.0
         ),
         PRIORITY,
     )
@@ -200,7 +192,7 @@ class RecorderNode(BenchNode):
         return False
 
     def _tell_stall(self, said: str) -> None:
-        """Tell at once of a stall that is long: ``stood still 0.295 s at 41.2 s``."""
+        """Report a long stall at once: ``stood still 0.295 s at 41.2 s``."""
         if float(said.split()[2]) >= TOLD_AT_ONCE and self.state == "active":
             self.announce()
 

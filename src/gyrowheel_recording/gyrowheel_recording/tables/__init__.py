@@ -1,7 +1,7 @@
-"""Tables of other programs, of whatever format: columns by name, with units and clocks where a file states them.
+"""Tables of other programs, of any format: columns by name, with units and clocks where a file states them.
 
-A reader is found by what a file begins with, then by its ending. What columns mean is not known here; `exchange` says
-it.
+The reader is chosen by the first bytes of a file, then by its ending. The meaning of columns is not known here, but to
+`mapping`.
 """
 
 from gyrowheel_recording.tables.formats import READABLE, Format, format_of, read_grid

@@ -1,4 +1,4 @@
-"""Formats of tables: how they are told apart, and who reads them."""
+"""Formats of tables: their signatures and readers."""
 
 from __future__ import annotations
 
@@ -19,26 +19,13 @@ _HDF5: Final = b"\x89HDF\r\n\x1a\n"
 
 @dataclass(frozen=True)
 class Format:
-    """A format of tables.
+    """A format of tables."""
 
-    Attributes
-    ----------
-    name : str
-        Short name: ``text``, ``parquet``, ``mat``, ``hdf5``, ``tdms``, ``mdf`` or ``bag``.
-    title : str
-        What it is called.
-    endings : tuple of str
-        Usual endings, by which a file is known that does not show what it is.
-    begins : callable
-        Whether a file that begins with some bytes is of it.
-    read : callable
-        Reads some columns of a file, or all; see `read_grid`.
-    """
-
-    name: str
-    title: str
-    endings: tuple[str, ...]
-    begins: Callable[[bytes], bool]
+    name: str  # short name: ``text``, ``parquet``, ``mat``, ``hdf5``, ``tdms``, ``mdf`` or ``bag``
+    title: str  # what it is called
+    endings: tuple[str, ...]  # usual endings, by which a file is known that does not show what it is
+    begins: Callable[[bytes], bool]  # whether a file that begins with some bytes is of it
+    #: Reads some columns of a file, or all; see `read_grid`.
     read: Callable[[Path, Sequence[str] | None], Grid]
 
 
@@ -48,13 +35,7 @@ def _never(head: bytes) -> bool:
 
 _FORMATS: Final = (
     Format("parquet", "Parquet", (".parquet", ".pq"), lambda h: h.startswith(b"PAR1"), arrow.read),
-    Format(
-        "mat",
-        "MATLAB, up to version 7",
-        (".mat",),
-        lambda h: h.startswith(b"MATLAB 5.0"),
-        matlab.read,
-    ),
+    Format("mat", "MATLAB, up to version 7", (".mat",), lambda h: h.startswith(b"MATLAB 5.0"), matlab.read),
     Format(
         "hdf5",
         "HDF5, MATLAB version 7.3",
@@ -140,14 +121,7 @@ def format_of(path: Path) -> Format:
 
 
 def read_grid(path: Path, names: Sequence[str] | None = None) -> Grid:
-    """Read a table of any format.
-
-    Parameters
-    ----------
-    path : Path
-        The file, or the directory of a bag.
-    names : sequence of str, optional
-        Columns that are wanted; all if not given. Clocks of those come along.
+    """Read a table of any format: a file, or the directory of a bag; the columns `names` with their clocks, or all.
 
     Raises
     ------

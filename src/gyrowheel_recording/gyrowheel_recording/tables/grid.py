@@ -14,53 +14,31 @@ from gyrowheel_core.limits import require_room
 
 BYTES_A_VALUE = 16  # as it is read, and as it is converted
 _WIDEST = 64  # columns of a matrix; a wider one is no table of signals
-#: What a cell may be beside a number: one with the other decimal sign, with signs between thousands, with its unit
+#: Cells that are no plain number: one with the other decimal sign, with signs between thousands, with its unit
 #: behind it, a time of day or a date, or any other text.
 Kind = Literal["decimal", "thousands", "unit", "clock", "text"]
 
 
 @dataclass(frozen=True)
 class Odd:
-    """Cells of a column that are not numbers as the others are.
+    """Cells of a column that are not numbers as the others are."""
 
-    Attributes
-    ----------
-    kind : Kind
-        What they are.
-    text : str
-        What stands there; of numbers, the first.
-    count, row : int
-        How many there are, and the row of the first, from 0 on.
-    """
-
-    kind: Kind
-    text: str
+    kind: Kind  # what they are
+    text: str  # what stands there; of numbers, the first
+    #: count, row: how many there are, and the row of the first, from 0 on.
     count: int
     row: int
 
 
 @dataclass(frozen=True)
 class Column:
-    """One column of a table.
+    """One column of a table."""
 
-    Attributes
-    ----------
-    name : str
-        Its name, as maps call it.
-    values : ndarray (n,)
-        Numbers, dates (``datetime64``) or texts.
-    unit : str
-        Unit that the file states; empty where it states none.
-    clock : str
-        Name of the column with the times of its rows; empty where the file does not say.
-    odd : tuple of Odd
-        Cells of a text that are no numbers, or are written in another way than the others.
-    """
-
-    name: str
-    values: NDArray[Any]
-    unit: str = ""
-    clock: str = ""
+    name: str  # its name, as maps call it
+    values: NDArray[Any]  # (n,): numbers, dates (``datetime64``) or texts
+    unit: str = ""  # unit that the file states; empty where it states none
+    clock: str = ""  # name of the column with the times of its rows; empty where the file states none
+    #: Cells of a text that are no numbers, or are written in another way than the others.
     odd: tuple[Odd, ...] = ()
 
     @property
@@ -76,21 +54,12 @@ class Column:
 
 @dataclass(frozen=True)
 class Grid:
-    """A table that was read.
+    """A table that was read."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the file, for messages.
-    columns : dict of str to Column
-        Columns in the order of the file. Those of one clock have as many rows; others may have more or fewer.
-    remarks : tuple of str
-        What the reader left out, and why.
-    """
-
-    name: str
+    name: str  # name of the file, for messages
+    #: Columns in the order of the file. Those of one clock have as many rows; others may have more or fewer.
     columns: Mapping[str, Column] = field(default_factory=dict)
-    remarks: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()  # what the reader left out, and why
 
     @classmethod
     def of(cls, name: str, columns: Iterable[Column], remarks: Sequence[str] = ()) -> Grid:

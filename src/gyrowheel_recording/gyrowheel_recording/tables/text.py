@@ -25,7 +25,7 @@ from gyrowheel_core.limits import largest, require_room
 GZIP: Final = b"\x1f\x8b"
 ZSTD: Final = b"\x28\xb5\x2f\xfd"
 _PIECE: Final = 1 << 20
-_SEEN: Final = 1 << 18  # bytes by which is told how a text is written
+_SEEN: Final = 1 << 18  # bytes by which the form of a text is detected
 _LOOKED_AT: Final = 200  # lines
 _DELIMITERS: Final = ("\t", ";", ",", "|", " ")
 _COMMENTS: Final = ("#", "%", "//", ";", "!", '"#')
@@ -36,7 +36,7 @@ _OTHER: Final = re.compile(
     r"|[-+]?\d+([.,]\d+)*([eE][-+]?\d+)?\s*[A-Za-zµμ°Ω%/]{1,6}"
     r"|[-+]?\d{1,3}([,.' ]\d{3})+[.,]\d*|[-+]?\d{1,3}([' ]\d{3})+"
 )
-#: What stands in cells in which there is no number; whatever else does is told.
+#: Cells that stand for "no number"; any other text is reported.
 EMPTY: Final = (
     "", "nan", "NaN", "NAN", "-nan", "-NaN", "NA", "N/A", "n/a", "#N/A", "#N/A N/A", "#NA", "#NV", "NULL", "null",
     "None", "none", "-", "--", "---", "1.#IND", "-1.#IND", "1.#QNAN", "-1.#QNAN",
@@ -45,59 +45,26 @@ EMPTY: Final = (
 _APART: Final = re.compile(r"\s{2,}|\t")
 _REMARKS: Final = ("", "comment", "comments", "remark", "remarks", "note", "notes", "kommentar", "bemerkung")
 _NOTHING: Final = frozenset(EMPTY)
-_ENCODINGS: Final = (
-    (b"\xef\xbb\xbf", "utf-8-sig"),
-    (b"\xff\xfe", "utf-16"),
-    (b"\xfe\xff", "utf-16"),
-)
+_ENCODINGS: Final = ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
 
 
 @dataclass(frozen=True)
 class TextForm:
-    """How a table of text is written.
+    """How a table of text is written."""
 
-    Attributes
-    ----------
-    delimiter : str
-        What stands between columns; a blank is any run of blanks.
-    decimal : str
-        Decimal sign.
-    skip_lines : int
-        Lines before that of the names.
-    unit_lines : int
-        Lines of units between the names and the numbers.
-    comment : str
-        With what lines begin that are no rows; empty where there are none.
-    encoding : str
-        Encoding of the text.
-    names : tuple of str
-        Names of the columns; numbers where the file has none.
-    units : tuple of str
-        Units in the line below the names; empty where there is none.
-    named : bool
-        Whether the file has a line of names.
-    """
-
-    delimiter: str = ","
+    delimiter: str = ","  # what stands between columns; a blank is any run of blanks
     decimal: str = "."
-    skip_lines: int = 0
-    unit_lines: int = 0
-    comment: str = ""
+    skip_lines: int = 0  # lines before that of the names
+    unit_lines: int = 0  # lines of units between the names and the numbers
+    comment: str = ""  # first characters of lines that are no rows; empty if there are no such lines
     encoding: str = "utf-8"
-    names: tuple[str, ...] = ()
-    units: tuple[str, ...] = ()
-    named: bool = True
+    names: tuple[str, ...] = ()  # names of the columns; numbers where the file has none
+    units: tuple[str, ...] = ()  # units in the line below the names; empty where there is none
+    named: bool = True  # whether the file has a line of names
 
 
 def text_of(path: Path, *, most: int | None = None) -> bytes:
-    """Return the bytes of a text, plain or compressed by gzip or zstd.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    most : int, optional
-        How many bytes from the beginning are wanted; all, up to the limit of a file, if not given.
+    """Return the bytes of a text, plain or compressed by gzip or zstd; up to `most` from its beginning, if given.
 
     Raises
     ------
@@ -133,21 +100,14 @@ def text_of(path: Path, *, most: int | None = None) -> bytes:
 
 
 def form_of(data: bytes, where: str, *, whole: bool = True) -> TextForm:
-    """Look at the beginning of a text and return how its table is written.
+    """Return how the table at the beginning of a text is written.
 
-    Parameters
-    ----------
-    data : bytes
-        The beginning.
-    where : str
-        The file, for the error.
-    whole : bool
-        Whether this is all of the text; if not, its last line is not looked at.
+    The last line is not used unless this is the `whole` text.
 
     Raises
     ------
     InputError
-        If no table of numbers is found in it.
+        If no table of numbers is found in it; it names `where`.
     """
     found = _form(data, whole)
     if isinstance(found, str):
@@ -157,7 +117,7 @@ def form_of(data: bytes, where: str, *, whole: bool = True) -> TextForm:
 
 @functools.lru_cache(maxsize=8)  # a table is looked at several times before it is read
 def _form(data: bytes, whole: bool) -> TextForm | str:
-    """Return how a table is written, or why there is none."""
+    """Return how a table is written, or why no table is found."""
     encoding = next((name for mark, name in _ENCODINGS if data.startswith(mark)), "utf-8")
     try:
         # a letter may be cut in two at the end
@@ -195,7 +155,7 @@ def form_of_file(path: Path) -> TextForm:
 
 
 def cells_of(line: str, delimiter: str) -> list[str]:
-    """Return the cells of a line; a delimiter in quotes is none."""
+    """Return the cells of a line; a delimiter in quotes does not count."""
     if '"' in line:
         plain = " ".join(line.split()) if delimiter == " " else line
         with contextlib.suppress(csv.Error, StopIteration):
@@ -220,52 +180,66 @@ def _words(cells: Sequence[str], decimal: str) -> set[int]:
     }
 
 
-def _without_words(cells: Sequence[str], decimal: str) -> bool:
-    """Whether all cells are numbers, times, or empty."""
-    return not _words(cells, decimal)
+@dataclass(frozen=True)
+class _Lines:
+    """Lines as cells: which cells of each are words, how many are numbers, and whether most are."""
+
+    cells: list[list[str]]
+    words: list[set[int]]
+    numbers: list[int]
+    numeric: list[bool]
+
+    @classmethod
+    def of(cls, lines: Sequence[str], delimiter: str, decimal: str) -> _Lines:
+        rows = [cells_of(line, delimiter) for line in lines]
+        words = [_words(cells, decimal) for cells in rows]
+        numbers = [
+            sum(cell not in _NOTHING for cell in cells) - len(own)
+            for cells, own in zip(rows, words, strict=True)
+        ]
+        numeric = [
+            len(cells) > 1 and count > 0.5 * len(cells) for cells, count in zip(rows, numbers, strict=True)
+        ]
+        return cls(rows, words, numbers, numeric)
+
+    def rows(self) -> tuple[int, list[int]]:
+        """Return the usual width of the rows of numbers, and their places."""
+        widths = Counter(len(cells) for cells, own in zip(self.cells, self.numeric, strict=True) if own)
+        if not widths:
+            return 0, []
+        width = widths.most_common(1)[0][0]
+        likely = [k for k, own in enumerate(self.numeric) if own and len(self.cells[k]) == width]
+        # a column of texts has a word in most rows; elsewhere a word is that of a name, or an odd cell
+        often = Counter(at for k in likely for at in self.words[k])
+        texts = {at for at, count in often.items() if 2 * count > len(likely)}
+        return width, [k for k in likely if self.words[k] <= texts]
 
 
 def _tried(
     lines: Sequence[str], delimiter: str, decimal: str, encoding: str
 ) -> tuple[int, int, TextForm] | None:
     """Return how many cells are numbers, how many columns there are, and the form, if lines are read this way."""
-    rows = [cells_of(line, delimiter) for line in lines]
-    words = [_words(cells, decimal) for cells in rows]
-    numbers = [
-        sum(cell not in _NOTHING for cell in cells) - len(own) for cells, own in zip(rows, words, strict=True)
-    ]
-    numeric = [
-        len(cells) > 1 and count > 0.5 * len(cells) for cells, count in zip(rows, numbers, strict=True)
-    ]
-    if not any(numeric):
-        return None
-    widths = Counter(len(cells) for cells, own in zip(rows, numeric, strict=True) if own)
-    width = widths.most_common(1)[0][0]
-    likely = [k for k, own in enumerate(numeric) if own and len(rows[k]) == width]
-    # a column of texts has a word in most rows; elsewhere a word is that of a name, or an odd cell
-    often = Counter(at for k in likely for at in words[k])
-    texts = {at for at, count in often.items() if 2 * count > len(likely)}
-    good = [k for k in likely if words[k] <= texts]
+    table = _Lines.of(lines, delimiter, decimal)
+    width, good = table.rows()
     if not good:
         return None
-    first = good[0]
-    open_end = all(not rows[k][-1] for k in good)
-    comment = ""
-    for k in range(first, min(len(lines), first + 10 * _LOOKED_AT)):
-        mark = next((m for m in _COMMENTS if lines[k].lstrip().startswith(m)), "")
-        if not numeric[k] and mark:
-            comment = mark
-            break
-    above = [k for k in range(first) if lines[k].strip()]
+    first, numeric = good[0], table.numeric
+    open_end = all(not table.cells[k][-1] for k in good)
+    marked = (
+        mark
+        for k in range(first, min(len(lines), first + 10 * _LOOKED_AT))
+        if not numeric[k] and (mark := _comment_mark(lines[k]))
+    )
+    comment = next(marked, "")
     # the names stand in the nearest line above that has as many cells; a line of units may stand between them
     worded = [
         k
-        for k in above
-        if _head(lines[k], delimiter, width, open_end=open_end) and not _without_words(rows[k], decimal)
+        for k in range(first)
+        if lines[k].strip() and _head(lines[k], delimiter, width, open_end=open_end) and table.words[k]
     ]
     # names may be numbers but for one, and so may a row be that has an odd cell
     named = [k for k in worded if not numeric[k]] or worded
-    size = sum(numbers[k] for k in good)
+    size = sum(table.numbers[k] for k in good)
     if not named:
         names = tuple(str(k + 1) for k in range(width))
         form = TextForm(delimiter, decimal, first, 0, comment, encoding, names, (), named=False)
@@ -278,16 +252,21 @@ def _tried(
         found = _head(lines[at], delimiter, width, open_end=open_end)
         units = [*units, *[""] * len(found)][: len(found)]
     # up to the last line of words; a row with an odd cell is a row
-    below = max((k - at for k in range(at + 1, first) if words[k] and not numeric[k]), default=0)
+    below = max((k - at for k in range(at + 1, first) if table.words[k] and not numeric[k]), default=0)
     form = TextForm(delimiter, decimal, at, below, comment, encoding, tuple(found), tuple(units))
     return size, width, form
+
+
+def _comment_mark(line: str, *, without: str = "") -> str:
+    """Return the comment sign that a line begins with; empty if it begins with none."""
+    return next((m for m in _COMMENTS if m != without and line.lstrip().startswith(m)), "")
 
 
 def _head(line: str, delimiter: str, width: int, *, open_end: bool) -> list[str]:
     """Return the names in a line above rows of so many cells; nothing where it has another number of them.
 
-    It may stand behind a comment sign, and its names be apart by several blanks. The last name may be that of remarks,
-    which rows leave out; where every row ends with a delimiter, the last column may lack a name.
+    It may stand behind a comment sign, and its names be apart by several blanks. The last name may be that of
+    remarks, which rows leave out; where every row ends with a delimiter, the last column may lack a name.
     """
     cells = cells_of(line, delimiter)
     bare = _uncommented(cells, line, delimiter)
@@ -307,80 +286,20 @@ def _head(line: str, delimiter: str, width: int, *, open_end: bool) -> list[str]
 
 def _uncommented(cells: Sequence[str], line: str, delimiter: str) -> list[str]:
     """Return the cells of a line of names that stands behind a comment sign."""
-    mark = next((m for m in _COMMENTS if m != delimiter and line.lstrip().startswith(m)), "")
+    mark = _comment_mark(line, without=delimiter)
     return cells_of(line.lstrip()[len(mark) :].strip(), delimiter) if mark else list(cells)
 
 
 _UNIT: Final = re.compile(r"[\[(]?\s*([A-Za-zµμ°Ω%·/*^²³0-9.-]{0,12})\s*[\])]?")
-_UNIT_WORDS: Final = frozenset(
-    [
-        "s",
-        "ms",
-        "us",
-        "µs",
-        "ns",
-        "sec",
-        "v",
-        "mv",
-        "a",
-        "ma",
-        "rad",
-        "deg",
-        "mrad",
-        "°",
-        "°c",
-        "c",
-        "k",
-        "degc",
-        "pa",
-        "hpa",
-        "kpa",
-        "mbar",
-        "bar",
-        "rpm",
-        "rad/s",
-        "deg/s",
-        "1/min",
-        "u/min",
-        "min-1",
-        "hz",
-        "-",
-        "1",
-        "turn",
-        "rev",
-        "turns",
-        "counts",
-        "count",
-        "cnt",
-        "volt",
-        "volts",
-        "amp",
-        "ampere",
-        "amps",
-        "kelvin",
-        "celsius",
-        "degrees",
-        "seconds",
-        "nm",
-        "mnm",
-        "n·m",
-        "w",
-        "urad",
-        "µrad",
-        "arcmin",
-        "arcsec",
-        "tr/min",
-        "r/min",
-        "rps",
-        "uv",
-        "µv",
-        "kv",
-        "ua",
-        "µa",
-        "°/s",
-        "mrad/s",
-    ]
-)
+# fmt: off
+_UNIT_WORDS: Final = frozenset([
+    "s", "ms", "us", "µs", "ns", "sec", "seconds", "v", "mv", "uv", "µv", "kv", "volt", "volts", "a", "ma", "ua",
+    "µa", "amp", "amps", "ampere", "rad", "mrad", "urad", "µrad", "deg", "°", "degrees", "arcmin", "arcsec", "°c",
+    "c", "k", "degc", "kelvin", "celsius", "pa", "hpa", "kpa", "mbar", "bar", "rpm", "rps", "rad/s", "mrad/s",
+    "deg/s", "°/s", "1/min", "u/min", "min-1", "tr/min", "r/min", "hz", "-", "1", "turn", "turns", "rev", "counts",
+    "count", "cnt", "nm", "mnm", "n·m", "w",
+])
+# fmt: on
 
 
 def _looks_like_units(cells: Sequence[str]) -> bool:
@@ -391,7 +310,7 @@ def _looks_like_units(cells: Sequence[str]) -> bool:
 
 
 def _usual(rows: Sequence[str], delimiter: str) -> tuple[int, bool]:
-    """Return how many cells most rows have, and whether all of those end with an empty one; 0 where there are none."""
+    """Return the number of cells of most rows, and whether all of those end with an empty one; 0 without rows."""
     seen = [cells_of(line, delimiter) for line in rows[:_LOOKED_AT]]
     if not seen:
         return 0, False
@@ -399,16 +318,8 @@ def _usual(rows: Sequence[str], delimiter: str) -> tuple[int, bool]:
     return width, all(not cells[-1] for cells in seen if len(cells) == width)
 
 
-def stands_as_it_is(beginning: str, form: TextForm) -> bool:
-    """Whether a reader of comma-separated values sees the names in a text as `plain_rows` does.
-
-    Parameters
-    ----------
-    beginning : str
-        The beginning of the text; its last line may be cut.
-    form : TextForm
-        How it is written.
-    """
+def needs_no_change(beginning: str, form: TextForm) -> bool:
+    """Whether a reader of comma-separated values sees the names in a text as `plain_rows` does, by its beginning."""
     lines = beginning.splitlines()[form.skip_lines :]
     rows = [line for line in lines[1:-1] if line.strip()]
     if not rows:

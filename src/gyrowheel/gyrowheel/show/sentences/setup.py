@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from gyrowheel_core.quantities import listed
 
 if TYPE_CHECKING:
-    from gyrowheel_recording.mislabelled.fixes import Cure, WrongSetup
+    from gyrowheel_recording.mislabelled.fixes import Fix, WrongSetup
 
 _SPIN = ("spin_angle", "spin_rate", "motor_voltage", "motor_current")
 #: What a reading has, where it should be in SI units.
@@ -130,7 +130,7 @@ def cure(found: Sequence[WrongSetup]) -> str:
     )
 
 
-def _options(whole: Cure) -> list[str]:
+def _options(whole: Fix) -> list[str]:
     """Return the options of ``gyrowheel correct``."""
     words = [f"--exchange {one}:{other}" for one, other in whole.exchange]
     for option, values in (("scale", whole.scale), ("offset", whole.offset), ("shift", whole.shift)):

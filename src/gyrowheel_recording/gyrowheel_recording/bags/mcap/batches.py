@@ -60,47 +60,24 @@ class Buffer:
 
 @dataclass
 class Batch:
-    """Whole records that follow one another in a file; each chunk with all of its index.
+    """Whole records that follow one another in a file; each chunk with all of its index."""
 
-    Attributes
-    ----------
-    number : int
-        Of the batch.
-    place : int
-        Where it begins in the file.
-    data : memoryview
-        Its bytes, up to the end of the data where that is in it.
-    chunks : list of (int, int)
-        Begin and end of the contents of every chunk.
-    index : list of (int, int, int)
-        Chunk, begin and length of the contents of every index record.
-    others : list of (int, int, int)
-        Opcode, begin and end of the contents of every other record.
-    checksum : int or None
-        Of the data up to its end, as the file states it, 0 if it does not; None if the end is not in this batch.
-    """
-
-    number: int
-    place: int
+    number: int  # of the batch
+    place: int  # where it begins in the file
+    #: Its bytes, up to the end of the data where that is in it.
     data: memoryview = field(default_factory=lambda: memoryview(b""))
+    #: Begin and end of the contents of every chunk.
     chunks: list[tuple[int, int]] = field(default_factory=list)
+    #: Chunk, begin and length of the contents of every index record.
     index: list[tuple[int, int, int]] = field(default_factory=list)
+    #: Opcode, begin and end of the contents of every other record.
     others: list[tuple[int, int, int]] = field(default_factory=list)
+    #: Of the data up to its end, as the file states it, 0 if it does not; None if the end is not in this batch.
     checksum: int | None = None
 
 
 class Batches:
-    """The data section of a file, batch by batch.
-
-    Parameters
-    ----------
-    descriptor : int
-        Of the file.
-    end : int
-        Where its footer begins.
-    name : str
-        What the file is called, for an error.
-    """
+    """The data section of the file `name`, batch by batch, up to its footer at `end`."""
 
     def __init__(self, descriptor: int, end: int, name: str) -> None:
         self._descriptor = descriptor
@@ -203,54 +180,29 @@ def filled(descriptor: int, part: memoryview, place: int) -> int:
 
 @dataclass(frozen=True)
 class Share:
-    """Messages of one channel.
-
-    Attributes
-    ----------
-    channel : int
-        The channel.
-    records : memoryview
-        Holds them.
-    begins, sizes : ndarray of int64, shape (n,)
-        Begins and lengths of their contents there.
-    times : ndarray of uint64
-        Log times of the messages of all channels [ns].
-    own : ndarray of int64, shape (n,)
-        Which of them are theirs.
-    checked : bool or None
-        Whether a checksum covers them; None if that of the whole data would.
-    """
+    """Messages of one channel."""
 
     channel: int
-    records: memoryview
+    records: memoryview  # holds them
+    #: begins, sizes: (n,): begins and lengths of their contents there.
     begins: npt.NDArray[np.int64]
     sizes: npt.NDArray[np.int64]
-    times: npt.NDArray[np.uint64]
-    own: npt.NDArray[np.int64]
-    checked: bool | None
+    times: npt.NDArray[np.uint64]  # log times of the messages of all channels [ns]
+    own: npt.NDArray[np.int64]  # (n,): which of them are theirs
+    checked: bool | None  # whether a checksum covers them; None if that of the whole data would
 
 
 @dataclass(frozen=True)
 class Contents:
-    """What a batch holds.
+    """Contents of a batch."""
 
-    Attributes
-    ----------
-    declarations : list of (int, memoryview)
-        Opcode and contents of the schemas and channels.
-    shares : list of Share
-        The messages.
-    checksum : int
-        Of the bytes of the batch.
-    """
-
-    declarations: list[tuple[int, memoryview]]
+    declarations: list[tuple[int, memoryview]]  # opcode and contents of the schemas and channels
     shares: list[Share]
-    checksum: int
+    checksum: int  # of the bytes of the batch
 
 
 def contents(batch: Batch, *, compiled: bool = False) -> Contents:
-    """Return what a batch holds; `compiled` as `find` takes it.
+    """Return the contents of a batch; `compiled` as for `find`.
 
     Raises
     ------
@@ -273,12 +225,12 @@ def contents(batch: Batch, *, compiled: bool = False) -> Contents:
 
 
 def _found(batch: Batch, plain: npt.NDArray[np.int64] | None, compiled: bool) -> Iterator[tuple[Found, bool]]:
-    """Yield what the chunks hold, where all of them are `plain` all at once, and whether checksums cover it."""
+    """Yield the contents of the chunks, at once where all of them are `plain`, and whether checksums cover them."""
     if not batch.chunks:
         return
     index = np.array(batch.index, dtype=np.int64).reshape(-1, 3)
     if plain is not None:
-        with contextlib.suppress(Damaged):  # reading them one by one tells which of them it is
+        with contextlib.suppress(Damaged):  # reading them one by one shows which of them it is
             found = find(Indexed(batch.data, plain, batch.data, index), "", compiled=compiled)
             yield found, True
             return
@@ -291,7 +243,7 @@ def _found(batch: Batch, plain: npt.NDArray[np.int64] | None, compiled: bool) ->
 def _together(
     batch: Batch, opened: Sequence[Chunk], group: Sequence[int], index: npt.NDArray[np.int64], compiled: bool
 ) -> Iterator[Found]:
-    """Yield what chunks that follow one another hold: small chunks are faster together than one by one."""
+    """Yield the contents of consecutive chunks: small chunks are faster together than one by one."""
     parts = [opened[k].records for k in group]
     records = parts[0] if len(parts) == 1 else memoryview(b"".join(parts))
     sizes = np.array([len(part) for part in parts], dtype=np.int64)

@@ -61,15 +61,7 @@ _WORTH: Final = 1 << 16
 
 
 def joined_with(data: memoryview, known: Iterable[tuple[int, int, int]]) -> int:
-    """Return the CRC-32 of data, of some parts of which it is known.
-
-    Parameters
-    ----------
-    data : memoryview
-        The data.
-    known : iterable of (int, int, int)
-        Begin, end and checksum of these parts, in order.
-    """
+    """Return the CRC-32 of data; `known` are begin, end and checksum of some parts of it, in order."""
     result = at = 0
     for begin, end, checksum in known:
         if end - begin >= _WORTH:
@@ -79,15 +71,7 @@ def joined_with(data: memoryview, known: Iterable[tuple[int, int, int]]) -> int:
 
 
 def joined(first: int, second: int, length: int) -> int:
-    """Return the CRC-32 of two parts, one behind the other.
-
-    Parameters
-    ----------
-    first, second : int
-        Checksums of the parts.
-    length : int
-        Of the second part [bytes].
-    """
+    """Return the CRC-32 of two parts, one behind the other, by their checksums and the bytes of the second."""
     # the first one is moved by the bits of the second: multiplied by x to their number
     return _product(_power(length), first) ^ second
 

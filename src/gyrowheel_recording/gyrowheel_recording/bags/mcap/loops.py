@@ -1,9 +1,9 @@
 """The loops of reading, compiled: what numpy would go over several times is done in one pass.
 
-They judge nothing: where something is not as it is in nearly every chunk and message, they say so, and the caller does
-it in the way that knows all cases. Nothing checks the bounds of an array here, so the callers vouch for what is said of
-the arguments below, and the loops check each number from a file before they use it. Loading them takes a second where
-numba is not loaded yet, and compiling them some, once for each version of them.
+They judge nothing: where something is not as in nearly every chunk and message, they return False, and the caller
+does it in the way that knows all cases. Nothing checks the bounds of an array here, so the callers vouch for what
+is said of the arguments below, and the loops check each number from a file before they use it. Loading them takes a
+second where numba is not loaded yet, and compiling them some, once for each version of them.
 """
 
 from __future__ import annotations
@@ -35,23 +35,19 @@ def walk(
     found: npt.NDArray[Any],
     places: npt.NDArray[np.int64],
 ) -> bool:
-    """Find the messages of chunks that hold nothing else, all of them in the index, in order.
+    """Find the messages of chunks that have nothing else, all of them in the index, in order.
 
     Parameters
     ----------
-    heads : structured ndarray
-        The heads of messages that would begin at each byte of the records.
-    entries : structured ndarray
-        The entries that would begin at each byte of the memory with the index.
+    heads, entries : structured ndarray
+        Heads of messages, and entries, that would begin at each byte of the records, and of the memory with the index.
     spans : ndarray of int64, shape (n, 2)
         Begin and end of the records of each chunk; all within the records.
     index : ndarray of int64, shape (m, 4)
-        Of each index record: its chunk, its channel, and begin and end of its entries [bytes]; whole entries, all
-        within the memory with the index. Ascending by chunk.
-    found : structured ndarray, shape (k,)
-        Takes the heads of the messages, of which the index has k.
-    places : ndarray of int64, shape (k,)
-        Takes where they begin.
+        Chunk, channel, and begin and end of the entries [bytes] of each index record; whole entries, all within the
+        memory with the index. Ascending by chunk.
+    found, places : ndarray, shape (k,)
+        Take heads and places of the k messages of the index.
 
     Returns
     -------
@@ -116,7 +112,7 @@ def copied(
     Parameters
     ----------
     records, rows : Words
-        What holds the messages, and the rows.
+        Memory of the messages, and of the rows.
     stamps : structured ndarray
         ``sec`` and ``nanosec`` of a message that would begin at each byte of the records.
     begins : ndarray of int64, shape (n,)

@@ -2,9 +2,10 @@
 
 Every length, offset and number in a file is checked before it is used, and so is every checksum that the file
 has: a damaged file is either refused or read exactly. No more than one batch of chunks for each thread is in memory
-beside the result, and what is checked is what is used: the file is read once, and may change meanwhile.
+besides the result, and the bytes that are used are those that were checked: the file is read once, and may change.
 
-The reader is ours because rosbags' raw bytes with numpy.frombuffer take several times as long (``benchmarks readers``).
+The reader is ours because rosbags' raw bytes with numpy.frombuffer take several times as long (``benchmarks
+readers``).
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ from gyrowheel_recording.bags.mcap.format import (
 from gyrowheel_recording.bags.mcap.records import Broken, Damaged, Fields, record_at
 from gyrowheel_recording.bags.mcap.topics import Rows, TopicData, Want, Wanted
 
-_OBJECT: Final = 40  # bytes that a message takes beside its content
+_OBJECT: Final = 40  # bytes of overhead of a message
 _MOST_THREADS: Final = 4  # more would wait for one another
 #: Bytes of a file from which on compiled loops are worth being loaded, and where numba was loaded for something else.
 _LARGE: Final = 1 << 30
@@ -65,7 +66,7 @@ def read_mcap(
     threads: int | None = None,
     compiled: bool | None = None,
 ) -> list[TopicData]:
-    """Read the messages of some topics of an MCAP file, and count those of the others.
+    """Read the messages of some topics of an MCAP file, and count those of the others; one result for each channel.
 
     Parameters
     ----------
@@ -75,17 +76,9 @@ def read_mcap(
         Names of the topics to read, and how.
     unpack : callable, optional
         Decompresses one message, where each is compressed on its own; raises `Damaged`.
-    threads : int, optional
-        How many threads read the file, each with memory for a batch; as many as are worth it if not given. The result
-        does not depend on them.
-    compiled : bool, optional
-        Whether to read with compiled loops; if the file is large enough for them if not given. The result does not
-        depend on it.
-
-    Returns
-    -------
-    list of TopicData
-        One for each channel of the file.
+    threads, compiled : optional
+        Number of threads, each with memory for a batch, and whether to use compiled loops; by the size of the file if
+        not given. The result does not depend on them.
 
     Raises
     ------
@@ -121,12 +114,7 @@ class _File:
     """One pass through a file, in which several threads take its batches by turns."""
 
     def __init__(
-        self,
-        file: FileIO,
-        size: int,
-        wanted: Wanted,
-        unpack: Callable[[bytes], bytes] | None,
-        compiled: bool,
+        self, file: FileIO, size: int, wanted: Wanted, unpack: Callable[[bytes], bytes] | None, compiled: bool
     ) -> None:
         self._unpack = unpack
         self._compiled = compiled
@@ -178,10 +166,10 @@ class _File:
         return bytes(data[: filled(self._file.fileno(), memoryview(data), place)])
 
     def _work(self) -> None:
-        """Take batches until there are none.
+        """Take batches until the end of the file.
 
-        What a batch holds is found in any order, and settled in that of the file: so the result, and the error that is
-        told of a file with several, do not depend on the threads.
+        What a batch holds is found in any order, and settled in that of the file: so the result, and the error that
+        is told of a file with several, do not depend on the threads.
         """
         buffer, number = Buffer(), 0
         try:
@@ -322,7 +310,7 @@ class _File:
 
 @dataclass
 class _Job:
-    """What is left to do for some messages of a topic: their place among the others is settled."""
+    """Work that is left for some messages of a topic, whose place among the others is settled."""
 
     topic: TopicData
     want: Want | None
@@ -368,5 +356,5 @@ def _stated(part: Callable[[int, int], bytes], tail: bytes, size: int) -> dict[i
             counts = fields.data(fields.number("<I"))
             return dict(_COUNT.iter_unpack(counts))
     except (Damaged, struct.error):
-        pass  # it is told of the place where it is read in earnest
+        pass  # reported where it is read completely
     return {}

@@ -64,22 +64,13 @@ class Damaged(Exception):
 
 @dataclass(frozen=True)
 class Chunk:
-    """The contents of a chunk.
+    """The contents of a chunk."""
 
-    Attributes
-    ----------
-    start, end : int
-        Smallest and largest log time that it states [ns].
-    records : memoryview
-        Its records.
-    checked : bool
-        Whether a checksum covers them.
-    """
-
+    #: start, end: smallest and largest log time that it states [ns].
     start: int
     end: int
-    records: memoryview
-    checked: bool
+    records: memoryview  # its records
+    checked: bool  # whether a checksum covers them
 
 
 def open_chunk(contents: memoryview, where: str) -> Chunk:
@@ -109,20 +100,10 @@ def open_chunk(contents: memoryview, where: str) -> Chunk:
 def plain_chunks(
     data: memoryview, chunks: npt.NDArray[np.int64]
 ) -> tuple[npt.NDArray[np.int64], list[int]] | None:
-    """Return where the records of chunks are that are not compressed and whose checksums are right.
+    """Return where the records of uncompressed chunks with right checksums are.
 
-    Parameters
-    ----------
-    data : memoryview
-        Holds the chunks.
-    chunks : ndarray of int64, shape (n, 2)
-        Begin and end of the contents of each chunk record.
-
-    Returns
-    -------
-    (ndarray of int64, shape (n, 2), list of int) or None
-        Begin and end of the records of each, and their checksums; None if one of them has to be opened by itself, by
-        `open_chunk`.
+    `chunks`, shape (n, 2), has begin and end of the contents of each chunk record in `data`. Returns begin and end
+    of the records of each, shape (n, 2), and their checksums; None if one of them must be opened by `open_chunk`.
     """
     begins, ends = chunks.T
     if np.any(ends - begins < _PLAIN.itemsize):
@@ -140,62 +121,35 @@ def plain_chunks(
 
 @dataclass(frozen=True)
 class Found:
-    """The records in chunks.
+    """The records in chunks."""
 
-    Attributes
-    ----------
-    records : memoryview
-        The records, one chunk after the other.
-    places : ndarray of int64, shape (n,)
-        Where the messages are, ascending.
-    heads : structured ndarray, shape (n,)
-        Their heads, `MESSAGE_HEAD_DTYPE`.
-    others : list of (int, memoryview)
-        Opcode and contents of schemas and channels; nothing else in a chunk means anything.
-    """
-
-    records: memoryview
-    places: npt.NDArray[np.int64]
-    heads: npt.NDArray[Any]
+    records: memoryview  # the records, one chunk after the other
+    places: npt.NDArray[np.int64]  # (n,): where the messages are, ascending
+    heads: npt.NDArray[Any]  # (n,): their heads, `MESSAGE_HEAD_DTYPE`
+    #: Opcode and contents of schemas and channels; nothing else in a chunk means anything.
     others: list[tuple[int, memoryview]]
 
 
 @dataclass(frozen=True)
 class Indexed:
-    """Chunks, and the index records of each.
+    """Chunks, and the index records of each."""
 
-    Attributes
-    ----------
-    records : memoryview
-        Holds the records of all chunks.
-    spans : ndarray of int64, shape (n, 2)
-        Begin and end of the records of each chunk, ascending.
-    index : memoryview
-        Holds the index records.
-    parts : ndarray of int64, shape (m, 3)
-        Chunk, begin and length of the contents of each index record.
-    """
-
-    records: memoryview
-    spans: npt.NDArray[np.int64]
-    index: memoryview
-    parts: npt.NDArray[np.int64]
+    records: memoryview  # holds the records of all chunks
+    spans: npt.NDArray[np.int64]  # (n, 2): begin and end of the records of each chunk, ascending
+    index: memoryview  # holds the index records
+    parts: npt.NDArray[np.int64]  # (m, 3): chunk, begin and length of the contents of each index record
 
 
 def find_messages(chunks: Sequence[tuple[memoryview, Sequence[Bytes]]], where: str) -> Found:
     """Find the messages in chunks by their index, and all records between them.
 
-    Parameters
-    ----------
-    chunks : sequence of (memoryview, sequence of Bytes)
-        The records of each chunk and the contents of its index records; messages missing from the index are found too.
-    where : str
-        What to name in an error.
+    `chunks` has the records of each chunk and the contents of its index records; messages missing from the index are
+    found too.
 
     Raises
     ------
     Damaged
-        If an index does not fit, or a record is cut off.
+        If an index does not fit, or a record is cut off; it names `where`.
     """
     records = chunks[0][0] if len(chunks) == 1 else memoryview(b"".join(part for part, _ in chunks))
     stops = np.cumsum([len(part) for part, _ in chunks])

@@ -110,21 +110,12 @@ class Survey:
 
 
 def take_survey(stream: BinaryIO, name: str, progress: Callable[[float], None]) -> Survey:
-    """Survey a file.
-
-    Parameters
-    ----------
-    stream : binary file
-        The file, in any state.
-    name : str
-        What it is called, for an error.
-    progress : callable
-        Called with the fraction done.
+    """Survey a file in any state; `progress` is called with the fraction done.
 
     Raises
     ------
     InputError
-        If a part of it claims more memory than is allowed.
+        If a part of it claims more memory than is allowed; it names `name`.
     """
     return _Walk(stream, name, progress).run()
 

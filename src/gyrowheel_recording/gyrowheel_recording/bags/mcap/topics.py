@@ -18,24 +18,14 @@ Rows: TypeAlias = npt.NDArray[Any]
 
 @dataclass(frozen=True)
 class Want:
-    """How to make rows of the messages of a topic.
+    """How to make rows of the messages of a topic."""
 
-    Attributes
-    ----------
-    dtype : dtype
-        Of one serialized message; its itemsize is the required length of a message.
-    row : dtype
-        Of a row.
-    fits : callable
-        Whether rows can be made of the messages of a topic, by what is declared of it.
-    take : callable
-        Writes such messages into as many rows; returns False if they are not as declared. It is given the memory that
-        holds them, where they begin in it, the rows, and whether to do it by a compiled loop.
-    """
-
-    dtype: np.dtype[Any]
+    dtype: np.dtype[Any]  # of one serialized message; its itemsize is the required length of a message
     row: np.dtype[Any]
+    #: Whether rows can be made of the messages of a topic, by what is declared of it.
     fits: Callable[[TopicData], bool]
+    #: Writes such messages into as many rows; returns False if they are not as declared. Arguments: the memory that
+    #: holds them, where they begin in it, the rows, and whether to do it by a compiled loop.
     take: Callable[[memoryview, npt.NDArray[np.int64], Rows, bool], bool]
 
 
@@ -45,38 +35,23 @@ Wanted: TypeAlias = Mapping[str, Want | None]
 
 @dataclass
 class TopicData:
-    """The messages of one topic.
+    """The messages of one topic."""
 
-    Attributes
-    ----------
-    name, type_name : str
-        Name of the topic and type of its messages.
-    message_encoding : str
-        Serialization format, ``cdr`` in ROS 2.
-    definition_encoding, definition : str
-        Definition of the type and its encoding, ``ros2msg`` or ``ros2idl``; empty where there is none.
-    count : int
-        Number of messages.
-    unchecked : int
-        Messages that no checksum covers.
-    times : list of ndarray of int64
-        Log times [ns] in the order of the file; only of topics that were requested as serialized messages.
-    pieces : list of ndarray or list of bytes
-        The messages in the order of the file: as rows where possible, else serialized.
-    expected : int
-        How many messages the file states; nothing relies on it.
-    """
-
+    #: name, type_name: name of the topic and type of its messages.
     name: str
     type_name: str
-    message_encoding: str = "cdr"
+    message_encoding: str = "cdr"  # serialization format, ``cdr`` in ROS 2
+    #: definition_encoding, definition: definition of the type and its encoding, ``ros2msg`` or ``ros2idl``; empty
+    #: where there is none.
     definition_encoding: str = ""
     definition: str = ""
     count: int = 0
-    unchecked: int = 0
+    unchecked: int = 0  # messages that no checksum covers
+    #: Log times [ns] in the order of the file; only of topics that were requested as serialized messages.
     times: list[npt.NDArray[np.int64]] = field(default_factory=list)
+    #: The messages in the order of the file: as rows where possible, else serialized.
     pieces: list[Rows | list[bytes]] = field(default_factory=list)
-    expected: int = 0
+    expected: int = 0  # how many messages the file states; nothing relies on it
     _fits: bool | None = None
     _block: Rows | None = None
     _used: int = 0  # rows of it

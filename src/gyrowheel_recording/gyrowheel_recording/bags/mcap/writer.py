@@ -46,20 +46,11 @@ from gyrowheel_recording.bags.mcap.format import (
 
 @dataclass(frozen=True)
 class Block:
-    """Messages of one channel and of equal length.
+    """Messages of one channel and of equal length."""
 
-    Attributes
-    ----------
-    channel : int
-        Channel.
-    times : ndarray of int64, shape (n,)
-        Log times [ns], ascending.
-    messages : ndarray, shape (n,)
-        One serialized message per element; any dtype whose itemsize is the length of a message.
-    """
-
-    channel: int
-    times: npt.NDArray[np.int64]
+    channel: int  # channel
+    times: npt.NDArray[np.int64]  # (n,): log times [ns], ascending
+    #: (n,): one serialized message per element; any dtype whose itemsize is the length of a message.
     messages: npt.NDArray[Any]
 
 
@@ -111,22 +102,7 @@ class McapWriter:
         self._write(MAGIC + _record(HEADER, _text("ros2"), _text("gyrowheel")))
 
     def add_channel(self, topic: str, type_name: str, definition: str, metadata: Mapping[str, str]) -> int:
-        """Add a topic whose messages are CDR.
-
-        Parameters
-        ----------
-        topic, type_name : str
-            Name of the topic and type of its messages.
-        definition : str
-            Definition of the type, encoding ``ros2msg``.
-        metadata : mapping of str to str
-            Further entries of the channel's metadata.
-
-        Returns
-        -------
-        int
-            Number of the channel.
-        """
+        """Add a topic of CDR messages, with a definition of encoding ``ros2msg``; return the number of its channel."""
         if type_name not in self._numbers:
             number = len(self._schemas) + 1
             record = _record(
@@ -150,14 +126,9 @@ class McapWriter:
         self._write(b"".join([*self._schemas.values(), *self._channels.values()]))
 
     def append_chunk(self, records: memoryview, index: Mapping[int, npt.NDArray[np.uint64]]) -> None:
-        """Write the records of a chunk of another file whose schemas and channels were adopted.
+        """Write the uncompressed records of a chunk of another file whose schemas and channels were adopted.
 
-        Parameters
-        ----------
-        records : memoryview
-            The records, not compressed.
-        index : mapping of int to ndarray, shape (n, 2)
-            Log time and place of the messages, by channel; not empty.
+        `index` has log time and place of its messages, shape (n, 2), by channel; not empty.
 
         Raises
         ------
@@ -300,12 +271,7 @@ class McapWriter:
             )
 
     def finish(self, metadata: str) -> None:
-        """Complete the file and close it.
-
-        Parameters
-        ----------
-        metadata : str
-            Contents of rosbag2's metadata for this file (YAML).
+        """Complete the file with rosbag2's metadata for it (YAML), and close it.
 
         Raises
         ------

@@ -14,8 +14,8 @@ from gyrowheel_core.units import conversion
 from gyrowheel_recording.bags import Recording
 from gyrowheel_recording.mapping.column_names import COIL_CURRENT, TIME, UNITS, fits
 from gyrowheel_recording.mapping.map_file import READINGS
-from gyrowheel_recording.mapping.suggestion.records import Problem, Proposal
-from gyrowheel_recording.mapping.suggestion.sizes import SOME
+from gyrowheel_recording.mapping.suggestion.result import Problem, Proposal
+from gyrowheel_recording.mapping.suggestion.unit_guess import SOME
 from gyrowheel_recording.mislabelled.blocks import COIL, TILT, Averages, averages, blocks_of, never_measured
 from gyrowheel_recording.mislabelled.relations import precession, slews, spin
 from gyrowheel_recording.tables import Column, Grid
@@ -23,7 +23,7 @@ from gyrowheel_sim.bench import Bench
 
 Array = NDArray[np.float64]
 
-#: What a text of a logger says of a reading that it could not take.
+#: Texts of loggers for "no reading".
 _NO_READING: Final = frozenset(
     ["ovr", "ol", "ovl", "ovld", "ovflw", "over", "overload", "overflow", "overrange", "over range", "err", "error",
      "fault", "invalid", "bad", "inf", "+inf", "-inf", "missing", "****", "#####", "+++", "0l"]
@@ -43,7 +43,7 @@ _STAYS: Final = 20  # values in a row at the end of a range
 
 
 def odd_cells(field: str, name: str, column: Column) -> list[Problem]:
-    """Return what is to be said of the cells of a text that are no plain numbers."""
+    """Return the problems of the cells of a text that are no plain numbers."""
     found = []
     for odd in column.odd:
         cells = f"{odd.count} cell{'s' * (odd.count > 1)} of '{name}'"
@@ -87,7 +87,7 @@ def words_for_nothing(found: Mapping[str, Proposal], grid: Grid) -> list[str]:
 
 
 def sentinel(own: Proposal, column: Column) -> float:
-    """Return the number that stands in a column for no reading; NaN where there is none.
+    """Return the number that stands for "no reading" in a column; NaN if there is no such number.
 
     It is beyond all that the reading can be, comes again to the last digit, and most other values are possible.
     """
@@ -105,8 +105,8 @@ def sentinel(own: Proposal, column: Column) -> float:
     return float(different[0]) if len(different) == 1 else math.nan
 
 
-def suspicious(own: Proposal, column: Column, bench: Bench) -> list[Problem]:
-    """Return what is suspicious in the values of a column of readings."""
+def value_problems(own: Proposal, column: Column, bench: Bench) -> list[Problem]:
+    """Return the problems of the values of a column of readings."""
     values = np.asarray(column.values, dtype=np.float64)
     found = _sentinels(own, column, values)
     values = values[np.isfinite(values) & (values != sentinel(own, column))]
@@ -200,7 +200,7 @@ def _scatters_as_much(values: Array, factor: float) -> bool:
     return low == high or (low > 0.0 and abs(math.log(high / low / factor)) < math.log(3.0))
 
 
-def merged(found: Mapping[str, Proposal], grid: Grid) -> list[Problem]:
+def merged_loggers(found: Mapping[str, Proposal], grid: Grid) -> list[Problem]:
     """Return that the rows of two loggers are merged: some columns have values just where others have none."""
     groups: dict[bytes, tuple[Any, list[str]]] = {}
     for own in found.values():
@@ -235,15 +235,7 @@ _MANY: Final = 0.05  # of the rows: rows that go back so often are those of seve
 
 
 def rows_in_order(times: Array, column: str) -> tuple[Problem | None, slice]:
-    """Return what is wrong with the order of times, and the longest stretch of rows that ascends.
-
-    Parameters
-    ----------
-    times : ndarray (n,)
-        Times in the unit of the table.
-    column : str
-        Name of their column.
-    """
+    """Return what is wrong with the order of times (n,), and the longest ascending stretch of rows."""
     steps = np.diff(times)
     everything = slice(0, len(times))
     if len(steps) < 3 or not np.isfinite(steps).all():
@@ -314,8 +306,8 @@ _TORQUE: Final = 0.6
 def broken_laws(recording: Recording, bench: Bench) -> list[Problem]:
     """Return the laws that the readings of a table do not obey, as questions.
 
-    They are asked where `setups` found nothing to change: a column may be something else than it is called, such as the
-    voltage of the supply or a duty cycle in the place of the motor's voltage.
+    They are asked where `setups` found nothing to change: a column may be something else than it is called, such as
+    the voltage of the supply or a duty cycle in the place of the motor's voltage.
     """
     absent = never_measured(recording)
     with threadpool_limits(limits=1, user_api="blas"):

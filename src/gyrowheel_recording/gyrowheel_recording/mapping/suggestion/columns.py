@@ -10,12 +10,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_recording.mapping.column_names import SEQUENCE, TEMPERATURE, TIME, UNITS, Named, named
+from gyrowheel_recording.mapping.column_names import SEQUENCE, TEMPERATURE, TIME, UNITS, Meaning, meaning_of
 from gyrowheel_recording.mapping.map_file import READINGS, TIMESTAMP
 from gyrowheel_recording.mapping.suggestion.checks import odd_cells
 from gyrowheel_recording.mapping.suggestion.pulses import counted_angle, has_levels, pulsed_angle
-from gyrowheel_recording.mapping.suggestion.records import Problem, Proposal
-from gyrowheel_recording.mapping.suggestion.sizes import SOME, angle_unit, guessed
+from gyrowheel_recording.mapping.suggestion.result import Problem, Proposal
+from gyrowheel_recording.mapping.suggestion.unit_guess import SOME, angle_unit, guess_unit
 from gyrowheel_recording.tables import Column, Grid
 from gyrowheel_sim.bench import Bench
 
@@ -26,15 +26,15 @@ _SLOW: Final = frozenset(["coil_temperature", "air_temperature", "air_pressure",
 _NUMBER: Final = re.compile(r"^(.*?)(\d+)(\D*)$", re.DOTALL)
 
 
-def assigned(grid: Grid, bench: Bench, problems: list[Problem]) -> dict[str, Proposal]:
+def assign_columns(grid: Grid, bench: Bench, problems: list[Problem]) -> dict[str, Proposal]:
     """Return which column is which field: the clearest names first, each column once."""
-    every = {name: named(_from_one(name, grid), column.unit) for name, column in grid.columns.items()}
+    every = {name: meaning_of(_from_one(name, grid), column.unit) for name, column in grid.columns.items()}
     names = {name: what for name, what in every.items() if _usable(grid.columns[name], what)}
     claims: list[tuple[float, int, str, str]] = []
     for order, (name, what) in enumerate(names.items()):
         column = grid.columns[name]
         for own, clear in what.fields.items():
-            score = float(clear) - 4.0 * what.asked + 0.5 * bool(what.unit) + _likely(column, own, what)
+            score = float(clear) - 4.0 * what.commanded + 0.5 * bool(what.unit) + _likely(column, own, what)
             claims.append((-score, order, name, own))
     found: dict[str, Proposal] = {}
     taken: set[str] = set()
@@ -61,7 +61,7 @@ def assigned(grid: Grid, bench: Bench, problems: list[Problem]) -> dict[str, Pro
         pulsed = pulsed_angle(grid, found, taken, problems)
         if pulsed is not None:
             found["spin_angle"] = pulsed
-    if TIME in found:  # those with a clock of their own
+    if TIME in found:  # those with another clock
         own = found[TIME].column
         for key, item in found.items():
             clock = grid.columns[item.column].clock or _clock_for(grid, item.column, own)
@@ -79,16 +79,16 @@ def _from_one(name: str, grid: Grid) -> str:
 
 def _thermometers(
     grid: Grid,
-    names: Mapping[str, Named],
+    names: Mapping[str, Meaning],
     taken: set[str],
     found: dict[str, Proposal],
     bench: Bench,
     problems: list[Problem],
 ) -> None:
-    """Take thermometers that do not say of what for those that are missing; of several it is asked which is which."""
+    """Take unspecified thermometers for missing temperatures; of several it is asked which is which."""
     guesses = []
     for name, what in names.items():
-        if TEMPERATURE in what.fields and name not in taken and not what.asked:
+        if TEMPERATURE in what.fields and name not in taken and not what.commanded:
             free = [f for f in ("air_temperature", "coil_temperature") if f not in found]
             proposal = _proposed(free[0], grid.columns[name], what, bench) if free else None
             if proposal is not None:
@@ -104,10 +104,10 @@ def _thermometers(
         )
 
 
-def _unread(column: Column, what: Named, found: Mapping[str, Proposal]) -> list[Problem]:
-    """Return what is to be said of a column that cannot be used, where nothing else holds what its name promises."""
+def _unread(column: Column, what: Meaning, found: Mapping[str, Proposal]) -> list[Problem]:
+    """Return the problems of a column that cannot be used, where no other column has its reading."""
     own = max(what.fields, key=lambda field: what.fields[field], default="")
-    if what.fields.get(own, 0) < 2 or what.asked or (own in found and own != TIME):
+    if what.fields.get(own, 0) < 2 or what.commanded or (own in found and own != TIME):
         return []
     if column.odd:
         return odd_cells(own, column.name, column)
@@ -156,7 +156,7 @@ def _rivals(
     return problems
 
 
-def _usable(column: Column, what: Named) -> bool:
+def _usable(column: Column, what: Meaning) -> bool:
     if column.dated:
         return True
     if not column.numeric:
@@ -167,8 +167,8 @@ def _usable(column: Column, what: Named) -> bool:
     return bool(some.mean() > _FEWEST)
 
 
-def _likely(column: Column, own: str, what: Named) -> float:
-    """Return how well the values of a column go with a field, beside its name."""
+def _likely(column: Column, own: str, what: Meaning) -> float:
+    """Return how well the values of a column fit a field, whatever its name."""
     if column.values.dtype.kind == "M":
         if own != TIME:
             return -9.0
@@ -205,7 +205,7 @@ def _moves(steps: NDArray[Any]) -> bool:
 
 
 def _time_by_values(
-    grid: Grid, names: Mapping[str, Named], taken: set[str], found: dict[str, Proposal], bench: Bench
+    grid: Grid, names: Mapping[str, Meaning], taken: set[str], found: dict[str, Proposal], bench: Bench
 ) -> None:
     """Find a clock by its values: a column that rises evenly."""
     for name in names:
@@ -215,7 +215,7 @@ def _time_by_values(
         values = np.asarray(column.values[:SOME]).astype(np.float64)
         steps = np.diff(values)
         if len(steps) > 10 and np.all(steps > 0.0) and float(np.std(steps)) < 0.5 * float(np.mean(steps)):
-            proposal = _proposed(TIME, column, named("time", column.unit), bench)
+            proposal = _proposed(TIME, column, meaning_of("time", column.unit), bench)
             if proposal is not None:
                 found[TIME] = replace(proposal, reason=f"rises evenly; {proposal.reason}")
                 taken.add(name)
@@ -223,7 +223,7 @@ def _time_by_values(
 
 
 def _clock_for(grid: Grid, column: str, usual: str) -> str:
-    """Return the column with the times of a column: the one beside it in its folder, or one of as many rows."""
+    """Return the column with the times of a column: in its folder, or with as many rows."""
     rows, here = len(grid.columns[column].values), _folder(column)
     if column == usual or (rows == len(grid.columns[usual].values) and here == _folder(usual)):
         return ""
@@ -232,7 +232,7 @@ def _clock_for(grid: Grid, column: str, usual: str) -> str:
         for name, own in grid.columns.items()
         if name != column
         and len(own.values) == rows
-        and TIME in named(name[len(_folder(name)) :], own.unit).fields
+        and TIME in meaning_of(name[len(_folder(name)) :], own.unit).fields
     ]
     like = [name for name in like if _folder(name) == here] or [name for name in like if name != usual]
     return "" if usual in like or not like else min(like, key=len)
@@ -243,7 +243,7 @@ def _folder(column: str) -> str:
     return column[: max(column.rfind("/"), column.rfind(".")) + 1]
 
 
-def _proposed(own: str, column: Column, what: Named, bench: Bench) -> Proposal | None:
+def _proposed(own: str, column: Column, what: Meaning, bench: Bench) -> Proposal | None:
     """Return what a column is as a field; None where its values cannot be."""
     clear = what.fields.get(own, 0)
     said = f"named '{column.name}'" if clear else "by its values"
@@ -263,7 +263,7 @@ def _proposed(own: str, column: Column, what: Named, bench: Bench) -> Proposal |
         unit, scale, why = angle_unit(values, what.unit)
         return Proposal(own, column.name, unit, scale, f"{said}; {why}", bool(what.unit), "", low, high)
     if not unit:
-        unit = guessed(own, values, bench)
+        unit = guess_unit(own, values, bench)
         if not unit:
             if clear < 2:
                 return None

@@ -11,11 +11,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_recording.mapping.column_names import TIME, named
+from gyrowheel_recording.mapping.column_names import TIME, meaning_of
 from gyrowheel_recording.mapping.map_file import COUNT, MOST_PULSES, TIMESTAMP
 from gyrowheel_recording.mapping.pulses import edges_of_count, edges_of_level, levels
-from gyrowheel_recording.mapping.suggestion.records import Problem, Proposal
-from gyrowheel_recording.mapping.suggestion.sizes import SOME, begins_anew, in_si
+from gyrowheel_recording.mapping.suggestion.result import Problem, Proposal
+from gyrowheel_recording.mapping.suggestion.unit_guess import SOME, in_si, wraps
 from gyrowheel_recording.tables import Column, Grid
 
 Array = NDArray[np.float64]
@@ -59,18 +59,9 @@ def has_levels(column: Column) -> bool:
 def pulsed_angle(
     grid: Grid, found: Mapping[str, Proposal], taken: Collection[str], problems: list[Problem]
 ) -> Proposal | None:
-    """Return the column by whose pulses the angle is known, where there is one.
+    """Return the column by whose pulses the angle is known, if any; doubts are added to `problems`.
 
-    Parameters
-    ----------
-    grid : Grid
-        The table.
-    found : mapping of str to Proposal
-        What the other columns are.
-    taken : collection of str
-        Columns that hold something else.
-    problems : list of Problem
-        To which is added what is doubtful about it.
+    `found` are the other columns, `taken` the names of columns that have another meaning.
     """
     turning = _turning(grid, found)
     best: Proposal | None = None
@@ -95,7 +86,7 @@ def pulsed_angle(
             "spin_angle", name, COUNT if counts else "", 1.0, said, whole, "",
             float(np.nanmin(values)), float(np.nanmax(values)), number if whole else 1,
         )  # fmt: skip
-        # once a turn says where in its turn the rotor is; of others the one with the most
+        # one pulse per turn gives the phase of the rotor; of others the one with the most
         if best is None or (own.stated, own.pulses == 1, own.pulses) > (
             best.stated,
             best.pulses == 1,
@@ -110,29 +101,19 @@ def pulsed_angle(
 def counted_angle(
     own: Proposal, grid: Grid, found: Mapping[str, Proposal], problems: list[Problem]
 ) -> Proposal:
-    """Return the angle of a counter with its counts a turn, where they do not show where it begins anew.
+    """Return the angle of a counter with its counts per turn, where they do not show at a wrap.
 
-    A counter may run on, or begin anew after several turns; the speed tells how many counts there are in one.
-
-    Parameters
-    ----------
-    own : Proposal
-        The angle, as its column alone shows it.
-    grid : Grid
-        The table.
-    found : mapping of str to Proposal
-        What the other columns are.
-    problems : list of Problem
-        To which is added that it cannot be told.
+    A counter may run on, or wrap after several turns; the speed shows how many counts one turn has. If it does not,
+    that is added to `problems`.
     """
     column = grid.columns[own.column]
     values = np.asarray(column.values, dtype=np.float64)
     known = np.isfinite(values)
     counts = values[known]
-    stated = named(column.name, column.unit).unit
+    stated = meaning_of(column.name, column.unit).unit
     if stated not in ("", COUNT) or len(counts) < 2 or np.any(counts != np.round(counts)):
         return own
-    anew = begins_anew(counts)
+    anew = wraps(counts)
     if anew and own.unit != "turn":  # degrees
         return own
     steps, span = np.diff(counts), float(np.ptp(counts))
@@ -197,7 +178,7 @@ def _told(own: Proposal, problems: list[Problem]) -> None:
 
 
 def _turning(grid: Grid, found: Mapping[str, Proposal]) -> tuple[Array, Array] | None:
-    """Return times [s] and turns by the speed; None where there is none on the map's clock."""
+    """Return times [s] and turns by the speed; None without a speed on the map's clock."""
     speed, time = found.get("spin_rate"), found.get(TIME)
     if speed is None or time is None or speed.clock:
         return None
@@ -218,7 +199,7 @@ def _turning(grid: Grid, found: Mapping[str, Proposal]) -> tuple[Array, Array] |
 
 
 def _pulses(column: Column, turning: tuple[Array, Array] | None, *, counts: bool) -> float:
-    """Return how many pulses there are a turn; 0 where the speed does not say it."""
+    """Return the pulses per turn; 0 where the speed does not show it."""
     if turning is None or len(turning[0]) != len(column.values):
         return 0.0
     values = np.asarray(column.values, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""What is missing in a table, not usual, or rather asked for than measured."""
+"""Questions about the columns of a table: missing, unusual, or rather commanded than measured."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 
 from gyrowheel_core.units import conversion
 from gyrowheel_recording.bags.sampling import LONGEST, SHORTEST
-from gyrowheel_recording.mapping.column_names import SEQUENCE, TIME, UNITS, named, unknown_unit
+from gyrowheel_recording.mapping.column_names import SEQUENCE, TIME, UNITS, meaning_of, unknown_unit
 from gyrowheel_recording.mapping.map_file import TIMESTAMP
-from gyrowheel_recording.mapping.suggestion.checks import merged, odd_cells, sentinel, suspicious
-from gyrowheel_recording.mapping.suggestion.records import Problem, Proposal
-from gyrowheel_recording.mapping.suggestion.sizes import guessed, holes, largest, usual_size
+from gyrowheel_recording.mapping.suggestion.checks import merged_loggers, odd_cells, sentinel, value_problems
+from gyrowheel_recording.mapping.suggestion.result import Problem, Proposal
+from gyrowheel_recording.mapping.suggestion.unit_guess import guess_unit, holes, largest, usual_size
 from gyrowheel_recording.tables import Grid
 from gyrowheel_sim.bench import Bench
 
@@ -21,15 +21,15 @@ from gyrowheel_sim.bench import Bench
 _FINER: Final = {"s": "ms", "ms": "us", "us": "ns"}
 
 
-def questions(
+def column_problems(
     found: Mapping[str, Proposal], problems: list[Problem], bench: Bench, grid: Grid
 ) -> dict[str, str]:
-    """Say what is missing, what is not usual, and what is rather asked for than measured.
+    """Report what is missing, unusual, or rather commanded than measured.
 
     Returns
     -------
     dict of str to str
-        Units in which readings would be of the usual size, by field, where they are not as they stand.
+        Units in which readings of unusual size would have a usual one, by field.
     """
     likelier: dict[str, str] = {}
     if TIME not in found:
@@ -41,7 +41,7 @@ def questions(
         problems += odd_cells(own.field, own.column, column)
         if own.field in (TIME, SEQUENCE) or own.unit == TIMESTAMP:
             continue
-        problems += suspicious(own, column, bench)
+        problems += value_problems(own, column, bench)
         lost = holes(column)
         if lost:
             problems.append(
@@ -58,7 +58,7 @@ def questions(
                     "Set `unit:` in the map.",
                 )
             )
-        if named(own.column, column.unit).asked:
+        if meaning_of(own.column, column.unit).commanded:
             problems.append(
                 Problem(
                     f"{own.field}: '{own.column}' seems to be what was asked for, not what was measured.",
@@ -74,7 +74,7 @@ def questions(
         low, high = usual_size(own.field, bench)
         size = largest(values, own.unit, own.field)
         if not low <= size <= high:
-            other = guessed(own.field, values, bench)
+            other = guess_unit(own.field, values, bench)
             cure = f"Is it in {other}? Set `unit: {other}`." if other else "Check unit, scale and column."
             if other:
                 likelier[own.field] = other
@@ -92,7 +92,7 @@ def questions(
         times = np.asarray(grid.columns[own.column].values, dtype=np.float64)
         step = float(np.nanmedian(np.diff(times))) * conversion(own.unit, "s")[1]
         if not SHORTEST <= step <= LONGEST:
-            other = guessed(TIME, times, bench)
+            other = guess_unit(TIME, times, bench)
             cure = f"Is it in {other}? Set `unit: {other}`." if other else "Check unit and column."
             if other:
                 likelier[TIME] = other
@@ -107,7 +107,7 @@ def questions(
                     "Set `unit:` in the map to the right one.",
                 )
             )
-    problems += merged(found, grid)
+    problems += merged_loggers(found, grid)
     _missing(found, problems)
     return likelier
 

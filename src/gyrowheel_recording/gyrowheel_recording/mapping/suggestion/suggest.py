@@ -6,7 +6,7 @@ import math
 import tempfile
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -23,10 +23,10 @@ from gyrowheel_recording.mapping.suggestion.checks import (
     sentinel,
     words_for_nothing,
 )
-from gyrowheel_recording.mapping.suggestion.columns import assigned
-from gyrowheel_recording.mapping.suggestion.questions import questions
-from gyrowheel_recording.mapping.suggestion.records import Problem, Proposal, Suggestion
-from gyrowheel_recording.mapping.suggestion.sizes import holes, in_si
+from gyrowheel_recording.mapping.suggestion.columns import assign_columns
+from gyrowheel_recording.mapping.suggestion.questions import column_problems
+from gyrowheel_recording.mapping.suggestion.result import Problem, Proposal, Suggestion
+from gyrowheel_recording.mapping.suggestion.unit_guess import holes, in_si
 from gyrowheel_recording.mapping.table_import import import_table
 from gyrowheel_recording.mislabelled.find import wrong_setups
 from gyrowheel_recording.mislabelled.fixes import WrongSetup
@@ -45,7 +45,7 @@ def map_content(
     bench: Bench,
     problems: list[Problem],
 ) -> dict[str, Any]:
-    """Return the content of the map file."""
+    """Return the content of the map file; to `problems` are added those of its clocks."""
     content: dict[str, Any] = {"schema": SCHEMA}
     if bench_name:
         content["bench"] = bench_name
@@ -53,69 +53,85 @@ def map_content(
         content["time"] = {"column": found[TIME].column, "unit": found[TIME].unit}
     if SEQUENCE in found:
         content["sequence"] = {"column": found[SEQUENCE].column}
-    nothing = {name: sentinel(own, grid.columns[own.column]) for name, own in found.items()}
-    gone = [
-        name
+    sentinels = {name: sentinel(own, grid.columns[own.column]) for name, own in found.items()}
+    if any(
+        own.field in READINGS and (holes(grid.columns[own.column]) or not math.isnan(sentinels[name]))
         for name, own in found.items()
-        if own.field in READINGS and (holes(grid.columns[own.column]) or not math.isnan(nothing[name]))
-    ]
-    if gone:
+    ):
         content["missing"] = "keep"
-    columns: dict[str, Any] = {}
-    for name in READINGS:
-        own = found.get(name)
-        if own is None and name.startswith("coil_voltage"):
-            own = found.get(name.replace("voltage", "current"))
-        if own is None:
-            continue
-        entry: dict[str, Any] = {"column": own.column} | ({"unit": own.unit} if own.unit else {})
-        if own.pulses:
-            entry["pulses"] = own.pulses
-        if own.scale != 1.0:
-            entry["scale"] = own.scale
-        if own.clock:
-            entry["clock"] = own.clock
-        if not math.isnan(nothing[own.field]):
-            entry["missing"] = nothing[own.field]
-        if own.field in COIL_CURRENT:
-            entry["resistance"] = _resistance(found, grid, bench)
-        columns[name] = entry
-    content["columns"] = columns
-    if form is not None:
-        usual = TextForm()
-        keys = ("delimiter", "decimal", "skip_lines", "unit_lines", "comment", "encoding")
-        other = {key: getattr(form, key) for key in keys if getattr(form, key) != getattr(usual, key)}
-        if words := words_for_nothing(found, grid):
-            other["missing"] = words
-        if other:
-            content["csv"] = other
+    content["columns"] = {
+        name: _source(own, sentinels[own.field], found, grid, bench)
+        for name in READINGS
+        if (own := found.get(name) or found.get(name.replace("coil_voltage", "coil_current")))
+    }
+    if form is not None and (settings := _csv_settings(form, found, grid)):
+        content["csv"] = settings
     for clock in sorted({own.clock for own in found.values() if own.clock}):
         late = clock_offset(found, grid, clock, bench)
-        if late is None:
-            if fast := [
-                own.column for own in found.values() if own.clock == clock and own.field not in _SLOW
-            ]:
-                problems.append(
-                    Problem(
-                        f"the clock '{clock}' of {', '.join(fast)} shows nothing that '{found[TIME].column}' shows "
-                        "too: what lies between the two is not known.",
-                        f"Put what is to be added to its times into the map, 0 for none: clocks: {{{clock}: 0.0}}.",
-                        asks=True,
-                    )
-                )
-            continue
-        offset, error = late
-        if abs(offset) > 3.0 * error:
-            content.setdefault("clocks", {})[clock] = round(offset, 6)
-            problems.append(
-                Problem(
-                    f"the clock '{clock}' is {1e3 * -offset:.4g} ± {1e3 * error:.2g} ms ahead of that of "
-                    f"'{found[TIME].column}', by the correlation of what both show.",
-                    f"The map adds {1e3 * offset:.4g} ms to it (`clocks:`).",
-                    asks=False,
-                )
-            )
+        problems += _clock_problems(clock, late, found)
+        if late is not None and _counts(late):
+            content.setdefault("clocks", {})[clock] = round(late[0], 6)
     return content
+
+
+def _source(
+    own: Proposal, nothing: float, found: Mapping[str, Proposal], grid: Grid, bench: Bench
+) -> dict[str, Any]:
+    """Return the entry of a column in the map; `nothing` is the number that stands for no reading, or NaN."""
+    entry: dict[str, Any] = {"column": own.column} | ({"unit": own.unit} if own.unit else {})
+    if own.pulses:
+        entry["pulses"] = own.pulses
+    if own.scale != 1.0:
+        entry["scale"] = own.scale
+    if own.clock:
+        entry["clock"] = own.clock
+    if not math.isnan(nothing):
+        entry["missing"] = nothing
+    if own.field in COIL_CURRENT:
+        entry["resistance"] = _resistance(found, grid, bench)
+    return entry
+
+
+def _csv_settings(form: TextForm, found: Mapping[str, Proposal], grid: Grid) -> dict[str, Any]:
+    """Return how a text is written, where that is not as usual."""
+    usual = TextForm()
+    keys = ("delimiter", "decimal", "skip_lines", "unit_lines", "comment", "encoding")
+    other = {key: getattr(form, key) for key in keys if getattr(form, key) != getattr(usual, key)}
+    words = words_for_nothing(found, grid)
+    return other | ({"missing": words} if words else {})
+
+
+def _counts(late: tuple[float, float]) -> bool:
+    """Whether the offset of a clock is more than its error."""
+    return abs(late[0]) > 3.0 * late[1]
+
+
+def _clock_problems(
+    clock: str, late: tuple[float, float] | None, found: Mapping[str, Proposal]
+) -> list[Problem]:
+    """Return the offset of a clock as a remark, or as a question where it is unknown and counts."""
+    if late is None:
+        fast = [own.column for own in found.values() if own.clock == clock and own.field not in _SLOW]
+        if not fast:
+            return []
+        return [
+            Problem(
+                f"the clock '{clock}' of {', '.join(fast)} shows nothing that '{found[TIME].column}' shows "
+                "too: what lies between the two is not known.",
+                f"Put what is to be added to its times into the map, 0 for none: clocks: {{{clock}: 0.0}}.",
+            )
+        ]
+    if not _counts(late):
+        return []
+    offset, error = late
+    return [
+        Problem(
+            f"the clock '{clock}' is {1e3 * -offset:.4g} ± {1e3 * error:.2g} ms ahead of that of "
+            f"'{found[TIME].column}', by the correlation of what both show.",
+            f"The map adds {1e3 * offset:.4g} ms to it (`clocks:`).",
+            asks=False,
+        )
+    ]
 
 
 def _resistance(found: Mapping[str, Proposal], grid: Grid, bench: Bench) -> float:
@@ -141,6 +157,45 @@ def _resistance(found: Mapping[str, Proposal], grid: Grid, bench: Bench) -> floa
 _TRIALS: Final = 6  # imports by the map, each without what the last one refused
 
 
+@dataclass(frozen=True)
+class _Table:
+    """A table to suggest a map for; `given` where it is no file."""
+
+    path: Path
+    grid: Grid
+    form: TextForm | None
+    kind: str
+    given: bool
+    bench: Bench
+    bench_name: str
+
+    @classmethod
+    def read(cls, path: Path, grid: Grid | None, bench: Bench, bench_name: str) -> _Table:
+        if grid is not None:
+            return cls(path, grid, None, "table in memory", True, bench, bench_name)
+        format_ = format_of(path)
+        form = form_of_file(path) if format_.name == "text" else None
+        return cls(path, read_grid(path), form, format_.title, False, bench, bench_name)
+
+    def map_content(self, found: Mapping[str, Proposal], problems: list[Problem]) -> dict[str, Any]:
+        return map_content(found, self.grid, self.form, self.bench_name, self.bench, problems)
+
+
+@dataclass
+class _Trial:
+    """Columns and map after the trial imports, and their result.
+
+    `changed` is whether the recording is not exactly what the map makes of the table.
+    """
+
+    found: dict[str, Proposal]
+    content: dict[str, Any]
+    setups: tuple[WrongSetup, ...] = ()
+    remarks: tuple[str, ...] = ()
+    recording: Recording | None = None
+    changed: bool = False
+
+
 def suggest(file: str | Path, bench: Bench, *, bench_name: str = "", grid: Grid | None = None) -> Suggestion:
     """Look at a table and return a map for it.
 
@@ -160,19 +215,45 @@ def suggest(file: str | Path, bench: Bench, *, bench_name: str = "", grid: Grid 
     InputError
         If it cannot be read at all.
     """
-    path = Path(file)
-    form: TextForm | None = None
-    kind = "table in memory"
-    if grid is None:
-        format_ = format_of(path)
-        kind = format_.title
-        if format_.name == "text":
-            form = form_of_file(path)
-        grid = read_grid(path)
-        content_grid = None
-    else:
-        content_grid = grid
+    table = _Table.read(Path(file), grid, bench, bench_name)
+    problems = _table_problems(table)
+    found = assign_columns(table.grid, bench, problems)
+    content = table.map_content(found, problems)
+    used = {own.column for own in found.values()} | {own.clock for own in found.values()}
+    unused = tuple(name for name in table.grid.columns if name not in used)
+    likelier = column_problems(found, problems, bench, table.grid)
+    rows: Any = None  # that can be imported; None for the unchanged file
+    disordered = False
+    if TIME in found:
+        disordered, rows = _rows_in_order(table.grid, found[TIME].column, problems)
+        odd = table.form is not None and any(column.odd for column in table.grid.columns.values())
+        rows = rows if disordered or odd else None  # what is wrong elsewhere has been reported
+    trial_grid = table.grid if table.given else None
+    if rows is not None:
+        trial_grid = table.grid.cut(rows)
+    trial = _trial_imports(table, found, content, likelier, trial_grid, problems)
+    recording, remarks = trial.recording, trial.remarks
+    if recording is not None and not trial.setups and not any(problem.asks for problem in problems):
+        problems += broken_laws(recording, bench)
+    if trial.changed or disordered:
+        recording, remarks = None, ()
+    return Suggestion(
+        str(file),
+        table.kind,
+        tuple(trial.found.values()),
+        tuple(problems),
+        trial.setups,
+        unused,
+        remarks,
+        trial.content,
+        recording,
+    )
+
+
+def _table_problems(table: _Table) -> list[Problem]:
+    """Return what is doubtful about the names and the rows of a table."""
     problems: list[Problem] = []
+    form = table.form
     if form is not None and not form.named:
         problems.append(
             Problem(
@@ -183,46 +264,40 @@ def suggest(file: str | Path, bench: Bench, *, bench_name: str = "", grid: Grid 
     for name, count in Counter(form.names if form is not None else ()).items():
         if name and count > 1:
             problems.append(Problem(f"{count} columns are called '{name}'.", "Give each a name of its own."))
-    if grid.remarks:
-        problems += [
-            Problem(
-                f"{remark}.",
-                "See whether the file is whole." if remark.endswith("left out") else "It is not used.",
-                asks=False,
-            )
-            for remark in grid.remarks
-        ]
-    found = assigned(grid, bench, problems)
-    content = map_content(found, grid, form, bench_name, bench, problems)
-    used = {own.column for own in found.values()} | {own.clock for own in found.values()}
-    unused = tuple(name for name in grid.columns if name not in used)
-    likelier = questions(found, problems, bench, grid)
-    ordered = False
-    if TIME in found:
-        own = found[TIME].column
-        ordered, rows = _in_order(grid, own, problems)
-        if ordered or (form is not None and any(column.odd for column in grid.columns.values())):
-            # what is wrong there is told: the rest is looked at without it
-            content_grid = grid.cut(rows)
-    setups: tuple[WrongSetup, ...] = ()
-    remarks: tuple[str, ...] = ()
-    recording = None
-    # as the map stands; where that is refused, with the units that are likelier, then without what is refused still
+    for remark in table.grid.remarks:
+        cure = "See whether the file is whole." if remark.endswith("left out") else "It is not used."
+        problems.append(Problem(f"{remark}.", cure, asks=False))
+    return problems
+
+
+def _trial_imports(
+    table: _Table,
+    found: dict[str, Proposal],
+    content: dict[str, Any],
+    likelier: dict[str, str],
+    grid: Grid | None,
+    problems: list[Problem],
+) -> _Trial:
+    """Import a table by its map until the laws of the wheel hold, and report what is refused.
+
+    Where the map is refused, the units that are likelier are tried, then the map without what is still refused.
+    """
+    result = _Trial(found, content)
     dropped: set[str] = set()
     units: dict[str, str] = {}
     for _ in range(_TRIALS):
         trial = {
             name: replace(own, unit=units.get(name, own.unit))
-            for name, own in found.items()
+            for name, own in result.found.items()
             if name not in dropped
         }
         if TIME not in trial or not {"spin_rate", "spin_angle"} & trial.keys():
             break
         try:
-            tried = map_content(trial, grid, form, bench_name, bench, []) if units or dropped else content
-            recording, remarks = _tried(path, tried, bench, content_grid)
+            tried = table.map_content(trial, []) if units or dropped else result.content
+            result.recording, result.remarks = _import(table.path, tried, table.bench, grid)
         except InputError as error:
-            bad = _told(str(error).replace(f"{path}: ", ""), trial, problems)
+            bad = _report_refusal(str(error).replace(f"{table.path}: ", ""), trial, problems)
             if likelier and not units:
                 units = likelier
             elif bad:
@@ -230,22 +305,16 @@ def suggest(file: str | Path, bench: Bench, *, bench_name: str = "", grid: Grid 
             else:
                 break
             continue
-        setups = tuple(wrong_setups([recording], bench))
-        changed = _mended(found, setups)
-        if changed is None:
+        result.setups = tuple(wrong_setups([result.recording], table.bench))
+        corrected = _with_corrected_units(result.found, result.setups)
+        if corrected is None:
             break
-        found = changed
-        content = map_content(found, grid, form, bench_name, bench, [])
-    if recording is not None and not setups and not any(problem.asks for problem in problems):
-        problems += broken_laws(recording, bench)
-    if dropped or units or ordered:
-        recording, remarks = None, ()  # not what the map makes of the table
-    return Suggestion(
-        str(file), kind, tuple(found.values()), tuple(problems), setups, unused, remarks, content, recording
-    )
+        result.found, result.content = corrected, table.map_content(corrected, [])
+    result.changed = bool(dropped or units)
+    return result
 
 
-def _in_order(grid: Grid, column: str, problems: list[Problem]) -> tuple[bool, Any]:
+def _rows_in_order(grid: Grid, column: str, problems: list[Problem]) -> tuple[bool, Any]:
     """Return whether the order of the rows had to be questioned, and which rows can be looked at."""
     times = grid.columns[column].values
     every: Any = slice(None)
@@ -268,8 +337,8 @@ def _in_order(grid: Grid, column: str, problems: list[Problem]) -> tuple[bool, A
     return True, rows[part]
 
 
-def _told(said: str, trial: Mapping[str, Proposal], problems: list[Problem]) -> set[str]:
-    """Tell what an import refused, where it is not told yet; return the readings without which to try again."""
+def _report_refusal(said: str, trial: Mapping[str, Proposal], problems: list[Problem]) -> set[str]:
+    """Report what an import refused, where it is not reported yet; return the readings to try again without."""
     known = {name: own.column for name, own in trial.items() if f"'{own.column}'" in said}
     if not any(
         problem.asks and f"'{name}'" in problem.what for name in known.values() for problem in problems
@@ -280,7 +349,7 @@ def _told(said: str, trial: Mapping[str, Proposal], problems: list[Problem]) -> 
     return {name for name in known if name not in (TIME, "tilt_x", "tilt_y")}
 
 
-def _tried(
+def _import(
     path: Path, content: Mapping[str, Any], bench: Bench, grid: Grid | None
 ) -> tuple[Recording, tuple[str, ...]]:
     """Return the recording that a map makes of a table, and what was done for it."""
@@ -292,8 +361,10 @@ def _tried(
         return replace(Recording.open(place), path=path), made.remarks
 
 
-def _mended(found: Mapping[str, Proposal], setups: Sequence[WrongSetup]) -> dict[str, Proposal] | None:
-    """Return proposals with units that were only guessed put right; None where there is nothing of the kind."""
+def _with_corrected_units(
+    found: Mapping[str, Proposal], setups: Sequence[WrongSetup]
+) -> dict[str, Proposal] | None:
+    """Return proposals with guessed units corrected by the laws of the wheel; None where none is."""
     result = dict(found)
     changed = False
     for wrong in setups:

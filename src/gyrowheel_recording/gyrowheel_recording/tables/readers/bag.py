@@ -21,14 +21,14 @@ from gyrowheel_recording.bags.columns import checked_store
 from gyrowheel_recording.bags.mcap.topics import TopicData
 from gyrowheel_recording.bags.read_bag import read_bag
 from gyrowheel_recording.tables.grid import BYTES_A_VALUE, Column, Grid, require_table
-from gyrowheel_recording.tables.readers.errors import refused, said
+from gyrowheel_recording.tables.readers.errors import library_errors, short_message
 from gyrowheel_recording.tables.readers.ros1 import MAGIC, Bag
 
 _OBJECT: Final = 200  # bytes of a message within another, of one byte
 _MOST_DEFINED: Final = (
     4_000_000  # characters of all definitions that are read; the parser takes a minute for them
 )
-#: Messages within a message beside its lists, and such of them as have nothing in them.
+#: Messages within a message (without its lists), and those of them that are empty.
 _MOST_OBJECTS, _MOST_EMPTY = 100_000, 1000
 _DEEPEST: Final = 50
 _NOTHING: Final = "structure_needs_at_least_one_member"  # the field of an empty type, which is not looked at
@@ -37,15 +37,7 @@ _NO_DIGEST: Final = ("", "*")
 
 
 class Decoders:
-    """What makes objects of messages.
-
-    Parameters
-    ----------
-    where : str
-        The bag.
-    ros1 : bool
-        Whether messages are serialized as ROS 1 does it.
-    """
+    """Decoders of the messages of a bag, serialized as by ROS 1 or ROS 2."""
 
     def __init__(self, where: str, *, ros1: bool) -> None:
         self._where, self._ros1 = where, ros1
@@ -128,7 +120,7 @@ def _size(store: Typestore, kind: str, what: str) -> _Size:
     Raises
     ------
     InputError
-        If the type contains itself, or lists of what has no bytes: those are as long as a message says.
+        If the type contains itself, or lists of empty messages: their length has no limit.
     """
     known: dict[str, _Size] = {}
 
@@ -172,11 +164,12 @@ Message = tuple[TopicData, Callable[[bytes], Any], int, bytes]
 def read(path: Path, names: Sequence[str] | None) -> Grid:
     """Read the topics as ``/topic.field.field``, and their stamps as ``/topic.stamp`` (see `formats.read_grid`).
 
-    Elements of an array are ``/topic.field.0`` and on; where a message names them, as those of joints, by their names.
+    Elements of an array are ``/topic.field.0`` and on; where a message names them, as those of joints, by their
+    names.
     """
     topics: dict[str, _Topic] = {}
     remarks: list[str] = []
-    with refused(path):
+    with library_errors(path):
         take = _ros1 if is_file(path) and _begins(path) else _ros2
         kept, most = 0, largest() / BYTES_A_VALUE
         for topic, decode, logged, message in take(path, names, remarks):
@@ -187,9 +180,9 @@ def read(path: Path, names: Sequence[str] | None) -> Grid:
                 decoded = decode(message)
             except InputError:
                 raise
-            except Exception as error:  # on bad data rosbags passes on whatever its generated code raises
+            except Exception as error:  # rosbags passes on any error of its generated code
                 where = f"{path}: {topic.name}: message {own.count}"
-                raise InputError(f"{where} cannot be decoded ({said(error)})") from None
+                raise InputError(f"{where} cannot be decoded ({short_message(error)})") from None
             kept += own.add(decoded, logged)
             if kept > most:
                 require_table(kept, str(path))
@@ -362,7 +355,7 @@ class _Topic:
 
 
 def _stamp(message: Any) -> int:
-    """Return the stamp in a message [ns], in its header or beside it; 0 where there is none."""
+    """Return the stamp of a message [ns], in its header or without one; 0 if there is no stamp."""
     for holder in (getattr(message, "header", None), message):
         stamp = getattr(holder, _STAMP, None)
         if stamp is not None and hasattr(stamp, "sec") and hasattr(stamp, "nanosec"):
@@ -382,7 +375,7 @@ def _fields(message: Any, name: str) -> list[tuple[str, Callable[[Any], Any]]]:
     """Return the numbers in a message: their names, and how they are taken out of another one like it."""
     found: list[tuple[str, Callable[[Any], Any]]] = []
     labels = _labels(message)
-    for own in (field.name for field in fields(message)):  # constants are none
+    for own in (field.name for field in fields(message)):  # without constants
         if own == "__msgtype__" or (own == "header" and name.count(".") == 0):
             continue
         value, where = getattr(message, own), f"{name}.{own}"

@@ -16,13 +16,13 @@ from gyrowheel_recording.tables.grid import Column
 
 #: What deflate packs by, at most.
 DEFLATED: Final = 1032
-_LONGEST: Final = 300  # characters of what a library says
+_LONGEST: Final = 300  # characters of the message of a library
 _PIECE: Final = 1 << 24  # bytes
 
 
 @contextlib.contextmanager
-def refused(path: Path) -> Iterator[None]:
-    """Make one error of the user of whatever a library raises within the block."""
+def library_errors(path: Path) -> Iterator[None]:
+    """Turn whatever a library raises within the block into one `InputError` that names the file."""
     try:
         with np.errstate(all="ignore"):
             yield
@@ -31,17 +31,17 @@ def refused(path: Path) -> Iterator[None]:
     except MemoryError:
         raise InputError(f"{path}: cannot be read: it claims more memory than there is") from None
     except Exception as error:  # on damaged data libraries pass on whatever happens to them
-        raise InputError(f"{path}: cannot be read: {said(error)}") from None
+        raise InputError(f"{path}: cannot be read: {short_message(error)}") from None
 
 
-def said(error: BaseException) -> str:
-    """Return what an error of a library says, in one line that is not too long."""
+def short_message(error: BaseException) -> str:
+    """Return the message of a library's error in one line of limited length."""
     text = one_line(error)
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
 
 
-def inflated(packed: bytes, most: int) -> Iterator[bytes]:
-    """Yield what bytes deflated by zlib hold, in pieces, up to `most` bytes of it."""
+def inflate(packed: bytes, most: int) -> Iterator[bytes]:
+    """Yield the content of bytes deflated by zlib, in pieces, up to `most` bytes of it."""
     inflate = zlib.decompressobj()
     rest, got = packed, 0
     while got < most:
@@ -79,10 +79,10 @@ _CURES: Final = {
 _OTHERWISE: Final = "save its numbers as plain vectors"
 
 
-def said_of_objects(
+def object_remarks(
     objects: Mapping[str, str], path: Path, columns: Sequence[Column], *, all_read: bool
 ) -> list[str]:
-    """Return what is said of variables that are objects, by their names and classes.
+    """Return the remarks on variables that are objects, by their names and classes.
 
     Raises
     ------

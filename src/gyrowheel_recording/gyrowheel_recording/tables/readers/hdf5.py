@@ -14,7 +14,13 @@ import numpy as np
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.limits import largest, require_room
 from gyrowheel_recording.tables.grid import Column, Grid, require_table, split
-from gyrowheel_recording.tables.readers.errors import DEFLATED, inflated, refused, said, said_of_objects
+from gyrowheel_recording.tables.readers.errors import (
+    DEFLATED,
+    inflate,
+    library_errors,
+    object_remarks,
+    short_message,
+)
 
 _DEFLATE, _CHECKSUM, _LZF = 1, 3, 32000
 #: Filters that unpack to as much as is known before: shuffling, checksums, and what has the size among its values.
@@ -25,17 +31,7 @@ _CURE: Final = "; h5repack writes them into one file, packed by GZIP"
 
 
 def require_plain(node: Any, path: Path, name: str) -> None:
-    """Refuse a data set that is in other files, or whose chunks could grow to more than the limit.
-
-    Parameters
-    ----------
-    node : h5py.Dataset
-        The data set.
-    path : Path
-        The file.
-    name : str
-        Name of the data set.
-    """
+    """Refuse a data set that is in other files, or whose chunks could grow to more than the limit."""
     where = f"{path}: {name}"
     if node.is_virtual:
         raise InputError(
@@ -76,7 +72,7 @@ def _require_chunks(node: Any, where: str, codes: list[int], size: int) -> None:
     packed_last = next(code for code in reversed(codes) if code != _CHECKSUM) == _DEFLATE
     for place in suspect:
         left_out, data = node.id.read_direct_chunk(place)
-        if not packed_last or left_out or sum(map(len, inflated(data, size + 1))) > size:
+        if not packed_last or left_out or sum(map(len, inflate(data, size + 1))) > size:
             raise InputError(f"{where}: damaged: a chunk unpacks to more than the {size} bytes that it has")
 
 
@@ -87,15 +83,7 @@ _SHARED: Final = 2  # flag of a message that is elsewhere
 
 
 class Texts:
-    """The texts of a file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    file : h5py.File
-        The same.
-    """
+    """The texts of a file, opened by its path and by h5py."""
 
     def __init__(self, path: Path, file: Any) -> None:
         self._path = path
@@ -184,7 +172,7 @@ class Texts:
         return body[at:]
 
     def _text(self, stored: bytes) -> str:
-        """Return the text that is where an attribute says."""
+        """Return the text that an attribute refers to."""
         width = self._address
         length, place, number = (
             int.from_bytes(part, "little")
@@ -233,7 +221,7 @@ def read(path: Path, names: Sequence[str] | None) -> Grid:
     objects: dict[str, str] = {}
     remarks: list[str] = []
     size = 0.0
-    with refused(path), h5py.File(path, "r") as file, Texts(path, file) as texts:
+    with library_errors(path), h5py.File(path, "r") as file, Texts(path, file) as texts:
         attributes = _Attributes(texts)
         joint = "." if _is_matlab(path) else "/"
         for name, node in _data_sets(file, path):
@@ -252,7 +240,7 @@ def read(path: Path, names: Sequence[str] | None) -> Grid:
             except TypeError as error:  # a type that NumPy does not know
                 if names is not None:
                     raise
-                remarks.append(f"{own} is left out: {said(error)}")
+                remarks.append(f"{own} is left out: {short_message(error)}")
                 continue
             if fields is None or node.size < 2:
                 continue
@@ -263,7 +251,7 @@ def read(path: Path, names: Sequence[str] | None) -> Grid:
                 split(own, _physical(node, fields, attributes), unit=attributes.unit(node), joint=joint)
             )
     found = [own for own in columns if names is None or own.name in names]
-    said_of = said_of_objects(objects, path, found, all_read=names is None)
+    said_of = object_remarks(objects, path, found, all_read=names is None)
     return Grid.of(str(path), found, [*said_of, *remarks])
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.limits import largest, require_room
 from gyrowheel_recording.tables.grid import Column, Grid, split
-from gyrowheel_recording.tables.readers.errors import inflated, refused, said_of_objects
+from gyrowheel_recording.tables.readers.errors import inflate, library_errors, object_remarks
 
 _HEAD: Final = 128  # bytes before the first variable
 _TAG: Final = 8
@@ -24,14 +24,14 @@ _WIDTHS: Final = {1: 1, 2: 1, 3: 2, 4: 2, 5: 4, 6: 4, 7: 4, 9: 8, 12: 8, 13: 8, 
 _CELL, _STRUCTURE, _OBJECT_CLASS, _TEXT, _SPARSE = 1, 2, 3, 4, 5
 _NUMERIC: Final = range(6, 16)
 _FUNCTION, _OPAQUE = 16, 17
-#: Bytes that an array, a structure and a field of it take in memory beside what they hold.
+#: Bytes of overhead in memory of an array, a structure and a field of it.
 _ARRAY, _STRUCT, _FIELD = 200, 400, 100
 _MOST_DIMENSIONS, _MOST_FIELDS, _DEEPEST = 32, 10_000, 50
 #: Version 4: bytes of the numbers of each precision; sparse matrices are the third type.
 _OLD_WIDTHS: Final = (8, 4, 4, 2, 2, 1)
 _OLD_HEAD: Final = 20
 _OLD_SPARSE: Final = 2
-_OLD_LARGEST: Final = 5000  # of the number by which the order of bytes is told
+_OLD_LARGEST: Final = 5000  # of the number by which the order of bytes is detected
 
 
 def unpacked(path: Path) -> io.BytesIO:
@@ -88,16 +88,16 @@ class _Variables:
             self._require(length)
             return bytearray(tag + self._take(length))
         packed = self._take(length)
-        tag = b"".join(inflated(packed, _TAG))
+        tag = b"".join(inflate(packed, _TAG))
         if len(tag) < _TAG:
             raise InputError(f"{self._path}: damaged: a packed variable holds nothing")
         _, length = struct.unpack(f"{self._order}II", tag)
         self._require(length)
         variable = bytearray()
-        for piece in inflated(packed, _TAG + length + 1):  # one more, so that its checksum is read, too
+        for piece in inflate(packed, _TAG + length + 1):  # one more, so that its checksum is read, too
             variable += piece
         if len(variable) != _TAG + length:
-            raise InputError(f"{self._path}: damaged: a packed variable does not hold as much as it says")
+            raise InputError(f"{self._path}: damaged: a packed variable is shorter or longer than it states")
         return variable
 
     def _require(self, length: int) -> None:
@@ -208,7 +208,7 @@ class _Elements:
         return len(data) // _WIDTHS[kind]
 
     def _count(self) -> int:
-        """Return how many elements an array says that it has."""
+        """Return the number of elements that an array states."""
         _, data = self._element()
         if len(data) > 4 * _MOST_DIMENSIONS:
             raise self._damaged(f"an array of {len(data) // 4} dimensions")
@@ -272,7 +272,7 @@ def read(path: Path, names: Sequence[str] | None) -> Grid:
     from scipy.io import loadmat
 
     objects: dict[str, str] = {}
-    with refused(path):
+    with library_errors(path):
         content = loadmat(unpacked(path), squeeze_me=True, struct_as_record=False)
         for name, value in content.items():
             if isinstance(value, str) and value.startswith(_UNREAD):
@@ -284,7 +284,7 @@ def read(path: Path, names: Sequence[str] | None) -> Grid:
             for column in _columns(name, value, objects)
             if names is None or column.name in names
         ]
-    return Grid.of(str(path), columns, said_of_objects(objects, path, columns, all_read=names is None))
+    return Grid.of(str(path), columns, object_remarks(objects, path, columns, all_read=names is None))
 
 
 def _columns(name: str, value: Any, objects: dict[str, str]) -> Iterator[Column]:

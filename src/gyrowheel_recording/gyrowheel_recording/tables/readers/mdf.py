@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.limits import largest, require_room
 from gyrowheel_recording.tables.grid import Column, Grid, require_table
-from gyrowheel_recording.tables.readers.errors import DEFLATED, inflated, library, refused
+from gyrowheel_recording.tables.readers.errors import DEFLATED, inflate, library, library_errors
 
 _LONGEST: Final = 1000
 _VARIABLES: Final = ("X", "X1", "x", "x1")
@@ -47,8 +47,8 @@ _OPERATIONS: Final[dict[type, Callable[..., Any]]] = {
 }
 
 
-def computed(formula: str, values: Any, where: str) -> NDArray[np.float64]:
-    """Return what a formula gives for values of its variable, ``X`` or ``X1``.
+def evaluate(formula: str, values: Any, where: str) -> NDArray[np.float64]:
+    """Return the values of a formula for those of its variable, ``X`` or ``X1``.
 
     Raises
     ------
@@ -208,7 +208,7 @@ class _Blocks:
 def _pieces(packed: bytes, way: int, most: int) -> Iterator[bytes]:
     """Yield what a block unpacks to, up to a number of bytes."""
     if way in _DEFLATE:
-        yield from inflated(packed, most)
+        yield from inflate(packed, most)
     elif way in _ZSTD:
         with zstandard.ZstdDecompressor().stream_reader(packed) as stream:
             while most > 0 and (piece := stream.read(min(most, 1 << 20))):
@@ -267,7 +267,7 @@ def read(path: Path, names: Sequence[str] | None) -> Grid:
     _quiet(asammdf)
     columns: list[Column] = []
     remarks: list[str] = []
-    with refused(path):
+    with library_errors(path):
         require_links(path)
         with _opened(asammdf, path) as file:
             wanted = list(_wanted(file, names))
@@ -290,7 +290,7 @@ def read(path: Path, names: Sequence[str] | None) -> Grid:
                         raise
                     remarks.append(f"{str(error).removeprefix(f'{path}: ')}: left out")
                     continue
-                # samples that the logger says are none stay, or the others would not be beside their times
+                # samples that the logger marks as invalid stay, or the others would lose their times
                 samples, invalid = file.get(
                     group=own.group, index=own.number, samples_only=True, ignore_invalidation_bits=True
                 )
@@ -299,7 +299,7 @@ def read(path: Path, names: Sequence[str] | None) -> Grid:
                 if values.ndim != 1 or values.dtype.kind not in "biuf":
                     continue
                 if formula:
-                    values = computed(formula, values, f"{path}: {own.name}")
+                    values = evaluate(formula, values, f"{path}: {own.name}")
                 if invalid is not None and np.any(invalid):
                     values = np.where(np.asarray(invalid, dtype=bool), np.nan, values.astype(np.float64))
                 columns.append(Column(own.name, values, unit, own.clock))
@@ -404,7 +404,7 @@ def _times(file: Any, own: _Wanted, path: Path) -> Any:
         formula, _ = _formula(group.channels[number], where)
     times = np.asarray(file.get_master(own.group), dtype=np.float64)
     _require_all(times, file.groups[own.group], where)
-    return computed(formula, times, where) if formula else times
+    return evaluate(formula, times, where) if formula else times
 
 
 def _require_all(values: Any, group: Any, where: str) -> None:
@@ -431,6 +431,6 @@ def _formula(channel: Any, where: str) -> tuple[str, str]:
     text = getattr(own, "formula", "")
     text = text.decode("latin-1") if isinstance(text, bytes) else text
     if text:
-        computed(str(text), np.zeros(0), where)  # it raises what is told of it
+        evaluate(str(text), np.zeros(0), where)  # raises the error of a bad formula
         channel.conversion = None
     return str(text), str(getattr(own, "unit", "") or channel.unit or "")

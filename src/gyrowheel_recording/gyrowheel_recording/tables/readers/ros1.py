@@ -30,25 +30,17 @@ _TIME: Final = struct.Struct("<II")
 _PAIR: Final = struct.Struct("<II")
 _LONGEST_HEADER: Final = 1 << 20
 _SMALL: Final = 1 << 24  # bytes that chunks may unpack to, however small they are
-_OBJECT: Final = 500  # bytes that a connection takes beside its texts
+_OBJECT: Final = 500  # bytes of overhead of a connection
 
 Header = dict[bytes, memoryview]
 
 
 @dataclass(frozen=True)
 class Connection:
-    """What one node published on one topic.
+    """What one node published on one topic."""
 
-    Attributes
-    ----------
-    topic : TopicData
-        The topic, its type, and the definition of that.
-    digest : str
-        Checksum of the definition; ``*`` where there is none.
-    """
-
-    topic: TopicData
-    digest: str
+    topic: TopicData  # the topic, its type, and the definition of that
+    digest: str  # checksum of the definition; ``*`` where there is none
 
 
 class Bag:

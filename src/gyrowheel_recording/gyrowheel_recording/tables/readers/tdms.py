@@ -12,7 +12,7 @@ import numpy as np
 
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.tables.grid import Column, Grid, require_table
-from gyrowheel_recording.tables.readers.errors import library, refused
+from gyrowheel_recording.tables.readers.errors import library, library_errors
 
 _NS: Final = 1e-9
 _SCALES: Final = re.compile(r"NI_Scale\[(\d+)\]")
@@ -22,11 +22,11 @@ _MOST_SCALES: Final = 1000  # of a channel
 def read(path: Path, names: Sequence[str] | None) -> Grid:
     """Read channels as ``group/channel``, the times of waveforms as ``group/time`` (see `formats.read_grid`)."""
     nptdms = library("nptdms", "tdms", path)
-    nptdms.log.log_manager.set_level(logging.CRITICAL)  # what it warns of is told below
+    nptdms.log.log_manager.set_level(logging.CRITICAL)  # its warnings are reported below
     columns: list[Column] = []
     clocks: dict[tuple[float, float, int], str] = {}
     remarks: list[str] = []
-    with refused(path), nptdms.TdmsFile.open(path) as file:
+    with library_errors(path), nptdms.TdmsFile.open(path) as file:
         _require_scales(file.properties, path)
         channels = []
         size = 0.0

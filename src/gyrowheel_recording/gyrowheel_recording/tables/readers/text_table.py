@@ -22,7 +22,7 @@ from gyrowheel_recording.tables.readers.arrow import as_numbers
 from gyrowheel_recording.tables.text import EMPTY, TextForm, form_of, plain_rows, text_of
 
 _EXPONENT: Final = r"([eEdD][-+]?\d+)?"
-_MOST: Final = 8  # different texts that are told
+_MOST: Final = 8  # different texts that are reported
 
 
 #: Around a number; other characters that show as nothing are no part of it.
@@ -30,16 +30,9 @@ _BLANKS: Final = " \t\r\n\u00a0\u2009\u202f"
 
 
 def numbers_of(values: Any, decimal: str) -> tuple[NDArray[np.float64], tuple[Odd, ...]]:
-    """Return a column of texts as numbers, NaN where a cell is none, and what stands in the odd cells.
+    """Return a column of texts (null: empty) as numbers, NaN where a cell is none, and the odd cells.
 
-    Numbers that are written in another way than the rest are read, and told.
-
-    Parameters
-    ----------
-    values : pyarrow.ChunkedArray
-        Texts; null where a cell is empty.
-    decimal : str
-        The decimal sign.
+    Numbers that are written in another way than the rest are read, and reported.
     """
     texts = pc.utf8_trim(values.cast(pa.string()), characters=_BLANKS).combine_chunks()
     result = np.full(len(texts), np.nan)
@@ -81,13 +74,13 @@ _TO_ISO: Final = (
 
 
 def dates_of(values: Any) -> Any:
-    """Return a column of texts as dates with times, or None if one of them is none.
+    """Return a column of texts as dates with times, or None if one of them is no date.
 
     Parameters
     ----------
     values : pyarrow.ChunkedArray
         Texts; null where a cell is empty. Dates as in ISO 8601, all with a zone behind them or none, or as in
-        `_TO_ISO`. Of 05/04/2026 nobody knows the month: such are none.
+        `_TO_ISO`. A date such as 05/04/2026 is ambiguous, and refused.
     """
     for _ in range(2):
         for zone in (None, "UTC"):

@@ -1,4 +1,4 @@
-"""What a look at a table says: what every column seems to be and why, all that is doubtful, and the map."""
+"""Result of a look at a table: the proposed meaning of each column, all doubts, and the map."""
 
 from __future__ import annotations
 
@@ -16,57 +16,29 @@ from gyrowheel_recording.mislabelled.fixes import WrongSetup
 
 @dataclass(frozen=True)
 class Proposal:
-    """What one column seems to be.
+    """Proposed meaning of one column."""
 
-    Attributes
-    ----------
-    field : str
-        A reading, ``time`` or ``sequence``.
-    column : str
-        Its name in the table.
-    unit : str
-        Its unit.
-    scale : float
-        What its values are multiplied by before the unit counts.
-    reason : str
-        Why.
-    stated : bool
-        Whether the file states the unit.
-    clock : str
-        Column with the times of its rows, where that is not the map's.
-    lowest, highest : float
-        Its range, in the unit.
-    pulses : int
-        Of an angle: pulses a turn by which it is known; 0 where the column holds it itself.
-    """
-
-    field: str
+    field: str  # A reading, ``time`` or ``sequence``
     column: str
     unit: str
-    scale: float
+    scale: float  # what its values are multiplied by before the unit counts
     reason: str
-    stated: bool
-    clock: str = ""
+    stated: bool  # whether the file states the unit
+    clock: str = ""  # column with the times of its rows, where that is not the map's
+    #: lowest, highest: its range, in the unit.
     lowest: float = math.nan
     highest: float = math.nan
-    pulses: int = 0
+    pulses: int = 0  # of an angle: pulses a turn by which it is known; 0 where the column holds it itself
 
 
 @dataclass(frozen=True)
 class Problem:
-    """What is doubtful about a table, or missing.
+    """A doubt about a table, or a gap in it."""
 
-    Attributes
-    ----------
-    what, cure : str
-        What it is, and what to do.
-    asks : bool
-        Whether nothing may be concluded before it is answered.
-    """
-
+    #: what, cure: what it is, and what to do.
     what: str
     cure: str
-    asks: bool = True
+    asks: bool = True  # whether nothing may be concluded before it is answered
 
 
 @dataclass(frozen=True)
@@ -84,7 +56,7 @@ class Suggestion:
     problems : tuple of Problem
         All that is doubtful or missing.
     setups : tuple of WrongSetup
-        What the laws of the wheel say against the map.
+        Violations of the laws of the wheel by the map.
     unused : tuple of str
         Columns that the map leaves out.
     remarks : tuple of str
@@ -111,7 +83,7 @@ class Suggestion:
         return not self.setups and not any(problem.asks for problem in self.problems)
 
     def map_text(self) -> str:
-        """Return the map file, with a reason beside every column."""
+        """Return the map file, with a reason for every column."""
         reasons = {own.field: own.reason for own in self.proposals}
         lines = [f"# Suggested for {self.table}; the reason stands behind every column."]
         lines += [f"# ? {problem.what} {problem.cure}" for problem in self.problems if problem.asks]

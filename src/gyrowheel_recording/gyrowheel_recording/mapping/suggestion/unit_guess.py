@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gyrowheel_core.units import conversion
 from gyrowheel_recording.bags.sampling import LONGEST, SHORTEST
 from gyrowheel_recording.mapping.column_names import COIL_CURRENT, TIME, UNITS
-from gyrowheel_recording.mapping.suggestion.records import Proposal
+from gyrowheel_recording.mapping.suggestion.result import Proposal
 from gyrowheel_recording.tables import Column, Grid
 from gyrowheel_sim.bench import Bench
 
@@ -35,7 +35,7 @@ _GUESSES: Final[dict[str, tuple[str, ...]]] = {
     "air_pressure": ("Pa", "hPa", "kPa", "bar", "mmHg"),
     TIME: ("s", "ms", "us", "ns", "min", "h", "day"),
 }
-#: Where an angle begins anew: a turn in its units, and counts of usual encoders. Decimal counts are beside binary ones:
+#: Where an angle wraps: a turn in its units, and counts of usual encoders. Decimal counts are near binary ones:
 #: the next larger one is meant.
 _WHOLE_TURNS: Final = (
     360.0,
@@ -80,7 +80,7 @@ def largest(values: Array, unit: str, own: str) -> float:
     return float(np.percentile(np.abs(values * factor + zero), 99.9))
 
 
-def guessed(own: str, values: Array, bench: Bench) -> str:
+def guess_unit(own: str, values: Array, bench: Bench) -> str:
     """Return the likeliest unit of values; empty where none is usual."""
     if own == TIME:
         step = float(np.median(np.diff(values[:SOME])))
@@ -98,7 +98,7 @@ def angle_unit(values: Array, unit: str) -> tuple[str, float, str]:
     """Return the unit of an angle, its scale, and why."""
     if unit and unit != "count":
         return unit, 1.0, f"unit {unit} stated"
-    if not begins_anew(values):
+    if not wraps(values):
         return ("turn" if unit == "count" else "rad"), 1.0, "goes on without beginning anew"
     span = float(np.ptp(values))
     whole = next((w for w in sorted(_WHOLE_TURNS) if (1.0 - _NEAR) * w <= span <= w * (1.0 + 1e-9)), 0.0)
@@ -113,7 +113,7 @@ def angle_unit(values: Array, unit: str) -> tuple[str, float, str]:
     return "turn", 1.0 / (span * (1.0 + 1.0 / max(len(values), 1))), f"begins anew every {span:g}"
 
 
-def begins_anew(values: Array) -> bool:
+def wraps(values: Array) -> bool:
     """Whether an angle jumps from the end of its range to the other one."""
     steps, span = np.diff(values), float(np.ptp(values))
     return bool(np.any(np.abs(steps) > 0.5 * span))
