@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import gyrowheel as gw
+from gyrowheel.diagnosis.api import Diagnosis
 from gyrowheel.diagnosis.page import diagnosis as page
-from gyrowheel.diagnosis.result import Diagnosis
 from gyrowheel.show.layout import plain_text
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
 from gyrowheel_analysis.fitting.preparation import samples_of

@@ -15,7 +15,7 @@ import pytest
 import yaml
 
 import gyrowheel as gw
-from gyrowheel.diagnosis.result import Diagnosis
+from gyrowheel.diagnosis.api import Diagnosis
 from gyrowheel.report import printing
 from gyrowheel.show.files import is_report
 from gyrowheel_analysis.reduction import Coverage

@@ -64,7 +64,7 @@ def test_a_diagnosis_goes_down_the_house_and_each_folder_has_its_turn(tmp_path: 
     recorded = tmp_path / "run"
     for module in (
         "gyrowheel_analysis.diagnosis.diagnose",
-        "gyrowheel.diagnosis.result",
+        "gyrowheel.diagnosis.api",
         "gyrowheel.diagnosis.page",
     ):
         importlib.import_module(module)  # what runs on import is no part of the walk

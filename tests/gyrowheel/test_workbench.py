@@ -19,7 +19,7 @@ import yaml
 from tornado.httputil import HTTPHeaders
 
 import gyrowheel as gw
-from gyrowheel.diagnosis.result import Diagnosis
+from gyrowheel.diagnosis.api import Diagnosis
 from gyrowheel.recordings.provenance import note_machine
 from gyrowheel.simulation.api import record_simulation
 from gyrowheel.workbench import pictures, tables, views

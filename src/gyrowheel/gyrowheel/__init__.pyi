@@ -1,7 +1,7 @@
 from gyrowheel.blind_tests.api import open_key as open_key
 from gyrowheel.blind_tests.key import Key as Key
+from gyrowheel.calibration.api import Calibration as Calibration
 from gyrowheel.calibration.api import calibrate as calibrate
-from gyrowheel.calibration.result import Calibration as Calibration
 from gyrowheel.campaigns.api import campaign as campaign
 from gyrowheel.campaigns.result import CampaignResult as CampaignResult
 from gyrowheel.catalogue.api import benches as benches
@@ -10,10 +10,10 @@ from gyrowheel.catalogue.api import own_effect as own_effect
 from gyrowheel.catalogue.api import plans as plans
 from gyrowheel.catalogue.plan_check import check_plan as check_plan
 from gyrowheel.catalogue.plan_check_result import PlanCheck as PlanCheck
+from gyrowheel.comparison.api import Comparison as Comparison
 from gyrowheel.comparison.api import compare as compare
-from gyrowheel.comparison.result import Comparison as Comparison
+from gyrowheel.diagnosis.api import Diagnosis as Diagnosis
 from gyrowheel.diagnosis.api import diagnose as diagnose
-from gyrowheel.diagnosis.result import Diagnosis as Diagnosis
 from gyrowheel.drag_comparison.api import drag as drag
 from gyrowheel.drag_comparison.result import Drag as Drag
 from gyrowheel.investigation.api import Investigation as Investigation
@@ -24,8 +24,8 @@ from gyrowheel.momentum_envelope.api import momentum as momentum
 from gyrowheel.momentum_envelope.result import Momentum as Momentum
 from gyrowheel.paper_figures.api import paper as paper
 from gyrowheel.paper_figures.result import Paper as Paper
+from gyrowheel.rate_sensing.api import Rates as Rates
 from gyrowheel.rate_sensing.api import rate as rate
-from gyrowheel.rate_sensing.result import Rates as Rates
 from gyrowheel.recordings.api import Recording as Recording
 from gyrowheel.recordings.api import salvage as salvage
 from gyrowheel.recordings.correction import correct as correct

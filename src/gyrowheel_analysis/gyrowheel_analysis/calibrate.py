@@ -94,23 +94,23 @@ class Calibration:
 
     Attributes
     ----------
-    constants : dict of str to Constant
+    constants : mapping of str to Constant
         The constants that were determined.
-    undetermined : dict of str to str
+    undetermined : mapping of str to str
         Those that were not, and what the recordings would need.
     chi2_per_n : float
         Mean square of the residuals of the tilt in units of their noise; the standard error of the coils' constant is
         widened by its root if above 1.
-    model : Model
+    calibrated : Model
         The model with the constants as overrides, and an entry in its history.
     recordings : tuple of str
         Paths of the recordings.
     """
 
-    constants: dict[str, Constant]
-    undetermined: dict[str, str]
+    constants: Mapping[str, Constant]
+    undetermined: Mapping[str, str]
     chi2_per_n: float
-    model: Model
+    calibrated: Model
     recordings: tuple[str, ...] = ()
 
     @property

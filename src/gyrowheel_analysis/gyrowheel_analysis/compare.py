@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -78,9 +78,9 @@ class Comparison:
 
     Attributes
     ----------
-    channels : dict of str to ChannelMetrics
+    channels : mapping of str to ChannelMetrics
         By channel of `channels.LISTED`, with the bench's parameters fitted along within their stated uncertainties.
-    raw_rms : dict of str to float
+    raw_rms : mapping of str to float
         Root mean square of the residual of the model exactly as the file stands [unit of the channel].
     error_before : ErrorRow
         The error in the form of the error table.
@@ -108,8 +108,8 @@ class Comparison:
         Recordings in which hum at the stated mains frequency cannot be measured, and why (`reduction.hum.untold`).
     """
 
-    channels: dict[str, ChannelMetrics]
-    raw_rms: dict[str, float]
+    channels: Mapping[str, ChannelMetrics]
+    raw_rms: Mapping[str, float]
     error_before: ErrorRow
     where: tuple[Region, ...]
     dependence: tuple[PartDependence, ...]
@@ -125,7 +125,7 @@ class Comparison:
 
     @property
     def worst(self) -> float:
-        """Largest mean square of the whitened residual of a channel."""
+        """Largest χ²/N of all channels; 1 is noise alone."""
         return max(metrics.chi2_per_n for metrics in self.channels.values())
 
     @property

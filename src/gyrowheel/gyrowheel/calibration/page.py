@@ -10,7 +10,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from gyrowheel.show.layout import command, figures_table, heading, sentences
+from gyrowheel.show.layout import figures_table, heading, sentences
 from gyrowheel.show.quantities import decimal, pair, short
 from gyrowheel.show.sentences.fits import calibration_notes
 from gyrowheel_core.units import unit_for
@@ -22,28 +22,20 @@ _INDENT = (0, 0, 0, 2)
 _FAR = 3.0  # stated uncertainties
 
 
-def calibration_page(result: Calibration, *, following: str | None = None) -> Iterator[RenderableType]:
-    """Yield a calibration.
-
-    Parameters
-    ----------
-    result : Calibration
-        The calibration.
-    following : str, optional
-        The command that writes it into the model file; None where it was written.
-    """
+def calibration_page(result: Calibration) -> Iterator[RenderableType]:
+    """Yield the constants before and after, and what limits them."""
     yield heading("Constants")
     yield Padding(_table(result), _INDENT)
     yield Text()
     yield from sentences(_remarks(result))
-    if following is None:
-        yield heading("Written into the model file")
-        yield from sentences(
-            ["as overrides with their standard errors; gyrowheel model undo takes them back"]
-        )
-    else:
-        yield heading("Next: nothing has been written yet")
-        yield command(following)
+
+
+def written() -> Iterator[RenderableType]:
+    """Yield where the constants went."""
+    yield heading("Written into the model file")
+    yield from sentences(
+        ["as overrides with their standard errors; gyrowheel model undo restores the old values"]
+    )
 
 
 def _table(result: Calibration) -> Table:

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from gyrowheel.cli.console import editing, put_json, put_text, warn_of, working
+from gyrowheel.cli.console import editing, put, warn_of, working
 from gyrowheel.cli.options import Json, Mixed, ModelFile, Recordings, example
 from gyrowheel.show.files import require_writable
 from gyrowheel_core.errors import InputError
@@ -34,7 +34,10 @@ def calibrate(
     are only shown.
     """
     import gyrowheel as gw
+    from gyrowheel.calibration.page import written
     from gyrowheel.recordings.inputs import opened
+    from gyrowheel.show.layout import commands
+    from gyrowheel.show.sentences.setup import setup_line
 
     recordings = opened(directories)
     if write:
@@ -42,21 +45,14 @@ def calibrate(
     with editing(model) if write else contextlib.nullcontext():
         loaded = gw.Model.load(model)
         with working("calibrating") as say:
-            from gyrowheel.calibration.page import calibration_page
-
             result = gw.calibrate(recordings, loaded, mixed=mixed, progress=say)
         if write and result.setup:
-            from gyrowheel.show.sentences.setup import setup_line
-
             raise InputError(setup_line(result.setup))
         if write:
             result.model.save(model)
     warn_of(result.setup)
-    if json is not None:
-        put_json(json, result.to_dict() | {"written": write})
-    if json != "-":
-        named = " ".join(shlex.quote(str(directory)) for directory in directories)
-        following = (
-            None if write else f"gyrowheel calibrate {named} --model {shlex.quote(str(model))} --write"
-        )
-        put_text(calibration_page(result.details, following=following))
+    following = shlex.join(
+        ["gyrowheel", "calibrate", *map(str, directories), "--model", str(model), "--write"]
+    )
+    after = written() if write else commands("Next: nothing has been written yet", following)
+    put(result, json, after=after, more={"written": write})

@@ -20,7 +20,7 @@ from gyrowheel_core.errors import InputError, one_line, printable
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
-    from gyrowheel.show.result import Result
+    from gyrowheel.show.result import Shown
 
 
 OK, FINDING, BAD_INPUT, NODE_FAILED, DEFECT, INTERRUPTED = 0, 1, 2, 3, 70, 130
@@ -162,7 +162,7 @@ def warn_of(setup: Sequence[Any]) -> None:
 
 
 def put(
-    result: Result,
+    result: Shown,
     json: str | None,
     picture: Path | None = None,
     *,
@@ -174,8 +174,8 @@ def put(
 
     Parameters
     ----------
-    result : Result
-        The result.
+    result : Shown
+        The result, recording or model.
     json : str or None
         Value of ``--json``; with ``-`` the JSON takes the place of the page.
     picture : Path or None

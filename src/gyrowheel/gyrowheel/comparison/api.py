@@ -1,11 +1,92 @@
-"""The public function `compare`."""
+"""The error of a model on recordings, and where it is large."""
 
 from __future__ import annotations
 
-from gyrowheel.comparison.result import Comparison
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
 from gyrowheel.models.api import Model
 from gyrowheel.recordings.correction import explained_by, wrong_setups
 from gyrowheel.recordings.inputs import Recordings, Say, data, opened, require_one_machine
+from gyrowheel.show.result import Result
+from gyrowheel_analysis import compare as facts
+from gyrowheel_analysis.residuals.maps import ResidualMap, residual_map, variables_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.console import RenderableType
+
+    from gyrowheel_recording.mislabelled.fixes import WrongSetup
+
+
+@dataclass(frozen=True, repr=False)
+class Comparison(Result, facts.Comparison):
+    """Outcome of `gyrowheel.compare`.
+
+    The fields are those of `gyrowheel_analysis.compare.Comparison`, and one more.
+
+    Attributes
+    ----------
+    setup : tuple of WrongSetup
+        Columns that cannot be what they are called; then nothing else here is worth anything.
+    """
+
+    setup: tuple[WrongSetup, ...] = ()
+
+    def map(self, *over: str) -> ResidualMap:
+        """Return a map of the residual over one or two variables.
+
+        Parameters
+        ----------
+        *over : str
+            Of ``tilt``, ``azimuth``, ``speed``, ``time``, ``temperature``.
+
+        Raises
+        ------
+        InputError
+            If there is no such variable, or more than two are given.
+        """
+        return residual_map(self.data, map_variables(",".join(over)))
+
+    def headline(self) -> str:
+        """Return whether the model fails, and χ²/N of every channel."""
+        from gyrowheel.comparison.page import verdict
+
+        chi2 = ", ".join(f"{name} {metrics.chi2_per_n:.3g}" for name, metrics in self.channels.items())
+        return f"{verdict(self)}; χ²/N (1: noise): {chi2}"
+
+    def page(self) -> Iterable[RenderableType]:
+        """Return the errors of every channel, the regions where the model fails, and a map where it does."""
+        from gyrowheel.comparison.page import comparison_page
+
+        return comparison_page(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of ``gyrowheel compare --json``; SI units."""
+        from gyrowheel.show.contract import comparison_json, setup_json
+
+        return comparison_json(self) | {"setup": setup_json(self.setup)}
+
+    def to_columns(self) -> Mapping[str, Sequence[Any]]:
+        """Return the errors as columns, a row for each channel; RMS in N·m or V."""
+        rows = [
+            {"channel": name, **asdict(metrics), "raw_rms": self.raw_rms[name]}
+            for name, metrics in self.channels.items()
+        ]
+        return {key: [row[key] for row in rows] for key in rows[0]}
+
+    def plot(self) -> Figure:
+        """Return the residual over the tilts of every speed, and χ²/N over each variable."""
+        from gyrowheel.comparison.picture import figure_of_failure
+
+        return figure_of_failure(self)
+
+
+def map_variables(text: str) -> tuple[str, ...]:
+    """Return the variables of a map, given as ``speed`` or ``speed,tilt``; InputError if there is no such map."""
+    return variables_of(text)
 
 
 def compare(
@@ -32,10 +113,10 @@ def compare(
     InputError
         If a recording cannot be read, is given twice, has too little steady motion, or is of another machine.
     """
-    from gyrowheel_analysis.compare import compare as run
-
     given = opened(recordings)
     require_one_machine(data(given), mixed=mixed)
     wrong = wrong_setups(given, model.details, mixed=mixed)
     with explained_by(wrong):
-        return Comparison(run(data(given), model.details, progress=progress), tuple(wrong))
+        found = facts.compare(data(given), model.details, progress=progress)
+    channels, raw = MappingProxyType(found.channels), MappingProxyType(found.raw_rms)
+    return Comparison.of(replace(found, channels=channels, raw_rms=raw), setup=tuple(wrong))

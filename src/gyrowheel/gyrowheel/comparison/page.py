@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import RenderableType
+from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
@@ -48,8 +49,15 @@ _LEGEND = (
 )
 
 
-def comparison(result: Comparison, maps: Iterable[ResidualMap] | None = None) -> Iterator[RenderableType]:
-    """Yield what a comparison says, part by part.
+def verdict(result: Comparison) -> str:
+    """Return in a sentence without its stop whether the model fails."""
+    return "The model fails" if result.fails else "The model explains these recordings to their noise"
+
+
+def comparison_page(
+    result: Comparison, maps: Iterable[ResidualMap] | None = None
+) -> Iterator[RenderableType]:
+    """Yield a comparison, part by part.
 
     Parameters
     ----------
@@ -58,14 +66,15 @@ def comparison(result: Comparison, maps: Iterable[ResidualMap] | None = None) ->
     maps : iterable of ResidualMap, optional
         Maps to show; one over speed and tilt where the model fails, if not given.
     """
+    colour = "red" if result.fails else "green"
+    yield Panel(Text(f"{verdict(result)}.", style="bold"), border_style=colour, expand=False)
     yield heading("Prediction error, bench parameters fitted within their uncertainties")
     yield channel_table(result)
     yield Text(_LEGEND, style="dim")
     yield from coverage(result.coverage)
     yield from readings(result)
-    failing = fails(result)
-    yield from failures(result.where, result.dependence, failing=failing)
-    for each in [m for m in result.maps if m.over == DEFAULT and failing] if maps is None else maps:
+    yield from failures(result.where, result.dependence, failing=result.fails)
+    for each in [m for m in result.maps if m.over == DEFAULT and result.fails] if maps is None else maps:
         yield from map_table(each, result)
 
 
@@ -217,11 +226,6 @@ def span_text(variable: str, span: Span) -> str:
         low, high = round(low, -1), round(high, -1)
     a, b = decimal(low, digits), decimal(high, digits)
     return a if a == b or (variable == "speed" and high - low < _SAME_SPEED * high) else f"{a} .. {b}"
-
-
-def fails(result: Comparison) -> bool:
-    """Whether the error of a channel is visibly more than noise."""
-    return result.fails
 
 
 def failures(

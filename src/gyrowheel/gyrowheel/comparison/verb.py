@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from gyrowheel.cli.console import finding, put_json, put_picture, put_text, warn_of, working
+from gyrowheel.cli.console import finding, put, warn_of, working
 from gyrowheel.cli.options import Json, Mixed, ModelFile, Picture, Recordings, example
 
 
@@ -45,20 +45,16 @@ def compare(
 ) -> None:
     """Compare a model with recordings: size of the error, where it is large, and what it depends on."""
     import gyrowheel as gw
-    from gyrowheel.comparison.result import map_variables
+    from gyrowheel.comparison.api import map_variables
+    from gyrowheel.comparison.page import comparison_page
     from gyrowheel.recordings.inputs import opened
 
     over = None if map_over is None else [map_variables(text) for text in map_over]
     loaded = gw.Model.load(model)
     recordings = opened(directories)
     with working("comparing") as say:
-        from gyrowheel.comparison.page import comparison
-
         result = gw.compare(recordings, loaded, mixed=mixed, progress=say)
     warn_of(result.setup)
-    if json is not None:
-        put_json(json, result.to_dict())
-    if json != "-":
-        put_text(comparison(result.details, None if over is None else [result.map(*own) for own in over]))
-    put_picture(picture, result.plot, quiet=json == "-")
+    page = None if over is None else comparison_page(result, [result.map(*own) for own in over])
+    put(result, json, picture, page=page)
     finding(fail_above is not None and result.worst > fail_above)

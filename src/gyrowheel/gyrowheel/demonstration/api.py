@@ -217,7 +217,7 @@ def _run_graph(plan: str, scenario: Any, recording: Path, model: Path, stage: St
 
 
 def _compare(place: Place, stage: Stage) -> None:
-    from gyrowheel.comparison.page import channel_table, fails, failures
+    from gyrowheel.comparison.page import channel_table, failures
     from gyrowheel_analysis.compare import compare
     from gyrowheel_analysis.model import Model
     from gyrowheel_recording.bags import Recording
@@ -226,7 +226,7 @@ def _compare(place: Place, stage: Stage) -> None:
     with stage.working("comparing") as say:
         found = compare([Recording.open(place.recording)], Model.load(place.model), progress=say)
     stage.show([channel_table(found)])
-    stage.show(failures(found.where, found.dependence, failing=fails(found)))
+    stage.show(failures(found.where, found.dependence, failing=found.fails))
 
 
 def _diagnose(place: Place, stage: Stage) -> Diagnosis:
@@ -298,8 +298,8 @@ def _validate(
 def _report(diagnosis: Diagnosis, added: Added | None, place: Place, stage: Stage) -> None:
     from rich.text import Text
 
+    from gyrowheel.diagnosis.api import Diagnosis as Found
     from gyrowheel.diagnosis.next_command import adding, diagnosing
-    from gyrowheel.diagnosis.result import Diagnosis as Found
     from gyrowheel.models.addition import Addition
     from gyrowheel.models.api import Model
     from gyrowheel.recordings.api import Recording
@@ -315,11 +315,11 @@ def _report(diagnosis: Diagnosis, added: Added | None, place: Place, stage: Stag
         commands.append(adding(names, [place.recording], [place.validation], Path("wheel.yaml")))
     with stage.working("writing") as say:
         report = Report.around(
-            Found(diagnosis),
+            Found.of(diagnosis),
             fresh,
             [Recording.open(place.recording)],
             [Recording.open(place.validation)],
-            better=None if added is None else Model.of(latest.details, Addition(added)),
+            better=None if added is None else Model.of(latest.details, Addition.of(added)),
             commands=commands,
             progress=say,
         )

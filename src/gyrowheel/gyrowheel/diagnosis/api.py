@@ -1,10 +1,99 @@
-"""The public function `diagnose`."""
+"""The effects that a model lacks, with the evidence."""
 
 from __future__ import annotations
 
-from gyrowheel.diagnosis.result import Diagnosis
-from gyrowheel.models.api import Model
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from gyrowheel.models.api import Model, effects_to_add
 from gyrowheel.recordings.inputs import Recordings, Say, data, opened_apart, require_one_machine
+from gyrowheel.show.result import Result, columns_of
+from gyrowheel_analysis.diagnosis import result as facts
+from gyrowheel_core.errors import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.console import RenderableType
+
+    from gyrowheel_sim.effects import Effect
+
+
+@dataclass(frozen=True, repr=False)
+class Diagnosis(Result, facts.Diagnosis):
+    """Outcome of `gyrowheel.diagnose`; the fields are those of `gyrowheel_analysis.diagnosis.result.Diagnosis`."""
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in a sentence."""
+        from gyrowheel.show.sentences.diagnosis import verdict_sentence
+
+        return verdict_sentence(self)
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """What lies before, between and after the events, as paths for `Recording.open`; empty without events."""
+        from gyrowheel_analysis.diagnosis.events import parts_between
+
+        return tuple(parts_between([event for event in self.events if event.recording in self.recordings]))
+
+    def to_add(self) -> list[str | Effect]:
+        """Return what `Model.add` takes: names of effects, and effects made from the proposed formulas.
+
+        Raises
+        ------
+        InputError
+            If nothing was found, or the recordings cannot decide between several effects.
+        """
+        return effects_to_add(self)
+
+    def headline(self) -> str:
+        """Return the verdict in a sentence."""
+        return self.sentence
+
+    def page(self) -> Iterable[RenderableType]:
+        """Return verdict, findings with evidence, errors, instruments, moved parameters and detection limits."""
+        from gyrowheel.diagnosis.page import diagnosis_page
+
+        return diagnosis_page(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of ``gyrowheel diagnose --json``; SI units."""
+        from gyrowheel.show.contract import diagnosis_json
+
+        return diagnosis_json(self)
+
+    def to_columns(self) -> Mapping[str, Sequence[Any]]:
+        """Return the findings as columns, one row for each coefficient; those of instruments in whole, as found."""
+        items = [(f.name, f.delta_chi2, f.coefficients) for f in (*self.effects, *self.free_form)]
+        items += [
+            (f.name, f.delta_chi2, {f.quantity: facts.Estimate(f.value, f.standard_error, f.unit)})
+            for f in self.instruments
+        ]
+        return columns_of(
+            "effect coefficient value standard_error unit delta_chi2",
+            (
+                (name, key, e.value, e.standard_error, e.unit, delta)
+                for name, delta, coefficients in items
+                for key, e in coefficients.items()
+            ),
+        )
+
+    def plot(self) -> Figure:
+        """Return the error before and after adding the findings, window by window and channel by channel.
+
+        Raises
+        ------
+        InputError
+            If the recordings have too little steady motion for a diagnosis.
+        """
+        from gyrowheel.diagnosis.page import coefficients_line
+        from gyrowheel.show.error_fall import error_figure
+
+        if self.error is None:
+            raise InputError(f"diagnosis: nothing to draw: {self.sentence}")
+        subtitle = "   ".join(f"{f.name}: {coefficients_line(f)}" for f in self.effects)
+        return error_figure(self.residuals, self.error, title=self.sentence.rstrip("."), subtitle=subtitle)
 
 
 def diagnose(
@@ -42,7 +131,7 @@ def diagnose(
 
     fitted, unused = opened_apart(recordings, validate)
     require_one_machine(data([*fitted, *unused]), mixed=mixed)
-    return Diagnosis(
+    return Diagnosis.of(
         run(
             data(fitted),
             model.details,

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from gyrowheel.diagnosis.result import Diagnosis
+    from gyrowheel_analysis.diagnosis.result import Diagnosis
 
 
 def diagnosing(
@@ -48,7 +48,7 @@ def following(
         # what the validation has and the fit has not shows only where both are fitted
         return diagnosing([*directories, *validate], model, averages=averages)
     if result.verdict == "effect" or result.free_form:
-        names = list(result.details.ties)
+        names = list(result.ties)
         names += [f"--formula {shlex.quote(f'{form.name}: {form.formula}')}" for form in result.free_form]
         return adding(names, directories, validate, model)
     plan = result.next_test.plan if result.next_test is not None else None

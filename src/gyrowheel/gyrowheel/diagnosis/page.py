@@ -54,20 +54,8 @@ _NEVER = 10.0  # times the largest usual size: nothing on a real bench is so far
 _MOVED = 1.0  # stated uncertainties
 
 
-def diagnosis(
-    result: Diagnosis, *, following: str | None = None, parts: Sequence[str] = ()
-) -> Iterator[RenderableType]:
-    """Yield what a diagnosis says, part by part.
-
-    Parameters
-    ----------
-    result : Diagnosis
-        The diagnosis.
-    following : str, optional
-        The command to type next.
-    parts : sequence of str
-        Commands that diagnose what lies between events.
-    """
+def diagnosis_page(result: Diagnosis) -> Iterator[RenderableType]:
+    """Yield a diagnosis, part by part."""
     if result.setup:
         yield from setup_page(result.setup)
         return
@@ -81,13 +69,6 @@ def diagnosis(
     yield from readings(result)
     yield from _moved(result.nuisance)
     yield from detection_limits(result.limits)
-    if parts:
-        yield heading("What lies before and after, by itself")
-        for part in parts:
-            yield command(part)
-    if following:
-        yield heading("Next")
-        yield command(following)
 
 
 def setup_page(found: Sequence[WrongSetup]) -> Iterator[RenderableType]:

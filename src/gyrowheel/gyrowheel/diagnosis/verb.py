@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from gyrowheel.cli.console import BAD_INPUT, finding, put_json, put_picture, put_text, working
+from gyrowheel.cli.console import BAD_INPUT, finding, put, working
 from gyrowheel.cli.options import (
     Averages,
     ErrorPicture,
@@ -42,33 +42,29 @@ def diagnose(
     from gyrowheel.diagnosis.next_command import following
     from gyrowheel.recordings.inputs import opened_apart
     from gyrowheel.recordings.provenance import noted_machine
+    from gyrowheel.show.layout import commands
 
     loaded = gw.Model.load(model)
     recordings, unused = opened_apart(directories, validate or ())
     with working("diagnosing") as say:
-        from gyrowheel.diagnosis.page import diagnosis
-
         result = gw.diagnose(
             recordings, loaded, validate=unused, averages=averages, mixed=mixed, progress=say
         )
-    if json is not None:
-        put_json(json, result.to_dict())
-    if json != "-":
-        command = following(
-            result,
-            directories,
-            validate or (),
-            model,
-            loaded.bench_source,
-            averages=averages,
-            machine=noted_machine(recordings),
-        )
-        parts = [
-            f"gyrowheel diagnose {shlex.quote(part)} --model {shlex.quote(str(model))}"
-            for part in result.parts
-        ]
-        put_text(diagnosis(result.details, following=command, parts=parts))
     if result.setup:
+        put(result, json)
         raise typer.Exit(BAD_INPUT)
-    put_picture(picture, result.plot, quiet=json == "-")
+    parts = [shlex.join(["gyrowheel", "diagnose", part, "--model", str(model)]) for part in result.parts]
+    machine = noted_machine(recordings)
+    command = following(
+        result, directories, validate or (), model, loaded.bench_source, averages=averages, machine=machine
+    )
+    put(
+        result,
+        json,
+        picture,
+        after=[
+            *commands("The parts before and after, each alone", *parts),
+            *commands("Next", *filter(None, [command])),
+        ],
+    )
     finding(fail_on_finding and result.verdict != "nothing_missing")

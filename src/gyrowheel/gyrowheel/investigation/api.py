@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gyrowheel.diagnosis.result import Diagnosis
+from gyrowheel.diagnosis.api import Diagnosis
 from gyrowheel.investigation.page import end_sentence, investigation_page
 from gyrowheel.investigation.procedure import Course, Listener, Run, Step, pursue
 from gyrowheel.recordings.inputs import Recordings, opened
@@ -59,7 +59,7 @@ class Investigation(Result, Course):
     @property
     def diagnosis(self) -> Diagnosis | None:
         """The last diagnosis, of all recordings together; None if it was interrupted before the first."""
-        return Diagnosis(self.steps[-1].diagnosis) if self.steps else None
+        return Diagnosis.of(self.steps[-1].diagnosis) if self.steps else None
 
     def headline(self) -> str:
         """Return how it ended."""

@@ -260,11 +260,11 @@ def _finish(
     last = done.diagnosis
     if last is not None:
         stage.step("What is known now")
-        stage.show([*findings(last.details), *detection_limits(last.details.limits)])
-        stage.show(error_section(last.details))
+        stage.show([*findings(last), *detection_limits(last.limits)])
+        stage.show(error_section(last))
         if done.settled and (next_command := following(last, recordings, (), model)):
             stage.show([heading("Next"), command(next_command)])
-        unseen = unseen_sentence(last.details)
+        unseen = unseen_sentence(last)
         if done.settled and not thorough and unseen:
             stage.show([heading("To be thorough"), Text(unseen), command(f"{again} --thorough")])
     if done.interrupted or (done.steps and not done.settled and recordings):

@@ -6,24 +6,24 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gyrowheel.models.addition import Addition
 from gyrowheel.recordings.correction import wrong_setups
 from gyrowheel.recordings.inputs import Recordings, Say, data, opened_apart, require_one_machine
+from gyrowheel.show.result import Shown, columns_of
 from gyrowheel_analysis.model import Model as Details
 from gyrowheel_core.errors import InputError
 
 if TYPE_CHECKING:
-    import pandas
     from matplotlib.figure import Figure
     from rich.console import RenderableType
 
-    from gyrowheel.diagnosis.result import Diagnosis
+    from gyrowheel.models.addition import Addition
+    from gyrowheel_analysis.diagnosis.result import Diagnosis
     from gyrowheel_analysis.model import Override
     from gyrowheel_sim.bench import Bench
     from gyrowheel_sim.effects import Effect
 
 
-class Model:
+class Model(Shown):
     """A bench with added effects and estimated parameter values; immutable: every change makes a new model.
 
     Parameters
@@ -78,9 +78,8 @@ class Model:
     @property
     def bench_source(self) -> str:
         """Shipped name of the bench or path of its file, usable from the working directory."""
-        from gyrowheel.simulation.scenario import bench_place
-
-        return bench_place(self._details, Path(self._details.origin))
+        beside = Path(self._details.origin).parent / self._details.bench_source
+        return str(beside) if beside.is_file() else self._details.bench_source
 
     @property
     def effects(self) -> Mapping[str, Mapping[str, float]]:
@@ -149,6 +148,7 @@ class Model:
             If an effect is unknown or already in the model, the diagnosis names nothing or cannot decide, or the
             recordings have too little steady motion.
         """
+        from gyrowheel.models.addition import Addition
         from gyrowheel_analysis.add import add_effect
 
         chosen = _chosen(what)
@@ -162,7 +162,7 @@ class Model:
 
             raise InputError(setup_line(wrong))
         found = add_effect(self._details, chosen, data(fitted), data(unused), progress=progress)
-        return Model.of(found.model, Addition(found))
+        return Model.of(found.model, Addition.of(found))
 
     def remove(self, *names: str) -> Model:
         """Return a new model without the named effects; the other coefficients keep their values.
@@ -210,19 +210,14 @@ class Model:
 
     def to_columns(self) -> Mapping[str, list[Any]]:
         """Return the coefficients as columns: effect, coefficient, value, standard_error [SI]."""
-        rows = [
-            (name, key, value, self._details.effect_errors.get(name, {}).get(key, 0.0))
-            for name, values in self._details.effects.items()
-            for key, value in values.items()
-        ]
-        names = ("effect", "coefficient", "value", "standard_error")
-        return {name: [row[k] for row in rows] for k, name in enumerate(names)}
-
-    def to_frame(self) -> pandas.DataFrame:
-        """Return `to_columns` as a data frame; InputError if pandas is not installed."""
-        from gyrowheel.show.result import data_frame
-
-        return data_frame(self.to_columns())
+        return columns_of(
+            "effect coefficient value standard_error",
+            (
+                (name, key, value, self._details.effect_errors.get(name, {}).get(key, 0.0))
+                for name, values in self._details.effects.items()
+                for key, value in values.items()
+            ),
+        )
 
     def plot(self) -> Figure:
         """Return the picture of the error before and after the `add` that made this model.
@@ -236,35 +231,46 @@ class Model:
             raise InputError(f"{self.origin}: has no error before and after to draw: it was not made by add")
         return self._added.plot()
 
-    def __str__(self) -> str:
-        """Return bench and effects in a few lines."""
-        lines = [f"model of the bench {self._details.bench_source}"]
-        for name, values in self._details.effects.items():
-            lines.append(f"  {name}: " + ", ".join(f"{key} = {value:.4g}" for key, value in values.items()))
-        return "\n".join(lines if len(lines) > 1 else [f"{lines[0]}, without effects"])
-
-    def __repr__(self) -> str:
+    def headline(self) -> str:
         """Return bench and names of the effects."""
-        return f"<Model: {self._details.bench_source}; {', '.join(self._details.effects) or 'no effects'}>"
+        return f"{self._details.bench_source}; {', '.join(self._details.effects) or 'no effects'}"
 
     def page(self) -> Iterable[RenderableType]:
-        """Return the page that `print` and a notebook show."""
+        """Return effects, parameters estimated from recordings, and history."""
         from gyrowheel.models.page import model_page
 
-        return model_page(self._details, self.origin)
+        return model_page(self._details)
 
-    def _repr_html_(self) -> str:
-        from gyrowheel.show.notebook import html
 
-        return html(self.page())
+def effects_to_add(found: Diagnosis) -> list[str | Effect]:
+    """Return what `Model.add` takes of a diagnosis; InputError as of `gyrowheel.Diagnosis.to_add`."""
+    from gyrowheel.show.sentences.diagnosis import verdict_sentence
+    from gyrowheel_sim.effects import effect_from_mapping
+
+    for own, ties in found.ties.items():
+        if ties:
+            names = ", ".join((own, *(tie.name for tie in ties)))
+            test = (
+                "" if found.next_test is None else f", or run plan {found.next_test.plan} and diagnose again"
+            )
+            raise InputError(
+                f"diagnosis: the recordings cannot decide between {names}; name the effect to add{test}"
+            )
+    if found.verdict == "unknown" and not found.free_form:
+        raise InputError(f"diagnosis: nothing to add: {verdict_sentence(found)}")
+    chosen: list[str | Effect] = list(found.ties)
+    chosen += [effect_from_mapping(f.name, f.declaration, "diagnosis.free_form") for f in found.free_form]
+    if not chosen:
+        raise InputError(f"diagnosis: nothing to add, its verdict is {found.verdict}")
+    return chosen
 
 
 def _chosen(what: Diagnosis | str | Effect | Sequence[str | Effect]) -> list[str | Effect]:
-    from gyrowheel.diagnosis.result import Diagnosis
+    from gyrowheel_analysis.diagnosis.result import Diagnosis
     from gyrowheel_sim.effects import Effect
 
     if isinstance(what, Diagnosis):
-        return what.to_add()
+        return effects_to_add(what)
     chosen = [what] if isinstance(what, str | Effect) else list(what)
     if not chosen:
         raise InputError("nothing to add: name an effect, or give a formula")

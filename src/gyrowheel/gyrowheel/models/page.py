@@ -10,21 +10,30 @@ from rich.console import RenderableType
 from rich.padding import Padding
 from rich.text import Text
 
+from gyrowheel.show.error_table import error_table
 from gyrowheel.show.formulas import pretty
-from gyrowheel.show.layout import heading, words_table
+from gyrowheel.show.layout import heading, sentences, words_table
 from gyrowheel.show.quantities import decimal, fixed, with_error
+from gyrowheel.show.sentences.events import event_sentences
+from gyrowheel.show.sentences.fits import doubt_sentence
+from gyrowheel.show.sentences.proof import proof_line
 
 if TYPE_CHECKING:
+    from gyrowheel_analysis.add import Added
     from gyrowheel_analysis.model import Model
 
 _INDENT = (0, 0, 0, 2)
 _MOVED = 0.5  # stated uncertainties by which a parameter must move to be named
 
 
-def model_page(model: Model, path: str) -> Iterator[RenderableType]:
+def model_page(model: Model) -> Iterator[RenderableType]:
     """Yield a model: its effects, its parameters and its history."""
-    yield Text.assemble((path, "bold cyan"), f"  bench {model.bench_source}")
-    yield from content(model)
+    yield Text.assemble((model.origin, "bold cyan"), f"  bench {model.bench_source}")
+    yield from _effects_section(model)
+    yield heading("Bench parameters fitted to recordings")
+    yield Padding(
+        _overrides(model, model.overrides) if model.overrides else Text("none", style="dim"), _INDENT
+    )
     yield heading("History")
     history = words_table("time", "what", "χ²/N", "recordings", whole=(0, 2))
     for entry in model.history:
@@ -35,20 +44,28 @@ def model_page(model: Model, path: str) -> Iterator[RenderableType]:
     yield Padding(history if model.history else Text("none", style="dim"), _INDENT)
 
 
-def content(model: Model) -> Iterator[RenderableType]:
-    """Yield what has been learned: effects, and parameters of the bench."""
+def _effects_section(model: Model) -> Iterator[RenderableType]:
     yield heading("Effects")
     yield Padding(_effects(model) if model.effects else Text("none", style="dim"), _INDENT)
-    yield heading("Bench parameters fitted to recordings")
-    yield Padding(
-        _overrides(model, model.overrides) if model.overrides else Text("none", style="dim"), _INDENT
-    )
+
+
+def addition_page(added: Added) -> Iterator[RenderableType]:
+    """Yield the model after a fit: its effects, parameters far from the bench file, errors, warnings and proof."""
+    yield from changes(added.model)
+    yield heading("Error")
+    yield error_table(added.error)
+    yield from sentences(addition_notes(added))
+    yield proof_line(added.proof, added.error)
+
+
+def addition_notes(added: Added) -> tuple[str, ...]:
+    """Return what happened in the middle of a recording, and what the fit gives reason to doubt."""
+    return (*event_sentences(added.events, several=True), *map(doubt_sentence, added.doubts))
 
 
 def changes(model: Model) -> Iterator[RenderableType]:
-    """Yield what is worth a look after a fit: the effects, and the parameters far from what the bench file says."""
-    yield heading("Effects")
-    yield Padding(_effects(model) if model.effects else Text("none", style="dim"), _INDENT)
+    """Yield the effects of a model, and the parameters far from what the bench file states."""
+    yield from _effects_section(model)
     stated = model.stated_bench.parameters
     far = [
         name

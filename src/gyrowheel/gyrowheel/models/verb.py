@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gyrowheel.cli.console import editing, out, put_json, put_picture, put_text, working
+from gyrowheel.cli.console import editing, out, put, put_json, put_text, working
 from gyrowheel.cli.options import BenchName, ErrorPicture, Json, Mixed, ModelFile, Validation, example
 from gyrowheel.show.files import require_writable
 from gyrowheel_core.errors import InputError
@@ -82,6 +82,7 @@ def add(
     from gyrowheel import Model
     from gyrowheel.models.api import require_known
     from gyrowheel.recordings.inputs import opened_apart
+    from gyrowheel.show.layout import Unbroken
 
     require_writable(model)
     with editing(model):
@@ -93,22 +94,11 @@ def add(
             require_known(effect)
         recordings, unused = opened_apart(fit, validate or ())
         with working("fitting") as say:
-            from gyrowheel.models.page import changes
-            from gyrowheel.show.error_table import error_table
-            from gyrowheel.show.layout import heading, sentences
-            from gyrowheel.show.sentences.proof import proof_line
-
             better = loaded.add(chosen, fit=recordings, validate=unused, mixed=mixed, progress=say)
             better.save(model)
     added = better.added
     assert added is not None  # what made it
-    if json is not None:
-        put_json(json, added.to_dict())
-    if json != "-":
-        errors = [heading("Error"), error_table(added.error), *sentences(added.notes)]
-        put_text([*changes(better.details), *errors, proof_line(added.details.proof, added.error)])
-        out().print(f"\nmodel: {model}", soft_wrap=True)
-    put_picture(picture, added.plot, quiet=json == "-")
+    put(added, json, picture, after=[Unbroken(f"\nmodel: {model}")])
 
 
 @model_app.command(epilog=example("gyrowheel model remove windage --model wheel.yaml"))
@@ -133,13 +123,8 @@ def remove(
 def show(model: ModelFile, json: Json = None) -> None:
     """Show effects, estimated parameters and history of a model."""
     from gyrowheel import Model
-    from gyrowheel.models.page import model_page
 
-    loaded = Model.load(model)
-    if json is not None:
-        put_json(json, loaded.to_dict())
-    if json != "-":
-        put_text(model_page(loaded.details, str(model)))
+    put(Model.load(model), json)
 
 
 @model_app.command(epilog=example("gyrowheel model undo --model wheel.yaml"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from gyrowheel.cli.console import put_json, put_text, working
+from gyrowheel.cli.console import put, working
 from gyrowheel.cli.options import Json, Mixed, ModelFile, Recordings, example
 
 
@@ -24,10 +24,5 @@ def rate(directories: Recordings, model: ModelFile, mixed: Mixed = False, json: 
     loaded = gw.Model.load(model)
     recordings = opened(directories)
     with working("estimating rates") as say:
-        from gyrowheel.rate_sensing.page import rates_page
-
         result = gw.rate(recordings, loaded, mixed=mixed, progress=say)
-    if json is not None:
-        put_json(json, result.to_dict())
-    if json != "-":
-        put_text(rates_page(result.details))
+    put(result, json)

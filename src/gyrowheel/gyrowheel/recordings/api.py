@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel.show.result import data_frame
+from gyrowheel.show.result import Shown
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording as Data
 
 if TYPE_CHECKING:
-    import pandas
     from matplotlib.figure import Figure
     from rich.console import RenderableType
 
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
     from gyrowheel_sim.environment import Environment
 
 
-class Recording:
+class Recording(Shown):
     """A recording in memory; its arrays are in order of time, in SI units, and read-only.
 
     Returned by `Recording.open`, `gyrowheel.simulate`, `gyrowheel.salvage` or `gyrowheel.read_table`.
@@ -146,10 +145,6 @@ class Recording:
         samples = self.measurement
         return {"time": self.time} | {name: samples[name] for name in samples.dtype.names or ()}
 
-    def to_frame(self) -> pandas.DataFrame:
-        """Return `to_columns` as a data frame; InputError if pandas is not installed."""
-        return data_frame(self.to_columns())
-
     def plot(self) -> Figure:
         """Return tilt, spin rate, voltages and motor current over time as a matplotlib figure."""
         from gyrowheel.recordings.picture import recording_figure
@@ -188,26 +183,15 @@ class Recording:
         """Return the number of samples."""
         return len(self._data.measurement)
 
-    def __str__(self) -> str:
-        """Return what it holds in three lines; `info` has all of it."""
-        from gyrowheel.recordings.page import info_lines
-
-        return "\n".join(info_lines(self.info))
-
-    def __repr__(self) -> str:
+    def headline(self) -> str:
         """Return name, length and number of samples."""
-        return f"<Recording: {self.name}, {self.duration:.2f} s, {len(self)} samples>"
+        return f"{self.name}, {self.duration:.2f} s, {len(self)} samples"
 
     def page(self) -> Iterable[RenderableType]:
         """Return the page that `print` and a notebook show."""
         from gyrowheel.recordings.page import info_page
 
         return info_page(self.info)
-
-    def _repr_html_(self) -> str:
-        from gyrowheel.show.notebook import html
-
-        return html(self.page())
 
 
 def salvage(

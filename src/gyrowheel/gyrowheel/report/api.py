@@ -26,8 +26,8 @@ from gyrowheel_core.files import write_bytes, write_text
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from gyrowheel.comparison.result import Comparison
-    from gyrowheel.diagnosis.result import Diagnosis
+    from gyrowheel.comparison.api import Comparison
+    from gyrowheel.diagnosis.api import Diagnosis
     from gyrowheel.investigation.api import Investigation
     from gyrowheel.models.addition import Addition
     from gyrowheel_sim.parameter import Parameter
@@ -223,7 +223,7 @@ class Report:
             "commands": list(self.commands),
             "next": self.next_command,
             "versions": {"gyrowheel": version("gyrowheel"), "system": platform.system()}
-            | self.diagnosis.details.versions,
+            | self.diagnosis.versions,
         }
 
     @property
@@ -256,8 +256,8 @@ class Report:
         from gyrowheel.show.error_fall import error_figure
 
         subtitle = "   ".join(f"{f.name}: {coefficients_line(f)}" for f in self.diagnosis.effects)
-        details = self.addition.details
-        return error_figure(details.residuals, details.error, title=self.title.rstrip("."), subtitle=subtitle)
+        added = self.addition
+        return error_figure(added.residuals, added.error, title=self.title.rstrip("."), subtitle=subtitle)
 
     def html(self) -> str:
         """Return the report as one page of HTML that needs no network; its one script draws signals."""

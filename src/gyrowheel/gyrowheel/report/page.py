@@ -28,7 +28,7 @@ def html_page(report: Report) -> str:
 
 
 def _parts(report: Report) -> dict[str, Any]:
-    found, cells = report.diagnosis.details, Cells(report.to_dict())
+    found, cells = report.diagnosis, Cells(report.to_dict())
     limits = sections.limits(found, cells)
     return {
         "style": style_sheet(),
@@ -87,8 +87,8 @@ def _parts(report: Report) -> dict[str, Any]:
 
 
 def _proof(report: Report, cells: Cells) -> dict[str, Any] | None:
-    if report.addition is not None and report.addition.details.proof is not None:
-        proven, place = report.addition.details.proof.proven, "addition.proof.reason"
+    if report.addition is not None and report.addition.proof is not None:
+        proven, place = report.addition.proof.proven, "addition.proof.reason"
     elif report.diagnosis.proof is not None:
         proven, place = report.diagnosis.proof.proven, "diagnosis.proof.reason"
     else:
@@ -117,8 +117,6 @@ def _where_picture(report: Report) -> Picture | None:
 def markdown_page(report: Report) -> str:
     """Return a report as Markdown: the words and tables of the terminal, recordings with hashes, commands."""
     from gyrowheel.catalogue.bench_page import bench_page
-    from gyrowheel.diagnosis.page import diagnosis
-    from gyrowheel.models.page import model_page
 
     def block(text: str) -> str:
         fence = "`" * max(
@@ -132,12 +130,12 @@ def markdown_page(report: Report) -> str:
         f"# {_words(report.title)}\n",
         f"Made {report.made} from {', '.join(_words(r.name) for r in report.fitted)}.\n",
     ]
-    lines += ["## Result\n", block(plain_text(diagnosis(report.diagnosis.details), _WIDTH).strip("\n"))]
+    lines += ["## Result\n", block(plain_text(report.diagnosis.page(), _WIDTH).strip("\n"))]
     if report.addition is not None:
         lines += ["## Added\n", block(plain_text(report.addition.page(), _WIDTH).strip("\n"))]
     lines += [
         "## Model\n",
-        block(plain_text(model_page(report.latest.details, report.latest.origin), _WIDTH)),
+        block(plain_text(report.latest.page(), _WIDTH)),
     ]
     lines += [block(plain_text(bench_page(report.latest.stated_bench), _WIDTH))]
     lines += ["## Recordings\n", "| recording | use | file | bytes | sha256 |", "|---|---|---|---|---|"]

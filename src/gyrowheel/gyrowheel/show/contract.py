@@ -183,7 +183,7 @@ def calibration_json(found: Calibration) -> dict[str, Any]:
             }
             for c in found.constants.values()
         },
-        "undetermined": found.undetermined,
+        "undetermined": dict(found.undetermined),
         "chi2_per_n": found.chi2_per_n,
         "notes": calibration_notes(found),
         "recordings": list(found.recordings),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import shutil
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 from rich import box
 from rich.console import Console, RenderableType
@@ -73,6 +73,13 @@ class Unbroken(Text):
 def command(text: str) -> Unbroken:
     """Return a command to type."""
     return Unbroken(f"  {text}", style="cyan")
+
+
+def commands(title: str, *texts: str) -> Iterator[Text]:
+    """Yield commands to type, below a heading; nothing without commands."""
+    if texts:
+        yield heading(title)
+        yield from map(command, texts)
 
 
 def show(console: Console, parts: Iterable[RenderableType]) -> None:

@@ -1,4 +1,4 @@
-"""Base class of all results."""
+"""Base classes of what the front door returns: everything that shows itself, and results."""
 
 from __future__ import annotations
 
@@ -16,19 +16,10 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
 
-class Result(abc.ABC):
-    """A result: a page (printed, in a notebook, by the verb), columns, JSON, and a picture if it has one.
-
-    A result of the packages below is shown by a subclass of it and of this class: it has the same fields, and its
-    `page` and `plot` hand it to functions that know the facts alone.
-    """
+class Shown(abc.ABC):
+    """A recording, a model or a result: a page (printed, in a notebook, by the verb), columns, JSON and a picture."""
 
     __slots__ = ()
-
-    @classmethod
-    def of(cls, facts: Any, **more: Any) -> Self:
-        """Return the result with the fields of `facts`, and of what it has beyond them."""
-        return cls(**{field.name: getattr(facts, field.name) for field in fields(facts)}, **more)
 
     @abc.abstractmethod
     def page(self) -> Iterable[RenderableType]:
@@ -59,7 +50,7 @@ class Result(abc.ABC):
 
     @abc.abstractmethod
     def to_columns(self) -> Mapping[str, Any]:
-        """Return the result as columns of equal length: {name: 1-D ndarray or list}; SI units."""
+        """Return columns of equal length: {name: 1-D ndarray or list}; SI units."""
 
     def to_frame(self) -> pandas.DataFrame:
         """Return `to_columns` as a data frame.
@@ -69,7 +60,11 @@ class Result(abc.ABC):
         InputError
             If pandas is not installed.
         """
-        return data_frame(self.to_columns())
+        try:
+            import pandas as pd
+        except ImportError:
+            raise InputError("to_frame: needs pandas, which is not installed: pip install pandas") from None
+        return pd.DataFrame(dict(self.to_columns()))
 
     def plot(self) -> Figure:
         """Return a picture as a matplotlib figure, to be shown in a notebook or written by ``savefig``.
@@ -77,9 +72,23 @@ class Result(abc.ABC):
         Raises
         ------
         InputError
-            If the result has nothing to draw.
+            If there is nothing to draw.
         """
         raise InputError(f"{type(self).__name__}: has no picture")
+
+
+class Result(Shown):
+    """A result of the packages below with a page: a subclass of it and of this class, which has the same fields.
+
+    Its `page` and `plot` hand it to functions that know the facts alone.
+    """
+
+    __slots__ = ()
+
+    @classmethod
+    def of(cls, facts: Any, **more: Any) -> Self:
+        """Return the result with the fields of `facts`, and further fields of its own."""
+        return cls(**{field.name: getattr(facts, field.name) for field in fields(facts)}, **more)
 
     def save(self, path: str | Path) -> None:
         """Write `to_dict` as a JSON file, atomically: a failure leaves the old file.
@@ -94,10 +103,7 @@ class Result(abc.ABC):
         write_text(Path(path), json_text(self.to_dict()))
 
 
-def data_frame(columns: Mapping[str, Any]) -> pandas.DataFrame:
-    """Return columns as a data frame; InputError if pandas is not installed."""
-    try:
-        import pandas as pd
-    except ImportError:
-        raise InputError("to_frame: needs pandas, which is not installed: pip install pandas") from None
-    return pd.DataFrame(dict(columns))
+def columns_of(names: str, rows: Iterable[Iterable[Any]]) -> dict[str, list[Any]]:
+    """Return rows as columns, by the names in a text separated by spaces."""
+    table = [list(row) for row in rows]
+    return {name: [row[k] for row in table] for k, name in enumerate(names.split())}

@@ -41,12 +41,6 @@ def noise_seed(seed: int, plan: str) -> int:
     return int(sequence.generate_state(1)[0])
 
 
-def bench_place(model: Model, file: Path) -> str:
-    """Return the shipped name of a model's bench, or the path of its file, beside that of `file` if it is there."""
-    beside = file.parent / model.bench_source
-    return str(beside) if beside.is_file() else model.bench_source
-
-
 def scenario(
     bench: Bench,
     plan: str,

@@ -173,7 +173,7 @@ def windows(desk: Desk) -> dict[str, Any] | None:
     found = desk.step.comparison
     if found is None:
         return None
-    data, keys = found.details.data, [own.key for own in desk.opened.values() if own.role == ROLES[0]]
+    data, keys = found.data, [own.key for own in desk.opened.values() if own.role == ROLES[0]]
     w, tilt = data.windows, data.parts.get(COILS)
     # without both coil voltages the coils have no residual
     values = np.zeros(len(w), dtype=complex) if tilt is None else tilt.values
@@ -200,7 +200,7 @@ def maps(desk: Desk) -> list[dict[str, Any]]:
     """Return χ²/N of every channel over every variable, each cell with its windows."""
     if desk.step.comparison is None:
         return []
-    data = desk.step.comparison.details.data
+    data = desk.step.comparison.data
     return [
         {
             "variable": variable,
@@ -243,7 +243,7 @@ def region(desk: Desk, chosen: Sequence[int]) -> dict[str, Any]:
     result = desk.step.comparison
     if result is None:
         raise InputError("windows: nothing is compared yet")
-    data = result.details.data
+    data = result.data
     mask = np.zeros(len(data.windows), dtype=bool)
     if not chosen or not all(0 <= k < len(mask) for k in chosen):
         raise InputError(f"windows: must be of 0 .. {len(mask) - 1}")

@@ -11,8 +11,8 @@ from gyrowheel.recordings.provenance import noted_machine
 from gyrowheel.report.api import Report
 
 if TYPE_CHECKING:
-    from gyrowheel.comparison.result import Comparison
-    from gyrowheel.diagnosis.result import Diagnosis
+    from gyrowheel.comparison.api import Comparison
+    from gyrowheel.diagnosis.api import Diagnosis
     from gyrowheel.models.api import Model
     from gyrowheel.recordings.api import Recording
 

@@ -32,8 +32,8 @@ from gyrowheel.workbench.report import report_page
 from gyrowheel_core.errors import InputError, nearest, one_line
 
 if TYPE_CHECKING:
-    from gyrowheel.comparison.result import Comparison
-    from gyrowheel.diagnosis.result import Diagnosis
+    from gyrowheel.comparison.api import Comparison
+    from gyrowheel.diagnosis.api import Diagnosis
     from gyrowheel_analysis.drag.estimate import Estimate
     from gyrowheel_sim.effects import Effect
 

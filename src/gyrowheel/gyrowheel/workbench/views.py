@@ -239,7 +239,7 @@ def _missing(desk: Desk) -> dict[str, Any]:
     if result is None:
         wrong = () if comparison is None else comparison.setup
         return shared | {"found": None, "setup": sections.setup(wrong)}
-    found, cells = result.details, Cells({"diagnosis": result.to_dict()})
+    found, cells = result, Cells({"diagnosis": result.to_dict()})
     limits = sections.limits(found, cells)
     return shared | {
         "found": found,
