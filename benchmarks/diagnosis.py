@@ -165,7 +165,7 @@ def main(recording: str) -> None:
     found = time.process_time()
     stages[_REST] = found - start - sum(stages.values())
     console = Console(file=io.StringIO(), width=100)
-    for part in render.diagnosis(result):
+    for part in render.diagnosis_page(result):
         console.print(part)
     stages[_REPORT] = time.process_time() - found
     json.dump(

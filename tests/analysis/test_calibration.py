@@ -91,7 +91,7 @@ def test_what_the_recordings_cannot_tell_is_left_alone(
     found = calibrate([sweep], Model.new())
     assert set(found.constants) == {"motor_constant", "motor_resistance"}
     assert "cone" in found.undetermined["coil_constant"]
-    assert "coil_constant" not in found.model.overrides
+    assert "coil_constant" not in found.calibrated.overrides
     # one speed, one tilt after the other
     text = "schema: 1\nname: one\nhold_s: 3\nsegments:\n  - {spin_rpm: 3000, tilt_deg: [[0, 0], [2, 0], [0, 2]]}\n"
     held = record(tmp_path, "held", machine, Plan.load(text))
@@ -111,7 +111,7 @@ def test_the_model_takes_the_constants_and_gives_them_back(
 ):
     _, _, found = calibrated
     file = tmp_path / "model.yaml"
-    found.model.save(file)
+    found.calibrated.save(file)
     model = Model.load(file)
     for name, c in found.constants.items():
         assert model.overrides[name].value == pytest.approx(c.after.value)
@@ -137,12 +137,12 @@ def test_a_calibrated_model_has_no_wrong_constants_any_more(
     fresh = recordings(tmp_path, machine, "check")
     before = diagnose(fresh, Model.new())
     assert {e.name for e in before.effects} & {"coil_gain_error", "motor_constant_error"}
-    after = diagnose(fresh, found.model)
+    after = diagnose(fresh, found.calibrated)
     assert not {e.name for e in after.effects} & {"coil_gain_error", "motor_constant_error"}, (
         verdict_sentence(after)
     )
     # again, from the model calibrated before: nothing of it is believed twice
-    again = calibrate(fresh, found.model)
+    again = calibrate(fresh, found.calibrated)
     assert all(abs(pull) < 4.0 for pull in pulls(again, machine))
     assert again.constants["coil_constant"].before == found.constants["coil_constant"].after
 

@@ -162,7 +162,7 @@ def test_results_are_what_the_command_line_writes(gyrowheel: Shell, wheel: Wheel
 def test_diagnosis_names_what_is_missing(found: gw.Diagnosis, drag: gw.Recording) -> None:
     assert found.verdict == "effect"
     assert [f.name for f in found.effects] == ["windage"]
-    assert str(found).startswith("An effect is missing: drag of the air on the spin (windage).")
+    assert "An effect is missing: drag of the air on the spin (windage)." in str(found)
     assert repr(found) == "<Diagnosis: An effect is missing: drag of the air on the spin (windage).>"
     assert found.to_dict()["effects"][0]["name"] == "windage"
     assert found.recordings == (str(drag.path),)
@@ -199,7 +199,7 @@ def test_model_file_holds_the_model(better: gw.Model, tmp_path: Path) -> None:
 
 def test_results_cannot_be_changed(found: gw.Diagnosis, drag: gw.Recording) -> None:
     with pytest.raises(AttributeError):
-        found.details = None  # type: ignore[misc, assignment]
+        found.effects = ()  # type: ignore[misc]
     with pytest.raises(AttributeError):
         found.verdict = "unknown"  # type: ignore[misc]
     compared = gw.compare(drag, gw.Model())

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gyrowheel import Diagnosis
 from gyrowheel.diagnosis.next_command import following
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_recording.bags import Recording
@@ -89,7 +88,7 @@ def test_the_next_test_is_one_that_the_bench_can_run(gyrowheel: Shell, tmp_path:
     found = gyrowheel.good("diagnose", run, "--model", model, "--json", "-").json
     assert found["next_test"]["plan"].startswith("dtg_")
     assert found["next_test"]["plan"] in Plan.shipped()
-    command = following(Diagnosis(AMBIGUOUS), [run], [], model, "dtg")
+    command = following(AMBIGUOUS, [run], [], model, "dtg")
     assert command is not None
     assert "--bench dtg" in command
 

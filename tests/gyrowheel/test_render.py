@@ -16,7 +16,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import RenderableType
 
-from gyrowheel import Diagnosis
 from gyrowheel.air_flow.page import check_page, table_page
 from gyrowheel.catalogue.bench_page import bench_page
 from gyrowheel.catalogue.effect_page import effect_list, effect_page
@@ -24,12 +23,12 @@ from gyrowheel.catalogue.plan_page import plan_list, plan_page
 from gyrowheel.comparison.page import channel_table
 from gyrowheel.diagnosis.next_command import following
 from gyrowheel.diagnosis.page import detection_limits
-from gyrowheel.diagnosis.page import diagnosis as rendered
+from gyrowheel.diagnosis.page import diagnosis_page as rendered
 from gyrowheel.drag_comparison.page import drag_page
 from gyrowheel.models.page import model_page
 from gyrowheel.show.error_table import fall
 from gyrowheel.show.formulas import pretty
-from gyrowheel.show.layout import figures_table, plain_text, words_table
+from gyrowheel.show.layout import commands, figures_table, plain_text, words_table
 from gyrowheel.show.quantities import decimal, fixed, minus, quantity, seconds, short, span, with_error
 from gyrowheel.show.sentences.diagnosis import verdict_sentence
 from gyrowheel.show.sentences.forms import form_sentence
@@ -146,7 +145,7 @@ def test_a_formula_as_it_is_shown_can_be_typed_in(effect: Effect):
 def test_a_model_shows_an_effect_of_its_own():
     own = effect_from_text("stator_pull: torque = -k*r*z; k [N*m/rad]")
     model = Model(Bench.load(), effects={"stator_pull": {"k": 0.02}}, declared={"stator_pull": own})
-    words = " ".join(text_of(model_page(model, "m.yaml")).split())
+    words = " ".join(text_of(model_page(model)).split())
     assert "stator_pull k 20 mN·m/rad" in words
     assert "torque on the rotor = −k·Ω·z/Ω₀" in words
 
@@ -362,14 +361,12 @@ def test_ties_name_the_test_or_say_that_there_is_none():
 
 def test_the_next_command_is_never_broken(tmp_path):
     folder = tmp_path / "a folder with a very long name that does not fit into eighty columns"
-    command = following(
-        Diagnosis(VERDICTS["effect"]), [folder / "drag"], [folder / "other"], folder / "model.yaml"
-    )
+    command = following(VERDICTS["effect"], [folder / "drag"], [folder / "other"], folder / "model.yaml")
     assert command is not None
     assert f"--fit '{folder}/drag' --validate '{folder}/other'" in command
-    assert f"  {command}\n" in text_of(rendered(VERDICTS["effect"], following=command))
-    assert following(Diagnosis(VERDICTS["nothing"]), [folder], [], folder) is None
-    test = following(Diagnosis(AMBIGUOUS), [folder / "drag"], [], folder / "model.yaml")
+    assert f"  {command}" in text_of(commands("Next", command)).splitlines()
+    assert following(VERDICTS["nothing"], [folder], [], folder) is None
+    test = following(AMBIGUOUS, [folder / "drag"], [], folder / "model.yaml")
     assert test is not None
     assert "gyrowheel up --plan air_density --record" in test
 

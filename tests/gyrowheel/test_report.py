@@ -15,7 +15,6 @@ import pytest
 import yaml
 
 import gyrowheel as gw
-from gyrowheel.diagnosis.api import Diagnosis
 from gyrowheel.report import printing
 from gyrowheel.show.files import is_report
 from gyrowheel_analysis.reduction import Coverage
@@ -142,8 +141,8 @@ def test_what_a_user_wrote_is_text_and_never_runs(wheel: Wheel, made: gw.Report,
 def test_what_was_assumed_and_what_the_samples_show_is_told(made: gw.Report) -> None:
     clock = ReadingFinding("clock_rate", "clock", "rate_error", 2e-5, 1e-6, 0.0, "1", 400.0, "drag")
     part = Coverage(60.0, 30.0, {"of a kind": 10.0}, ("air_pressure: that of the bench",))
-    details = replace(made.diagnosis.details, readings=(clock,), coverage=part)
-    page = Page(replace(made, diagnosis=Diagnosis(details)).html())
+    details = replace(made.diagnosis, readings=(clock,), coverage=part)
+    page = Page(replace(made, diagnosis=details).html())
     assert check_numbers(page) > 100
     said = "".join(text for text, _ in page.pieces)
     assert "ppm fast against the count of the samples" in said

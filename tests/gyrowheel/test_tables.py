@@ -21,7 +21,7 @@ from gyrowheel.campaigns.judge import Judged
 from gyrowheel.campaigns.page import campaign_page
 from gyrowheel.campaigns.summary import Summary
 from gyrowheel.cli.app import app
-from gyrowheel.diagnosis.page import diagnosis as diagnosis_page
+from gyrowheel.diagnosis.page import diagnosis_page
 from gyrowheel.drag_comparison.page import drag_page
 from gyrowheel.graph.replay_page import replay_page
 from gyrowheel.investigation.api import Investigation

@@ -83,7 +83,7 @@ def test_without_the_voltages_of_the_coils_nothing_is_said_of_their_torque(run: 
     found = gw.compare(changed(run, **dict.fromkeys(COILS, np.nan)), model).to_dict()
     assert set(found["error"]["raw"]["rms"]) == {"spin"}
     assert not any(name.startswith("tilt") for name in found["channels"])
-    calibrated = gw.calibrate(changed(run, **dict.fromkeys(COILS, np.nan)), model).details
+    calibrated = gw.calibrate(changed(run, **dict.fromkeys(COILS, np.nan)), model)
     assert "coil_constant" in calibrated.undetermined
 
 

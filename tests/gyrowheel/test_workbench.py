@@ -310,7 +310,7 @@ def test_a_cell_of_the_map_has_its_windows_and_what_is_said_of_them(compared: De
     found = pictures.found(compared)
     comparison = compared.step.comparison
     assert comparison is not None
-    data = comparison.details.data
+    data = comparison.data
     for shown in found["maps"]:
         every = [k for cell in shown["cells"] for k in cell["windows"]]
         assert sorted(every) == list(range(len(data.windows)))  # each window once
@@ -490,7 +490,7 @@ def test_all_that_a_diagnosis_says_stands_on_the_page(wheel: Wheel) -> None:
     desk = Desk(Shelf([wheel.recording.parent]), gw.Model())
 
     def part(details: Any) -> str:
-        desk.steps = [replace(desk.step, diagnosis=Diagnosis(details))]
+        desk.steps = [replace(desk.step, diagnosis=Diagnosis.of(details))]
         return str(views.state(desk)["parts"]["missing"])
 
     nothing: dict[str, Any] = {"error": None, "nuisance": {}, "limits": (), "where": ()}

@@ -65,7 +65,8 @@ class Diagnosis(Result, facts.Diagnosis):
 
     def to_columns(self) -> Mapping[str, Sequence[Any]]:
         """Return the findings as columns, one row for each coefficient; those of instruments in whole, as found."""
-        items = [(f.name, f.delta_chi2, f.coefficients) for f in (*self.effects, *self.free_form)]
+        items = [(f.name, f.delta_chi2, f.coefficients) for f in self.effects]
+        items += [(f.name, f.delta_chi2, f.coefficients) for f in self.free_form]
         items += [
             (f.name, f.delta_chi2, {f.quantity: facts.Estimate(f.value, f.standard_error, f.unit)})
             for f in self.instruments

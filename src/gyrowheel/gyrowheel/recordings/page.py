@@ -24,15 +24,6 @@ _MOST_GAPS = 5
 _MOST_LOSSES = 8
 
 
-def info_lines(found: RecordingInfo) -> Iterator[str]:
-    """Yield the content of a recording in three lines: of what, how much, and where it has been."""
-    machine = f", machine {found.machine}" if found.machine else ""
-    yield f"{found.path}: bench {found.bench or 'not stated'}{machine}"
-    yield f"  {found.duration:.2f} s at {found.rate:.1f} Hz, {integrity_text(found.integrity)}"
-    holds = f", {len(found.holds)} holds" if found.holds else ""
-    yield f"  {_range(found.spin_rate, RPM)} rpm, tilt {_range(found.tilt, DEG)} deg{holds}"
-
-
 def info_page(found: RecordingInfo) -> Iterator[RenderableType]:
     """Yield what a recording holds."""
     yield Unbroken.assemble((found.path, "bold cyan"), f"  {found.size / 1e6:.1f} MB")
