@@ -26,8 +26,7 @@ from gyrowheel.drag_comparison.page import drag_page
 from gyrowheel.graph.replay_page import replay_page
 from gyrowheel.investigation.api import Investigation
 from gyrowheel.investigation.procedure import Course, Step
-from gyrowheel.show.layout import plain_text
-from gyrowheel.show.table import UncutTable
+from gyrowheel.show.layout import UncutTable, plain_text
 from gyrowheel_air.table import TorqueTable
 
 from .conftest import Wheel

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel.paper_figures.curves import Curve, Panel, curves_figure
 from gyrowheel.paper_figures.evidence import REFERENCE, SPEEDS, TILT, Evidence, Statement, air_part, part
 from gyrowheel.paper_figures.result import Finding
-from gyrowheel.show.curves import Curve, Panel, curves_figure
 from gyrowheel.show.style import BLUE, GREEN, INK, ORANGE, SOFT, VERMILION
 from gyrowheel_analysis.drag.estimate import Estimate
 from gyrowheel_core.units import DEG, RPM

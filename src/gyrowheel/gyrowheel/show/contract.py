@@ -30,7 +30,6 @@ if TYPE_CHECKING:
         Proof,
         TieReport,
     )
-    from gyrowheel_analysis.model import Override
     from gyrowheel_analysis.reduction.not_as_stated import ReadingFinding
     from gyrowheel_analysis.residuals.error_table import ErrorTable
     from gyrowheel_analysis.residuals.regions import Region
@@ -62,18 +61,13 @@ def comparison_json(found: Comparison) -> dict[str, Any]:
 def reading_json(found: Sequence[ReadingFinding]) -> list[dict[str, Any]]:
     """Return what the samples show of the instruments as JSON objects."""
     return [
-        {
-            **asdict(item),
-            "shown_by": "samples",
-            "sentence": reading_sentence(item),
-            "ties": [],
-        }
+        {**asdict(item), "shown_by": "samples", "sentence": reading_sentence(item), "ties": []}
         for item in found
     ]
 
 
 def setup_json(found: Sequence[WrongSetup]) -> list[dict[str, Any]]:
-    """Return wrong setups as JSON objects, each with the cure of its recording."""
+    """Return wrong setups as JSON objects, each with the corrections of its recording."""
     return [
         {"problem": problem(item), "cure": cure_of(item, found), "map": map_lines(item), **item.to_json()}
         for item in found
@@ -82,7 +76,7 @@ def setup_json(found: Sequence[WrongSetup]) -> list[dict[str, Any]]:
 
 def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
     """Return a diagnosis as a JSON object."""
-    test = found.next_test
+    test, many = found.next_test, several(found)
     return {
         "schema": 1,
         "verdict": found.verdict,
@@ -90,55 +84,36 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "effects": [_effect(finding) for finding in found.effects],
         "free_form": [
             {
-                "name": form.name,
-                "formula": form.formula,
-                "delta_chi2": form.delta_chi2,
+                **_picked(form, "name formula delta_chi2"),
                 "coefficients": _coefficients(form.coefficients),
                 "declaration": form.declaration,
                 "simple": form.simple or None,
             }
             for form in found.free_form
         ],
-        "events": [event_json(event, several=several(found)) for event in found.events],
+        "events": [event_json(event, several=many) for event in found.events],
         "drift": dict(found.drift_scales),
         "drift_shapes": [
-            {**asdict(shape), "sentence": shape_sentence(shape, several=several(found))}
-            for shape in found.drift_shapes
+            {**asdict(shape), "sentence": shape_sentence(shape, several=many)} for shape in found.drift_shapes
         ],
         "error": None if found.error is None else found.error.to_json(),
         "where": [_region(region) for region in found.where],
-        "next_test": None
-        if test is None
-        else {
-            "plan": test.plan,
-            "expected_separation": test.expected_separation,
-            "minutes": test.minutes,
-        },
+        "next_test": None if test is None else _picked(test, "plan expected_separation minutes"),
         "proof": proof_json(found.proof, found.error),
         "beyond": [
             {key: value if value != math.inf else None for key, value in asdict(item).items()}
             for item in found.beyond
         ],
         "nuisance": {
-            name: {
-                "value": n.value,
-                "standard_error": n.standard_error,
-                "prior_value": n.prior_value,
-                "prior_uncertainty": n.prior_uncertainty,
-            }
+            name: _picked(n, "value standard_error prior_value prior_uncertainty")
             for name, n in found.nuisance.items()
         },
-        "instruments": [
-            *(_instrument(finding) for finding in found.instruments),
-            *reading_json(found.readings),
-        ],
+        "instruments": [*map(_instrument, found.instruments), *reading_json(found.readings)],
         "detection_limits": [
             {
-                "effect": limit.effect,
-                "coefficient": limit.coefficient,
+                **_picked(limit, "effect coefficient"),
                 "value": limit.value if math.isfinite(limit.value) else None,
-                "unit": limit.unit,
-                "visible": limit.visible,
+                **_picked(limit, "unit visible"),
             }
             for limit in found.limits
         ],
@@ -167,18 +142,14 @@ def proof_json(proof: Proof | None, table: ErrorTable | None) -> dict[str, Any] 
 
 def calibration_json(found: Calibration) -> dict[str, Any]:
     """Return a calibration as a JSON object."""
-
-    def pair(value: Override) -> dict[str, float]:
-        return {"value": value.value, "standard_error": value.standard_error}
-
     return {
         "schema": 1,
         "constants": {
             c.name: {
                 "unit": c.unit,
                 "stated": {"value": c.stated.value, "uncertainty": c.stated.standard_error},
-                "before": pair(c.before),
-                "after": pair(c.after),
+                "before": _picked(c.before, "value standard_error"),
+                "after": _picked(c.after, "value standard_error"),
                 "limited_by": c.limited_by or None,
             }
             for c in found.constants.values()
@@ -190,18 +161,6 @@ def calibration_json(found: Calibration) -> dict[str, Any]:
     }
 
 
-def _effect(finding: EffectFinding) -> dict[str, Any]:
-    return {
-        "name": finding.name,
-        "coefficients": _coefficients(finding.coefficients),
-        "delta_chi2": finding.delta_chi2,
-        "formula": finding.formula,
-        "evidence": evidence(finding),
-        "in_model": None if finding.in_model is None else _coefficients(finding.in_model),
-        "ties": _ties(finding.ties),
-    }
-
-
 def event_json(event: DatedEvent, *, several: bool) -> dict[str, Any]:
     """Return an event as a JSON object; `several` as in `event_sentence`."""
     return {
@@ -209,28 +168,26 @@ def event_json(event: DatedEvent, *, several: bool) -> dict[str, Any]:
         "time_standard_error": event.time_error,
         "end": event.end,
         "end_standard_error": event.end_error,
-        "kind": event.kind,
-        "channel": event.channel,
-        "size": event.size,
-        "standard_error": event.standard_error,
-        "unit": event.unit,
-        "recording": event.recording,
-        "gain": event.gain,
+        **_picked(event, "kind channel size standard_error unit recording gain"),
         "ties": list(event.ties),
         "sentence": event_sentence(event, several=several),
     }
 
 
-def _instrument(finding: InstrumentFinding) -> dict[str, Any]:
+def _effect(finding: EffectFinding) -> dict[str, Any]:
     return {
         "name": finding.name,
-        "channel": finding.channel,
-        "quantity": finding.quantity,
-        "value": finding.value,
-        "standard_error": finding.standard_error,
-        "stated": finding.stated,
-        "unit": finding.unit,
-        "delta_chi2": finding.delta_chi2,
+        "coefficients": _coefficients(finding.coefficients),
+        **_picked(finding, "delta_chi2 formula"),
+        "evidence": evidence(finding),
+        "in_model": None if finding.in_model is None else _coefficients(finding.in_model),
+        "ties": _ties(finding.ties),
+    }
+
+
+def _instrument(finding: InstrumentFinding) -> dict[str, Any]:
+    return {
+        **_picked(finding, "name channel quantity value standard_error stated unit delta_chi2"),
         "shown_by": "torques",
         "sentence": instrument_sentence(finding),
         "ties": _ties(finding.ties),
@@ -238,15 +195,7 @@ def _instrument(finding: InstrumentFinding) -> dict[str, Any]:
 
 
 def _ties(ties: Sequence[TieReport]) -> list[dict[str, Any]]:
-    return [
-        {
-            "name": tie.name,
-            "delta_chi2": tie.delta_chi2,
-            "separating_plan": tie.separating_plan,
-            "expected_separation": tie.expected_separation,
-        }
-        for tie in ties
-    ]
+    return [_picked(tie, "name delta_chi2 separating_plan expected_separation") for tie in ties]
 
 
 def _region(region: Region) -> dict[str, Any]:
@@ -258,7 +207,9 @@ def _region(region: Region) -> dict[str, Any]:
 
 
 def _coefficients(values: Mapping[str, Estimate]) -> dict[str, Any]:
-    return {
-        name: {"value": e.value, "standard_error": e.standard_error, "unit": e.unit}
-        for name, e in values.items()
-    }
+    return {name: _picked(e, "value standard_error unit") for name, e in values.items()}
+
+
+def _picked(item: object, names: str) -> dict[str, Any]:
+    """Return some members of a result by their names, in this order."""
+    return {name: getattr(item, name) for name in names.split()}
