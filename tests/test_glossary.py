@@ -9,7 +9,7 @@ from pathlib import Path
 
 from gyrowheel.comparison import page as comparison
 from gyrowheel.show import error_table as errors
-from gyrowheel.show.variables import TITLES
+from gyrowheel.show.sentences.residuals import TITLES
 from gyrowheel_analysis.channels import CHANNELS
 
 ROOT = Path(__file__).resolve().parents[1]

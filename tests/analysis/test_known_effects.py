@@ -9,7 +9,7 @@ import pytest
 
 from gyrowheel.show.contract import diagnosis_json
 from gyrowheel.show.sentences.diagnosis import verdict_sentence
-from gyrowheel.show.sentences.fits import doubt_sentence
+from gyrowheel.show.sentences.proof import doubt_sentence
 from gyrowheel_analysis.add import add_effect
 from gyrowheel_analysis.compare import compare
 from gyrowheel_analysis.diagnosis.diagnose import diagnose

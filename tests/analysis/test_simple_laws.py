@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from gyrowheel.show.sentences.forms import simple_sentence
+from gyrowheel.show.sentences.diagnosis import simple_sentence
 from gyrowheel_analysis.diagnosis.result import Estimate, FreeForm
 from gyrowheel_analysis.diagnosis.unknown import forms, whole_exponents, with_exponents
 from gyrowheel_sim.effects.user_defined_line import effect_to_line, typed_effect

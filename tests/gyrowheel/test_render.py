@@ -30,8 +30,7 @@ from gyrowheel.show.error_table import fall
 from gyrowheel.show.formulas import pretty
 from gyrowheel.show.layout import commands, figures_table, plain_text, words_table
 from gyrowheel.show.quantities import decimal, fixed, minus, quantity, seconds, short, span, with_error
-from gyrowheel.show.sentences.diagnosis import verdict_sentence
-from gyrowheel.show.sentences.forms import form_sentence
+from gyrowheel.show.sentences.diagnosis import form_sentence, verdict_sentence
 from gyrowheel.show.sentences.proof import proof_sentence
 from gyrowheel_air.check import check_table
 from gyrowheel_air.table import TorqueTable

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from gyrowheel.show.layout import figures_table, heading, sentences
 from gyrowheel.show.quantities import decimal, pair, short
-from gyrowheel.show.sentences.fits import calibration_notes
+from gyrowheel.show.sentences.proof import calibration_notes
 from gyrowheel_core.units import unit_for
 
 if TYPE_CHECKING:

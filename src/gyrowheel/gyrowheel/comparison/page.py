@@ -15,9 +15,8 @@ from rich.text import Text
 from gyrowheel.show.error_table import unit_of
 from gyrowheel.show.layout import figures_table, heading, sentences, words_table
 from gyrowheel.show.quantities import decimal, fixed
-from gyrowheel.show.sentences.readings import reading_sentence, untold_sentences
-from gyrowheel.show.sentences.residuals import dependence_sentences, region_description, region_name
-from gyrowheel.show.variables import TITLES
+from gyrowheel.show.sentences.instruments import reading_sentence, untold_sentences
+from gyrowheel.show.sentences.residuals import TITLES, dependence_sentences, region_description, region_name
 from gyrowheel_analysis.channels import CHANNELS, LISTED
 from gyrowheel_analysis.residuals.maps import DEFAULT
 from gyrowheel_core.units import DEG, RPM, unit_for

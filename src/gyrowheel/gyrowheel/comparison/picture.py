@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel.show.figure import Picture, finished
+from gyrowheel.show.sentences.residuals import TITLES
 from gyrowheel.show.style import DARK, FAINT, GROUND, SOFT, TICK, style
-from gyrowheel.show.variables import TITLES
 from gyrowheel_analysis.channels import CHANNELS, COILS
 from gyrowheel_analysis.reduction.groups import speed_groups
 from gyrowheel_analysis.residuals.maps import VARIABLES, Cell, ResidualMap, Span, residual_map

@@ -19,14 +19,16 @@ from gyrowheel.show.layout import Unbroken, command, heading, sentences, words_t
 from gyrowheel.show.quantities import is_pure, quantity, span, with_error
 from gyrowheel.show.sentences.diagnosis import (
     evidence,
+    form_sentence,
     physics,
+    place_text,
     purpose,
+    simple_sentence,
     tie_sentence,
     title,
     verdict_sentence,
 )
 from gyrowheel.show.sentences.events import tie_of_event
-from gyrowheel.show.sentences.forms import form_sentence, place_text, simple_sentence
 from gyrowheel.show.sentences.instruments import instrument_sentence
 from gyrowheel.show.sentences.proof import proof_line
 from gyrowheel.show.sentences.setup import cure, map_lines, problem

@@ -15,8 +15,7 @@ from gyrowheel.show.formulas import pretty
 from gyrowheel.show.layout import heading, sentences, words_table
 from gyrowheel.show.quantities import decimal, fixed, with_error
 from gyrowheel.show.sentences.events import event_sentences
-from gyrowheel.show.sentences.fits import doubt_sentence
-from gyrowheel.show.sentences.proof import proof_line
+from gyrowheel.show.sentences.proof import doubt_sentence, proof_line
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.add import Added

@@ -138,7 +138,7 @@ def undo(model: ModelFile) -> None:
         after = before.undo()
         after.save(model)
     last = before.history[-1]
-    out().print(f"taken back: {last.get('what', 'the last change')} ({last.get('time', 'no time')})")
+    out().print(f"undone: {last.get('what', 'the last change')} ({last.get('time', 'no time')})")
     put_text(difference(before.details, after.details))
 
 

@@ -13,10 +13,9 @@ from gyrowheel.show.cells import Cells, declared, label
 from gyrowheel.show.error_table import unit_of
 from gyrowheel.show.mathml import typeset
 from gyrowheel.show.quantities import is_pure
-from gyrowheel.show.sentences.diagnosis import physics, purpose, tie_sentence, title
+from gyrowheel.show.sentences.diagnosis import physics, purpose, simple_sentence, tie_sentence, title
 from gyrowheel.show.sentences.events import tie_of_event
-from gyrowheel.show.sentences.forms import simple_sentence
-from gyrowheel.show.sentences.readings import untold_sentences
+from gyrowheel.show.sentences.instruments import untold_sentences
 from gyrowheel.show.sentences.setup import cure_of, map_lines, problem
 from gyrowheel_analysis.channels import LISTED
 from gyrowheel_core.quantities import short

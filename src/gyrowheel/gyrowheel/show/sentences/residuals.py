@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
-from gyrowheel.show.variables import TITLES
 from gyrowheel_analysis.channels import CHANNELS
 from gyrowheel_core.quantities import listed, number, size, size_and_noise
 from gyrowheel_core.units import RPM, unit_for
@@ -18,6 +17,16 @@ if TYPE_CHECKING:
     from gyrowheel_analysis.residuals.growth import Growth, SpeedLaw
     from gyrowheel_analysis.residuals.regions import Region
 
+#: Titles of the variables on which a residual may depend, in tables, sentences and pictures.
+TITLES = {
+    "speed": "spin rate",
+    "tilt": "tilt magnitude",
+    "azimuth": "tilt direction",
+    "temperature": "coil temperature",
+    "motor_temperature": "motor temperature",
+    "air_pressure": "air pressure",
+    "time": "time",
+}
 _CONDITIONS = {
     "cone": "cone",
     "low_pressure": "low pressure",
