@@ -1,6 +1,6 @@
-"""Write what in docs comes from the code: a page an effect, their index, reference, tables, pictures of the momentum.
+"""Generate the parts of docs that come from the code: effect pages and index, reference, tables, momentum pictures.
 
-``make docs`` calls this. With ``--check`` nothing is written; what would change is named, and the exit code is 1.
+``make docs`` calls this. With ``--check`` nothing is written; outdated files are listed, and the exit code is then 1.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ _FUNCTIONS = {
     "min": "smallest of two or more",
 }
 _HANDY = {"r": "spin rate over its reference, `Omega/Omega_ref`", "i": "imaginary unit", "pi": "π"}
-#: Formulas that are refused, for the page to show how.
+#: Examples of refused formulas for the page.
 _REFUSED = (
     "-k*Omgea*z",
     "-k*z*Omega; k [N*m]",
@@ -94,14 +94,14 @@ _REFUSED = (
     "-k*z*",
     "k*__import__('os')",
 )
-#: How far numbers of a picture may be off before it counts as another: libraries round differently.
+#: Tolerance for the numbers of a picture: libraries round differently.
 _TOLERANCE = 2e-3
 
 # --- formulas ---
 
 
 class _Latex(LatexPrinter):
-    """LaTeX in the order in which people write laws: i, coefficients, the rest, what has the tilt."""
+    """LaTeX printer with the usual order of factors: i, coefficients, other factors, tilt."""
 
     def _print_Mul(self, expr: sp.Mul) -> str:
         number, rest = expr.as_coeff_Mul()
@@ -115,14 +115,14 @@ class _Latex(LatexPrinter):
         sign = "- " if number.is_negative else ""
         if not under:
             return sign + self._joined(over)
-        # the tilt stands behind the fraction
+        # the tilt follows the fraction
         last = [f for f in over if z in f.free_symbols] if len(over) > 1 else []
         top = self._joined([f for f in over if f not in last]) or "1"
         return rf"{sign}\frac{{{top}}}{{{self._joined(under)}}} {self._joined(last)}".rstrip()
 
     def _joined(self, factors: Sequence[sp.Expr]) -> str:
         texts = [self._factor(f) for f in factors]
-        # a name of several letters needs some space
+        # a name of several letters needs a space
         spaced = [rf"\, {t}" if "mathrm" in a + t else t for a, t in itertools.pairwise(texts)]
         return " ".join([*texts[:1], *spaced])
 
@@ -188,9 +188,9 @@ def _effect_lines(effect: Effect, picture: Signature | None, bench: Bench) -> It
     for law, text in zip(effect.laws, effect.formula.split("; "), strict=True):
         yield f"{_upper(in_words(law.target))}:\n"
         yield f"$${latex(law.expression)}$$\n"
-        yield f"As it is typed: `{text}`\n"
+        yield f"Typed: `{text}`\n"
     yield f"It acts on {_and(_acts_on(effect))}.\n"
-    yield "| symbol | typed | unit | is |"
+    yield "| symbol | typed | unit | meaning |"
     yield "|---|---|---|---|"
     used = {s.name for law in effect.laws for s in law.expression.free_symbols}
     for name, known in QUANTITIES.items():
@@ -205,9 +205,9 @@ def _effect_lines(effect: Effect, picture: Signature | None, bench: Bench) -> It
         yield f"| `{c.name}` | {_usual(c)} | {_span(c, c.bounds)} | {_prior(c)} | {_cell(c.source)} |"
     for text in possible_sizes(effect):
         yield f"\nPossible: {minus(text)}."
-    yield "\n## What it looks like\n"
+    yield "\n## Signature\n"
     yield from _picture_lines(effect, picture, bench)
-    yield "\n## Where it holds\n"
+    yield "\n## Validity\n"
     yield f"{_upper(effect.validity)}. Source: {effect.source}."
     if effect.look_alikes:
         yield "\n## Confounders\n"
@@ -215,7 +215,7 @@ def _effect_lines(effect: Effect, picture: Signature | None, bench: Bench) -> It
         yield "|---|---|"
         for name, test in effect.look_alikes.items():
             yield f"| {_linked(name)} | {_cell(test)} |"
-    yield "\n## Try it\n"
+    yield "\n## Example\n"
     yield "```"
     yield f"gyrowheel simulate --plan quick -o runs/{effect.name} --effect {effect.name}"
     yield "```"
@@ -231,16 +231,16 @@ def _acts_on(effect: Effect) -> list[str]:
 
 def _picture_lines(effect: Effect, found: Signature | None, bench: Bench) -> Iterator[str]:
     if found is None:
-        yield "Nothing of it shows while a tilt is held or turns slowly, at its usual size and on the default bench."
+        yield "At its usual size on the default bench it is not visible at a constant or slowly turning tilt."
         return
-    yield f"![what coils and motor must give more]({effect.name}.svg)\n"
+    yield f"![additional torque of coils and motor]({effect.name}.svg)\n"
     rpm, tilt = found.speed_held / RPM, bench.value("tilt_limit") / DEG
     values = ", ".join(
         f"{c.name} = {quantity(c.default, c.unit, pure=c.shape is not None)}" for c in effect.coefficients
     )
     state = f" {found.state}" if found.state else ""
     yield (
-        f"What coils and motor of the default bench must give more while a tilt is held, with {values}. "
+        f"Additional torque of coils and motor of the default bench at a constant tilt, with {values}. "
         f"Left: torque of the coils at tilts of up to {tilt:.0f}° in every direction, at {rpm:.0f} rpm.{state}"
     )
 
@@ -251,7 +251,7 @@ def index_page(effects: Sequence[Effect]) -> str:
         "# Effects",
         f"\n{_MADE}\n",
         "Each is declared once, in `gyrowheel_sim/effects`; simulation, regressors, formulas, help and these pages",
-        "come from that declaration. [How to write one of your own](../formulas.md).",
+        "come from that declaration. [How to declare an effect](../formulas.md).",
     ]
     for category, title in _CATEGORIES.items():
         own = [effect for effect in effects if effect.category == category]
@@ -262,7 +262,7 @@ def index_page(effects: Sequence[Effect]) -> str:
                 lines.append(f"| {_linked(effect.name)} | {_cell(effect.title)} | {law} |")
     lines += [
         "\n## Errors of the bench file\n",
-        "A parameter of the bench that lies beyond five of its stated uncertainties is a finding of its own name:\n",
+        "A bench parameter beyond five of its stated uncertainties is a finding with one of these names:\n",
         "| name | parameters |",
         "|---|---|",
         *(f"| {name} | {', '.join(f'`{group}`' for group in groups)} |" for name, groups in ERRORS.items()),
@@ -308,18 +308,18 @@ def _cell(text: str) -> str:
 
 
 def tables() -> dict[str, str]:
-    """Return the tables of the pages by the names of their places."""
-    quantities = ["| name | unit | is |", "|---|---|---|"]
+    """Return the generated tables by name."""
+    quantities = ["| name | unit | meaning |", "|---|---|---|"]
     quantities += [
         f"| `{n}` | {_unit(q.unit)} | {_cell(q.description)}{_reference(n)} |" for n, q in QUANTITIES.items()
     ]
     quantities += [f"| `{name}` | 1 | {_HANDY[name]} |" for name in HANDY]
-    targets = ["| target | unit | real or complex | is |", "|---|---|---|---|"]
+    targets = ["| target | unit | real or complex | meaning |", "|---|---|---|---|"]
     targets += [
         f"| `{t.name}` | {_unit(t.unit)} | {'complex' if t.complex else 'real'} | {_cell(t.sentence)} |"
         for t in TARGETS.values()
     ]
-    functions = ["| function | is |", "|---|---|"]
+    functions = ["| function | meaning |", "|---|---|"]
     functions += [f"| `{name}` | {_cell(_FUNCTIONS[name])} |" for name in FUNCTIONS]
     refused = ["| typed | answer |", "|---|---|"]
     refused += [f"| `{_cell(text)}` | {_cell(_refusal(text))} |" for text in _REFUSED]
@@ -393,7 +393,7 @@ def _plan_tables() -> dict[str, list[str]]:
 
 
 def _keys(section: type[Section]) -> list[str]:
-    lines = ["| key | unit | allowed | default | is |", "|---|---|---|---|---|"]
+    lines = ["| key | unit | allowed | default | meaning |", "|---|---|---|---|---|"]
     for key in keys(section):
         default = "must be given" if key.required else f"`{key.default}`" if key.default else ""
         lines.append(f"| `{key.name}` | {key.unit} | {_cell(key.allowed)} | {default} | {_cell(key.about)} |")
@@ -401,7 +401,7 @@ def _keys(section: type[Section]) -> list[str]:
 
 
 def _further() -> list[str]:
-    """Return the pages that the index does not list, so that each is found."""
+    """Return the list of the pages that are missing in the index."""
     index = (DOCS / "README.md").read_text(encoding="utf-8").partition("<!-- table: further pages -->")[0]
     listed = set(re.findall(r"\]\(([^)#]+)\)", index))
     pages = [path for path in sorted(DOCS.glob("*.md")) if path.name not in {*listed, "README.md"}]
@@ -445,7 +445,7 @@ def _reference(name: str) -> str:
 
 
 def with_tables(text: str) -> str:
-    """Return a page with its tables put in, each between a comment that names it and one that ends it."""
+    """Return a page with its generated tables, each between a comment with its name and an end comment."""
     for name, table in tables().items():
         begin, end = f"<!-- table: {name} -->\n", "<!-- end -->"
         before, found, rest = text.partition(begin)
@@ -458,7 +458,7 @@ def with_tables(text: str) -> str:
 
 
 def made() -> Pages:
-    """Return everything that is made from the code, by path."""
+    """Return all generated files by path."""
     bench = Bench.load()
     pages: Pages = {}
     effects = list(registry().values())
@@ -482,7 +482,7 @@ def made() -> Pages:
 
 
 def stale(pages: Pages) -> list[Path]:
-    """Return the files that are not what they should be, and those that should not be there."""
+    """Return the outdated files and the superfluous ones."""
     there = set((DOCS / "effects").glob("*"))
     wrong = [path for path, content in pages.items() if not _same(path, content)]
     return [*wrong, *sorted(there - set(pages))]
@@ -496,7 +496,7 @@ def _same(path: Path, content: str | bytes) -> bool:
     old = path.read_text(encoding="utf-8")
     if path.suffix == ".csv":
         return _close(_table(old), _table(content))
-    if path.suffix == ".svg" and _numbers(content) is not None:  # the same if it shows the same numbers
+    if path.suffix == ".svg" and _numbers(content) is not None:  # equal if it shows the same numbers
         return _close(_numbers(old), _numbers(content))
     return old == content
 
@@ -552,7 +552,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         else:
             path.unlink()
     if check and wrong:
-        print("`make docs` writes them anew", file=sys.stderr)
+        print("run `make docs`", file=sys.stderr)
     return int(check and bool(wrong))
 
 

@@ -1,8 +1,8 @@
-"""The table of docs/licences.md: under which licence everything stands that requirements.lock installs.
+"""The table of docs/licences.md: the licence of every package that requirements.lock installs.
 
-The licence is what the package states: as an SPDX expression, as a classifier, as a word, in the ``package.xml`` of a
-ROS package, or by the head of its licence file; what it holds of others is listed here. ``make docs`` writes the page;
-a package whose licence is not known here to go with Apache-2.0 is an error.
+The licence is that of the package metadata: an SPDX expression, a classifier, a name, the ``package.xml`` of a ROS
+package, or the head of its licence file; bundled parts of other projects are listed here. ``make docs`` writes the
+page; a licence that is not known to be compatible with Apache-2.0 is an error.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ COMPATIBLE: Final = frozenset(
         "any-OSI",
     }
 )
-#: How packages write what SPDX writes otherwise. BSD without a number stays: they do not say which.
+#: Other spellings of SPDX names. BSD without a number stays, because the variant is not stated.
 _WORDS: Final = {
     "Apache 2.0": "Apache-2.0",
     "Apache License 2.0": "Apache-2.0",
@@ -59,17 +59,17 @@ _WORDS: Final = {
     "Python Software Foundation License": "PSF-2.0",
     "zlib License": "Zlib",
 }
-#: Statements that are not about the licence of what is installed, with the reason.
+#: Statements that do not apply to the installed files, with the reason.
 _SET_ASIDE: Final = {
-    ("docutils", "GPL"): "the GPL is that of a file for Emacs, which the wheel does not have",
+    ("docutils", "GPL"): "the GPL applies to a file for Emacs that is not in the wheel",
     ("pytest-timeout", "DFSG approved"): "not a licence",
 }
-#: Packages under licences that ask more than ours does, and why they may be here: no installation needs them.
+#: Packages under stricter licences than ours, and why they are listed: no installation needs them.
 _OPTIONAL: Final = {
-    "asammdf": "reads MDF files for those who install the extra `mdf`; here for its tests",
-    "nptdms": "reads TDMS files for those who install the extra `tdms`; here for its tests",
+    "asammdf": "reads MDF files if the extra `mdf` is installed; in this list for the tests",
+    "nptdms": "reads TDMS files if the extra `tdms` is installed; in this list for the tests",
 }
-#: What packages hold of others, whose licence they do not state, by its name and licence.
+#: Bundled parts of other projects whose licence the package does not state: name and licence.
 _WITHIN: Final = {"axe-playwright-python": ("axe-core", "MPL-2.0")}
 #: First lines of licence files, where a package states its licence in no other way.
 _HEADS: Final = {"Apache License": "Apache-2.0", "MIT License": "MIT"}
@@ -79,11 +79,10 @@ _HEAD: Final = """\
 
 <!-- Made by `make docs` from requirements.lock and what the packages state; do not edit. -->
 
-gyrowheel is under the [Apache License 2.0](../LICENSE). `make` installs what follows, from `requirements.lock`: each
-version with the hashes of its files. Nothing of it is part of this repository. The licences are those that the packages
-state; all of them may be used beside Apache-2.0, and none asks anything of your recordings, models or results. What is
-under the LGPL is not installed with the packages.
-BSD without a number is where a package does not say which.
+gyrowheel is under the [Apache License 2.0](../LICENSE). `make` installs the following packages from
+`requirements.lock`, with version and file hashes. They are not part of this repository. The licences are those that the
+packages state; all are compatible with Apache-2.0, and none affects your recordings, models or results. Packages under
+the LGPL are not installed by default. BSD without a number means that the package does not state the variant.
 """
 
 
@@ -93,7 +92,7 @@ def pins(lock: Path = LOCK) -> dict[str, str]:
 
 
 def licence(name: str) -> tuple[str, ...]:
-    """Return the licences of an installed package; all of them hold.
+    """Return the licences of an installed package; all of them apply.
 
     Raises
     ------
@@ -178,7 +177,8 @@ def page() -> str:
     aside = [f"- {name}: {reason}." for (name, word), reason in _SET_ASIDE.items() if word.isupper()]
     aside += [f"- {name}: {reason}." for name, reason in _OPTIONAL.items()]
     aside += [
-        f"- {name}: the {word} is that of {held}, which it holds." for name, (held, word) in _WITHIN.items()
+        f"- {name}: the {word} is that of {held}, which it contains."
+        for name, (held, word) in _WITHIN.items()
     ]
     return "\n".join(
         [_HEAD, *aside, "", "| package | version | licence | for |", "|---|---|---|---|", *_rows(), ""]

@@ -1,6 +1,6 @@
-"""Write requirements.lock: one version of everything that our packages need to build, run and be tested, with hashes.
+"""Write requirements.lock: one version, with hashes, of every package for building, running and testing ours.
 
-What they need is read from their own pyproject.toml. ``make lock`` calls this, in an environment with ``uv``.
+The requirements are read from their pyproject.toml files. ``make lock`` calls this, in an environment with ``uv``.
 """
 
 import subprocess
@@ -18,7 +18,7 @@ HEADER = """\
 
 
 def requirements() -> list[str]:
-    """Return what the pyproject.toml files ask for, without our own packages."""
+    """Return the requirements of the pyproject.toml files, without our packages."""
     wanted: set[str] = set()
     for group in tomllib.loads((ROOT / "pyproject.toml").read_text())["dependency-groups"].values():
         wanted.update(group)
@@ -30,7 +30,7 @@ def requirements() -> list[str]:
 
 
 def main() -> int:
-    """Resolve the requirements to the newest versions that agree; replace the lock file if there are such."""
+    """Resolve the requirements to the newest compatible versions; replace the lock file if they exist."""
     options = "--quiet --no-config --no-header --no-annotate --no-emit-index-url --no-emit-find-links --generate-hashes"
     target = "--python-version 3.11 --python-platform x86_64-manylinux_2_28"
     resolved = subprocess.run(

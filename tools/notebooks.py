@@ -20,7 +20,7 @@ from nbclient import NotebookClient
 ROOT: Final = Path(__file__).resolve().parent.parent
 SCRIPTS: Final = ROOT / "examples"
 PAGES: Final = ROOT / "docs" / "notebooks"
-#: The notebooks, in the order in which the gallery shows them.
+#: The notebooks, in the order of the gallery.
 GALLERY: Final = ("loop", "own_effect", "own_data", "raw_columns", "paper_figures", "cluster")
 _MADE: Final = "<!-- Made by `make notebooks` from examples/{name}.py; edit that. -->"
 _INDEX: Final = """\
@@ -33,7 +33,7 @@ cells (`# %%`), open it as one. The tests run them; a page shows the output of i
 made.
 
 """
-_WAIT: Final = 1800  # s: for what never ends, not a measure
+_WAIT: Final = 1800  # s: limit for a cell that never ends
 
 
 def read(name: str) -> Any:
@@ -48,7 +48,7 @@ def run(notebook: Any, folder: Path) -> Any:
         timeout=_WAIT,
         startup_timeout=_WAIT,
         kernel_name="python3",
-        coalesce_streams=True,  # what is printed comes in pieces, as time has it
+        coalesce_streams=True,  # printed text arrives in pieces
         resources={"metadata": {"path": str(folder)}},
     ).execute()
     return notebook
@@ -106,7 +106,7 @@ def index() -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the notebooks that are named, else all, and write their pages."""
+    """Run the named notebooks, or all, and write their pages."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", choices=[[], *GALLERY], help="notebooks; all if none is named")
     chosen = parser.parse_args(arguments).names or GALLERY

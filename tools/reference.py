@@ -1,4 +1,4 @@
-"""Reference pages that come from the code: verbs and options, public names, messages."""
+"""Generated reference pages: verbs and options, public names, messages."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from gyrowheel_core.errors import InputError
 ROOT: Final = Path(__file__).resolve().parent.parent
 MESSAGES: Final = ROOT / "src" / "gyrowheel_msgs"
 _MADE: Final = "<!-- Made by `make docs` from the code; edit that. -->"
-#: Groups of the public names of `gyrowheel`; those that stand in none of them come last on the page.
+#: Groups of the public names of `gyrowheel`; names without a group are last on the page.
 _GROUPS: Final[Mapping[str, tuple[str, ...]]] = {
     "Recordings": (
         "Recording",
@@ -32,7 +32,7 @@ _GROUPS: Final[Mapping[str, tuple[str, ...]]] = {
     "The loop": ("Model", "compare", "diagnose", "investigate", "own_effect"),
     "Measuring": ("calibrate", "rate", "drag", "torques", "momentum"),
     "Judging": ("campaign", "open_key", "paper", "Report"),
-    "What is known": ("effects", "plans", "check_plan", "benches"),
+    "Catalogues": ("effects", "plans", "check_plan", "benches"),
     "Results": (
         "Comparison",
         "Diagnosis",
@@ -51,7 +51,7 @@ _GROUPS: Final[Mapping[str, tuple[str, ...]]] = {
     ),
     "Errors": ("InputError",),
 }
-#: What a name that is neither a function nor a class stands for.
+#: Descriptions of names that are neither functions nor classes.
 _NAMED: Final = {
     "effects": "Known physical effects by name: title, law, coefficients with units, usual sizes and sources.",
     "plans": "Test plans by name.",
@@ -78,7 +78,7 @@ def cli_page() -> str:
         f"\n{_MADE}\n",
         f"{root.help}\n",
         f"{root.epilog}\n",
-        "| verb | does |",
+        "| verb | description |",
         "|---|---|",
         *(
             f"| [{name.removeprefix('gyrowheel ')}](#{_slug(name)}) | {_cell(_first(v))} |"
@@ -144,7 +144,7 @@ def _spelled(parameter: Any) -> str:
 
 
 def _default(parameter: Any) -> str:
-    """Return what holds where an option is not given, if that is said or plain."""
+    """Return the default of an option, if it is stated or evident."""
     shown, value = getattr(parameter, "show_default", False), parameter.default
     if isinstance(shown, str):
         return f" Default: {_cell(shown)}."
@@ -156,7 +156,7 @@ def _default(parameter: Any) -> str:
 
 
 def _markup(text: str) -> str:
-    """Return a help text in Markdown: code where the terminal has colour."""
+    """Return a help text in Markdown; coloured words become code."""
     return re.sub(r"\[(cyan|bold)\](.*?)\[/\1\]", r"`\2`", text)
 
 
@@ -165,7 +165,7 @@ def _slug(heading: str) -> str:
 
 
 def _cell(text: str) -> str:
-    """Return a text for a cell of a table: one line, in which nothing but code is markup."""
+    """Return a text for a table cell: one line, with code as its only markup."""
     parts = " ".join(text.split()).replace("|", "\\|").split("`")
     parts[::2] = [re.sub(r"([*<])", r"\\\1", part) for part in parts[::2]]
     return "`".join(parts)
@@ -175,7 +175,7 @@ def _cell(text: str) -> str:
 
 
 def api_page() -> str:
-    """Return the page of the public names; its comments say to the site what to describe in full.
+    """Return the page of the public names; its comments tell the site which ones to describe in full.
 
     Raises
     ------
@@ -193,12 +193,12 @@ def api_page() -> str:
         "# Python API",
         f"\n{_MADE}\n",
         "`import gyrowheel as gw`; an introduction: [from Python](../python.md). Here every public name has a line.",
-        "The site (`make site`) has them in full, with parameters, units and errors, and so has `help(gw.diagnose)`.",
+        "The site (`make site`) and `help(gw.diagnose)` have the full descriptions, with parameters, units and errors.",
     ]
     for group, names in groups.items():
         if not names:
             continue
-        lines += [f"\n## {group}\n", "| name | is |", "|---|---|"]
+        lines += [f"\n## {group}\n", "| name | description |", "|---|---|"]
         lines += [f"| `{name}` | {_cell(_summary(name))} |" for name in names]
         lines += [f"\n<!-- api: {' '.join(names)} -->"]
     return "\n".join(lines) + "\n"
@@ -223,7 +223,7 @@ def messages_page() -> str:
     lines = [
         "# Messages",
         f"\n{_MADE}\n",
-        "Interfaces of the package `gyrowheel_msgs`. On which topics they go, and who publishes them:",
+        "Interfaces of the package `gyrowheel_msgs`. Their topics and publishers:",
         "[the graph](../graph.md#topics).",
     ]
     for kind, parts in _PARTS.items():
@@ -246,7 +246,7 @@ def _definition(path: Path, parts: tuple[str, ...]) -> Iterator[str]:
         if title:
             yield f"\n**{title}**" + ("" if rows else ": empty")
         if rows:
-            yield "\n| field | type | is |"
+            yield "\n| field | type | meaning |"
             yield "|---|---|---|"
             yield from rows
 

@@ -1,6 +1,6 @@
-"""Build and test the packages as a workspace of colcon, beside the environment of ``make``: ``make workspace``.
+"""Build and test the packages as a colcon workspace, next to the environment of ``make``: ``make workspace``.
 
-ROS comes from the environment; what colcon writes goes below ``.venv/.workspace``.
+ROS comes from the environment; colcon writes to ``.venv/.workspace``.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = tuple(sorted(path.parent.name for path in (ROOT / "src").glob("*/package.xml")))
-#: What ``colcon test`` leaves out: tests that are slow or start nodes.
+#: Tests that ``colcon test`` runs: neither slow nor with nodes.
 USUAL = ("-m", "not slow and not graph")
 
 
 def environment() -> dict[str, str]:
-    """Return the environment of a shell in which this Python's ROS is sourced and nothing else."""
+    """Return the environment of a shell that has sourced only the ROS of this Python."""
     mixed = ("PYTHONPATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE", "LD_LIBRARY_PATH")
     kept = {name: value for name, value in os.environ.items() if name not in mixed}
     return kept | {
@@ -32,14 +32,14 @@ def environment() -> dict[str, str]:
 
 
 def colcon(verb: str, folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
-    """Run a verb of colcon on the packages; what it writes goes into `folder`.
+    """Run a colcon verb on the packages; it writes to `folder`.
 
     Parameters
     ----------
     verb : str
         ``build`` or ``test``.
     folder : Path
-        Gets ``build``, ``install`` and ``log``.
+        Parent of ``build``, ``install`` and ``log``.
     *options : str
         Further options.
     """
@@ -73,7 +73,7 @@ def run_tests(
     folder : Path
         As given to `build`.
     packages : collection of str
-        Whose tests to run.
+        Packages to test.
     skip : collection of str
         As given to `build`.
     options : collection of str
