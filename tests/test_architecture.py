@@ -114,7 +114,7 @@ def test_inside_a_package_imports_run_downward(package: Package) -> None:
         root, _, part = name.partition(".")
         if root != package.name or not part:  # the package itself may show whatever is in it
             continue
-        for other in imported(path, types=package is not HOUSE[-1]):
+        for other in imported(path):
             there, _, target = other.partition(".")
             if there != root or not target:  # of the package itself its version
                 continue

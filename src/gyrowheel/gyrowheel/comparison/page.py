@@ -1,4 +1,4 @@
-"""Where a model fails: errors of each channel, regions, and what the residual depends on."""
+"""Errors of each channel, the regions where a model fails, and the variables of the residual."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def coverage(found: Coverage) -> Iterator[RenderableType]:
 
 
 def readings(found: Comparison | Diagnosis) -> Iterator[RenderableType]:
-    """Yield what the samples themselves show of the instruments beside what is stated."""
+    """Yield deviations of the instruments that the samples show."""
     if found.readings:
         yield heading("Instruments, by the samples themselves")
         yield from sentences([reading_sentence(item) for item in found.readings])
@@ -124,7 +124,7 @@ def channel_table(result: Comparison) -> Table:
 
 
 def map_table(shown: ResidualMap, result: Comparison) -> Iterator[RenderableType]:
-    """Yield a map as a table: over one variable with the mean residuals, over two with χ²/N of what fails."""
+    """Yield a map as a table: over one variable with the mean residuals, over two with χ²/N of the parts that fail."""
     if len(shown.over) == 1:
         yield heading(f"Residual over the {TITLES[shown.over[0]]}")
         yield _list_of(shown, result.data)
@@ -160,7 +160,7 @@ def _grid_of(shown: ResidualMap, part: str) -> Table:
 def _list_of(shown: ResidualMap, data: WindowResiduals) -> Table:
     """Return a table of the cells along one variable."""
     (variable,) = shown.over
-    # of what is noise everywhere nothing is said
+    # parts that are noise everywhere have no column
     parts = [
         name
         for name in data.parts
@@ -230,7 +230,7 @@ def span_text(variable: str, span: Span) -> str:
 def failures(
     where: Iterable[Region], dependence: Iterable[PartDependence] = (), *, failing: bool = True
 ) -> Iterator[RenderableType]:
-    """Yield the regions where the model fails, and on what the residual depends."""
+    """Yield the regions where the model fails, and the variables of the residual."""
     regions = list(where)
     if regions:
         yield heading(

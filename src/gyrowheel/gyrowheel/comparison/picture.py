@@ -100,7 +100,7 @@ def _chosen(groups: list[NDArray[np.int64]], data: WindowResiduals) -> list[NDAr
 
 
 def _arrow_scale(data: WindowResiduals) -> float:
-    """Return degrees an N m: the longest arrow of what is wrong is as long as most of the largest tilt.
+    """Return degrees an N m: the longest arrow beyond the noise spans most of the largest tilt.
 
     Windows whose residual is noise do not count, however large it is: short windows are noisy. Where all is noise, its
     arrows are short.

@@ -32,7 +32,7 @@ class Diagnosis(Result, facts.Diagnosis):
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """What lies before, between and after the events, as paths for `Recording.open`; empty without events."""
+        """The parts before, between and after the events, as paths for `Recording.open`; empty without events."""
         from gyrowheel_analysis.diagnosis.events import parts_between
 
         return tuple(parts_between([event for event in self.events if event.recording in self.recordings]))

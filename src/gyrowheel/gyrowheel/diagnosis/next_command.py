@@ -23,7 +23,7 @@ def diagnosing(
 
 
 def adding(what: Sequence[str], fit: Sequence[Path], validate: Sequence[Path], model: Path) -> str:
-    """Return the command that adds effects to a model file; what is added stands as it is to be typed."""
+    """Return the command that adds effects to a model file; `what` has words as they are to be typed."""
     options = "".join(f" --fit {shlex.quote(str(directory))}" for directory in fit)
     options += "".join(f" --validate {shlex.quote(str(directory))}" for directory in validate)
     return f"gyrowheel model add {' '.join(what)} --model {shlex.quote(str(model))}{options}"
@@ -39,13 +39,13 @@ def following(
     averages: bool = False,
     machine: str = "",
 ) -> str | None:
-    """Return the command to type after a diagnosis; None where there is nothing to do.
+    """Return the command to type after a diagnosis; None if nothing is left to do.
 
     `machine` has the options for the machine that the recordings are of.
     """
     proof = result.proof
     if proof is not None and proof.proven is False and validate:
-        # what the validation has and the fit has not shows only where both are fitted
+        # an effect of the validation recordings alone shows only where they are fitted too
         return diagnosing([*directories, *validate], model, averages=averages)
     if result.verdict == "effect" or result.free_form:
         names = list(result.ties)

@@ -1,4 +1,4 @@
-"""What is missing in a model, with its evidence and with what could not have been seen."""
+"""The diagnosis: verdict, findings with evidence, errors, and detection limits."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ _COLOURS = {
 }
 _SETTLED = ("nothing_missing", "effect")
 _INDENT = (0, 0, 0, 2)
-_NEVER = 10.0  # times the largest usual size: nothing on a real bench is so far from what is usual
+_NEVER = 10.0  # times the largest usual size, beyond any real bench
 _MOVED = 1.0  # stated uncertainties
 
 
@@ -74,7 +74,7 @@ def diagnosis_page(result: Diagnosis) -> Iterator[RenderableType]:
 
 
 def setup_page(found: Sequence[WrongSetup]) -> Iterator[RenderableType]:
-    """Yield what is wrong with the setup of recordings, and for each recording the cure."""
+    """Yield the problems of each recording and its cure."""
     for place in dict.fromkeys(item.recording for item in found):
         own = [item for item in found if item.recording == place]
         yield Text()
@@ -91,7 +91,7 @@ def setup_page(found: Sequence[WrongSetup]) -> Iterator[RenderableType]:
 
 
 def error_section(result: Diagnosis) -> Iterator[RenderableType]:
-    """Yield the error without and with what was found; nothing where there was too little to compare."""
+    """Yield the error without and with the findings; nothing without an error table."""
     if result.error is not None:
         yield heading(
             "Error before and after" if result.effects or result.instruments or result.free_form else "Error"
@@ -100,7 +100,7 @@ def error_section(result: Diagnosis) -> Iterator[RenderableType]:
 
 
 def findings(result: Diagnosis) -> Iterator[RenderableType]:
-    """Yield the verdict and what it rests on."""
+    """Yield the verdict and its evidence."""
     colour = _COLOURS.get(result.verdict, "")
     verdict = Text(verdict_sentence(result), style="bold")
     yield Panel(Group(verdict, proof_line(result.proof, result.error)), border_style=colour, expand=False)
@@ -120,7 +120,7 @@ def findings(result: Diagnosis) -> Iterator[RenderableType]:
 
 
 def detection_limits(limits: Sequence[DetectionLimit]) -> Iterator[RenderableType]:
-    """Yield what could not have been seen, or only where it is large."""
+    """Yield effects that would not have been visible, or only if large."""
     never = [limit for limit in limits if not limit.value <= _NEVER * limit.usual[1]]
     hidden = [limit for limit in limits if not limit.visible and limit not in never]
     partly = [limit for limit in limits if limit.visible and limit.value > limit.usual[0]]

@@ -23,7 +23,7 @@ class Addition(Result, Added):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Warnings, such as an effect that may not be real, and what happened in the middle of a recording."""
+        """Warnings, such as an effect that may not be real, and events in the middle of a recording."""
         from gyrowheel.models.page import addition_notes
 
         return addition_notes(self)

@@ -38,7 +38,7 @@ class Model(Shown):
     """
 
     def __init__(self, bench: str | Path = "gyrowheel") -> None:
-        # what is neither would become the name of a file that is not there
+        # any other type would become the name of a missing file
         self._details = Details.new(str(bench) if isinstance(bench, Path) else bench)
         self._added: Addition | None = None
 
@@ -243,7 +243,7 @@ class Model(Shown):
 
 
 def effects_to_add(found: Diagnosis) -> list[str | Effect]:
-    """Return what `Model.add` takes of a diagnosis; InputError as of `gyrowheel.Diagnosis.to_add`."""
+    """Return the effects of a diagnosis for `Model.add`; InputError as of `gyrowheel.Diagnosis.to_add`."""
     from gyrowheel.show.sentences.diagnosis import verdict_sentence
     from gyrowheel_sim.effects import effect_from_mapping
 
@@ -278,7 +278,7 @@ def _chosen(what: Diagnosis | str | Effect | Sequence[str | Effect]) -> list[str
 
 
 def require_known(name: str) -> None:
-    """Refuse a name that is no effect, no air model and no error of a bench parameter."""
+    """Refuse a name that is neither an effect nor an air model nor the error of a bench parameter."""
     from gyrowheel_analysis.add import is_air
     from gyrowheel_analysis.fitting.terms import ERRORS
     from gyrowheel_sim.effects import get

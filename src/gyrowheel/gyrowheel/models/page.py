@@ -58,12 +58,12 @@ def addition_page(added: Added) -> Iterator[RenderableType]:
 
 
 def addition_notes(added: Added) -> tuple[str, ...]:
-    """Return what happened in the middle of a recording, and what the fit gives reason to doubt."""
+    """Return events of the recordings, and doubts about the fit."""
     return (*event_sentences(added.events, several=True), *map(doubt_sentence, added.doubts))
 
 
 def changes(model: Model) -> Iterator[RenderableType]:
-    """Yield the effects of a model, and the parameters far from what the bench file states."""
+    """Yield the effects of a model, and the parameters far from the bench file."""
     yield from _effects_section(model)
     stated = model.stated_bench.parameters
     far = [
@@ -176,7 +176,7 @@ def _overrides(model: Model, names: Iterable[str]) -> RenderableType:
 
 
 def _fall(entry: Mapping[str, Any]) -> str:
-    """Return how the error fell with a change: on what was fitted, and on what was not."""
+    """Return the fall of the error with a change: on fitted and on validation recordings."""
     error = entry.get("error")
     lines = []
     for before, after in (("before", "after"), ("validation_before", "validation_after")):

@@ -61,7 +61,7 @@ def add(
         typer.Option(
             "--formula",
             metavar="TEXT",
-            help="Effect of your own, such as '-k*r^2*z'; docs/formulas.md describes the grammar. Repeatable.",
+            help="User-defined effect, such as '-k*r^2*z'; docs/formulas.md describes the grammar. Repeatable.",
             show_default=False,
         ),
     ] = None,
@@ -97,7 +97,7 @@ def add(
             better = loaded.add(chosen, fit=recordings, validate=unused, mixed=mixed, progress=say)
             better.save(model)
     added = better.added
-    assert added is not None  # what made it
+    assert added is not None  # made by add
     put(added, json, picture, after=[Unbroken(f"\nmodel: {model}")])
 
 

@@ -31,14 +31,14 @@ class Cells:
         self._content = content
 
     def at(self, place: str) -> Any:
-        """Return what stands at a place such as ``diagnosis.effects.0.name``."""
+        """Return the value at a place such as ``diagnosis.effects.0.name``."""
         here: Any = self._content
         for step in place.split("."):
             here = here[int(step)] if isinstance(here, list | tuple) else here[step]
         return here
 
     def words(self, place: str) -> Markup:
-        """Return a text of the JSON as it stands there."""
+        """Return a text of the JSON, unchanged."""
         return Markup('<span data-field="{}">{}</span>').format(place, self.at(place))
 
     def shown(self, place: str, text: str, how: str) -> Markup:
@@ -46,7 +46,7 @@ class Cells:
         return Markup('<span data-field="{}" data-how="{}">{}</span>').format(place, how, text)
 
     def number(self, place: str, unit: Unit, form: Callable[[float], str] = fixed) -> Markup:
-        """Return a number of the JSON in a unit, without its label; a dash where there is none."""
+        """Return a number of the JSON in a unit, without its label; a dash for null."""
         value = self.at(place)
         return Markup("–") if value is None else _data(place, value, unit, form(value / unit.size))
 
@@ -80,7 +80,7 @@ class Cells:
         """Return the interval in which a coefficient lies in 95 of 100 cases, as far as its error is normal."""
         value, error = (self.at(f"{place}.{key}") for key in ("value", "standard_error"))
         shown = unit_for(max(abs(value), abs(error)), unit, pure=pure)
-        # as many digits as the value has beside its error
+        # as many digits as the value has in front of its error
         digits = len(pair(value / shown.size, error / shown.size).partition(" ± ")[0].partition(".")[2])
         ends = [
             _data(f"{place}.value", end, shown, decimal(end / shown.size, digits), sigma)

@@ -57,7 +57,7 @@ def comparison_json(found: Comparison) -> dict[str, Any]:
 
 
 def reading_json(found: Sequence[ReadingFinding]) -> list[dict[str, Any]]:
-    """Return what the samples show of the instruments as JSON objects."""
+    """Return deviations of the instruments that the samples show as JSON objects."""
     return [
         {**asdict(item), "shown_by": "samples", "sentence": reading_sentence(item), "ties": []}
         for item in found

@@ -1,4 +1,4 @@
-"""The error that falls: residuals before and after window by window, and their RMS beside the noise floor."""
+"""The fall of the error: residuals before and after, window by window, and their RMS next to the noise floor."""
 
 from __future__ import annotations
 
@@ -231,7 +231,7 @@ def _bars(axes: Axes, rows: Sequence[tuple[ErrorRow, str]], floor: ErrorRow, low
             at = place + (side - 0.5 * (len(rows) - 1)) * height
             axes.barh(at, max(size - low, 0.0), height, left=low, color=colour, zorder=2)
             if size < _WORTH_A_NUMBER and side == 0 and len(rows) > 1:
-                continue  # what was noise before needs no number
+                continue  # noise before the change needs no number
             # a label that would lie on the noise floor goes beyond it
             hidden = 0.0 <= _along(axes, 1.0) - _along(axes, size) < 0.15
             axes.annotate(

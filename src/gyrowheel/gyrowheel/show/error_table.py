@@ -1,4 +1,4 @@
-"""The table that shows the error of a model falling, beside the noise floor that it cannot pass."""
+"""The error table: errors before and after a change, next to the noise floor."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def unit_of(noise: Mapping[str, float]) -> dict[str, Unit]:
 
 
 def units_of(table: ErrorTable) -> dict[str, Unit]:
-    """Return the unit of each channel on a page with this table: in the table and in every line beside it."""
+    """Return the unit of each channel on a page with this table: in the table and in every sentence."""
     floor = table.noise_floor
     return unit_of({name: floor.rms_of(name) for name in LISTED if name in floor})
 
@@ -49,10 +49,7 @@ def _average(name: str) -> bool:
 
 
 def error_table(table: ErrorTable) -> RenderableType:
-    """Return the errors before and after, channel by channel, fitted and validation recordings side by side.
-
-    The noise floor stands beside them: what no model gets below.
-    """
+    """Return errors before and after and the noise floor, by channel, for fitted and validation recordings."""
     parts = [("fitted", table.before, table.after, table.noise_floor)]
     if table.validation_before is not None and table.validation_after is not None:
         floor = table.validation_noise_floor or table.noise_floor
@@ -112,7 +109,7 @@ def fall(
     falls = after.chi2_per_n < before.chi2_per_n
     most = (max if falls else min)(gain, key=lambda name: gain[name])
     if (gain[most] > 0.0) != falls:
-        return f"{text}."  # no channel shows by itself what all of them show together
+        return f"{text}."  # the channel with the largest change contradicts the sum of all channels
     shown = (units or unit_of({name: (floor or after).rms_of(name) for name in names}))[most]
     was, now = (fixed(row.rms_of(most) / shown.size) for row in (before, after))
     verb = "falls" if falls else "rises"

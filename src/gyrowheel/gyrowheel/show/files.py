@@ -7,7 +7,7 @@ from pathlib import Path
 from gyrowheel_core.files import disk_errors, json_text, require_new, require_writable, write_text
 from gyrowheel_core.locks import changing
 
-#: What stands at the beginning of a report: of a page of HTML, and of one in Markdown.
+#: First lines of a report: in HTML, and in Markdown.
 REPORT_MARKS = ('<meta name="generator" content="gyrowheel">', "<!-- report of gyrowheel -->")
 
 #: Title of a report as PDF.
@@ -58,7 +58,7 @@ def is_report(head: str) -> bool:
 
 
 def new_folder(parent: Path, name: str, first: int) -> Path:
-    """Return ``parent/name-first``, or the next number of which there is no folder yet."""
+    """Return ``parent/name-first``, or with the next number that is free."""
     number = first
     while (folder := parent / f"{name}-{number}").exists():
         number += 1

@@ -34,7 +34,7 @@ def pretty(formula: str) -> str:
 
 
 def in_words(target: str) -> str:
-    """Return what a law acts on in a few words."""
+    """Return the target of a law in a few words."""
     return TARGETS[target].words if target in TARGETS else target.replace("_", " ")
 
 

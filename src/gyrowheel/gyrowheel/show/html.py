@@ -18,7 +18,7 @@ _OWN = "gyrowheel.show"
 
 @functools.cache
 def environment(*packages: str) -> jinja2.Environment:
-    """Return what reads the templates of packages, the first first; whatever is put into them is escaped."""
+    """Return the template reader of packages, in order of precedence; values are escaped."""
     import jinja2
 
     return jinja2.Environment(
@@ -38,11 +38,11 @@ def style_sheet() -> Markup:
 
 
 def template_text(package: str, name: str) -> str | None:
-    """Return the text of a file in the folder ``files`` of a package; None where there is none."""
+    """Return the text of a file in the folder ``files`` of a package; None if it does not exist."""
     file = resources.files(package).joinpath("files", name)
     return file.read_text(encoding="utf-8") if file.is_file() else None
 
 
 def embedded(content: Any) -> Markup:
-    """Return JSON that can stand in a page: nothing in it ends the element that holds it."""
+    """Return JSON for embedding in a page: nothing in it ends its element."""
     return Markup(json_text(content).replace("<", "\\u003c"))

@@ -16,8 +16,8 @@ _MARGIN = (0, 0, 0, 2)
 _NARROWEST, _WIDEST = 40, 110  # lines [characters]: long ones are hard to read, and tables need some width
 _GAPS = (2, 1)  # spaces right of a column, the fewest where a table needs the room
 _FIGURES_GAP = 0  # the fewest in a table of numbers, whose titles tell its columns apart
-_INDENT = 4  # of what stands below its row
-_KEY = 10  # a first column no wider leaves room for prose beside it
+_INDENT = 4  # of cells below their row
+_KEY = 10  # a first column no wider leaves room for prose in the next column
 
 
 def heading(text: str) -> Text:
@@ -117,7 +117,7 @@ def readable(width: int) -> int:
 
 
 class UncutTable(Table):
-    """Table that shows all of its words and numbers, none of its cells over several lines, however narrow the terminal.
+    """Table that never cuts a word or a number and breaks no cell over several lines, however narrow the terminal.
 
     Where the rows are too long, cells of words (columns without `no_wrap`) stand in lines of their own: below their
     row, the first one above it. A column most of whose cells have no room moves as a whole. Where the numbers alone are
@@ -193,7 +193,7 @@ class UncutTable(Table):
         return widths
 
     def _is_prose(self, column: int) -> bool:
-        """Whether a column is text that hangs beside a short key."""
+        """Whether a column is text that follows a short key."""
         return len(self.columns) == 2 and column == 1 and self._natural_widths()[0] <= _KEY
 
     def _blocks(self, widths: dict[int, int], room: int) -> Iterator[dict[int, int]]:
@@ -208,7 +208,7 @@ class UncutTable(Table):
         yield block
 
     def _rows(self, widths: dict[int, int], gap: int, dropped: list[int]) -> Iterator[RenderableType]:
-        """Yield the rows of some columns, with what has no room in lines of their own, and all of `dropped` below."""
+        """Yield the rows of some columns, with too wide cells, and all of `dropped`, in lines of their own below."""
         columns = {i: self._cells(i) for i in [*widths, *dropped]}
         waiting: list[int] = []
         begun = False
@@ -244,7 +244,7 @@ class UncutTable(Table):
             yield self._part(widths, gap, waiting, head=not begun)
 
     def _lines(self, number: int, columns: list[int]) -> Iterator[RenderableType]:
-        """Yield cells of a row in lines of their own; several are told apart by their titles."""
+        """Yield cells of a row in lines of their own; several have their titles."""
         for i in columns:
             alone = len(columns) == 1 and i == len(self.columns) - 1
             label = f"{self._title(i)}: " if self._title(i) and not alone else ""

@@ -20,7 +20,7 @@ _BETWEEN = {False: Markup("<mo>+</mo>"), True: Markup("<mo>−</mo>")}
 
 
 def typeset(formula: str) -> Markup:
-    """Return the laws of a formula as MathML, one below the other; what is no law stays text.
+    """Return the laws of a formula as MathML, one below the other; anything else stays text.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def _shown(node: Node) -> tuple[Markup, int]:
 
 
 def _within(node: Node, least: int) -> Markup:
-    """Return a part, in brackets where it binds less than what it stands in."""
+    """Return a part, in brackets where it binds less tightly than its surroundings."""
     shown, level = _shown(node)
     return shown if level >= least else _bracketed(shown)
 

@@ -27,7 +27,7 @@ _EXPONENT = re.compile(r"\^([kq])\b")
 
 
 def form_sentence(form: FreeForm) -> str:
-    """Return what a form says with what was found: exponents as numbers, edges in degrees, speeds in rpm."""
+    """Return a form with its estimates: exponents as numbers, edges in degrees, speeds in rpm."""
     found = form.coefficients
 
     def exponent(match: re.Match[str]) -> str:
@@ -45,7 +45,7 @@ def form_sentence(form: FreeForm) -> str:
 
 
 def simple_sentence(form: FreeForm) -> str:
-    """Return in a sentence that a form is a simple law within the errors of its exponents; empty where it is none."""
+    """Return that a form equals a simple law within the errors of its exponents; empty otherwise."""
     if not form.simple:
         return ""
     found = ", ".join(
@@ -76,7 +76,7 @@ _COUNTS = {2: "Two", 3: "Three", 4: "Four"}
 
 
 def title(item: EffectFinding | TieReport) -> str:
-    """Return what a finding, or what ties with it, is called."""
+    """Return the title of a finding or of a tie."""
     if item.name in _ERROR_TITLES:
         return _ERROR_TITLES[item.name]
     in_model = item.in_model not in (None, False)
@@ -89,7 +89,7 @@ def named(item: EffectFinding | TieReport) -> str:
 
 
 def physics(finding: EffectFinding) -> str:
-    """Return in a sentence what physics a finding stands for."""
+    """Return the physics of a finding in a sentence."""
     return finding.effect_sentence or "The parameter lies beyond five of its stated uncertainties."
 
 
@@ -107,7 +107,7 @@ def verdict_sentence(found: Diagnosis) -> str:
 
 
 def beyond_sentence(item: Beyond) -> str:
-    """Return in a sentence what is impossible, or far beyond what is usual."""
+    """Return a value that is impossible or far from usual, in a sentence."""
     name = f"{item.name} {item.coefficient}".strip()
     pure = item.unit == "1" and is_pure(item.name, item.coefficient)
     value, limit = (quantity(v, item.unit, pure=pure) for v in (item.value, item.limit))
@@ -181,7 +181,7 @@ def _some(names: Sequence[str], most: int = 4) -> str:
 
 
 def _named_effects(findings: Sequence[EffectFinding]) -> list[str]:
-    """Return what is missing, what has another size, and which parameters of the bench are not as stated."""
+    """Return missing effects, effects of another size, and bench parameters that are not as stated."""
     missing = [named(f) for f in findings if f.in_model is None and f.name not in _ERROR_TITLES]
     wrong = [f.name for f in findings if f.in_model is not None]
     said = []
@@ -220,7 +220,7 @@ def evidence(finding: EffectFinding) -> list[str]:
 
 
 def tie_sentence(tie: TieReport) -> str:
-    """Return what else a finding could be, and the test that separates the two."""
+    """Return an alternative to a finding, and the test that separates the two."""
     text = f"could also be {named(tie)}: χ² is only {tie.delta_chi2:.1f} worse"
     if tie.separating_plan is not None:
         gain = "" if tie.expected_separation is None else f", expected Δχ² {tie.expected_separation:.0f}"
@@ -229,7 +229,7 @@ def tie_sentence(tie: TieReport) -> str:
 
 
 def purpose(test: NextTest) -> str:
-    """Return what a test is for."""
+    """Return the purpose of a test."""
     if test.separates is not None:
         return "separates {} from {}".format(*test.separates)
     return f"would show a {test.reveals} of usual size, which these recordings do not"

@@ -1,4 +1,4 @@
-"""What happened in the middle of a recording, and what its drifts are and follow, in sentences."""
+"""Sentences for changes in the middle of a recording, and for drifts and what they follow."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gyrowheel_core.quantities import listed
 if TYPE_CHECKING:
     from gyrowheel_analysis.diagnosis.result import DatedEvent, DriftShape
 
-#: What changed, by the channel of an event.
+#: Description of a change, by the channel of the event.
 _WHAT = {
     "torque_x": "a torque of {} about case x",
     "torque_y": "a torque of {} about case y",
@@ -46,12 +46,12 @@ _TEMPERATURES = {
 _SHAPELESS = (
     "it is no step, trend, burst or swing, and follows neither a temperature nor the moves of the tilt"
 )
-#: Size of a drift over the stated one from which on it is told.
+#: Drifts above this multiple of the stated size are reported.
 _TOLD = 1.5
 
 
 def event_sentences(events: Sequence[DatedEvent], *, several: bool = False) -> list[str]:
-    """Return what happened, and when: what changed at the same time in one sentence.
+    """Return changes with their times; simultaneous changes share a sentence.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def event_sentences(events: Sequence[DatedEvent], *, several: bool = False) -> l
 
 
 def event_sentence(event: DatedEvent, *, several: bool = False) -> str:
-    """Return what happened, and when, as `event_sentences` does."""
+    """Return a change with its time, as `event_sentences` does."""
     return _sentence([event], several)
 
 
@@ -88,7 +88,7 @@ def _sentence(events: Sequence[DatedEvent], several: bool) -> str:
 
 
 def tie_of_event(event: DatedEvent) -> str:
-    """Return what else could have changed; empty where nothing else could."""
+    """Return the alternatives to an event; empty without alternatives."""
     if not event.ties:
         return ""
     names = [_WHAT[name].replace(" of {}", "").rstrip(",") for name in event.ties]
@@ -99,7 +99,7 @@ def tie_of_event(event: DatedEvent) -> str:
 
 
 def shape_sentence(shape: DriftShape, *, several: bool = False) -> str:
-    """Return what shape a drift has; `several` as in `event_sentences`."""
+    """Return the shape of a drift; `several` as in `event_sentences`."""
     what = _WHAT[shape.channel].format(with_error(shape.size, shape.standard_error, shape.unit, pure=False))
     where = f" In {shape.recording}," if several else ""
     if shape.kind == "after_tilt":
@@ -117,14 +117,14 @@ def shape_sentence(shape: DriftShape, *, several: bool = False) -> str:
 
 
 def drift_sentence(scales: Mapping[str, float], *, shaped: bool = False) -> str:
-    """Return which drifts are larger than stated; empty where none is.
+    """Return the drifts that are larger than stated; empty otherwise.
 
     Parameters
     ----------
     scales : mapping
         Sizes of the drifts over the stated ones, by reading.
     shaped : bool
-        Whether events or shapes of drifts are told beside: what is left has none.
+        Whether events or shapes of drifts are reported too: the remainder has no shape.
     """
     raised = [
         f"that of the {_DRIFTS.get(name, name)} {decimal(scale, 1)} times"

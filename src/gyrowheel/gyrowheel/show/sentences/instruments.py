@@ -30,7 +30,7 @@ _PARTS = {
 
 
 def instrument_sentence(found: InstrumentFinding) -> str:
-    """Return what is wrong with an instrument, say that a voltage is read later than stated."""
+    """Return the deviation of an instrument, for example a voltage read later than stated."""
     reading = READINGS.get(found.channel, found.channel)
     off = with_error(abs(found.deviation), found.standard_error, found.unit)
     now = with_error(found.value, found.standard_error, found.unit)
@@ -51,7 +51,7 @@ def instrument_sentence(found: InstrumentFinding) -> str:
 
 
 def instrument_open(found: InstrumentFinding) -> str:
-    """Return what is wrong with an instrument, and what else it could be."""
+    """Return the deviation of an instrument with its alternatives."""
     if not found.ties:
         return instrument_sentence(found)
     others = listed([tie.name for tie in found.ties], "or")
@@ -72,7 +72,7 @@ _EXACT = 1.0e-3  # part of a value below which its error is not shown
 
 
 def reading_sentence(found: ReadingFinding) -> str:
-    """Return what the samples show, and what is stated, say that the tilt reading has a hum."""
+    """Return a deviation found in the samples next to the stated value, for example hum of the tilt reading."""
     name, stated = _NAMES.get(found.channel, found.channel), _stated(found)
     value = with_error(found.value, found.standard_error, found.unit)
     if found.quantity == "hum":
@@ -105,7 +105,7 @@ def _micro(found: ReadingFinding) -> str:
 
 
 def untold_sentences(hum_unknown: Sequence[tuple[str, str]]) -> Iterator[str]:
-    """Yield what the samples cannot tell: hum where the rotor turns, and why."""
+    """Yield the limits of the samples: hum at a multiple of the speed."""
     if any(why == "rotor" for _, why in hum_unknown):
         yield (
             "Hum at the frequency of the mains cannot be told: a multiple of the speed is there in all steady motion."

@@ -23,12 +23,12 @@ _PARTS = {
     "azimuth": "tilt directions",
     "time": "stretches of time",
 }
-#: What a reader can do where nothing was tried or proven.
+#: Advice where nothing could be proven.
 HOW = "A recording that was not fitted proves it: --validate."
 
 
 def proof_sentence(proof: Proof | None, table: ErrorTable | None = None) -> str:
-    """Return whether what was found is proven, and why not where it is not.
+    """Return whether the findings are proven, with the reason where they are not.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def proof_sentence(proof: Proof | None, table: ErrorTable | None = None) -> str:
 
 
 def proof_line(proof: Proof | None, table: ErrorTable | None = None) -> Text:
-    """Return the same as the line that ends what was said: bold, and green or red where there is an answer."""
+    """Return `proof_sentence` as the last line of a verdict: bold, and green or red where there is an answer."""
     colour = "" if proof is None or proof.proven is None else "green" if proof.proven else "red"
     return Text(proof_sentence(proof, table), style=f"bold {colour}".strip())
 
@@ -60,7 +60,7 @@ def _parts(proof: Proof) -> str:
 
 
 def _error(proof: Proof, table: ErrorTable | None) -> str:
-    """Return how the error falls on what was predicted."""
+    """Return the fall of the error on the predicted samples."""
     if not proof.channel:
         return _chi2(proof)
     channel = LISTED[proof.channel]
@@ -107,7 +107,7 @@ def _differs(proof: Proof) -> str:
 
 
 def doubt_sentence(doubt: Doubt) -> str:
-    """Return what an added effect, or one of the model, gives reason to doubt."""
+    """Return the doubt about an added effect, or about one of the model."""
     name = f"{doubt.effect} {doubt.coefficient}".strip()
     if doubt.kind == "weak":
         return f"{name} is only {doubt.size:.1f} standard errors from zero: it may not be there"
@@ -123,7 +123,7 @@ def doubt_sentence(doubt: Doubt) -> str:
 
 
 def calibration_notes(found: Calibration) -> list[str]:
-    """Return what a calibration gives reason to doubt."""
+    """Return the doubts about a calibration."""
     if not found.lacking:
         return []
     return [

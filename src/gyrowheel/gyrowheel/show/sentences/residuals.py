@@ -1,4 +1,4 @@
-"""What a model leaves: where it fails, on what the residual depends, and which law it follows."""
+"""Residuals: the regions where a model fails, the variables they depend on, and the laws they follow."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def region_name(region: Region) -> str:
 
 
 def region_description(region: Region) -> str:
-    """Return what the residual looks like in a region."""
+    """Return size and shape of the residual in a region."""
     kind, look = CHANNELS[region.part], region.look
     if look.form == "offset":
         side = " above the model" if look.value.real > 0 else " below the model"
@@ -90,7 +90,7 @@ def region_description(region: Region) -> str:
 
 
 def dependence_sentences(found: Iterable[PartDependence]) -> list[str]:
-    """Return what the tests say, a sentence for every part of the residual that is more than noise."""
+    """Return the variables of the residual, a sentence for every part that is more than noise."""
     return [_dependence(part) for part in found]
 
 
@@ -125,12 +125,12 @@ def _dependence(found: PartDependence) -> str:
 
 
 def _mostly(part: str) -> str:
-    """Return what most of a residual is that needs no variable."""
+    """Return the main component of a residual that depends on no variable."""
     return "mostly constant or proportional to the tilt" if part.startswith("tilt") else "mostly constant"
 
 
 def _named(d: Dependence) -> str:
-    # what is proportional to the tilt depends on nothing else yet
+    # a residual proportional to the tilt is not yet a dependence on the tilt
     beyond = "not proportional, " if d.variable == "tilt" and d.part.startswith("tilt") else ""
     about = f"{beyond}{100.0 * d.share_beside:.0f} % of χ², p {_probability(d.p_beside)}"
     return f"{TITLES[d.variable]} ({about})"
@@ -178,7 +178,7 @@ def _with_speed(law: SpeedLaw | None, kind: Channel, pattern: str) -> str:
 
 
 def _ends(change: Change, kind: Channel) -> str:
-    """Return the sizes at both ends of a change, and what changes between them."""
+    """Return the sizes at both ends of a change, and the variable that changes."""
     (a, b), unit = _amounts([change.at_low, change.at_high], kind, change.pattern)
     low, high = (_value(change.variable, v) for v in (change.low, change.high))
     return f"from {a} to {b} {unit} {_CHANGES[change.variable].format(low=low, high=high)}"
@@ -200,7 +200,7 @@ def _power(value: float, error: float) -> str:
 
 
 def _phase(slope: complex) -> str:
-    """Return how a torque that is proportional to the tilt stands to it."""
+    """Return the phase of a torque that is proportional to the tilt."""
     angle = math.degrees(math.atan2(slope.imag, slope.real))
     if abs(angle) < 20.0:
         return " and in phase with it"

@@ -1,4 +1,4 @@
-"""What is wrong with the setup of a recording, and its cure."""
+"""Wrong setups of recordings, and their corrections."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from gyrowheel_recording.mislabelled.fixes import Fix, WrongSetup
 
 _SPIN = ("spin_angle", "spin_rate", "motor_voltage", "motor_current")
-#: What a reading has, where it should be in SI units.
+#: The unit of a reading that is not in SI units.
 _UNITS = {
     "deg": "in degrees, not in radians",
     "turns": "in turns, not in radians",
@@ -41,7 +41,7 @@ _UNITS = {
 
 
 def problem(found: WrongSetup) -> str:
-    """Return what is wrong, in one sentence, with the physics that shows it."""
+    """Return the problem in one sentence, with the physics that shows it."""
     return f"{_what(found)}: {_evidence(found)}."
 
 
@@ -117,7 +117,7 @@ def _evidence(found: WrongSetup) -> str:
 
 
 def cure(found: Sequence[WrongSetup]) -> str:
-    """Return the cure of all that is wrong with one recording: a command, or what to do where no command helps."""
+    """Return the cure of all problems of one recording: a command, or advice where no command helps."""
     hopeless = [item for item in found if not item.cure]
     if hopeless:
         return "; ".join(dict.fromkeys(_hopeless(item) for item in hopeless))
@@ -149,13 +149,13 @@ def _hopeless(found: WrongSetup) -> str:
 
 
 def problem_and_map(found: WrongSetup) -> str:
-    """Return what is wrong with an imported table, and what to change in its map."""
+    """Return the problem of an imported table, and the change of its map."""
     lines = "; ".join(map_lines(found))
     return f"{problem(found)} In the map: {lines}." if lines else problem(found)
 
 
 def map_lines(found: WrongSetup) -> list[str]:
-    """Return what to change in the map of an imported table; nothing where a map cannot say it."""
+    """Return the changes of the map of an imported table; none where a map cannot express them."""
     own = found.cure
     if own.shift or (found.kind == "scale" and "spin_angle" in own.scale):
         return []  # neither times nor the turns of another gear
