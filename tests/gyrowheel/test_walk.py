@@ -47,7 +47,8 @@ class Walk:
         if here and here != caller:
             if here not in self.entered:
                 self.entered.append(here)
-            if caller:
+            # the base of results calls the methods of the result that it is
+            if caller and frame.f_back.f_globals["__name__"] != "gyrowheel.show.result":  # type: ignore[union-attr]
                 self.calls.setdefault((caller, here), frame.f_code.co_qualname)
 
 

@@ -29,14 +29,14 @@ def test_maps_and_a_picture(gyrowheel: Shell, wheel: Wheel, tmp_path: Path):
 
 
 @pytest.mark.parametrize("over", ["sped", "speed,speed", "speed,tilt,time"])
-def test_a_map_that_is_none_is_refused_before_anything_is_read(gyrowheel: Shell, over: str):
+def test_an_unknown_map_is_refused_before_a_file_is_read(gyrowheel: Shell, over: str):
     result = gyrowheel("compare", "nowhere", "--model", "none.yaml", "--map", over)
     assert result.code == 2
     (line,) = result.err.splitlines()
     assert "map: " in line
 
 
-def test_the_error_of_every_channel_stands_beside_the_noise():
+def test_the_error_table_has_errors_and_noise_of_every_channel():
     text = text_of([error_table(TABLE)])
     for words in ("fitted", "validation", "before", "after", "noise", "tilt x", "spin", "χ²/N"):
         assert words in text

@@ -1,4 +1,4 @@
-"""Words on which a newcomer stumbled: broken recordings name the cure, a printed one is short, a key has a name."""
+"""Errors on broken recordings name the cure; recordings print a page; a key file gets a name."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ def test_an_error_on_a_broken_recording_names_the_cure(
     assert "salvage" not in nothing.err
 
 
-def test_a_printed_recording_is_three_lines(short: gw.Recording) -> None:
-    first, second, third = str(short).splitlines()
-    assert "bench gyrowheel" in first
-    assert "2000.0 Hz" in second
-    assert "rpm, tilt" in third
+def test_a_recording_prints_its_page_and_has_a_repr_of_one_line(short: gw.Recording) -> None:
+    page = str(short)
+    for words in ("bench", "2000.0 Hz", "spin rate", "tilt", "Messages"):
+        assert words in page
+    assert repr(short) == f"<Recording: short, {short.duration:.2f} s, {len(short)} samples>"
 
 
 def test_blind_without_a_file_makes_a_key(
