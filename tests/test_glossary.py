@@ -76,7 +76,7 @@ def test_every_head_is_in_the_glossary() -> None:
     missing = {f"{path.name}: {head!r}" for path, head in found if not explained(head, known)}
     assert missing == set()
     # heads that are composed at run time
-    made = [*errors._COLUMNS, *comparison._SHORT.values()]
+    made = [*(column.head for column in errors._COLUMNS), *comparison._SHORT.values()]
     made += [comparison._axis_title(name) for name in ("tilt", "azimuth", "speed", "time", "temperature")]
     assert [head for head in made if not explained(head, known)] == []
     assert not explained("entropy\nJ/K", known)

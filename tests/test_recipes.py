@@ -11,21 +11,28 @@ import textwrap
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 TEXT = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-RECIPES = {
-    path: (place, block)
-    for path, place, block in re.findall(
-        r"^<!-- recipe: (\S+), (.*?) -->\n```\w+\n(.*?)^```", TEXT, re.DOTALL | re.MULTILINE
-    )
-}
+#: Changes in their order: path, place, and the text of the block.
+CHANGES: list[tuple[str, str, str]] = re.findall(
+    r"^<!-- recipe: (\S+), (.*?) -->\n```\w+\n(.*?)^```", TEXT, re.DOTALL | re.MULTILINE
+)
 Run = Callable[[str], str]
 
 
 def follow(path: Path, place: str, block: str) -> None:
-    """Change one file as a recipe says."""
+    """Change one file as a recipe states it."""
+    if place == "as a diff":
+        old, new = (
+            "".join(f"{line[1:]}\n" for line in block.splitlines() if line[0] in (" ", sign)) for sign in "-+"
+        )
+        text = path.read_text(encoding="utf-8")
+        assert text.count(old) == 1, f"{path}: the lines of the recipe do not stand there once"
+        path.write_text(text.replace(old, new), encoding="utf-8")
+        return
     if place == "as a file":
         assert not path.exists()
         path.write_text(block, encoding="utf-8")
@@ -44,13 +51,13 @@ def follow(path: Path, place: str, block: str) -> None:
 def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     """Return a function that runs code with a copy of the packages in which every recipe was followed."""
     folder = tmp_path_factory.mktemp("house")
-    for package in {path.partition("/")[0] for path in RECIPES}:
+    for package in {path.partition("/")[0] for path, _, _ in CHANGES}:
         shutil.copytree(
             ROOT / "src" / package / package,
             folder / package,
             ignore=shutil.ignore_patterns("__pycache__"),
         )
-    for path, (place, block) in RECIPES.items():
+    for path, place, block in CHANGES:
         follow(folder / path, place, block)
 
     def call(code: str) -> str:
@@ -68,24 +75,60 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return call
 
 
-def test_there_is_a_recipe_for_each() -> None:
-    assert len(RECIPES) == 4
-    for title in ("An effect", "A law target", "A channel", "A plan", "A verb"):
-        assert f"### {title}\n" in TEXT
+WALKS = (
+    "A word in the torque table",
+    "A column in the error table",
+    "A reader of a table format",
+    "A statistic of a diagnosis",
+)
+
+
+def test_each_recipe_changes_one_file_and_each_walk_three_at_most() -> None:
+    sections = dict(re.findall(r"^### (.+?)\n(.*?)(?=^##)", TEXT, re.DOTALL | re.MULTILINE))
+    changed = {
+        title: set(re.findall(r"^<!-- recipe: (\S+),|`(docs/\S+)` completes", text, re.MULTILINE))
+        for title, text in sections.items()
+    }
+    for title in ("An effect", "A law target", "A channel", "A plan"):
+        assert len(changed[title]) == 1, title
+    for title in WALKS:
+        assert 1 <= len(changed[title]) <= 3, title
+    assert "A verb" in sections
+
+
+def test_a_word_in_the_torque_table_is_changed(run: Run) -> None:
+    shown = run("import gyrowheel as gw; print(gw.torques(tilt=0.05))")
+    assert "damping of the flexures" in shown
+    assert "flexure loss" not in shown
+
+
+def test_a_table_format_is_read(run: Run, tmp_path: Path) -> None:
+    file = tmp_path / "lab.npy"
+    rows = np.zeros(3, dtype=[("time", float), ("tilt", float)])
+    rows["time"] = [0.0, 0.1, 0.2]
+    np.save(file, rows)
+    said = run(
+        "from pathlib import Path; from gyrowheel_recording.tables import read_grid\n"
+        f"grid = read_grid(Path({str(file)!r})); print(*grid.columns, grid.columns['time'].values.tolist())"
+    )
+    assert said.strip() == "time tilt [0.0, 0.1, 0.2]"
 
 
 @pytest.mark.slow
-def test_an_effect_and_a_channel_are_simulated_shown_and_found(run: Run) -> None:
+def test_effect_channel_column_and_statistic_are_simulated_shown_and_found(run: Run) -> None:
     said = run(
         "import gyrowheel as gw\n"
         "quick = gw.simulate('quick', effects={'nonlinear_damping': {}}, machine=3)\n"
         "found = gw.diagnose(quick, gw.Model())\n"
         "print(*(effect.name for effect in found.effects))\n"
+        "print(found.to_dict()['largest_pull'] == found.largest_pull > 0.0)\n"
+        "print('over noise' in str(found), 'Largest pull of a bench parameter' in str(found))\n"
         "print(*gw.compare(quick, gw.Model()).to_dict()['error']['before']['channels'])\n"
         "import sys; sys.argv = ['gyrowheel', 'effects', 'nonlinear_damping']\n"
         "from gyrowheel.cli.app import main; main()\n"
     )
-    named, channels, *page = said.splitlines()
+    named, stated, shown, channels, *page = said.splitlines()
+    assert (stated, shown) == ("True", "True True")
     assert named == "nonlinear_damping"
     assert "tilt_3n" in channels.split()
     assert "damping per squared angle" in "\n".join(page)

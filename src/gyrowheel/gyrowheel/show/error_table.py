@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, NamedTuple
 
 from rich.console import Group, RenderableType
 from rich.text import Text
@@ -48,41 +48,64 @@ def _average(name: str) -> bool:
     return name in (*TORQUES, "tilt")
 
 
+class _Part(NamedTuple):
+    """The errors on the fitted or on the validation recordings."""
+
+    title: str
+    before: ErrorRow
+    after: ErrorRow
+    floor: ErrorRow
+
+
+class _Column(NamedTuple):
+    """A column of each part: its head, its cell of a channel (in the size of a unit), and its cell of all channels."""
+
+    head: str
+    of_channel: Callable[[_Part, str, float], Text]
+    of_all: Callable[[_Part], Text]
+
+
+def _after(part: _Part, name: str, size: float) -> Text:
+    style = "green" if part.after.is_noise(name, part.floor) else "bold red"
+    return Text(fixed(part.after.rms_of(name) / size), style=style)
+
+
+_COLUMNS = (
+    _Column(
+        "before",
+        lambda part, name, size: Text(fixed(part.before.rms_of(name) / size)),
+        lambda part: Text(fixed(part.before.chi2_per_n)),
+    ),
+    _Column("after", _after, lambda part: Text(fixed(part.after.chi2_per_n), style="bold")),
+    _Column(
+        "noise",
+        lambda part, name, size: Text(fixed(part.floor.rms_of(name) / size), style="dim"),
+        lambda part: Text("1", style="dim"),
+    ),
+)
+
+
 def error_table(table: ErrorTable) -> RenderableType:
     """Return errors before and after and the noise floor, by channel, for fitted and validation recordings."""
-    parts = [("fitted", table.before, table.after, table.noise_floor)]
+    parts = [_Part("fitted", table.before, table.after, table.noise_floor)]
     if table.validation_before is not None and table.validation_after is not None:
         floor = table.validation_noise_floor or table.noise_floor
-        parts.append(("validation", table.validation_before, table.validation_after, floor))
-    titles = [f"{part[0] if not k else ''}\n{what}" for part in parts for k, what in enumerate(_COLUMNS)]
-    result = figures_table("RMS of the\nresidual", "\nunit", *titles)
-    result.columns[1].justify = "left"
-    channels = [name for name in LISTED if all(name in row for part in parts for row in part[1:])]
-    shown = units_of(table)
-    for name in channels:
-        cells: list[str | Text] = []
-        for _, before, after, floor in parts:
-            sizes = [row.rms_of(name) for row in (before, after, floor)]
-            style = "green" if after.is_noise(name, floor) else "bold red"
-            texts = [fixed(size / shown[name].size) for size in sizes]
-            cells += [texts[0], Text(texts[1], style=style), Text(texts[2], style="dim")]
-        result.add_row(LISTED[name].title, Text(shown[name].label, style="dim"), *cells)
-    result.add_section()
-    chi2 = [
-        cell
-        for _, before, after, _floor in parts
-        for cell in (
-            fixed(before.chi2_per_n),
-            Text(fixed(after.chi2_per_n), style="bold"),
-            Text("1", style="dim"),
-        )
+        parts.append(_Part("validation", table.validation_before, table.validation_after, floor))
+    heads = [
+        f"{'' if k else part.title}\n{column.head}" for part in parts for k, column in enumerate(_COLUMNS)
     ]
-    result.add_row("χ²/N", "", *chi2)
+    result = figures_table("RMS of the\nresidual", "\nunit", *heads)
+    result.columns[1].justify = "left"
+    shown = units_of(table)
+    for name in LISTED:
+        if all(name in row for part in parts for row in part[1:]):
+            unit = shown[name]
+            cells = [column.of_channel(part, name, unit.size) for part in parts for column in _COLUMNS]
+            result.add_row(LISTED[name].title, Text(unit.label, style="dim"), *cells)
+    result.add_section()
+    result.add_row("χ²/N", "", *(column.of_all(part) for part in parts for column in _COLUMNS))
     where = "the validation recordings" if len(parts) == 2 else "the fitted recordings"
     return Group(result, Text(fall(*parts[-1][1:], where, shown)))
-
-
-_COLUMNS = ("before", "after", "noise")
 
 
 def fall(
