@@ -159,7 +159,11 @@ def angle_from_pulses(
             "crosses)"
         )
     known = rate is not None and bool(np.isfinite(rate).any())
-    speed = _filled(time, rate) if rate is not None and known else _speed_of(time, when, within, pulses)
+    if rate is not None and known:
+        finite = np.isfinite(rate)
+        speed = np.interp(time, time[finite], rate[finite])
+    else:
+        speed = _speed_of(time, when, within, pulses)
     summed = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(time))])
     sign = 1.0 if summed[-1] >= summed[0] else -1.0
     turning = sign * summed
@@ -203,11 +207,6 @@ def angle_from_pulses(
             f"the speed reads {abs(1.0 / share - 1.0):.2%} {'more' if share < 1.0 else 'less'} than they show"
         )
     return ShaftAngle(sign * (share * turning + moved) + at, max(uncertainty, _FINEST), tuple(remarks))
-
-
-def _filled(time: Array, rate: Array) -> Array:
-    known = np.isfinite(rate)
-    return np.interp(time, time[known], rate[known])
 
 
 def _speed_of(time: Array, when: Array, within: Array, pulses: int) -> Array:

@@ -93,8 +93,8 @@ def import_table(
         raise InputError("; ".join([wrong[0], *(text.removeprefix(f"{table.path}: ") for text in wrong[1:])]))
     remarks = [*clock.remarks, *table.remarks]
     origins = _assumed(column_map)
-    pulses = column_map.columns["spin_angle"] if _pulsed(column_map) else None
-    angle = column_map.columns.get("spin_angle") if pulses is None else None
+    angle = column_map.columns.get("spin_angle")
+    pulses, angle = (angle, None) if angle is not None and angle.pulses else (None, angle)
     if angle is not None and (step := table.clock_step(angle)) > clock.period:
         remarks += _hidden_turns(readings, clock.period, step)  # before it is compared with the speed
     if pulses is not None:
@@ -129,11 +129,6 @@ def import_table(
         writer.write_columns(columns)
     length = float(stamps[-1]) / wire.SECOND
     return Imported(len(sequence), length, 1.0 / clock.period, tuple(remarks))
-
-
-def _pulsed(column_map: ColumnMap) -> bool:
-    source = column_map.columns.get("spin_angle")
-    return source is not None and source.pulses > 0
 
 
 def _assumed(column_map: ColumnMap) -> dict[str, Origin]:

@@ -16,7 +16,7 @@ from gyrowheel_recording.mapping.column_names import COIL_CURRENT, TIME, UNITS, 
 from gyrowheel_recording.mapping.map_file import READINGS
 from gyrowheel_recording.mapping.suggestion.result import Problem, Proposal
 from gyrowheel_recording.mapping.suggestion.unit_guess import SOME
-from gyrowheel_recording.mislabelled.blocks import COIL, TILT, Averages, averages, blocks_of, never_measured
+from gyrowheel_recording.mislabelled.blocks import COIL, TILT, averages, blocks_of, never_measured
 from gyrowheel_recording.mislabelled.relations import precession, slews, spin
 from gyrowheel_recording.tables import Column, Grid
 from gyrowheel_sim.bench import Bench
@@ -42,35 +42,39 @@ _CLIPPED: Final = ("tilt_x", "tilt_y", "spin_rate", "coil_voltage_x", "coil_volt
 _STAYS: Final = 20  # values in a row at the end of a range
 
 
+#: Odd cells by their kind: what is wrong with them, and the cure.
+_ODD: Final = {
+    "decimal": (
+        "have another decimal sign than the others, {where}: {text}.",
+        "Write all numbers with one decimal sign.",
+    ),
+    "thousands": ("have signs between the thousands, {where}: {text}.", "Write the numbers without them."),
+    "unit": (
+        "have a unit behind the number, {where}: {text}.",
+        "Write the numbers alone, the unit in the line of names; rows of another unit in that unit.",
+    ),
+    "clock": (
+        "hold a time of day or a date, {where}: {text}.",
+        "Write seconds from the beginning, or dates with times such as 2026-05-04T10:00:00.0005.",
+    ),
+    "text": (
+        "hold the text {text}, {where}.",
+        "The map takes it for no reading (`csv: missing:`); take the rows out where that is wrong.",
+    ),
+}
+
+
 def odd_cells(field: str, name: str, column: Column) -> list[Problem]:
     """Return the problems of the cells of a text that are no plain numbers."""
     found = []
     for odd in column.odd:
+        what, cure = _ODD[odd.kind]
+        missing = odd.kind == "text" and odd.text.lower() in _NO_READING
+        if missing:
+            what, cure = "hold {text}, {where}: no reading.", "`csv: missing:` in the map says so."
+        what = what.format(where=f"first in row {odd.row + 1}", text=f"'{odd.text[:24]}'")
         cells = f"{odd.count} cell{'s' * (odd.count > 1)} of '{name}'"
-        where = f"first in row {odd.row + 1}"
-        shown = f"'{odd.text[:24]}'"
-        if odd.kind == "decimal":
-            what = f"{cells} have another decimal sign than the others, {where}: {shown}."
-            cure = "Write all numbers with one decimal sign."
-        elif odd.kind == "thousands":
-            what = f"{cells} have signs between the thousands, {where}: {shown}."
-            cure = "Write the numbers without them."
-        elif odd.kind == "unit":
-            what = f"{cells} have a unit behind the number, {where}: {shown}."
-            cure = (
-                "Write the numbers alone, the unit in the line of names; rows of another unit in that unit."
-            )
-        elif odd.kind == "clock":
-            what = f"{cells} hold a time of day or a date, {where}: {shown}."
-            cure = "Write seconds from the beginning, or dates with times such as 2026-05-04T10:00:00.0005."
-        elif odd.text.lower() in _NO_READING:
-            what = f"{cells} hold {shown}, {where}: no reading."
-            found.append(Problem(f"{field}: {what}", "`csv: missing:` in the map says so.", asks=False))
-            continue
-        else:
-            what = f"{cells} hold the text {shown}, {where}."
-            cure = "The map takes it for no reading (`csv: missing:`); take the rows out where that is wrong."
-        found.append(Problem(f"{field}: {what}", cure))
+        found.append(Problem(f"{field}: {cells} {what}", cure, asks=not missing))
     return found
 
 
@@ -325,7 +329,8 @@ def broken_laws(recording: Recording, bench: Bench) -> list[Problem]:
             )
         # the coils hold more than the tilt needs while a rate table turns
         turned = any(event.table_rate for event in recording.environment)
-        torque = 0.0 if turned or not _judged(now, bench) else precession(now, bench)
+        judged = len(now) and now.measured(*TILT) and not now.absent >= set(COIL) and slews(now, bench)
+        torque = precession(now, bench) if judged and not turned else 0.0
         if torque > _TORQUE:
             found.append(
                 Problem(
@@ -335,8 +340,3 @@ def broken_laws(recording: Recording, bench: Bench) -> list[Problem]:
                 )
             )
     return found
-
-
-def _judged(now: Averages, bench: Bench) -> bool:
-    """Whether the law of precession can be asked."""
-    return bool(len(now)) and now.measured(*TILT) and not now.absent >= set(COIL) and slews(now, bench)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Final
 
 import numpy as np
@@ -19,6 +19,22 @@ from gyrowheel_sim.bench import Bench
 
 #: The next finer unit of time, in which a slow table may be a fast one.
 _FINER: Final = {"s": "ms", "ms": "us", "us": "ns"}
+
+#: Readings that stand for each other, and the consequences if both, the first or the second one is missing.
+_PAIRED: Final = (
+    (
+        ("spin_rate", "spin_angle"),
+        "Name one of them; nothing can be found without both.",
+        "The rate of the angle is taken; the ripple of the motor is not compared.",
+        "It is summed up from the speed; averages alone are compared.",
+    ),
+    (
+        ("motor_current", "motor_voltage"),
+        "Nothing will be said of the torque about the spin axis.",
+        "It is computed from voltage and speed; the voltage alone shows the motor's torque.",
+        "The current alone shows the motor's torque; a fault of the motor's constants does not show.",
+    ),
+)
 
 
 def column_problems(
@@ -108,57 +124,42 @@ def column_problems(
                 )
             )
     problems += merged_loggers(found, grid)
-    _missing(found, problems)
+    problems += _missing(found)
     return likelier
 
 
-def _missing(found: Mapping[str, Proposal], problems: list[Problem]) -> None:
-    def lacks(name: str, cure: str, *, asks: bool = False) -> None:
-        problems.append(Problem(f"{name}: no such column is found.", cure, asks=asks))
+def _missing(found: Mapping[str, Proposal]) -> Iterator[Problem]:
+    """Yield the readings without a column, and what follows from that."""
+
+    def lacks(name: str, cure: str, *, asks: bool = False) -> Problem:
+        return Problem(f"{name}: no such column is found.", cure, asks=asks)
 
     for axis in "xy":
         if f"tilt_{axis}" not in found:
-            lacks(
-                f"tilt_{axis}",
-                f"Name the column of the tilt about {axis}; nothing can be found without it.",
-                asks=True,
+            cure = f"Name the column of the tilt about {axis}; nothing can be found without it."
+            yield lacks(f"tilt_{axis}", cure, asks=True)
+        if f"coil_voltage_{axis}" in found:
+            continue
+        if f"coil_current_{axis}" in found:
+            yield Problem(
+                f"coil_voltage_{axis}: a current is there in its place.",
+                "`resistance` in the map makes it a voltage. It is estimated from what holds up the flexures; "
+                "put the measured one there.",
+                asks=False,
             )
-        if f"coil_voltage_{axis}" not in found:
-            if f"coil_current_{axis}" in found:
-                problems.append(
-                    Problem(
-                        f"coil_voltage_{axis}: a current is there in its place.",
-                        "`resistance` in the map makes it a voltage. It is estimated from what holds up the flexures; "
-                        "put the measured one there.",
-                        asks=False,
-                    )
-                )
-            else:
-                lacks(
-                    f"coil_voltage_{axis}",
-                    f"Nothing will be said of torques about {axis}, nor once a revolution.",
-                )
-    if "spin_angle" not in found and "spin_rate" not in found:
-        lacks("spin_rate, spin_angle", "Name one of them; nothing can be found without both.", asks=True)
-    elif "spin_angle" not in found:
-        lacks("spin_angle", "It is summed up from the speed; averages alone are compared.")
-    elif "spin_rate" not in found:
-        lacks("spin_rate", "The rate of the angle is taken; the ripple of the motor is not compared.")
-    if "motor_current" not in found and "motor_voltage" not in found:
-        lacks("motor_current, motor_voltage", "Nothing will be said of the torque about the spin axis.")
-    elif "motor_current" not in found:
-        lacks(
-            "motor_current",
-            "It is computed from voltage and speed; the voltage alone shows the motor's torque.",
-        )
-    elif "motor_voltage" not in found:
-        lacks(
-            "motor_voltage",
-            "The current alone shows the motor's torque; a fault of the motor's constants does not show.",
-        )
-    slow = [name for name in ("coil_temperature", "air_temperature", "air_pressure") if name not in found]
-    if slow:
-        lacks(
+        else:
+            cure = f"Nothing will be said of torques about {axis}, nor once a revolution."
+            yield lacks(f"coil_voltage_{axis}", cure)
+    for names, both, first, second in _PAIRED:
+        absent = [name for name in names if name not in found]
+        if len(absent) == 2:
+            yield lacks(", ".join(names), both, asks=names[1] == "spin_angle")
+        elif absent:
+            yield lacks(absent[0], first if absent[0] == names[0] else second)
+    if slow := [
+        name for name in ("coil_temperature", "air_temperature", "air_pressure") if name not in found
+    ]:
+        yield lacks(
             ", ".join(slow),
             "Those of the bench are taken, and how far they may be off counts in the result; where you know them, put "
             "`value:` in the map.",

@@ -64,7 +64,7 @@ def library(name: str, extra: str, path: Path) -> Any:
         return importlib.import_module(name)
     except ImportError:
         raise InputError(
-            f"{path}: needs the library {name}, which is not installed; pip install 'gyrowheel-analysis[{extra}]'"
+            f"{path}: needs the library {name}, which is not installed; pip install 'gyrowheel-recording[{extra}]'"
         ) from None
 
 
