@@ -142,7 +142,7 @@ def test_time_may_be_dates_and_large_numbers(case: Case) -> None:
         assert rows["stamp_ns"].tolist() == [500_000 * k for k in range(N)]
 
 
-def test_missing_samples_are_told_by_their_numbers(case: Case) -> None:
+def test_missing_samples_are_found_by_their_numbers(case: Case) -> None:
     kept = np.delete(np.arange(N), [10, 11, 30])
     case.columns = {name: values[kept] for name, values in case.columns.items()} | {"n": kept + 7}
     for numbered in (True, False):  # or by their times
@@ -161,7 +161,7 @@ def test_missing_samples_are_told_by_their_numbers(case: Case) -> None:
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
-def test_readings_that_are_missing_stay_so_where_the_map_says_it(case: Case, suffix: str) -> None:
+def test_missing_readings_stay_missing_where_the_map_keeps_them(case: Case, suffix: str) -> None:
     for name, row, value in (
         ("Motor [A]", 6, None),
         ("Encoder [counts]", 9, math.nan),
@@ -183,7 +183,7 @@ def test_only_readings_may_be_missing(case: Case) -> None:
     case.refused("column 't_ms', line 8", "missing")
 
 
-def test_what_is_there_is_checked_beside_what_is_missing(case: Case) -> None:
+def test_other_values_are_checked_where_some_are_missing(case: Case) -> None:
     case.map["missing"] = "keep"
     _set("Motor [A]", 6, None)(case)
     _set("Motor [A]", 7, 1e4)(case)
@@ -282,7 +282,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_what_cannot_be_meant_is_refused_with_its_place(case: Case, name: str) -> None:
+def test_invalid_values_are_refused_with_their_place(case: Case, name: str) -> None:
     change, words = BAD[name]
     change(case)
     case.refused(*words)
@@ -342,7 +342,7 @@ def test_csv_of_another_country(case: Case) -> None:
 
 @pytest.mark.parametrize("damage", ["absent", "empty", "cut", "folder", "ending"])
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
-def test_files_that_are_none_are_refused(case: Case, damage: str, suffix: str) -> None:
+def test_files_that_are_not_tables_are_refused(case: Case, damage: str, suffix: str) -> None:
     table = case.folder / f"table{suffix}"
     assert case.run(suffix).code == 0
     mapped = case.folder / "map.yaml"
@@ -366,7 +366,7 @@ def test_files_that_are_none_are_refused(case: Case, damage: str, suffix: str) -
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
-def test_a_recording_comes_back_as_it_went(
+def test_export_and_import_return_the_same_recording(
     wheel: Wheel, tmp_path: Path, gyrowheel: Shell, suffix: str
 ) -> None:
     table, mapped, back = tmp_path / f"table{suffix}", tmp_path / "map.yaml", tmp_path / "back"
@@ -390,7 +390,7 @@ def test_a_recording_comes_back_as_it_went(
     assert results[1]["effects"] == results[0]["effects"]
 
 
-def test_parquet_carries_units_and_what_is_known_of_the_bench(wheel: Wheel, tmp_path: Path) -> None:
+def test_parquet_has_units_and_bench(wheel: Wheel, tmp_path: Path) -> None:
     recording = Recording.open(wheel.recording)
     export_recording(recording, tmp_path / "table.parquet")
     schema = pq.read_schema(tmp_path / "table.parquet")
@@ -400,7 +400,7 @@ def test_parquet_carries_units_and_what_is_known_of_the_bench(wheel: Wheel, tmp_
     assert {path.name for path in tmp_path.iterdir()} == {"table.parquet"}
 
 
-def test_an_export_that_fails_leaves_what_was_there(wheel: Wheel, tmp_path: Path, gyrowheel: Shell) -> None:
+def test_failed_export_leaves_the_old_file(wheel: Wheel, tmp_path: Path, gyrowheel: Shell) -> None:
     result = gyrowheel("export", wheel.recording, "-o", tmp_path / "table.txt")
     assert (result.code, "allowed: .csv, .parquet" in result.err) == (2, True)
     (tmp_path / "file").write_text("kept")
@@ -479,7 +479,7 @@ def test_a_map_is_taken_or_refused_by_name(data: st.DataObject) -> None:
     assert not said or said.startswith(("map.yaml", "bench"))
 
 
-def test_a_value_with_its_uncertainty_is_said_and_exported(case: Case) -> None:
+def test_constant_with_uncertainty_is_reported_and_exported(case: Case) -> None:
     case.map["columns"]["air_temperature"]["uncertainty"] = 0.5
     case.map["columns"]["air_pressure"] = {"value": 1010, "unit": "hPa", "uncertainty": 4}
     assert case.run().code == 0
@@ -505,8 +505,6 @@ def test_a_value_with_its_uncertainty_is_said_and_exported(case: Case) -> None:
         ({"column": "Coil [degC]", "unit": "degC", "pulses": 1}, ("air_temperature.pulses", "angle")),
     ],
 )
-def test_what_is_said_of_a_value_must_be_one(
-    case: Case, entry: dict[str, Any], words: tuple[str, ...]
-) -> None:
+def test_uncertainty_belongs_to_a_constant(case: Case, entry: dict[str, Any], words: tuple[str, ...]) -> None:
     case.map["columns"]["air_temperature"] = entry
     case.refused(*words)

@@ -124,7 +124,7 @@ def test_a_table_is_read_however_it_is_written(tmp_path: Path, name: str) -> Non
     assert rows["air_pressure"] == pytest.approx(100.0 * plain.numbers("Air pressure [hPa]"), rel=1e-6)
 
 
-def test_dates_of_another_country_are_refused_with_what_is_allowed(tmp_path: Path) -> None:
+def test_ambiguous_dates_are_refused_with_the_allowed_ones(tmp_path: Path) -> None:
     table = Table()
     table.columns["Time [s]"] = [
         f"12/11/2026 10:00:{float(text):09.6f}" for text in table.columns["Time [s]"]
@@ -215,7 +215,7 @@ def test_cells_and_structures_of_matlab(tmp_path: Path) -> None:
     assert found["log.t"].values == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4])
 
 
-def test_objects_of_matlab_are_told_with_what_to_type_there(tmp_path: Path) -> None:
+def test_matlab_objects_are_reported_with_a_conversion(tmp_path: Path) -> None:
     import h5py
 
     with h5py.File(tmp_path / "t.mat", "w", userblock_size=512) as file:
@@ -227,7 +227,7 @@ def test_objects_of_matlab_are_told_with_what_to_type_there(tmp_path: Path) -> N
         gw.suggest_map(tmp_path / "t.mat")
 
 
-def test_what_mdf_marks_as_invalid_is_no_reading(tmp_path: Path) -> None:
+def test_invalid_samples_of_mdf_are_missing(tmp_path: Path) -> None:
     asammdf = pytest.importorskip("asammdf")
 
     time, values = np.arange(5.0), np.arange(5.0)
@@ -239,7 +239,7 @@ def test_what_mdf_marks_as_invalid_is_no_reading(tmp_path: Path) -> None:
     assert found == pytest.approx([0.0, 1.0, math.nan, 3.0, 4.0], nan_ok=True)
 
 
-def test_joints_are_told_by_their_names(tmp_path: Path) -> None:
+def test_joint_columns_are_named_by_joint(tmp_path: Path) -> None:
     """Two publishers share a topic, each with joints of its own in an order of its own; stamps are in the messages."""
     from rosbags import rosbag2
     from rosbags.typesys import Stores, get_typestore
@@ -321,7 +321,7 @@ def test_an_angle_of_another_clock_is_interpolated_along_its_turns(tmp_path: Pat
     assert np.isfinite(rows["motor_current"]).all()
 
 
-def test_nothing_is_invented_in_a_gap_of_another_clock(tmp_path: Path) -> None:
+def test_gap_of_another_clock_is_not_interpolated(tmp_path: Path) -> None:
     recording, remarks = imported(tmp_path, *by_two_clocks(0.5, gap=slice(800, 1000)))
     rows = recording.measurement
     for name in ("spin_angle", "motor_current"):
@@ -330,7 +330,7 @@ def test_nothing_is_invented_in_a_gap_of_another_clock(tmp_path: Path) -> None:
     assert any("rows lie in gaps of the clock 'drive/t'" in remark for remark in remarks)
 
 
-def test_a_number_for_nothing_on_another_clock_is_not_interpolated(tmp_path: Path) -> None:
+def test_sentinel_on_another_clock_is_not_interpolated(tmp_path: Path) -> None:
     recording, _ = imported(tmp_path, *by_two_clocks(0.5, missing=0.0))
     current = recording.measurement["motor_current"]
     assert 15 <= int(np.isnan(current).sum()) <= 25

@@ -69,7 +69,7 @@ ASKED = [
 
 
 @pytest.mark.parametrize(("name", "unit"), NAMES)
-def test_a_name_says_what_a_column_is(name: str, unit: str) -> None:
+def test_field_of_a_column_name(name: str, unit: str) -> None:
     found = meaning_of(name, unit).fields
     clearest = max(found, key=lambda field: found[field], default="")
     assert clearest == NAMES[name, unit], found
@@ -77,7 +77,7 @@ def test_a_name_says_what_a_column_is(name: str, unit: str) -> None:
 
 
 @pytest.mark.parametrize("name", ASKED)
-def test_what_was_asked_for_is_not_taken_for_measured(name: str) -> None:
+def test_commanded_values_are_not_taken_for_measured_ones(name: str) -> None:
     assert meaning_of(name).commanded
 
 
@@ -86,7 +86,7 @@ def test_a_unit_is_no_end_of_a_range(name: str) -> None:
     assert not meaning_of(name).commanded
 
 
-def test_a_unit_of_something_else_is_told() -> None:
+def test_unit_of_another_quantity_is_reported() -> None:
     assert unknown_unit("Pressure", "W") == unknown_unit("P [W]") == "W"
     assert unknown_unit("Coil X", "mN·m") == "mN·m"
     for name, unit in (("Tilt (X)", ""), ("Speed [rpm]", ""), ("Encoder [-]", "none"), ("Hall (1)", "1")):
@@ -114,7 +114,7 @@ def test_two_columns_that_are_named_alike_are_asked_for() -> None:
     assert any("'Air pressure 2 [hPa]' is named as clearly" in remark for remark in found.remarks)
 
 
-def test_several_thermometers_of_nothing_are_asked_for() -> None:
+def test_several_unspecified_thermometers_are_asked_for() -> None:
     air = Table().numbers("Air temp [degC]")
     changed = {"Air temp [degC]": None, "Coil temp [degC]": None}
     one = gw.suggest_map(table(**changed, **{"T1 temp [degC]": air}))

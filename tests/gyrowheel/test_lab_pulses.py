@@ -121,7 +121,7 @@ def test_two_files_of_two_loggers_are_one_recording(
 
 @pytest.mark.study
 @pytest.mark.parametrize(("every", "pulses"), [(1, 1), (2, 1), (2, 3)])
-def test_what_turns_with_the_rotor_is_found_by_pulses(
+def test_synchronous_effects_are_found_by_pulses(
     original: gw.Recording, measurement: Any, tmp_path: Path, every: int, pulses: int
 ) -> None:
     columns, units = pulsed(measurement, "Hall", pulses, every=every)

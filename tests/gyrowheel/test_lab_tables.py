@@ -94,14 +94,14 @@ def test_the_same_data_in_every_format_is_the_same_recording(measurement: Any, t
 
 
 @pytest.mark.study
-def test_what_is_hidden_is_found_in_every_format(measurement: Any, tmp_path: Path) -> None:
+def test_hidden_effect_is_found_in_every_format(measurement: Any, tmp_path: Path) -> None:
     columns, units = lab.lab_columns(measurement)
     first, *others = [found(gw.read_table(file)) for file in written(tmp_path, columns, units)]
     for own in others:
         assert apart(own, first) < 0.1
 
 
-def test_what_is_hidden_is_found_in_a_table_at_1_khz_with_jitter_and_a_gap(
+def test_hidden_effect_is_found_at_1_khz_with_jitter_and_a_gap(
     original: gw.Recording, measurement: Any, tmp_path: Path
 ) -> None:
     columns, units = lab.lab_columns(measurement, every=2, jitter=8e-5, gap=(9000, 9400))
@@ -112,7 +112,7 @@ def test_what_is_hidden_is_found_in_a_table_at_1_khz_with_jitter_and_a_gap(
     assert apart(found(recording), found(original)) < 3.0
 
 
-def test_what_averages_show_is_found_without_an_angle(measurement: Any, tmp_path: Path) -> None:
+def test_effect_of_averages_is_found_without_an_angle(measurement: Any, tmp_path: Path) -> None:
     columns, units = lab.lab_columns(measurement, every=2, without=["spin_angle", "coil_temperature"])
     recording = gw.read_table(lab.write_text(tmp_path / "lab.csv", columns, units))
     said = gw.diagnose(recording, gw.Model("gyrowheel")).to_dict()
@@ -121,7 +121,7 @@ def test_what_averages_show_is_found_without_an_angle(measurement: Any, tmp_path
     assert [own["name"] for own in said["effects"]] == [HIDDEN]
 
 
-def test_what_is_assumed_of_the_air_counts_in_the_coefficients(original: gw.Recording) -> None:
+def test_assumed_air_widens_the_coefficients(original: gw.Recording) -> None:
     """Windage goes with density^(n - 1): what a pressure that was never measured may be off is part of its error."""
     rows = original.data.measurement.copy()
     rows["air_pressure"] = np.nan
@@ -136,7 +136,7 @@ def test_what_is_assumed_of_the_air_counts_in_the_coefficients(original: gw.Reco
     assert assumed**2 - known**2 == pytest.approx(own**2, rel=0.1)
 
 
-def test_how_well_a_value_is_known_counts_in_the_coefficients(original: gw.Recording) -> None:
+def test_uncertainty_of_a_constant_widens_the_coefficients(original: gw.Recording) -> None:
     """As what is assumed for a pressure that was never measured, but as large as the map says."""
     sizes = {}
     for pressure in (0.0, 500.0, 2000.0):
@@ -208,7 +208,7 @@ def test_a_rig_of_5_khz(tmp_path: Path) -> None:
 
 
 @pytest.mark.study
-def test_nothing_is_invented_for_a_rig_of_500_hz(tmp_path: Path) -> None:
+def test_rig_at_500_hz_has_no_false_finding(tmp_path: Path) -> None:
     """Moves are a large part of its samples; in them the setpoint too changes the voltages that tell its rate."""
     told = gw.diagnose(other_rig(tmp_path, 2.0e-3), gw.Model("gyrowheel"))
     assert told.verdict == "nothing_missing", str(told)
@@ -305,7 +305,7 @@ def by_two_loggers(measurement: Any, file: Path, *names: str) -> Path:
     return file
 
 
-def test_a_column_is_what_its_own_name_says(measurement: Any, tmp_path: Path) -> None:
+def test_last_part_of_a_path_decides_its_meaning(measurement: Any, tmp_path: Path) -> None:
     """The folder says drive, as of a motor; the columns in it are those of the coils."""
     suggested = gw.suggest_map(
         by_two_loggers(measurement, tmp_path / "coils.h5", "Coil X", "Coil Y", "Coil temp")
@@ -316,7 +316,7 @@ def test_a_column_is_what_its_own_name_says(measurement: Any, tmp_path: Path) ->
     assert suggested.content["clocks"] == {"drive/Time": pytest.approx(-0.25, abs=0.005)}
 
 
-def test_an_offset_that_nothing_shows_is_asked_for(measurement: Any, tmp_path: Path) -> None:
+def test_unknown_clock_offset_is_asked_for(measurement: Any, tmp_path: Path) -> None:
     still = measurement[3000:4600]  # of a hold
     file = by_two_loggers(still, tmp_path / "hold.h5", "Motor voltage", "Motor current")
     suggested = gw.suggest_map(file)
@@ -392,7 +392,7 @@ def test_a_misleading_table_is_questioned(measurement: Any, tmp_path: Path, name
         gw.read_table(file)
 
 
-def test_all_that_is_wrong_is_told_at_once(measurement: Any, tmp_path: Path) -> None:
+def test_all_faults_are_reported_at_once(measurement: Any, tmp_path: Path) -> None:
     columns, units = lab.lab_columns(measurement, every=4, without=["motor_current", "air_pressure"])
     units["Tilt X"], units["Time"] = "rad", "ms"
     columns["Coil Y"] = columns["Coil Y"].copy()

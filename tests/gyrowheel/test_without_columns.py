@@ -78,7 +78,7 @@ def test_every_verb_answers_or_refuses_where_columns_are_missing(
     assert {"compare", "diagnose", "add"} <= set(answered)
 
 
-def test_without_the_voltages_of_the_coils_nothing_is_said_of_their_torque(run: gw.Recording) -> None:
+def test_no_coil_torque_without_coil_voltages(run: gw.Recording) -> None:
     model = gw.Model("gyrowheel")
     found = gw.compare(changed(run, **dict.fromkeys(COILS, np.nan)), model).to_dict()
     assert set(found["error"]["raw"]["rms"]) == {"spin"}
@@ -170,7 +170,7 @@ def test_readings_beyond_all_measure_leave_no_traceback(run: gw.Recording, name:
         assert json_text(found)
 
 
-def test_a_gauge_below_nothing_and_degrees_below_zero_are_readings(run: gw.Recording, tmp_path: Path) -> None:
+def test_negative_gauge_pressure_and_celsius_are_readings(run: gw.Recording, tmp_path: Path) -> None:
     """The bias of a gauge shows in a vacuum, and a cold room in degrees Celsius is still told by its unit."""
     readings = run.data.readings.array.copy()
     readings[:, place("air_pressure")] = -30.0

@@ -227,7 +227,7 @@ WRONG: dict[str, tuple[Change, tuple[str, ...]]] = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_what_is_wrong_with_a_table_is_told_with_its_cure(tmp_path: Path, name: str) -> None:
+def test_faults_of_a_table_are_reported_with_their_cures(tmp_path: Path, name: str) -> None:
     change, words = WRONG[name]
     table = Table()
     change(table)
@@ -255,7 +255,7 @@ def test_all_that_is_wrong_is_in_one_answer(tmp_path: Path) -> None:
         assert WRONG[name][1][0] in told, (name, told)
 
 
-def test_what_stands_for_no_reading_is_kept_as_none(tmp_path: Path) -> None:
+def test_sentinels_stay_missing(tmp_path: Path) -> None:
     """The suggested map itself reads texts and numbers that stand for nothing, and names again in the middle."""
     table = Table()
     for name in ("overrange as a text", "a number for nothing", "names again in the middle"):

@@ -136,7 +136,7 @@ def test_wrong_metadata(tmp_path, text, what):
         Recording.open(tmp_path)
 
 
-def test_what_is_no_recording(directory, tmp_path):
+def test_other_paths_are_refused_as_recordings(directory, tmp_path):
     with pytest.raises(InputError, match="nowhere: no such recording"):
         Recording.open(tmp_path / "nowhere")
     with pytest.raises(InputError, match=r"no metadata.yaml: this is no recording"):

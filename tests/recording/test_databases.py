@@ -72,7 +72,7 @@ def counted(path: Path) -> Path:
     ],
     ids=["view", "computed", "a number", "no time", "no topic", "no table", "no column"],
 )
-def test_what_is_no_table_of_messages_is_refused(text: str, said: str, tmp_path: Path) -> None:
+def test_database_without_message_tables_is_refused(text: str, said: str, tmp_path: Path) -> None:
     file = database(tmp_path / "a.db3", text)
     with pytest.raises(InputError) as refused:
         Recording.open(file)
@@ -85,7 +85,7 @@ def test_a_path_that_means_something_in_an_address(name: str, tmp_path: Path) ->
     assert_counting(Recording.open(counted(tmp_path / "bag").rename(tmp_path / name)))
 
 
-def test_nothing_is_made_beside_a_database(tmp_path: Path) -> None:
+def test_reading_a_database_creates_no_file(tmp_path: Path) -> None:
     """Also beside one that keeps a log, of which nothing is left."""
     path = counted(tmp_path / "bag")
     file = next(path.glob("*.db3"))
@@ -104,7 +104,7 @@ def compressed(path: Path) -> Path:
     return foreign(path, rows, plugin=StoragePlugin.SQLITE3, compression=CompressionMode.FILE)
 
 
-def test_what_is_in_the_log_of_a_database_that_was_not_closed_is_read(tmp_path: Path) -> None:
+def test_log_of_an_unclosed_database_is_read(tmp_path: Path) -> None:
     path = foreign(tmp_path / "bag", list(enumerate(measurements(40))), plugin=StoragePlugin.SQLITE3)
     file = next(path.glob("*.db3"))
     connection = sqlite3.connect(file)

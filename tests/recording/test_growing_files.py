@@ -180,7 +180,7 @@ _NO_FIELDS = an_element(5, struct.pack("<i", 32)) + an_element(1, b"")
     ids=["text", "structures", "cells", "names", "fields", "depth", "type", "class", "size"],
 )
 @pytest.mark.parametrize("packed", [False, True], ids=["plain", "packed"])
-def test_a_matlab_file_that_claims_what_it_does_not_hold(
+def test_matlab_file_with_false_sizes_is_refused(
     variable: bytes, said: str, packed: bool, tmp_path: Path
 ) -> None:
     if said == "damaged: names of 0 letters":

@@ -32,7 +32,7 @@ def content(**changes: Any) -> dict[str, Any]:
     return bag_metadata(FILES, [(topic, 7)], {"key": "text"}) | changes
 
 
-def test_what_is_written_is_read(tmp_path: Path) -> None:
+def test_metadata_round_trip(tmp_path: Path) -> None:
     write_metadata(tmp_path, content())
     found = read_metadata(tmp_path / METADATA_FILE)
     found.require_readable(tmp_path / METADATA_FILE)
@@ -54,7 +54,7 @@ def test_a_latched_topic_is_stated_as_such() -> None:
 
 
 @pytest.mark.parametrize("gone", ["starting_time", "duration"])
-def test_without_times_the_end_is_not_known(tmp_path: Path, gone: str) -> None:
+def test_end_is_unknown_without_times(tmp_path: Path, gone: str) -> None:
     stated = content()
     del stated[gone]
     write_metadata(tmp_path, stated)
@@ -62,7 +62,7 @@ def test_without_times_the_end_is_not_known(tmp_path: Path, gone: str) -> None:
 
 
 @pytest.mark.parametrize("gone", ["relative_file_paths", "message_count", "storage_identifier"])
-def test_what_is_needed_is_named_where_it_is_missing(tmp_path: Path, gone: str) -> None:
+def test_missing_metadata_fields_are_named(tmp_path: Path, gone: str) -> None:
     stated = content()
     del stated[gone]
     write_metadata(tmp_path, stated)
@@ -78,7 +78,7 @@ def test_what_is_needed_is_named_where_it_is_missing(tmp_path: Path, gone: str) 
         ({"compression_mode": "FILE", "compression_format": "lz4"}, "compression_format: 'lz4'; only zstd"),
     ],
 )
-def test_what_cannot_be_followed_is_refused(tmp_path: Path, changes: dict[str, Any], said: str) -> None:
+def test_unsupported_metadata_is_refused(tmp_path: Path, changes: dict[str, Any], said: str) -> None:
     write_metadata(tmp_path, content(**changes))
     found = read_metadata(tmp_path / METADATA_FILE)  # salvage makes do with it
     with pytest.raises(InputError) as caught:

@@ -33,17 +33,17 @@ def test_one_publisher_has_all_messages_also_where_some_are_lost() -> None:
     assert counts([5, 6, 9, 10], OWN) == {"/controller": 4}
 
 
-def test_a_second_publisher_is_told_from_the_first_by_its_own_numbers() -> None:
+def test_two_publishers_are_distinguished_by_their_message_numbers() -> None:
     assert counts([1, 2, 3, 1, 4, 2, 3, 5], OWN, OTHER, later=3) == {"/controller": 5, "/other": 3}
     # also one that had published before anyone here read it, and one that is lost in between
     assert counts([1, 2, 700, 3, 701, 4, 704, 5], OWN, OTHER, later=2) == {"/controller": 5, "/other": 3}
 
 
-def test_a_publisher_that_says_nothing_has_no_messages() -> None:
+def test_silent_publisher_has_no_messages() -> None:
     assert counts([1, 2, 3, 4], OWN, OTHER, later=2) == {"/controller": 4, "/other": 0}
 
 
-def test_what_cannot_be_told_is_not_told() -> None:
+def test_ambiguous_publishers_have_no_counts() -> None:
     assert counts([1, 2, 9, 3, 10], OWN, OTHER) == {
         "/controller": None,
         "/other": None,
@@ -110,7 +110,7 @@ class Taking:
 
 
 @pytest.mark.parametrize("sent", [0, 3, 10**9])
-def test_a_sample_of_somebody_else_is_told_and_left_out(sent: int, tmp_path: Path) -> None:
+def test_samples_of_another_publisher_are_counted_and_left_out(sent: int, tmp_path: Path) -> None:
     """Not even the number of a first sample ends the recording; nor do numbers far ahead cost what follows."""
     run = Taking(tmp_path / "run")
     assert all(run.take(k + 1, k) for k in range(10))

@@ -56,7 +56,7 @@ def disturbed(edges: Edges, *, missed: float, doubled: float) -> Edges:
 
 @pytest.mark.parametrize("pulses", [1, 3])
 @pytest.mark.parametrize("scale", [1.0, 1.004])
-def test_the_angle_is_known_as_well_as_is_said(pulses: int, scale: float) -> None:
+def test_angle_error_agrees_with_its_uncertainty(pulses: int, scale: float) -> None:
     time, angle, rate = machine()
     found = angle_from_pulses(time, scale * rate, edges_of_level(time, level(angle, pulses)), pulses)
     wrong = off(found.angle, angle, pulses)
@@ -65,7 +65,7 @@ def test_the_angle_is_known_as_well_as_is_said(pulses: int, scale: float) -> Non
     assert any("0.40%" in remark for remark in found.remarks) == (scale != 1.0)
 
 
-def test_edges_that_are_missed_or_doubled_are_bridged_and_told() -> None:
+def test_missed_and_doubled_edges_are_bridged_and_reported() -> None:
     time, angle, rate = machine()
     edges = disturbed(edges_of_level(time, level(angle, 1)), missed=0.05, doubled=0.03)
     found = angle_from_pulses(time, rate, edges, 1)
@@ -109,7 +109,7 @@ def test_levels_counts_and_times_say_the_same() -> None:
         assert float(np.sqrt(np.mean(off(own.angle, angle, 1) ** 2))) < 3.0 * own.uncertainty
 
 
-def test_unequal_pulses_are_told_and_taken_out() -> None:
+def test_unequal_pulses_are_reported_and_corrected() -> None:
     time, angle, rate = machine()
     spaced = np.array([0.0, 0.35, 0.64]) * TURN  # the second comes 6 deg late
     turns = np.arange(0, math.floor(angle[-1] / TURN))
@@ -123,7 +123,7 @@ def test_unequal_pulses_are_told_and_taken_out() -> None:
 @pytest.mark.parametrize(
     ("pulses", "told"), [(3, "`pulses: 1`"), (2, "`pulses: 1`")], ids=["three for one", "two for one"]
 )
-def test_another_number_of_pulses_is_refused_with_what_fits(pulses: int, told: str) -> None:
+def test_wrong_number_of_pulses_is_refused_with_the_right_one(pulses: int, told: str) -> None:
     time, angle, rate = machine(6.0)
     with pytest.raises(PulseError, match=told):
         angle_from_pulses(time, rate, edges_of_level(time, level(angle, 1)), pulses)

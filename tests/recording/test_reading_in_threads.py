@@ -189,7 +189,7 @@ def test_messages_of_another_form_keep_their_place(tmp_path):
 @pytest.mark.parametrize(
     "stated", [{}, {1: 1, 2: 1}, {1: 10**18, 2: 10**18}, dict.fromkeys(range(9), SAMPLES)]
 )
-def test_what_the_summary_counts_is_not_relied_on(own, stated, monkeypatch):
+def test_wrong_counts_in_the_summary_cause_no_wrong_result(own, stated, monkeypatch):
     expected = read(own, WAYS[0])
     monkeypatch.setattr(reader, "_stated", lambda *_: stated)
     assert read(own, WAYS[1]) == expected
@@ -222,7 +222,7 @@ def refused(path, threads, *, compiled=False):
     return str(error.value)
 
 
-def test_damage_is_told_in_the_same_words_whoever_meets_it(own, tmp_path):
+def test_damage_has_the_same_message_in_every_way_of_reading(own, tmp_path):
     """Also of a file that is damaged at several places: the first of them."""
     data = own.read_bytes()
     path = tmp_path / "damaged.mcap"
@@ -308,7 +308,7 @@ def test_error_of_ours_and_interrupts_come_through(own, monkeypatch):
         assert threading.active_count() == before
 
 
-def test_checksum_of_data_of_which_parts_are_known():
+def test_checksum_from_those_of_parts():
     """Whether they are long enough to be joined or not, side by side or apart."""
     rng = random.Random(2)
     for _ in range(20):

@@ -71,7 +71,7 @@ def test_another_run_is_noticed(tmp_path):
     assert len(Recording.open(tmp_path / "run").measurement) == 5
 
 
-def test_every_message_stands_at_a_time_of_the_bench(tmp_path):
+def test_messages_are_logged_at_bench_time(tmp_path):
     """Stamped ones at their own, others at the latest measurement; what came first waits for one."""
     session = LiveRecording(str(tmp_path / "run"))
     session.take(topics.BENCH, wire.pack_text("the bench"))
@@ -467,7 +467,7 @@ def test_of_a_topic_that_others_keep_little_of_every_message_is_recorded(tmp_pat
 
 
 @pytest.mark.graph
-def test_killed_recorder_loses_next_to_nothing(tmp_path):
+def test_killed_recorder_loses_two_flush_periods_at_most(tmp_path):
     """Of what it had taken; the benchmark `recording` kills it at random instants of the clock."""
     with Graph(f"directory:={tmp_path / 'run'}") as graph:
         graph.publish(0, 4321)

@@ -213,7 +213,7 @@ def test_integrity(order, dropped, doubled, tmp_path_factory):
     assert integrity.complete == (not dropped)
 
 
-def test_copies_are_dropped_whatever_pads_them_and_wherever_they_are(tmp_path):
+def test_duplicates_are_dropped_anywhere_and_with_any_padding(tmp_path):
     """A row of a setpoint has three bytes that are no field's; all of it was written twice, one after the other."""
     with RecordingWriter(tmp_path / "bag") as writer:
         for message in measurements(5):
@@ -226,7 +226,7 @@ def test_copies_are_dropped_whatever_pads_them_and_wherever_they_are(tmp_path):
     ]
 
 
-def test_numbers_that_are_none_are_counted_and_kept(tmp_path):
+def test_values_that_are_not_finite_are_counted_and_kept(tmp_path):
     messages = measurements(5)
     messages[2] = wire.MEASUREMENT.pack(2 * PERIOD_NS, 2, float("nan"), *[0.0] * 9, float("inf"))
     recording = Recording.open(record(tmp_path / "bag", [*messages, messages[2]]))
@@ -262,7 +262,7 @@ def environment_of(path, plans, *, first=0):
     return Recording.open(path).environment
 
 
-def test_later_plan_replaces_what_it_overlaps(tmp_path):
+def test_later_plan_replaces_the_overlap(tmp_path):
     first = [Environment(), Environment(time=2.0, yaw=1.0), Environment(time=4.0, yaw=2.0)]
     second = [Environment(time=3.0, rig="inverted"), Environment(time=5.0, preheat=10.0)]
     assert environment_of(tmp_path / "bag", [(0, first), (3, second)]) == first[:2] + second
@@ -274,7 +274,7 @@ def test_environment_counts_from_the_start_of_the_recording(tmp_path):
     assert got == [Environment(yaw=1.0), Environment(time=0.5, yaw=2.0)]
 
 
-def test_environment_unknown_or_wrong(tmp_path):
+def test_unknown_or_invalid_environment(tmp_path):
     assert Recording.open(record(tmp_path / "bag", measurements(3))).environment == []
     with RecordingWriter(tmp_path / "bad") as writer:
         writer.write(topics.ENVIRONMENT, wire.pack_text('[{"rig": "sideways"}]'), 0)

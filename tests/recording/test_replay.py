@@ -70,7 +70,7 @@ def of(messages: list[Message], topic: topics.Topic) -> list[bytes]:
     return [data for _, name, data in messages if name == topic]
 
 
-def test_every_message_comes_back_once_as_it_was(recording: Path) -> None:
+def test_replay_yields_every_message_once_unchanged(recording: Path) -> None:
     messages = given_back(recording)
     wanted = content()
     assert len(messages) == len(wanted)
@@ -91,7 +91,7 @@ def test_setpoints_run_ahead_of_the_samples_that_they_are_for(recording: Path) -
                 assert latest >= due - SETPOINT_NS + round(lead * 1e9)
 
 
-def test_a_range_begins_with_what_held(recording: Path) -> None:
+def test_range_begins_with_latched_messages_and_last_setpoint(recording: Path) -> None:
     with Tape(recording, start=1.5, end=1.75) as tape:
         messages = list(tape.messages())
         assert (tape.start, tape.duration) == (1.5, 0.25)
@@ -124,7 +124,7 @@ def test_topics_can_be_chosen_and_left_out(recording: Path) -> None:
         ({"start": math.nan}, ("the end must lie behind the start",)),
     ],
 )
-def test_what_is_not_there_is_refused(
+def test_missing_topics_and_ranges_are_refused(
     recording: Path, options: dict[str, object], words: tuple[str, ...]
 ) -> None:
     with pytest.raises(InputError) as caught:

@@ -121,7 +121,7 @@ def test_file_that_breaks_off(tmp_path, data, part):
     assert "samples: complete up to where the file breaks off" in shown(salvage_page(result))
 
 
-def test_time_lost_at_the_end_is_said_where_it_is_known(tmp_path, data):
+def test_time_lost_at_the_end_is_reported_where_known(tmp_path, data):
     start, stop = chunks(data)[20]
     result, recording = saved(tmp_path, broken(tmp_path, data[: stop - 10]))
     (loss,) = result.losses
@@ -203,7 +203,7 @@ def test_declarations_that_are_lost_with_the_first_chunk_come_from_the_summary(t
     assert result.messages["/gyrowheel/bench"] == 0
 
 
-def test_nothing_to_save(tmp_path, data):
+def test_salvage_without_any_message_is_refused(tmp_path, data):
     for name, content in {"empty": b"", "short": data[:100], "noise": bytes(range(256)) * 40}.items():
         with pytest.raises(InputError, match=f"{name}.mcap: holds no message that can be saved"):
             salvage(broken(tmp_path, content, name), tmp_path / "saved")
@@ -211,7 +211,7 @@ def test_nothing_to_save(tmp_path, data):
     assert sorted(f.suffix for f in tmp_path.iterdir()) == [".mcap"] * 3
 
 
-def test_what_cannot_be_salvaged(tmp_path, whole, data):
+def test_other_files_cannot_be_salvaged(tmp_path, whole, data):
     (tmp_path / "nothing").mkdir()
     for source, target, text in [
         (tmp_path / "nowhere", tmp_path / "new", "nowhere: no such file or directory"),
@@ -367,7 +367,7 @@ def test_messages_without_checksums_are_saved_and_counted(tmp_path):
     assert "have no checksum" in shown(salvage_page(result))
 
 
-def test_no_room_for_what_is_saved(tmp_path, whole):
+def test_salvage_on_a_full_disk(tmp_path, whole):
     if os.geteuid() == 0:
         target = Path("/proc/nowhere/saved")
     else:

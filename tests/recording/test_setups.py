@@ -77,7 +77,7 @@ def test_wrong_setup_is_named_and_its_cure_brings_the_readings_back(
         assert difference.max() <= 1e-6 * np.abs(original[name]).max()
 
 
-def test_column_that_stays_or_stands_twice_has_no_cure_but_is_named(right: Recording, bench: Bench) -> None:
+def test_stuck_and_repeated_columns_are_named_without_a_fix(right: Recording, bench: Bench) -> None:
     for spoil, kind, columns in (
         (lambda s: s["tilt_y"].fill(0.01), "stuck", ("tilt_y",)),
         (lambda s: s["spin_angle"].fill(1.0), "stuck", ("spin_angle",)),
@@ -134,7 +134,7 @@ BESIDE = [
 ]
 
 
-def test_what_is_wrong_is_named_where_other_readings_are_missing(right: Recording, bench: Bench) -> None:
+def test_wrong_setup_is_found_with_missing_readings(right: Recording, bench: Bench) -> None:
     for absent, spoil, kind, columns in BESIDE:
         assert not wrong_setups([spoilt(right, without(absent))], bench), absent
         found = wrong_setups([spoilt(right, without(absent, spoil))], bench)
@@ -193,7 +193,7 @@ def test_corrections_that_make_no_sense_are_refused(right: Recording, cure: Fix,
 
 
 @pytest.mark.parametrize("factors", [{"rotor_inertia_z": 1.5}, dict.fromkeys(("x", "y", "z"), 2.0)])
-def test_recording_of_another_machine_is_told_by_its_inertia(
+def test_other_machine_is_recognised_by_its_inertia(
     right: Recording, factors: dict[str, float], tmp_path: Path
 ) -> None:
     stated = Bench.load()

@@ -58,7 +58,7 @@ def test_whole_chunks_survive_a_killed_process(tmp_path):
     assert len(Recording.open(tmp_path / "bag").measurement) == 1000
 
 
-def test_nothing_is_left_of_a_run_that_cannot_be_written(tmp_path, run):
+def test_failed_write_leaves_no_files(tmp_path, run):
     bad = {**run, "drag_estimates": [(-5, b"x")]}
     with pytest.raises(ValueError, match="log times must ascend from 0"):
         write_run(tmp_path / "new", **bad)
@@ -84,7 +84,7 @@ def test_no_chunk_is_longer_than_a_quarter_of_a_second(tmp_path):
     assert max(spans) <= 0.25e9
 
 
-def test_wherever_a_recording_is_cut_off_what_was_before_comes_back(tmp_path):
+def test_salvage_restores_everything_before_any_cut(tmp_path):
     """Of a recording that was written in one go: all but a quarter of a second, and never nothing."""
     run = make_run(20_000)
     data = (write_run(tmp_path / "run", **run) / "run_0.mcap").read_bytes()
