@@ -98,7 +98,7 @@ class BagFile:
     """A completed file of a recording."""
 
     name: str
-    #: start, end: smallest and largest log time in it [ns].
+    #: Smallest and largest log time in it [ns].
     start: int
     end: int
     count: int

@@ -332,7 +332,7 @@ class ColumnMap:
     time: Source  # time of the samples
     sequence: Source | None  # numbers of the samples, where some are missing
     keep_missing: bool  # whether a reading that is missing is kept as such; an error if not
-    #: columns, command, setpoint: sources of the fields of the messages; the last two may be empty.
+    #: Sources of the fields of the messages; the last two may be empty.
     columns: dict[str, Source]
     command: dict[str, Source]
     setpoint: dict[str, Source]

@@ -80,7 +80,7 @@ class Averages:
     The rates are derivatives of the same averages: the weight is differentiated, never a reading.
     """
 
-    #: means, rates, bends: (k, 8): means, first and second derivatives of the columns `NAMES` [SI].
+    #: Shape (k, 8): means, first and second derivatives of the columns `NAMES` [SI].
     means: Array
     rates: Array
     bends: Array

@@ -39,7 +39,7 @@ _ORDERS = (1, -1, 2, -2)
 class Turning:
     """Amplitudes twice a revolution of a pair of columns x + i y in windows at rest."""
 
-    #: forward, backward: (n,): of exp(2 i theta) and exp(-2 i theta), theta the recorded angle.
+    #: Shape (n,): coefficients of exp(2 i theta) and exp(-2 i theta), theta the recorded angle.
     forward: Complex
     backward: Complex
     noise: float  # standard deviation of an amplitude, from what no harmonic explains

@@ -25,7 +25,7 @@ class Odd:
 
     kind: Kind  # what they are
     text: str  # what stands there; of numbers, the first
-    #: count, row: how many there are, and the row of the first, from 0 on.
+    #: Their number, and the row of the first, from 0 on.
     count: int
     row: int
 

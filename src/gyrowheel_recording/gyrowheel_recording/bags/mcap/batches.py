@@ -184,7 +184,7 @@ class Share:
 
     channel: int
     records: memoryview  # holds them
-    #: begins, sizes: (n,): begins and lengths of their contents there.
+    #: Shape (n,): begins and lengths of their contents there.
     begins: npt.NDArray[np.int64]
     sizes: npt.NDArray[np.int64]
     times: npt.NDArray[np.uint64]  # log times of the messages of all channels [ns]

@@ -66,7 +66,7 @@ class Damaged(Exception):
 class Chunk:
     """The contents of a chunk."""
 
-    #: start, end: smallest and largest log time that it states [ns].
+    #: Smallest and largest log time that it states [ns].
     start: int
     end: int
     records: memoryview  # its records

@@ -37,11 +37,10 @@ Wanted: TypeAlias = Mapping[str, Want | None]
 class TopicData:
     """The messages of one topic."""
 
-    #: name, type_name: name of the topic and type of its messages.
     name: str
     type_name: str
     message_encoding: str = "cdr"  # serialization format, ``cdr`` in ROS 2
-    #: definition_encoding, definition: definition of the type and its encoding, ``ros2msg`` or ``ros2idl``; empty
+    #: Definition of the type and its encoding, ``ros2msg`` or ``ros2idl``; empty
     #: where there is none.
     definition_encoding: str = ""
     definition: str = ""

@@ -18,14 +18,14 @@ from gyrowheel_recording.mislabelled.fixes import WrongSetup
 class Proposal:
     """Proposed meaning of one column."""
 
-    field: str  # A reading, ``time`` or ``sequence``
+    field: str  # a reading, ``time`` or ``sequence``
     column: str
     unit: str
     scale: float  # what its values are multiplied by before the unit counts
     reason: str
     stated: bool  # whether the file states the unit
     clock: str = ""  # column with the times of its rows, where that is not the map's
-    #: lowest, highest: its range, in the unit.
+    #: Range of its values, in the unit.
     lowest: float = math.nan
     highest: float = math.nan
     pulses: int = 0  # of an angle: pulses a turn by which it is known; 0 where the column holds it itself
@@ -35,7 +35,6 @@ class Proposal:
 class Problem:
     """A doubt about a table, or a gap in it."""
 
-    #: what, cure: what it is, and what to do.
     what: str
     cure: str
     asks: bool = True  # whether nothing may be concluded before it is answered
