@@ -23,7 +23,7 @@ from gyrowheel.campaigns.summary import Summary
 from gyrowheel.cli.app import app
 from gyrowheel.diagnosis.page import diagnosis_page
 from gyrowheel.drag_comparison.page import drag_page
-from gyrowheel.graph.replay_page import replay_page
+from gyrowheel.graph.page import replay_page
 from gyrowheel.investigation.api import Investigation
 from gyrowheel.investigation.procedure import Course, Step
 from gyrowheel.show.layout import UncutTable, plain_text

@@ -23,15 +23,12 @@ from gyrowheel.comparison import verb as comparison
 from gyrowheel.demonstration import verb as demonstration
 from gyrowheel.diagnosis import verb as diagnosis
 from gyrowheel.drag_comparison import verb as drag_comparison
-from gyrowheel.graph import replay_verb as replay
-from gyrowheel.graph import run_verb as run_node
-from gyrowheel.graph import viewer_verb as viewer
+from gyrowheel.graph import verb as graph
 from gyrowheel.investigation import verb as investigation
 from gyrowheel.models import verb as models
 from gyrowheel.momentum_envelope import verb as momentum_envelope
 from gyrowheel.paper_figures import verb as paper_figures
 from gyrowheel.rate_sensing import verb as rate_sensing
-from gyrowheel.recordings import correction_verb as correction
 from gyrowheel.recordings import verb as recordings
 from gyrowheel.report import verb as report
 from gyrowheel.simulation import verb as simulation
@@ -68,33 +65,33 @@ def _common(
     pass
 
 
-for verbs in (
-    demonstration,
-    simulation,
-    recordings,
-    replay,
-    viewer,
-    tables,
-    correction,
-    comparison,
-    diagnosis,
-    rate_sensing,
-    report,
-    workbench,
-    torque_budget,
-    momentum_envelope,
-    paper_figures,
-    drag_comparison,
-    investigation,
-    blind_tests,
-    calibration,
-    models,
-    catalogue,
-    air_flow,
-    campaigns,
-    run_node,
+for register in (
+    demonstration.register,
+    graph.register_up,
+    simulation.register,
+    recordings.register,
+    graph.register_replay,
+    tables.register,
+    recordings.register_correct,
+    comparison.register,
+    diagnosis.register,
+    rate_sensing.register,
+    report.register,
+    workbench.register,
+    torque_budget.register,
+    momentum_envelope.register,
+    paper_figures.register,
+    drag_comparison.register,
+    investigation.register,
+    blind_tests.register,
+    calibration.register,
+    models.register,
+    catalogue.register,
+    air_flow.register,
+    campaigns.register,
+    graph.register_run,
 ):
-    verbs.register(app)
+    register(app)
 guard(app)
 
 

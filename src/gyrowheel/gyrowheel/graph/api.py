@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from gyrowheel.models.api import Model
-from gyrowheel.simulation.scenario import simulated_bench
+from gyrowheel.simulation.scenario import scenario, simulated_bench
 from gyrowheel_bringup.foxglove_process import foxglove
 from gyrowheel_bringup.graph import (
     Graph,
@@ -102,9 +102,8 @@ def up(
     InputError
         If something is not known or out of range, or the directory is not new.
     """
-    from gyrowheel.simulation.scenario import scenario
-
-    source, loaded = simulated_bench(bench, truth, model)
+    real, belief = (None if given is None else given.details for given in (truth, model))
+    source, loaded = simulated_bench(bench, real, belief)
     chosen = None if plan is None else plan_for(plan, loaded)
     if record is not None:
         require_new(Path(record))
@@ -112,7 +111,7 @@ def up(
         loaded,
         "" if chosen is None else chosen.name,
         effects=effects,
-        truth=None if truth is None else truth.details,
+        truth=real,
         blind=None if blind is None else Path(blind),
         seed=seed,
         machine=machine,
@@ -121,7 +120,7 @@ def up(
         chosen,
         bench=source,
         scenario=hidden,
-        model=None if model is None else model.details,
+        model=belief,
         record=record,
         hold_after_plan=chosen is None,
         realtime=realtime,

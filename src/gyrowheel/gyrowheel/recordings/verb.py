@@ -1,20 +1,29 @@
-"""Verbs that show and repair recordings."""
+"""Verbs that show, repair and correct recordings."""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from gyrowheel.cli.console import advancing, put_json, put_text
+from gyrowheel.cli.console import advancing, out, put_json, put_text, working
 from gyrowheel.cli.options import Json, RecordingMade, example
+from gyrowheel_core.errors import InputError
 
 
 def register(app: typer.Typer) -> None:
     """Add the verbs."""
     app.command(epilog=example("gyrowheel info runs/monday"))(info)
     app.command(epilog=example("gyrowheel salvage runs/monday -o runs/monday_saved"))(salvage)
+
+
+def register_correct(app: typer.Typer) -> None:
+    """Add the verb that corrects a recording."""
+    app.command(epilog=example("gyrowheel correct runs/monday -o runs/right --exchange tilt_x:tilt_y"))(
+        correct
+    )
 
 
 def info(
@@ -60,3 +69,88 @@ def salvage(
         put_json(json, {"schema": 1, **asdict(found)})
     if json != "-":
         put_text(salvage_page(found))
+
+
+def correct(
+    directory: Annotated[
+        Path, typer.Argument(metavar="DIR", help="Recording; it is not changed.", show_default=False)
+    ],
+    output: RecordingMade,
+    exchange: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--exchange", metavar="A:B", help="Exchange two readings. Repeatable.", show_default=False
+        ),
+    ] = None,
+    scale: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--scale",
+            metavar="NAME=FACTOR",
+            help="Multiply a reading: -1 turns its sign. Repeatable.",
+            show_default=False,
+        ),
+    ] = None,
+    offset: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--offset", metavar="NAME=VALUE", help="Increase a reading [SI]. Repeatable.", show_default=False
+        ),
+    ] = None,
+    shift: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--shift",
+            metavar="NAME=SECONDS",
+            help="Move a reading to later times. Repeatable.",
+            show_default=False,
+        ),
+    ] = None,
+    json: Json = None,
+) -> None:
+    """Write a copy of a recording with corrected readings: axes, signs, units, times.
+
+    diagnose prints the command where it finds a setup that cannot be right.
+    """
+    import gyrowheel as gw
+
+    with working(f"correcting {directory}"):
+        made = gw.correct(
+            directory,
+            exchange=[_pair(text) for text in exchange or ()],
+            scale=_values(scale, "--scale"),
+            offset=_values(offset, "--offset"),
+            shift=_values(shift, "--shift"),
+            folder=output,
+        )
+    if json is not None:
+        put_json(
+            json,
+            {"schema": 1, "source": str(directory), "recording": str(output), "samples": len(made)},
+        )
+    if json != "-":
+        out().print(f"{len(made)} samples")
+        out().print(f"recording: {output}", soft_wrap=True)
+
+
+def _pair(text: str) -> tuple[str, str]:
+    one, _, other = text.partition(":")
+    if not one or not other:
+        raise InputError(f"--exchange: '{text}' is no pair of readings; allowed: such as tilt_x:tilt_y")
+    return one, other
+
+
+def _values(given: list[str] | None, option: str) -> dict[str, float]:
+    result: dict[str, float] = {}
+    for text in given or ():
+        name, _, number = text.partition("=")
+        try:
+            value = float(number)
+        except ValueError:
+            value = math.nan
+        if not name or not math.isfinite(value):
+            raise InputError(f"{option}: '{text}' is no reading with a number; allowed: such as tilt_x=-1")
+        if name in result:
+            raise InputError(f"{option}: {name} is given twice")
+        result[name] = value
+    return result

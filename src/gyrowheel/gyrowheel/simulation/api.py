@@ -30,7 +30,7 @@ from gyrowheel_sim.environment import to_json
 from gyrowheel_sim.plant.scenario import Scenario
 
 if TYPE_CHECKING:
-    from gyrowheel.models.api import Model as FaceModel
+    from gyrowheel.models.api import Model as PublicModel
 
 _PER_SAMPLE: Final = 700  # bytes of memory that a sample takes until it is written, as measured
 
@@ -39,8 +39,8 @@ def simulate(
     plan: str | Path | Plan,
     *,
     effects: Mapping[str, Mapping[str, float]] | Sequence[str | Effect] = (),
-    truth: FaceModel | None = None,
-    model: FaceModel | None = None,
+    truth: PublicModel | None = None,
+    model: PublicModel | None = None,
     bench: str | Path | None = None,
     machine: int | None = None,
     seed: int = 0,
@@ -82,7 +82,8 @@ def simulate(
         If something is not known or out of range, the plan is beyond the limits of the bench, or the folder cannot be
         written.
     """
-    _, loaded = simulated_bench(bench, truth, model)
+    real, belief = (None if given is None else given.details for given in (truth, model))
+    _, loaded = simulated_bench(bench, real, belief)
     chosen = plan_for(plan, loaded)
     if folder is not None:
         require_new(Path(folder))
@@ -90,12 +91,11 @@ def simulate(
         loaded,
         chosen.name,
         effects=effects,
-        truth=None if truth is None else truth.details,
+        truth=real,
         blind=None if blind is None else Path(blind),
         seed=seed,
         machine=machine,
     )
-    belief = None if model is None else model.details
     if folder is not None:
         record_simulation(Path(folder), loaded, hidden, chosen, model=belief, progress=progress)
         return Recording.made(Path(folder))

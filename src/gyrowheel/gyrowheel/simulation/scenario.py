@@ -18,7 +18,6 @@ from gyrowheel_sim.effects.user_defined import check_name
 from gyrowheel_sim.plant.scenario import Scenario
 
 if TYPE_CHECKING:
-    from gyrowheel.models.api import Model as FaceModel
     from gyrowheel_analysis.model import Model
 
 #: Stands for all effects of an air model, as in ``aero:surrogate``.
@@ -107,9 +106,7 @@ def scenario(
     return Scenario(values=values, effects=chosen, noise_seed=noise, declared=declared)
 
 
-def simulated_bench(
-    bench: str | Path | None, truth: FaceModel | None, belief: FaceModel | None
-) -> tuple[str, Bench]:
+def simulated_bench(bench: str | Path | None, truth: Model | None, belief: Model | None) -> tuple[str, Bench]:
     """Return name or path of the bench of a run, and the bench as its file describes it.
 
     Parameters
@@ -129,11 +126,11 @@ def simulated_bench(
         source = str(bench or "gyrowheel")
         loaded = Bench.load(source)
     else:
-        source, loaded = given[0].bench_source, given[0].stated_bench
+        source, loaded = bench_place(given[0], Path(given[0].origin)), given[0].stated_bench
     for model in given:
         if model.stated_bench.parameters == loaded.parameters:
             continue
-        of = f"of {model.origin}, {model.details.bench_source}"
+        of = f"of {model.origin}, {model.bench_source}"
         if bench is not None:
             raise InputError(f"bench: {bench} is not the bench {of}; leave it out")
         raise InputError(f"model: the bench {of}, is not that of truth, {source}")
