@@ -25,12 +25,7 @@ _AXES = (
     "T1 about the axis of the tilt (minus: back towards the case axis), T2 a quarter turn ahead of it, "
     "T3 about the rotor's axis (minus: brakes)"
 )
-_UNITS = {
-    "k": "N*m/rad",
-    "c": "N*m/rad",
-    "w": "N*m",
-    "n": "1",
-}
+_UNITS = {"k": "N*m/rad", "c": "N*m/rad", "w": "N*m", "n": "1"}
 
 
 def comparison_page(found: Comparison) -> Iterator[RenderableType]:

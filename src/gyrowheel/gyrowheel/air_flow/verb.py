@@ -34,8 +34,7 @@ Tilt: TypeAlias = Annotated[
 ]
 Speed: TypeAlias = Annotated[float, typer.Option("--speed", metavar="RPM", help="Spin rate, in rpm.")]
 Direction: TypeAlias = Annotated[
-    float,
-    typer.Option("--direction", metavar="DEG", help="Axis of the tilt, from x towards y, in deg."),
+    float, typer.Option("--direction", metavar="DEG", help="Axis of the tilt, from x towards y, in deg.")
 ]
 MeshName: TypeAlias = Annotated[
     str,

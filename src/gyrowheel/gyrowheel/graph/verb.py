@@ -393,8 +393,7 @@ def live(
 def run(
     context: typer.Context,
     package: Annotated[
-        str | None,
-        typer.Argument(metavar="PKG", help="Package.", show_default="lists all packages"),
+        str | None, typer.Argument(metavar="PKG", help="Package.", show_default="lists all packages")
     ] = None,
     executable: Annotated[
         str | None,

@@ -183,10 +183,7 @@ def within(worst: float) -> str:
 
 def part(found: Torques, name: str) -> Any:
     """Return the coil torques of a part [N m], complex (n,); zero without such a part."""
-    return sum(
-        (own.coil for own in found.parts if own.name == name),
-        np.zeros(len(found), dtype=complex),
-    )
+    return sum((own.coil for own in found.parts if own.name == name), np.zeros(len(found), dtype=complex))
 
 
 def air_part(found: Torques) -> tuple[Any, Array]:

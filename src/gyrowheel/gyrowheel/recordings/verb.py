@@ -52,8 +52,7 @@ def salvage(
     ],
     target: RecordingMade,
     every_file: Annotated[
-        bool,
-        typer.Option("--every-file", help="Take files too that metadata.yaml does not name."),
+        bool, typer.Option("--every-file", help="Take files too that metadata.yaml does not name.")
     ] = False,
     json: Json = None,
 ) -> None:
@@ -125,8 +124,7 @@ def correct(
         )
     if json is not None:
         put_json(
-            json,
-            {"schema": 1, "source": str(directory), "recording": str(output), "samples": len(made)},
+            json, {"schema": 1, "source": str(directory), "recording": str(output), "samples": len(made)}
         )
     if json != "-":
         out().print(f"{len(made)} samples")

@@ -26,15 +26,11 @@ def torques(
     model: Annotated[
         Path | None,
         typer.Option(
-            "--model",
-            metavar="M.yaml",
-            help="Model file.",
-            show_default="bench gyrowheel without effects",
+            "--model", metavar="M.yaml", help="Model file.", show_default="bench gyrowheel without effects"
         ),
     ] = None,
     tilt: Annotated[
-        str,
-        typer.Option("--tilt", metavar="DEG", help="Tilts: 3, or 1,2,3, or 0..5, or 0..5:0.5, in deg."),
+        str, typer.Option("--tilt", metavar="DEG", help="Tilts: 3, or 1,2,3, or 0..5, or 0..5:0.5, in deg.")
     ] = "3",
     azimuth: Annotated[
         float, typer.Option("--azimuth", metavar="DEG", help="Direction of the tilt from the x axis, in deg.")
