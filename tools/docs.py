@@ -14,18 +14,16 @@ import re
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
+import numpy as np
 import sympy as sp
 from PIL import Image
 from sympy.printing.latex import LatexPrinter
 
-from gyrowheel.catalogue.bench_design import reach
-from gyrowheel.catalogue.bench_page import reach_page
-from gyrowheel.catalogue.effect_page import possible_sizes
-from gyrowheel.catalogue.effect_picture import to_svg
+from gyrowheel.catalogue.api import reach
+from gyrowheel.catalogue.page import check_page, possible_sizes, reach_page
 from gyrowheel.catalogue.plan_check import check_text
-from gyrowheel.catalogue.plan_page import check_page
 from gyrowheel.momentum_envelope.picture import body_figure, caps_figure
 from gyrowheel.show.figure import png_bytes
 from gyrowheel.show.formulas import in_words, pretty
@@ -45,8 +43,9 @@ from gyrowheel_sim.effects.grammar import FUNCTIONS, HANDY
 from gyrowheel_sim.effects.quantities import QUANTITIES, REFERENCES, z
 from gyrowheel_sim.effects.targets import TARGETS
 from gyrowheel_sim.effects.user_defined_line import typed_effect
-from gyrowheel_sim.mechanics.momentum import envelope
+from gyrowheel_sim.mechanics.momentum import Envelope, envelope
 from tools import house, licences, reference
+from tools.effect_picture import to_svg
 
 #: Texts and pictures by path.
 Pages: TypeAlias = dict[Path, str | bytes]
@@ -454,6 +453,42 @@ def with_tables(text: str) -> str:
     return text
 
 
+def momentum_numbers(d: Envelope) -> dict[str, Any]:
+    """Return the numbers of the pictures of the momentum, to five digits, for one azimuth: all are alike."""
+
+    def numbers(values: Any) -> Any:
+        if np.ndim(values):
+            return [numbers(value) for value in values]
+        return 0.0 if abs(values) < 1e-12 else float(f"{values:.5g}")
+
+    return {
+        "speed_rad_s": numbers(d.speed),
+        "tilt_rad": numbers(d.tilt),
+        "along_axis": numbers(d.approximate[:, :, 0, 2]),
+        "across_axis": numbers(np.hypot(d.approximate[:, :, 0, 0], d.approximate[:, :, 0, 1])),
+        "smallest": numbers(d.smallest[:, :, 0]),
+        "largest": numbers(d.largest[:, :, 0]),
+        "error_last": numbers(d.error_last),
+        "error_middle": numbers(d.error_middle),
+    }
+
+
+def momentum_csv(d: Envelope) -> str:
+    """Return the momentum envelope as a table, one state a line, SI units."""
+    lines = [
+        "spin_rate,tilt,azimuth,h_x,h_y,h_z,exact_mean_x,exact_mean_y,exact_mean_z,exact_smallest,exact_largest"
+    ]
+    for s, t, a in np.ndindex(d.smallest.shape):
+        if d.tilt[t] == 0.0 and a:
+            continue  # all azimuths are one
+        state = (d.speed[s], d.tilt[t], d.azimuth[a])
+        values = (
+            *state, *d.approximate[s, t, a], *d.exact_mean[s, t, a], d.smallest[s, t, a], d.largest[s, t, a],
+        )  # fmt: skip
+        lines.append(",".join(f"{0.0 if abs(v) < 1e-12 else v:.6g}" for v in values))
+    return "\n".join(lines) + "\n"
+
+
 # --- all of it ---
 
 
@@ -471,11 +506,11 @@ def made() -> Pages:
     for page in ("README.md", "formulas.md", "momentum.md", "benches.md", "plans.md", "your_bench.md"):
         pages[DOCS / page] = with_tables((DOCS / page).read_text(encoding="utf-8"))
     momentum = envelope(bench)
-    pages[DOCS / "momentum.csv"] = momentum.to_csv()
+    pages[DOCS / "momentum.csv"] = momentum_csv(momentum)
     pages[DOCS / "licences.md"] = licences.page()
     pages |= {DOCS / "reference" / name: text for name, text in reference.pages().items()}
     pages[DOCS / "images" / "house.svg"] = house.to_svg()
-    shown = json.dumps(momentum.to_json())
+    shown = json.dumps(momentum_numbers(momentum))
     pages[DOCS / "images" / "momentum_caps.png"] = png_bytes(caps_figure(bench), shown)
     pages[DOCS / "images" / "momentum_body.png"] = png_bytes(body_figure(bench), shown)
     return pages

@@ -1,4 +1,4 @@
-"""The verb `drag` and its Python face, and what the options --model and --truth mean."""
+"""The verb `drag` and `gyrowheel.drag`, and the options --model and --truth."""
 
 from __future__ import annotations
 
@@ -80,13 +80,13 @@ def test_recorded_estimates_are_those_of_drag(
     # and from Python
     result = gw.drag(tmp_path / "run", gw.Model.load(model))
     assert json.loads(json.dumps(result.to_dict())) == said
-    assert str(result).startswith("8 holds; measured and simulated torques differ by up to")
+    assert result.headline().startswith("8 holds; measured and simulated torques differ by up to")
     columns = result.to_columns()
     assert columns["residual_motor"] == [row["residual"][2] for row in own["holds"]]
     assert "Drag estimates" in result._repr_html_()
 
 
-def test_the_estimator_never_sees_the_truth(gyrowheel: Shell, model: Path, tmp_path: Path) -> None:
+def test_the_estimator_uses_the_model_not_the_truth(gyrowheel: Shell, model: Path, tmp_path: Path) -> None:
     plan = write(tmp_path / "plan.yaml", DRAG_PLAN)
     gyrowheel.good("simulate", "--plan", plan, "--truth", model, "-o", tmp_path / "run")
     messages = recorded(tmp_path / "run")
@@ -103,7 +103,9 @@ def test_the_estimator_never_sees_the_truth(gyrowheel: Shell, model: Path, tmp_p
         assert abs(message.residual[2] - 1.3e-3) < 3.0 * error + 0.1e-3
 
 
-def test_a_model_alone_is_a_belief_and_it_is_said(gyrowheel: Shell, model: Path, tmp_path: Path) -> None:
+def test_a_model_without_truth_is_a_belief_and_a_note_says_so(
+    gyrowheel: Shell, model: Path, tmp_path: Path
+) -> None:
     plan = write(tmp_path / "plan.yaml", DRAG_PLAN)
     shown = gyrowheel.good("simulate", "--plan", plan, "--model", model, "-o", tmp_path / "a")
     assert "--truth" in shown.err
@@ -160,7 +162,7 @@ def test_a_recording_without_a_hold_is_refused(gyrowheel: Shell, tmp_path: Path)
     assert "no steady hold" in result.err
 
 
-def test_filtered_signals_are_what_the_voltages_are_means_of(
+def test_dc_voltages_are_means_of_the_filtered_signals(
     gyrowheel: Shell, wheel: Wheel, tmp_path: Path
 ) -> None:
     result = gw.drag(wheel.recording)
@@ -202,7 +204,7 @@ def test_the_picture_has_increments_with_and_without_air(
     assert "simulated without air" not in [t.get_text() for t in without.plot().legends[0].get_texts()]
 
 
-def test_it_is_said_where_torques_agree(gyrowheel: Shell, wheel: Wheel, model: Path) -> None:
+def test_the_page_names_the_holds_in_which_torques_agree(gyrowheel: Shell, wheel: Wheel, model: Path) -> None:
     with_air = " ".join(gyrowheel.good("drag", wheel.recording, "--model", model).out.split())
     assert with_air.count("agree within 3 SE in all holds.") == 3
     # the machine has windage that this model lacks, and the calibrated constants of the other leave no doubt

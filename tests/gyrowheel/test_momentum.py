@@ -1,4 +1,4 @@
-"""The verb `momentum` and its Python face: which angular momentum a wheel can reach."""
+"""The verb `momentum` and `gyrowheel.momentum`: angular momentum that a wheel can reach."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_momenta_lie_on_spheres(gyrowheel: Shell, bench: str) -> None:
     assert np.all(np.array(found["exact_smallest"])[:, 1:] < np.array(found["exact_largest"])[:, 1:])
 
 
-def test_tables_fit_and_have_the_numbers_of_the_paper(gyrowheel: Shell) -> None:
+def test_tables_fit_80_columns_and_have_the_numbers_of_the_paper(gyrowheel: Shell) -> None:
     text = gyrowheel.good("momentum", "--speed", "3000,4000").out
     assert max(map(len, text.splitlines())) <= 80
     rows = [line.split() for line in text.splitlines()]
@@ -47,9 +47,9 @@ def test_pictures_are_written(gyrowheel: Shell, tmp_path: Path) -> None:
 
 def test_the_result_from_python() -> None:
     result = gw.momentum(spin_rate=[rpm * RPM for rpm in (1500, 3000, 2000, 3500, 4000)])
-    assert np.all(np.diff(result.details.speed) > 0.0)
+    assert np.all(np.diff(result.speed) > 0.0)
     assert result.across == pytest.approx(1.779e-3 * 4000 * RPM * math.sin(5 * DEG), rel=1e-3)
-    assert str(result).startswith("gyrowheel: 0.2784 to 0.7452 N·m·s along")
+    assert result.headline().startswith("gyrowheel: 0.2784 to 0.7452 N·m·s along")
     columns = result.to_columns()
     assert {len(values) for values in columns.values()} == {5 * 6 * 12}
     sizes = np.sqrt(sum(columns[f"h_{axis}"] ** 2 for axis in "xyz"))
@@ -65,7 +65,7 @@ def test_the_result_from_python() -> None:
     assert "middle expression" in result._repr_html_()
 
 
-def test_a_model_has_the_inertia_that_it_learned(tmp_path: Path) -> None:
+def test_a_model_uses_its_estimated_inertia(tmp_path: Path) -> None:
     path = tmp_path / "model.yaml"
     gw.Model().save(path)
     stated = gw.momentum(gw.Model.load(path)).across
@@ -73,8 +73,8 @@ def test_a_model_has_the_inertia_that_it_learned(tmp_path: Path) -> None:
     override = "overrides: {rotor_inertia_z: {value: 1.8e-3, standard_error: 1.0e-6}}"
     assert "overrides: {}" in text
     path.write_text(text.replace("overrides: {}", override), encoding="utf-8")
-    learned = gw.momentum(gw.Model.load(path)).across
-    assert learned / stated == pytest.approx(1.8 / 1.779, rel=1e-3)
+    estimated = gw.momentum(gw.Model.load(path)).across
+    assert estimated / stated == pytest.approx(1.8 / 1.779, rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -88,7 +88,7 @@ def test_a_model_has_the_inertia_that_it_learned(tmp_path: Path) -> None:
         (["--picture", "caps.jpg"], ["--picture", ".jpg", ".png"]),
     ],
 )
-def test_what_cannot_be_is_refused(
+def test_invalid_input_is_refused(
     gyrowheel: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], words: list[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)

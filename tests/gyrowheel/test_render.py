@@ -17,9 +17,7 @@ from hypothesis import strategies as st
 from rich.console import RenderableType
 
 from gyrowheel.air_flow.page import check_page, table_page
-from gyrowheel.catalogue.bench_page import bench_page
-from gyrowheel.catalogue.effect_page import effect_list, effect_page
-from gyrowheel.catalogue.plan_page import plan_list, plan_page
+from gyrowheel.catalogue.page import bench_page, effect_list, effect_page, plan_list, plan_page
 from gyrowheel.comparison.page import channel_table
 from gyrowheel.diagnosis.next_command import following
 from gyrowheel.diagnosis.page import detection_limits

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from gyrowheel.catalogue.bench_design import new_bench, reach
-from gyrowheel.catalogue.bench_page import reach_sentences
+from gyrowheel.catalogue.api import new_bench, reach
+from gyrowheel.catalogue.page import reach_sentences
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.bench import Bench

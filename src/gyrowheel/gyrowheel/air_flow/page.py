@@ -143,9 +143,8 @@ def table_page(table: TorqueTable) -> Iterator[RenderableType]:
     yield Text.assemble(
         (table.origin, "bold cyan"),
         f"  {len(table.grid)} cases over {len(table.tilts)} tilts and {len(table.speeds)} speeds, "
-        f"{len(table.rows) - len(table.grid)} others\n"
-        f"mesh {mesh} ({first.provenance['cells']} cells), {first.provenance['model']}, "
-        f"OpenFOAM {first.provenance['version']}, air {table.air.density:.4g} kg/m³\n",
+        f"{len(table.rows) - len(table.grid)} others\nmesh {mesh} ({first.provenance['cells']} cells), "
+        f"{first.provenance['model']}, OpenFOAM {first.provenance['version']}, air {table.air.density:.4g} kg/m³\n",
     )
     for i, name in enumerate(("T1 about the axis of the tilt", "T2 across", "T3 along the rotor's axis")):
         yield Text(f"{name}, mN·m", style="bold")

@@ -1,34 +1,40 @@
-"""What there is: effects, test plans and benches, each by name."""
+"""Effects, test plans and benches: by name, new files of them, and checks."""
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Container, Iterator, Mapping
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
+from gyrowheel.catalogue.plan_check import CheckedPlan, check_text
+from gyrowheel.show.result import Result
 from gyrowheel_core.errors import InputError
 
 if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from gyrowheel_analysis.capability import Reach
     from gyrowheel_control.plans.plan import Plan as Plan
     from gyrowheel_sim.bench import Bench as Bench
     from gyrowheel_sim.effects import Effect as Effect
 
 T = TypeVar("T")
-_OWN: Final = "own"  # name of a formula that was given none
+_OWN: Final = "own"  # name of a formula without one
 
 
 class Catalogue(Mapping[str, T], Generic[T]):
-    """A read-only mapping of names to what they stand for; loaded when used.
+    """A read-only mapping of names to effects, plans or benches, which are loaded when used.
 
-    A name that is not in it raises `UnknownName`, a `KeyError` and an `InputError` with the nearest names.
+    An unknown name raises `UnknownName`, a `KeyError` and an `InputError` with the nearest names.
     """
 
     def __init__(self, kind: str, names: Callable[[], list[str]], load: Callable[[str], T]) -> None:
         self._kind, self._names, self._load = kind, names, load
 
     def __getitem__(self, name: str) -> T:
-        """Return what a name stands for."""
+        """Return the item of a name."""
         names = self._names()
         if name not in names:
             near = difflib.get_close_matches(str(name), names, n=3, cutoff=0.4)
@@ -41,11 +47,11 @@ class Catalogue(Mapping[str, T], Generic[T]):
         return iter(self._names())
 
     def __len__(self) -> int:
-        """Return how many there are."""
+        """Return the number of items."""
         return len(self._names())
 
     def __contains__(self, name: object) -> bool:
-        """Whether there is one of that name."""
+        """Whether an item has that name."""
         return name in self._names()
 
     def __repr__(self) -> str:
@@ -54,7 +60,7 @@ class Catalogue(Mapping[str, T], Generic[T]):
 
 
 class UnknownName(InputError, KeyError):
-    """A name that a catalogue does not have."""
+    """Unknown name of an effect, plan or bench."""
 
     def __str__(self) -> str:
         """Return the message as it is: KeyError would quote it."""
@@ -123,11 +129,11 @@ def _bench_names() -> list[str]:
     return Bench.shipped()
 
 
-def load_bench(source: str | Path = "gyrowheel") -> Bench:
-    """Return a bench: a shipped name or a bench file; InputError if there is none, or it has errors."""
+def load_bench(source: str | Path | Bench = "gyrowheel") -> Bench:
+    """Return a bench: given as such, by its shipped name or its file; InputError if there is none, or it has errors."""
     from gyrowheel_sim.bench import Bench
 
-    return Bench.load(source)
+    return source if isinstance(source, Bench) else Bench.load(source)
 
 
 #: Known physical effects: title, physics, formula, coefficients with units, usual sizes and sources.
@@ -146,21 +152,21 @@ def own_effect(
     taken: Container[str] = (),
     where: str = "formula",
 ) -> Effect:
-    """Return an effect made of a formula, to be added to a model or to a simulated machine.
+    """Return a user-defined effect, to be added to a model or to a simulated machine.
 
     Parameters
     ----------
     formula : str
-        Law such as ``-k*r^2*z``; docs/formulas.md describes what can be written. It may begin with a name and a
-        colon. Units of the coefficients follow from the law, or stand in the text.
+        Law such as ``-k*r^2*z``, in the syntax of docs/formulas.md. It may begin with a name and a colon. Units of
+        the coefficients follow from the law, or stand in the text.
     name : str, optional
-        Name of the effect; where the formula has one, the same. ``own`` if there is none.
+        Name of the effect; the same as that in the formula, if it has one. ``own`` if there is none.
     target : str, optional
         What the law acts on; the torque on the rotor if not given.
     taken : container of str
-        Names that an effect without a name must not get: it is called ``own_2``, ``own_3`` and so on then.
+        Names that are in use: an effect without a name is called ``own_2``, ``own_3`` and so on then.
     where : str
-        What messages begin with.
+        Beginning of error messages.
 
     Raises
     ------
@@ -178,3 +184,111 @@ def own_effect(
     effect = typed_effect(plain(formula), name=name, otherwise=free, target=target, where=where)
     check_name(effect.name, where, registry())
     return effect
+
+
+@dataclass(frozen=True, repr=False)
+class PlanCheck(Result, CheckedPlan):
+    """Outcome of `gyrowheel.check_plan`: the fields of `gyrowheel.catalogue.plan_check.CheckedPlan`."""
+
+    def headline(self) -> str:
+        """Return the number of errors."""
+        count = len(self.wrong)
+        many = "nothing wrong" if not count else "one error" if count == 1 else f"{count} errors"
+        return f"{self.file}: {many}, bench {self.bench}"
+
+    def page(self) -> Iterable[RenderableType]:
+        """Return all that is wrong with the plan file, or what it will do."""
+        from gyrowheel.catalogue.page import check_page
+
+        return check_page(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of ``gyrowheel plans --check --json``."""
+        return {
+            "schema": 1,
+            "file": self.file,
+            "bench": self.bench,
+            "good": self.good,
+            "wrong": [item._asdict() for item in self.wrong],
+            "outlook": None if self.outlook is None else asdict(self.outlook),
+        }
+
+    def to_columns(self) -> Mapping[str, Any]:
+        """Return a row for each error: line, place, text."""
+        return {name: [getattr(item, name) for item in self.wrong] for name in ("line", "place", "said")}
+
+
+def check_plan(file: str | Path, bench: str | Path | Bench = "gyrowheel") -> PlanCheck:
+    """Check a plan file: return all that is wrong with it, or what it will do.
+
+    Parameters
+    ----------
+    file : str or Path
+        The plan file.
+    bench : str, Path or Bench
+        The bench that shall run it.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or is no YAML.
+    """
+    from gyrowheel_core.files import read_text
+
+    return PlanCheck.of(check_text(read_text(Path(file), errors="replace"), str(file), load_bench(bench)))
+
+
+def new_plan(file: str | Path, bench: str | Path | Bench = "gyrowheel") -> None:
+    """Write a plan file to begin with, which the bench can run.
+
+    Raises
+    ------
+    InputError
+        If the file exists or cannot be written, or the bench can run no plan.
+    """
+    from gyrowheel_control.plans.adaptation import skeleton
+
+    _write_new(Path(file), lambda: skeleton(load_bench(bench), Path(file).stem))
+
+
+def plan_schema() -> dict[str, Any]:
+    """Return the JSON schema of plan files, with which editors complete and check them."""
+    from gyrowheel_control.plans.format import json_schema
+
+    return json_schema()
+
+
+def new_bench(file: str | Path, like: str | Path | Bench = "gyrowheel") -> None:
+    """Write a bench file to begin with: a copy of another bench with a comment for every value.
+
+    Raises
+    ------
+    InputError
+        If the file exists or cannot be written, or there is no such bench.
+    """
+    from gyrowheel_sim.bench import bench_text
+
+    _write_new(Path(file), lambda: bench_text(load_bench(like), Path(file).stem))
+
+
+def _write_new(file: Path, text: Callable[[], str]) -> None:
+    from gyrowheel_core.files import write_text
+
+    content = text()
+    if file.exists():
+        raise InputError(f"{file}: exists; name a new file")
+    write_text(file, content)
+
+
+def reach(bench: str | Path | Bench = "gyrowheel") -> Reach:
+    """Return the capability of a bench: speeds, tilts and rates that its coils and its motor can reach."""
+    from gyrowheel_analysis.capability import reach as reach_of
+    from gyrowheel_analysis.fitting.preparation import one_thread
+
+    with one_thread():
+        return reach_of(load_bench(bench))
+
+
+def reach_json(found: Reach) -> dict[str, Any]:
+    """Return a capability as a JSON object; SI units."""
+    return {"speeds": [asdict(own) for own in found.speeds], "largest_tilt": found.largest_tilt}

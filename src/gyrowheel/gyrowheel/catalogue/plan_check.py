@@ -1,44 +1,91 @@
-"""Plan files of one's own: a new one to begin with, and all that is wrong with one at once."""
+"""Check of a plan file: everything that is wrong with it, or its demands on a bench."""
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from gyrowheel.catalogue.plan_check_result import Outlook, PlanCheck
-from gyrowheel_analysis.reduction import planned_windows
-from gyrowheel_control.loops.supervision import plan_tilt_limit, usual_tilt_limit
-from gyrowheel_control.plans import demands
-from gyrowheel_control.plans.adaptation import skeleton
-from gyrowheel_control.plans.format import json_schema
-from gyrowheel_control.plans.inspection import Wrong, inspect
-from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.files import read_text, write_text
-from gyrowheel_sim.bench import Bench
+
+if TYPE_CHECKING:
+    from gyrowheel_control.plans.inspection import Wrong
+    from gyrowheel_control.plans.plan import Plan
+    from gyrowheel_sim.bench import Bench
 
 
-def check_plan(file: str | Path, bench: str | Path | Bench = "gyrowheel") -> PlanCheck:
-    """Look at a plan file: return all that is wrong with it, or what it will do.
+@dataclass(frozen=True)
+class Outlook:
+    """Content of a plan on a bench, and its demands.
 
-    Parameters
+    Attributes
     ----------
-    file : str or Path
-        The plan file.
-    bench : str, Path or Bench
-        The bench that shall run it.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or is no YAML.
+    duration : float
+        Length [s].
+    segments, holds, cones, sweeps : int
+        Number of all segments, and of those with a fixed tilt, a cone, and a change of speed.
+    speeds : tuple of float
+        Spin rates, from the lowest on [rad/s].
+    largest_tilt : float
+        [rad].
+    coil_share, motor_share : float
+        Largest voltage of coils and motor, without losses of the motor, over the limit.
+    windows : int
+        Number of windows of whole revolutions into which the analysis divides the steady motion.
+    covered : float
+        Their length [s].
+    empty : tuple of str
+        Segments that are too short for a window, a text each.
     """
-    loaded = bench if isinstance(bench, Bench) else Bench.load(bench)
-    return check_text(read_text(Path(file), errors="replace"), str(file), loaded)
+
+    duration: float
+    segments: int
+    holds: int
+    cones: int
+    sweeps: int
+    speeds: tuple[float, ...]
+    largest_tilt: float
+    coil_share: float
+    motor_share: float
+    windows: int
+    covered: float
+    empty: tuple[str, ...]
 
 
-def check_text(text: str, origin: str, loaded: Bench) -> PlanCheck:
-    """Return the same for the text of a plan file, which messages call `origin`."""
+@dataclass(frozen=True)
+class CheckedPlan:
+    """Outcome of the check of a plan file.
+
+    Attributes
+    ----------
+    file : str
+        The plan file.
+    bench : str
+        Name of the bench.
+    wrong : tuple of Wrong
+        All that is wrong, each with `line` (or None), `place` and `said`; empty if the bench can run the plan.
+    plan : Plan or None
+        The plan, if it can be read.
+    outlook : Outlook or None
+        What it will do, if nothing is wrong.
+    """
+
+    file: str
+    bench: str
+    wrong: tuple[Wrong, ...]
+    plan: Plan | None
+    outlook: Outlook | None
+
+    @property
+    def good(self) -> bool:
+        """Whether the bench can run it."""
+        return not self.wrong
+
+
+def check_text(text: str, origin: str, loaded: Bench) -> CheckedPlan:
+    """Check the text of a plan file, which messages call `origin`."""
+    from gyrowheel_control.loops.supervision import plan_tilt_limit, usual_tilt_limit
+    from gyrowheel_control.plans.inspection import Wrong, inspect
+
     plan, wrong = inspect(text, origin, loaded)
     if plan is not None and not wrong:
         plan.origin = origin
@@ -46,35 +93,14 @@ def check_text(text: str, origin: str, loaded: Bench) -> PlanCheck:
             plan_tilt_limit(plan, loaded, usual_tilt_limit(loaded))
         except InputError as error:
             wrong = [Wrong(None, "tilt_limit_deg", str(error).removeprefix(f"{origin}: "))]
-    return PlanCheck(
-        origin,
-        loaded.name,
-        tuple(wrong),
-        plan,
-        _outlook(plan, loaded) if plan is not None and not wrong else None,
-    )
-
-
-def new_plan(file: str | Path, bench: str | Path | Bench = "gyrowheel") -> None:
-    """Write a plan file to begin with, which the bench can run.
-
-    Raises
-    ------
-    InputError
-        If the file is there already or cannot be written, or the bench can run no plan.
-    """
-    loaded = bench if isinstance(bench, Bench) else Bench.load(bench)
-    if Path(file).exists():
-        raise InputError(f"{file}: exists; name a new file")
-    write_text(Path(file), skeleton(loaded, Path(file).stem))
-
-
-def plan_schema() -> dict[str, Any]:
-    """Return the JSON schema of plan files, with which editors complete and check them."""
-    return json_schema()
+    outlook = _outlook(plan, loaded) if plan is not None and not wrong else None
+    return CheckedPlan(origin, loaded.name, tuple(wrong), plan, outlook)
 
 
 def _outlook(plan: Plan, bench: Bench) -> Outlook:
+    from gyrowheel_analysis.reduction import planned_windows
+    from gyrowheel_control.plans import demands
+
     segments, v = plan.segments, bench.value
     volts = [demands.coil_volts(bench, s) for s in segments]
     motor = [demands.motor_volts(bench, demands.top_speed(s), demands.spin_acceleration(s)) for s in segments]

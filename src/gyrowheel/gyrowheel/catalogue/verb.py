@@ -1,4 +1,4 @@
-"""Verbs that show what there is: effects, plans, bench."""
+"""Verbs that show effects, plans and benches, and begin files of them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from gyrowheel.cli.console import BAD_INPUT, out, put_json, put_text
+from gyrowheel.cli.console import BAD_INPUT, out, put, put_json, put_text
 from gyrowheel.cli.options import BenchName, Json, example
 from gyrowheel_core.errors import InputError
 
@@ -26,7 +26,7 @@ def effects(
     json: Json = None,
 ) -> None:
     """List the known effects, or show one in full, with its usual sizes on a bench."""
-    from gyrowheel.catalogue import effect_page as render
+    from gyrowheel.catalogue import page as render
     from gyrowheel.catalogue.api import effect_on, load_bench
     from gyrowheel.catalogue.api import effects as known
 
@@ -56,7 +56,7 @@ def plans(
         typer.Option(
             "--check",
             metavar="FILE",
-            help="Tell all that is wrong with a plan file, or what it will do.",
+            help="Show all errors of a plan file, or what it will do.",
             show_default=False,
         ),
     ] = None,
@@ -74,16 +74,16 @@ def plans(
     ] = None,
     json: Json = None,
 ) -> None:
-    """List the shipped test plans, or show one segment by segment; with a bench, as that runs it.
+    """List the shipped test plans, or show one segment by segment; with a bench, adapted to it.
 
-    --new, --check and --schema help to write one of your own; docs/plans.md has every key.
+    --new, --check and --schema help to write a new plan; docs/plans.md has every key.
     """
     asked = [option for option, given in (("--new", new), ("--check", check), ("--schema", schema)) if given]
     if asked and (name is not None or len(asked) > 1):
         others = [*asked[1:], *([] if name is None else [f"'{name}'"])]
         raise InputError(f"{asked[0]}: cannot be combined with {others[0]}")
     if schema:
-        from gyrowheel.catalogue.plan_check import plan_schema
+        from gyrowheel.catalogue.api import plan_schema
 
         put_json("-", plan_schema())
     elif new is not None:
@@ -95,7 +95,7 @@ def plans(
 
 
 def _new_plan(file: Path, bench: str | None, json: str | None) -> None:
-    from gyrowheel.catalogue.plan_check import new_plan
+    from gyrowheel.catalogue.api import new_plan
     from gyrowheel.show.layout import command
 
     new_plan(file, bench or "gyrowheel")
@@ -108,20 +108,16 @@ def _new_plan(file: Path, bench: str | None, json: str | None) -> None:
 
 
 def _check_plan(file: Path, bench: str | None, json: str | None) -> None:
-    from gyrowheel.catalogue.plan_check import check_plan
-    from gyrowheel.catalogue.plan_page import check_page
+    from gyrowheel.catalogue.api import check_plan
 
     found = check_plan(file, bench or "gyrowheel")
-    if json is not None:
-        put_json(json, found.to_dict())
-    if json != "-":
-        put_text(check_page(found))
+    put(found, json)
     if not found.good:
         raise typer.Exit(BAD_INPUT)
 
 
 def _show_plans(name: str | None, bench: str | None, json: str | None) -> None:
-    from gyrowheel.catalogue import plan_page as render
+    from gyrowheel.catalogue import page as render
     from gyrowheel.catalogue.api import load_bench, load_plan, plan_on, plans_on
     from gyrowheel.catalogue.api import plans as shipped
 
@@ -153,11 +149,11 @@ def bench(
         ),
     ] = None,
     reach: Annotated[
-        bool, typer.Option("--reach", help="Tell what coils and motor can reach, and why not more.")
+        bool, typer.Option("--reach", help="Show what coils and motor can reach, and the limits.")
     ] = False,
     json: Json = None,
 ) -> None:
-    """Show every parameter of the bench with its uncertainty and source, or begin a bench file of your own.
+    """Show every parameter of the bench with its uncertainty and source, or begin a new bench file.
 
     docs/your_bench.md goes the whole way from a new bench to a diagnosis.
     """
@@ -168,27 +164,22 @@ def bench(
         raise InputError("--like: is only of use with --new")
     import json as text
 
-    from gyrowheel.catalogue.api import load_bench
-    from gyrowheel.catalogue.bench_page import bench_page, reach_page
+    from gyrowheel.catalogue import api
+    from gyrowheel.catalogue.page import bench_page, reach_page
 
-    loaded = load_bench(bench)
-    found = None
-    if reach:
-        from gyrowheel.catalogue.bench_design import reach as reached
-        from gyrowheel.catalogue.bench_design import reach_json
-
-        found = reached(loaded)
+    loaded = api.load_bench(bench)
+    found = api.reach(loaded) if reach else None
     if json is not None:
         content = text.loads(loaded.describe()) | {"references": dict(loaded.references)}
         if found is not None:
-            content["reach"] = reach_json(found)
+            content["reach"] = api.reach_json(found)
         put_json(json, content)
     if json != "-":
         put_text(bench_page(loaded) if found is None else reach_page(found))
 
 
 def _new_bench(file: Path, like: str, json: str | None) -> None:
-    from gyrowheel.catalogue.bench_design import new_bench
+    from gyrowheel.catalogue.api import new_bench
     from gyrowheel.show.layout import command
 
     new_bench(file, like)

@@ -1,4 +1,4 @@
-"""Measured DC voltages beside simulated torques: a table of holds for each coil and for the motor."""
+"""Measured DC voltages next to simulated torques: a table of holds for each coil and for the motor."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from gyrowheel_core.units import DEG, RPM
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.drag.estimate import Estimate
+    from gyrowheel_analysis.drag.stream import DragTest
 
 _ACTUATORS = ("coil x", "coil y", "motor")
 _MILLI = 1e3
@@ -23,8 +24,16 @@ _MILLI = 1e3
 AGREEING = 3.0
 
 
+def drag_test_page(found: DragTest) -> Iterator[RenderableType]:
+    """Yield `drag_page` of every recording."""
+    for path, own in zip(found.recordings, found.holds, strict=True):
+        if len(found.recordings) > 1:
+            yield heading(path)
+        yield from drag_page(own)
+
+
 def drag_page(estimates: Sequence[Estimate]) -> Iterator[RenderableType]:
-    """Yield the tables of the settled ones among drag estimates, and what their columns mean; nothing without any."""
+    """Yield the tables of the settled drag estimates, and a legend of their columns; nothing without any."""
     settled = [estimate for estimate in estimates if estimate.settled]
     if not settled:
         return
@@ -48,7 +57,7 @@ def drag_page(estimates: Sequence[Estimate]) -> Iterator[RenderableType]:
 
 
 def agreement(estimates: Sequence[Estimate], place: int) -> str:
-    """Return in which holds measured and simulated torque of an actuator agree, and in which they do not."""
+    """Return a sentence about the holds in which measured and simulated torque of an actuator agree or disagree."""
     apart = [str(e.segment) for e in estimates if abs(e.residual[place]) > AGREEING * e.residual_std[place]]
     text = f"Measured and simulated torque agree within {AGREEING:g} SE"
     if not apart:

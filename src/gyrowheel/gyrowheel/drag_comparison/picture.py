@@ -1,4 +1,4 @@
-"""The paper's picture of a drag test: filtered voltages over time, and their increments over tilt and speed."""
+"""Picture of a drag test: filtered voltages over time, and their increments over tilt and speed."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from gyrowheel.drag_comparison.result import Drag
     from gyrowheel_analysis.drag.estimate import Estimate
+    from gyrowheel_analysis.drag.stream import DragTest
 
 _ACTUATORS = (
     ("coil x", "notched_coil_voltage_x"),
@@ -30,39 +30,28 @@ _ONE_SPEED = 50.0  # rpm; speeds no further apart are one
 _STRAIGHT = 0.1 * DEG  # tilts no further from a line lie on it
 
 
-def figure_of_drag(result: Drag) -> Figure:
-    """Draw measured voltages beside the simulation, 1500 by 1000 dots: a row each for coil x, coil y and motor.
+def figure_of_drag(result: DragTest) -> Figure:
+    """Draw measured and simulated voltages, 1500 by 1000 dots: a row each for coil x, coil y and motor.
 
-    Left the notch-filtered voltage over time with the means of the holds; in the middle and at the right the
-    increments from the reference holds with their standard errors, over tilt and speed, beside those simulated with and
-    without the air of the model.
+    Left: the notch-filtered voltage over time with the means of the holds. Middle and right: the increments from the
+    reference holds with their standard errors, over tilt and speed, next to those simulated with and without the air of
+    the model.
     """
     with style(10.0):
         return finished(_draw(result))
 
 
-def _draw(result: Drag) -> Figure:
+def _draw(result: DragTest) -> Figure:
     figure = Picture(15.0, 10.0)
-    every = [estimate for own in result.holds for estimate in own]
+    every = result.estimates
     air = any(np.any(e.simulated_air_torque) for e in every)
     title = "DC voltages, measured and simulated"
     figure.text(0.03, 0.965, title, fontsize=18, fontweight="bold", color=INK, va="center")
     constants = "calibrated" if all(e.calibrated for e in every) else "stated, not calibrated"
     about = f"{', '.join(result.recordings)}; constants {constants}{'' if air else '; the model has no air'}"
     figure.text(0.03, 0.93, about, fontsize=11, color=SOFT, va="center")
-    grid = figure.subplots(
-        3,
-        3,
-        width_ratios=(1.5, 1.0, 1.0),
-        gridspec_kw={
-            "left": 0.06,
-            "right": 0.98,
-            "top": 0.84,
-            "bottom": 0.07,
-            "wspace": 0.24,
-            "hspace": 0.32,
-        },
-    )
+    edges = {"left": 0.06, "right": 0.98, "top": 0.84, "bottom": 0.07, "wspace": 0.24, "hspace": 0.32}
+    grid = figure.subplots(3, 3, width_ratios=(1.5, 1.0, 1.0), gridspec_kw=edges)
     tilt, tilt_label = tilts(every)
     speed = np.array([e.spin_rate for e in every]) / RPM
     for place, (name, signal) in enumerate(_ACTUATORS):
@@ -85,7 +74,7 @@ def _draw(result: Drag) -> Figure:
     return figure
 
 
-def _over_time(axes: Axes, result: Drag, place: int, signal: str) -> None:
+def _over_time(axes: Axes, result: DragTest, place: int, signal: str) -> None:
     begin = 0.0
     for number, (own, signals) in enumerate(zip(result.holds, result.signals, strict=True)):
         time = begin + signals["stamp"] - signals["stamp"][0]
@@ -101,8 +90,8 @@ def _over_time(axes: Axes, result: Drag, place: int, signal: str) -> None:
     axes.grid(color=FAINT, linewidth=0.6)
 
 
-def _increments(axes: Axes, result: Drag, place: int, where: Any, *, air: bool) -> None:
-    every = [estimate for own in result.holds for estimate in own]
+def _increments(axes: Axes, result: DragTest, place: int, where: Any, *, air: bool) -> None:
+    every = result.estimates
     measured = _MILLI * np.array([e.voltage_increment[place] for e in every])
     error = _MILLI * np.array([e.voltage_increment_std[place] for e in every])
     simulated = _MILLI * np.array([e.simulated_voltage_increment[place] for e in every])
@@ -118,9 +107,9 @@ def _increments(axes: Axes, result: Drag, place: int, where: Any, *, air: bool) 
     axes.margins(x=0.06, y=0.12)
 
 
-def air_increments(result: Drag, place: int) -> Any:
+def air_increments(result: DragTest, place: int) -> Any:
     """Return what the air of the model has in the increments of voltage of an actuator (n,) [V]."""
-    value = result.model.bench.value
+    value = result.bench.value
     volts = 1.0 / value("coil_constant") if place < 2 else value("motor_resistance") / value("motor_constant")
     found = []
     for own in result.holds:

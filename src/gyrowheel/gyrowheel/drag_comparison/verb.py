@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from gyrowheel.cli.console import out, put_json, put_picture, put_text, working
+from gyrowheel.cli.console import out, put, put_picture, working
 from gyrowheel.cli.options import Json, Mixed, Recordings, example
 from gyrowheel.cli.outputs import PICTURE, TABLE
 
@@ -48,11 +48,11 @@ def drag(
     mixed: Mixed = False,
     json: Json = None,
 ) -> None:
-    """Show measured DC voltages beside simulated torques, hold by hold.
+    """Show measured DC voltages next to simulated torques, hold by hold.
 
-    What the drag estimator says while a test runs, computed anew from the
-    measurements: mean voltages, their change from a reference hold, measured
-    and simulated torque, and the share of the air.
+    The drag estimates of a running test, computed again from the measurements:
+    mean voltages, their change from a reference hold, measured and simulated
+    torque, and the share of the air.
     """
     import gyrowheel as gw
     from gyrowheel.tables.api import check_suffix
@@ -61,10 +61,7 @@ def drag(
         check_suffix(columns)
     with working("averaging the holds"):
         result = gw.drag(directories, gw.Model() if model is None else gw.Model.load(model), mixed=mixed)
-    if json is not None:
-        put_json(json, result.to_dict())
-    if json != "-":
-        put_text(result.page())
+    put(result, json)
     if columns is not None:
         result.write_signals(columns)
         if json != "-":

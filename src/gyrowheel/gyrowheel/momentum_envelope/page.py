@@ -1,4 +1,4 @@
-"""The angular momentum that a wheel can reach, as tables."""
+"""Tables of the angular momentum that a wheel can reach."""
 
 from __future__ import annotations
 
@@ -15,18 +15,17 @@ from gyrowheel_core.quantities import fixed, short
 from gyrowheel_core.units import DEG, RPM, unit_for
 
 if TYPE_CHECKING:
-    from gyrowheel.momentum_envelope.result import Momentum
+    from gyrowheel_sim.mechanics.momentum import Envelope
 
 _INDENT = (0, 0, 0, 2)
 _DIGITS = 4
 
 
-def momentum_page(result: Momentum) -> Iterator[RenderableType]:
+def momentum_page(d: Envelope) -> Iterator[RenderableType]:
     """Yield the momenta at every spin rate, and the error of eq (1) at every tilt."""
-    d = result.details
-    unit = unit_for(result.along[1], "N·m·s")
+    unit = unit_for(d.along[1], "N·m·s")
     limit = f"{short(d.tilt[-1] / DEG)}°"
-    yield Text.assemble((result.bench.name, "bold cyan"), f"  {result.bench.title}")
+    yield Text.assemble((d.bench.name, "bold cyan"), f"  {d.bench.title}")
     yield heading(f"Momentum in {unit.label}, eqs (1) and (2)")
     table = figures_table(
         "spin, rpm", "upright", f"{limit}, along\ncase axis", "across\nit", "exact, within\na revolution"

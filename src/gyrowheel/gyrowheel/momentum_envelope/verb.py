@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from gyrowheel.cli.console import put_json, put_picture, put_text
+from gyrowheel.cli.console import put, put_picture
 from gyrowheel.cli.numbers import numbers
 from gyrowheel.cli.options import BenchName, Json, example
 from gyrowheel.cli.outputs import PICTURE
@@ -52,20 +52,13 @@ def momentum(
     """Show which angular momentum a wheel can reach by speed and tilt.
 
     Eqs (1) and (2) of Huo et al. 2016 with the caps and the body of Figs 3 and 4,
-    for any bench, beside the exact momentum of the rotor.
+    for any bench, next to the exact momentum of the rotor.
     """
     import gyrowheel as gw
 
     rates = None if speed is None else [value * math.pi / 30.0 for value in numbers(speed, "--speed")]
     result = gw.momentum(bench, spin_rate=rates)
-    # a body that cannot be is refused before anything is written
+    # refused before anything is written if there is a single spin rate
     solid = None if body is None else result.plot("body")
-    if json is not None:
-        put_json(json, result.to_dict())
-    if json != "-":
-        from gyrowheel.momentum_envelope.page import momentum_page
-
-        put_text(momentum_page(result))
-    put_picture(picture, result.plot, quiet=json == "-")
-    if solid is not None:
-        put_picture(body, lambda: solid, quiet=json == "-")
+    put(result, json, picture)
+    put_picture(body, lambda: solid, quiet=json == "-")

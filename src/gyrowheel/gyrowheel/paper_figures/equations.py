@@ -68,8 +68,7 @@ def _order(e: Evidence) -> Finding:
         "agree" if axes == sentence else "disagree",
         f"By eqs (3) to (5) the three angles turn about {', '.join(axes)}.",
         "The sentence has another order than the equations beside it. Read as the sentence says, θx would be the "
-        "spin "
-        "and the tilt of eq (7) would not follow it.",
+        "spin and the tilt of eq (7) would not follow it.",
     )
 
 
@@ -127,12 +126,10 @@ def _half(e: Evidence) -> Finding:
     return Finding(
         "agree" if factor == 1.0 else "disagree",
         f"Stiffness {factor:g} times as large; tuned at {math.sqrt(factor) * tuned / RPM:.0f} instead of "
-        f"{tuned / RPM:.0f} rpm (times {math.sqrt(factor):.4f}); 3° at 1000 rpm takes {1e3 * wrong[0]:.2f} "
-        "instead of "
-        f"{1e3 * bare[0]:.2f} mN·m.",
-        "A spring stores half of K θ². Eq (6) itself has the right stiffness; only with the half does it follow "
-        "from the "
-        "energies, and only then is energy conserved.",
+        f"{tuned / RPM:.0f} rpm (times {math.sqrt(factor):.4f}); 3° at 1000 rpm takes {1e3 * wrong[0]:.2f} instead "
+        f"of {1e3 * bare[0]:.2f} mN·m.",
+        "A spring stores half of K θ². Eq (6) itself has the right stiffness; only with the half does it follow from "
+        "the energies, and only then is energy conserved.",
         {
             "stiffness_factor": factor,
             "tuned_speed_rad_s": tuned,
@@ -185,11 +182,9 @@ def _sign(e: Evidence) -> Finding:
     return Finding(
         "disagree" if wrong else "agree",
         f"{9 - len(wrong)} of 9 elements are those of virtual work; wrong: "
-        f"{', '.join(f'row {r}, column {c}' for r, c in wrong)}. At 3° and 3500 rpm {1e3 * lost:.3f} mN·m are "
-        "lost on the "
-        f"shaft, and a false ripple of {1e3 * ripple:.3f} mN·m twice a revolution appears.",
-        "The third row must have +sin θx: only then is the power of the air's torque that of the generalised "
-        "forces.",
+        f"{', '.join(f'row {r}, column {c}' for r, c in wrong)}. At 3° and 3500 rpm {1e3 * lost:.3f} mN·m are lost "
+        f"on the shaft, and a false ripple of {1e3 * ripple:.3f} mN·m twice a revolution appears.",
+        "The third row must have +sin θx: only then is the power of the air's torque that of the generalised forces.",
         {"lost_on_shaft_n_m": lost, "false_ripple_n_m": ripple, "wrong_elements": float(len(wrong))},
     )
 
@@ -223,9 +218,8 @@ def _frame(e: Evidence) -> Finding:
         "disagree" if share < 0.5 else "agree",
         f"Of a constant {1e3 * along:.2f} mN·m, {100.0 * share:.2g} % are left in the average over a revolution.",
         "The printed map takes components along the spinning rotor's axes. The air's torque stands still in the "
-        "case: "
-        "put in as printed, it becomes a torque once a revolution, and the averaged voltages would show none of "
-        "it.",
+        "case: put in as printed, it becomes a torque once a revolution, and the averaged voltages would show none "
+        "of it.",
         {"air_torque_n_m": along, "share_left_in_average": share},
         draw,
     )
@@ -245,9 +239,8 @@ def _coils(e: Evidence) -> Finding:
     return Finding(
         _same(worst),
         f"Eq (8) equals virtual work {within(worst)}.",
-        f"For torques across the case axis. A torque along it, as the air's has, adds up to {left_out:.2f} of "
-        "itself to "
-        "the second force, and the eq leaves that out.",
+        f"For torques across the case axis. A torque along it, as the air's has, adds up to {left_out:.2f} of itself "
+        "to the second force, and the eq leaves that out.",
         {"largest_error": worst},
     )
 
@@ -289,8 +282,7 @@ STATEMENTS = (
     Statement(
         "axes-order",
         "Section 2.1.1",
-        "A sentence assigns the angles θx, θy, θz to the axes z of the motor, x and y of the gimbal, in this "
-        "order.",
+        "A sentence assigns the angles θx, θy, θz to the axes z of the motor, x and y of the gimbal, in this order.",
         _order,
     ),
     Statement(

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from gyrowheel.drag_comparison.api import drag
 from gyrowheel.models.api import Model
-from gyrowheel.momentum_envelope.api import momentum
-from gyrowheel.momentum_envelope.result import Momentum
+from gyrowheel.momentum_envelope.api import Momentum, momentum
 from gyrowheel.paper_figures.result import Finding
 from gyrowheel.recordings.api import Recording
 from gyrowheel.simulation.api import simulate

@@ -113,9 +113,8 @@ def _fig_14_cause(e: Evidence) -> Finding:
         f"At 3° the coils hold {_MILLI * along:.2f} mN·m along the tilt: air {_MILLI * air:+.2f}, all else "
         f"{_MILLI * (along - air):+.2f}. Across: {_MILLI * across:.2f}, of it air {_MILLI * air_across:.2f}.",
         f"Springs of 2 % and a gimbal of 10 % uncertainty leave ± {_MILLI * unknown:.2f} mN·m along the tilt "
-        "unknown, "
-        f"{100.0 * unknown / air:.0f} % of the air. A spring gives the same voltages. Another density of the air "
-        "would decide.",
+        f"unknown, {100.0 * unknown / air:.0f} % of the air. A spring gives the same voltages. Another density of "
+        "the air would decide.",
         {
             "along_n_m": along,
             "air_along_n_m": air,
@@ -139,13 +138,11 @@ def _fig_15(e: Evidence) -> Finding:
     seen = abs(measured[-1]) > _CLEAR * error[-1]
     return Finding(
         "cannot be decided" if abs(volts) > error[-1] else "agree",
-        f"From 0 to 3° the motor's voltage changes by {_MILLI * measured[-1]:+.1f} ± {_MILLI * error[-1]:.1f} mV "
-        "of "
+        f"From 0 to 3° the motor's voltage changes by {_MILLI * measured[-1]:+.1f} ± {_MILLI * error[-1]:.1f} mV of "
         f"{level:.2f} V, {'beyond' if seen else 'within'} {_CLEAR:g} standard errors.",
         f"The computed T3 falls by {_MILLI * abs(change):.3f} mN·m, worth {_MILLI * abs(volts):.1f} mV or "
-        f"{100.0 * abs(volts) / level:.2f} % of the voltage. In a figure that shows volts, a T3 that falls and "
-        "one that does "
-        "not look alike.",
+        f"{100.0 * abs(volts) / level:.2f} % of the voltage. In a figure that shows volts, a T3 that falls and one "
+        "that does not look alike.",
         {"measured_v": float(measured[-1]), "standard_error_v": float(error[-1]), "expected_v": volts},
         lambda: curves_figure(
             "Voltage of the motor over the tilt, 3500 rpm",
@@ -188,9 +185,8 @@ def _fig_16(e: Evidence) -> Finding:
     return Finding(
         "agree" if all(grows) else "disagree",
         f"From 1000 to 4000 rpm at 3° the coils change by {text}, more at every step.",
-        "Each from the hold at 0° and the same speed. The voltage itself falls and changes its sign on this "
-        "bench; what grows "
-        "is its distance from that at 1000 rpm.",
+        "Each from the hold at 0° and the same speed. The voltage itself falls and changes its sign on this bench; "
+        "what grows is its distance from that at 1000 rpm.",
         {"coil_x_v": ends[0][0], "coil_y_v": ends[1][0]},
         lambda: curves_figure(
             "Voltages of the coils over the speed, 3°",
@@ -234,13 +230,11 @@ def _fig_16_cause(e: Evidence) -> Finding:
     return Finding(
         "disagree" if abs(air) < 0.5 * abs(other) else "agree",
         f"From 1000 to 4000 rpm {_MILLI * change:+.2f} mN·m, {volts:+.3f} V: gimbal {_MILLI * gimbal:+.2f}, joint "
-        "ripple "
-        f"{_MILLI * ripple:+.2f}, air {_MILLI * air:+.2f}.",
+        f"ripple {_MILLI * ripple:+.2f}, air {_MILLI * air:+.2f}.",
         f"Along the tilt, what is not air makes {100.0 * other / change:.0f} % of the increment; the air acts "
-        "against it and "
-        f"cancels {100.0 * abs(air / other):.0f} %. The gimbal's part alone is uncertain by ± "
-        f"{_MILLI * unknown:.2f} mN·m. For "
-        "any wheel tuned at Ω₀ that part is K z (Ω/Ω₀)²: the curve comes without air.",
+        f"against it and cancels {100.0 * abs(air / other):.0f} %. The gimbal's part alone is uncertain by ± "
+        f"{_MILLI * unknown:.2f} mN·m. For any wheel tuned at Ω₀ that part is K z (Ω/Ω₀)²: the curve comes without "
+        "air.",
         {
             "change_n_m": change,
             "change_v": volts,
@@ -263,8 +257,7 @@ def _fig_16_across(e: Evidence) -> Finding:
         f"From 1000 to 4000 rpm {_MILLI * change:+.3f} mN·m across the tilt, of it air {_MILLI * air:+.3f}, "
         f"{100.0 * share:.0f} %.",
         "Across the tilt springs and gimbal have no part; what is left is the loss of the flexures. This voltage "
-        "does show "
-        "the air, if the loss is small and the spin loop lets nothing through at twice the spin rate.",
+        "does show the air, if the loss is small and the spin loop lets nothing through at twice the spin rate.",
         {"change_n_m": change, "air_n_m": air, "share": share},
         lambda: found.plot(),
     )

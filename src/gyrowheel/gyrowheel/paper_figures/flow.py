@@ -54,9 +54,8 @@ def _air(e: Evidence) -> Finding:
     return Finding(
         "agree" if max(abs(density), abs(viscosity)) < 0.01 and left > 0.0 else "disagree",
         f"The gas law and Sutherland's law give the density within {100.0 * abs(density):.2f} % and the viscosity "
-        "within "
-        f"{100.0 * abs(viscosity):.2f} %. At 5°, {1e3 * left:.2f} of {1e3 * g.rim_gap:.0f} mm are left in the rim "
-        "gap.",
+        f"within {100.0 * abs(viscosity):.2f} %. At 5°, {1e3 * left:.2f} of {1e3 * g.rim_gap:.0f} mm are left in the "
+        "rim gap.",
         "The numbers fit one another, and the rotor can tilt that far in that case.",
         {
             "density_relative_difference": density,
@@ -72,12 +71,10 @@ def _mesh(e: Evidence) -> Finding:
     assert row is not None
     return Finding(
         "cannot be decided",
-        f"{flow.cells} hexahedra in place of 1,987,570 tetrahedra; first cell at y⁺ = "
-        f"{row.y_plus['rotor'][0]:.2f} on "
-        "average, so that the wall layer is resolved.",
-        "A picture of a mesh states nothing that could be true or false. Ours resolves the layer that wall "
-        "functions leave "
-        "out, with fewer cells.",
+        f"{flow.cells} hexahedra in place of 1,987,570 tetrahedra; first cell at y⁺ = {row.y_plus['rotor'][0]:.2f} "
+        "on average, so that the wall layer is resolved.",
+        "A picture of a mesh states nothing that could be true or false. Ours resolves the layer that wall functions "
+        "leave out, with fewer cells.",
         {"cells": float(flow.cells), "y_plus": float(row.y_plus["rotor"][0])},
         _drawn(lambda: flow_fields.mesh_section(e.flows)),
     )
@@ -91,12 +88,10 @@ def _independence(e: Evidence) -> Finding:
     return Finding(
         "disagree" if spread > _INDEPENDENT else "agree",
         f"Without tilt the transverse torque is below {1e3 * across:.3f} mN·m on every mesh. The drag by k-ε with "
-        "wall "
-        f"functions is {1e3 * min(drag.values()):.2f} to {1e3 * max(drag.values()):.2f} mN·m on three meshes, "
+        f"wall functions is {1e3 * min(drag.values()):.2f} to {1e3 * max(drag.values()):.2f} mN·m on three meshes, "
         f"{100.0 * spread:.0f} % apart.",
         "Without tilt symmetry makes T_dy zero, so it shows nothing about a mesh. The drag does, and with wall "
-        "functions it "
-        "follows the thickness of the cells at the wall, not their number.",
+        "functions it follows the thickness of the cells at the wall, not their number.",
         {"largest_transverse_n_m": across, "relative_spread_of_drag": spread},
         _drawn(lambda: air_flow.mesh_dependence(e.table)),
     )
@@ -111,11 +106,9 @@ def _turbulent(e: Evidence) -> Finding:
     return Finding(
         "agree" if re[1] > onset else "disagree",
         f"Re = {re[0]:,.0f} to {re[1]:,.0f} at 1000 to 4000 rpm; the end faces turn turbulent at {onset:,.0f}. In "
-        "the rim gap "
-        f"the Taylor number is {taylor / _TAYLOR:.0f} times that of the first vortices, or more.",
-        "A large Reynolds number alone does not make a flow turbulent. By Daily and Nece the layers on the end "
-        "faces are "
-        "laminar and separate; the rim gap is full of Taylor vortices.",
+        f"the rim gap the Taylor number is {taylor / _TAYLOR:.0f} times that of the first vortices, or more.",
+        "A large Reynolds number alone does not make a flow turbulent. By Daily and Nece the layers on the end faces "
+        "are laminar and separate; the rim gap is full of Taylor vortices.",
         {"reynolds_least": re[0], "reynolds_most": re[1], "transition": onset, "taylor_number": taylor},
         _drawn(lambda: air_flow.numbers(e.table)),
     )
@@ -156,9 +149,8 @@ def _both(e: Evidence) -> Finding:
     row = _row(e, 3.0 * DEG, REFERENCE).torque.mean
     return Finding(
         "agree" if clear == len(tilted) else "disagree",
-        f"In {clear} of {len(tilted)} cases with a tilt both torques lie beyond twice their scatter; at 3° and "
-        "3500 rpm "
-        f"T1 = {decimal(1e3 * row[0], 2)}, T2 = {decimal(1e3 * row[1], 2)} mN·m.",
+        f"In {clear} of {len(tilted)} cases with a tilt both torques lie beyond twice their scatter; at 3° and 3500 "
+        f"rpm T1 = {decimal(1e3 * row[0], 2)}, T2 = {decimal(1e3 * row[1], 2)} mN·m.",
         "T1 pushes the rotor back to the case axis; T2, a quarter turn ahead, drives the tilt round with the spin.",
         {"t1_n_m": float(row[0]), "t2_n_m": float(row[1])},
         _drawn(lambda: air_flow.by_tilt(e.table)),
@@ -190,8 +182,7 @@ def _grow(e: Evidence) -> Finding:
         f"{within_scatter}. {'T1 grows everywhere.' if not one else ''}".rstrip(),
         "The settled flow changes its state between 3 and 5°: fewer and larger vortices are left in the rim gap, "
         "with less T2. Before it has settled, T2 grows. A steady solution cannot say where a real rotor changes "
-        "over; "
-        f"{wandering} of {len(e.table.grid)} cases do not become steady.",
+        f"over; {wandering} of {len(e.table.grid)} cases do not become steady.",
         {
             "falls_of_t1": float(one),
             "falls_of_t2": float(len(falls) - one),
@@ -215,12 +206,10 @@ def _constant(e: Evidence) -> Finding:
     low, high = 100.0 * min(ranges), 100.0 * max(ranges)
     return Finding(
         "agree" if max(ranges) < _CONSTANT else "disagree",
-        f"T3 falls by {low:.0f} to {high:.0f} % of its mean up to 5°, at every speed. With k-ε and wall functions "
-        "on a "
-        f"coarse mesh, as in the paper, by {100.0 * their:.1f} %.",
-        "Taylor vortices in the rim gap carry much of the drag, and the tilt sweeps them away. Wall functions "
-        "bring an eddy "
-        "viscosity that carries the drag with or without vortices.",
+        f"T3 falls by {low:.0f} to {high:.0f} % of its mean up to 5°, at every speed. With k-ε and wall functions on "
+        f"a coarse mesh, as in the paper, by {100.0 * their:.1f} %.",
+        "Taylor vortices in the rim gap carry much of the drag, and the tilt sweeps them away. Wall functions bring "
+        "an eddy viscosity that carries the drag with or without vortices.",
         {"least_fall": min(ranges), "largest_fall": max(ranges), "fall_with_wall_functions": their},
         _drawn(lambda: air_flow.by_tilt(e.table)),
     )
@@ -257,10 +246,8 @@ def _pressure(e: Evidence) -> Finding:
     return Finding(
         "agree" if deflected and share[0] > 0.5 else "disagree",
         f"On the rotor's top the pressure turns with {1e3 * moved:.2f} mN·m at 5°, without tilt with "
-        f"{1e3 * level:.3f}. "
-        f"Pressure makes {100.0 * share[0]:.0f} % of T1 and {100.0 * share[1]:.0f} % of T2. From 2000 to 3500 rpm "
-        "its range "
-        f"grows {ratio:.1f} times.",
+        f"{1e3 * level:.3f}. Pressure makes {100.0 * share[0]:.0f} % of T1 and {100.0 * share[1]:.0f} % of T2. From "
+        f"2000 to 3500 rpm its range grows {ratio:.1f} times.",
         "The pressure is highest where the gap is narrow and upstream of it. Friction acts against T2, hence "
         "more than 100 %.",
         {
@@ -300,8 +287,7 @@ def _axial(e: Evidence) -> Finding:
         f"{apart[0]:.3f} without tilt. The rms in the gaps is {sizes[1]:.2f} m/s at 3500 rpm and {sizes[2]:.2f} "
         "at 2000.",
         "Without tilt a row of Taylor vortices fills the gap. What the figure does not say: the tilt sweeps them "
-        "away, and "
-        "with them a part of T3.",
+        "away, and with them a part of T3.",
         {
             "asymmetry_5_deg": apart[1],
             "asymmetry_0_deg": apart[0],
@@ -329,8 +315,7 @@ def _radial(e: Evidence) -> Finding:
     return Finding(
         "agree" if apart[1] > 3.0 * apart[0] and sizes[1] > sizes[2] else "disagree",
         f"Above the rotor the rms of both sides is {100.0 * apart[1]:.0f} % apart at 5°, {100.0 * apart[0]:.1f} % "
-        "without "
-        f"tilt. The rms is {sizes[1]:.2f} m/s at 3500 rpm and {sizes[2]:.2f} at 2000.",
+        f"without tilt. The rms is {sizes[1]:.2f} m/s at 3500 rpm and {sizes[2]:.2f} at 2000.",
         "The faces of the rotor throw air out, and it comes back along the case.",
         {
             "asymmetry_5_deg": apart[1],
@@ -360,11 +345,9 @@ def _damping(e: Evidence) -> Finding:
     return Finding(
         "disagree" if driving == len(tilted) else "agree",
         f"T3 brakes in {braking} of {len(e.table.grid)} cases. T1 turns the rotor back in {restoring} of "
-        f"{len(tilted)}, and "
-        f"T2 acts ahead of the tilt in {driving} of {len(tilted)}.",
-        "T3 damps. T1 is a spring, which takes no energy. T2 pushes the tilt round in the direction of the spin, "
-        "and feeds a "
-        "motion that turns this way. Nothing here says what a rate of the tilt adds.",
+        f"{len(tilted)}, and T2 acts ahead of the tilt in {driving} of {len(tilted)}.",
+        "T3 damps. T1 is a spring, which takes no energy. T2 pushes the tilt round in the direction of the spin, and "
+        "feeds a motion that turns this way. Nothing here says what a rate of the tilt adds.",
         {"cases": float(len(tilted)), "t2_ahead": float(driving)},
     )
 
@@ -391,8 +374,7 @@ STATEMENTS = (
     Statement(
         "fig-10",
         "Fig. 10",
-        "A tilt shifts the pressure on the rotor's top; that makes the transverse torques. It grows with the "
-        "speed.",
+        "A tilt shifts the pressure on the rotor's top; that makes the transverse torques. It grows with the speed.",
         _pressure,
     ),
     Statement(

@@ -21,38 +21,35 @@ def _rotor(e: Evidence) -> Finding:
     return Finding(
         "agree" if possible else "disagree",
         f"Irz = {1e6 * z:.0f} mg·m², below Irx + Iry = {1e6 * (x + y):.0f}; a ratio Irz/Irx of {z / x:.3f}.",
-        "A body can have these moments of inertia, and the bench has them. Stiffness, gimbal, shaft, coils and "
-        "motor are "
-        "not given; the bench assumes them and says so.",
+        "A body can have these moments of inertia, and the bench has them. Stiffness, gimbal, shaft, coils and motor "
+        "are not given; the bench assumes them and says so.",
         {"rotor_inertia_x_kg_m2": x, "rotor_inertia_z_kg_m2": z},
     )
 
 
 def _middle(e: Evidence) -> Finding:
-    d = e.momentum.details
+    d = e.momentum
     errors = {round(tilt / DEG): float(error) for tilt, error in zip(d.tilt, d.error_middle, strict=True)}
     text = " / ".join(f"{100.0 * errors[k]:.1f}" for k in (1, 3, 5))
     return Finding(
         "disagree" if errors[5] > _SMALL else "agree",
         f"The middle expression is wrong by {text} % of the momentum at 1 / 3 / 5°.",
         "It multiplies the inertias with the rates of the joint angles; the momentum is that with the rotor's "
-        "angular "
-        "velocity, eq (5). The error is Irx/Irz tan φ.",
+        "angular velocity, eq (5). The error is Irx/Irz tan φ.",
         {f"error_at_{k}_deg": errors[k] for k in (1, 3, 5)},
         lambda: e.momentum.plot("caps"),
     )
 
 
 def _last(e: Evidence) -> Finding:
-    d = e.momentum.details
+    d = e.momentum
     errors = {round(tilt / DEG): float(error) for tilt, error in zip(d.tilt, d.error_last, strict=True)}
     text = " / ".join(short(100.0 * errors[k], 2) for k in (1, 3, 5))
     return Finding(
         "agree" if errors[5] < _SMALL else "disagree",
         f"The last form is within {text} % at every instant at 1 / 3 / 5°, and exact on average.",
-        "It is an approximation because a universal joint passes on a constant speed unevenly. It holds in axes "
-        "that turn "
-        "with the shaft, which the text does not say: as printed, the part across runs round a circle.",
+        "It is an approximation because a universal joint passes on a constant speed unevenly. It holds in axes that "
+        "turn with the shaft, which the text does not say: as printed, the part across runs round a circle.",
         {f"error_at_{k}_deg": errors[k] for k in (1, 3, 5)},
     )
 
@@ -68,15 +65,14 @@ def _joint(e: Evidence) -> Finding:
         worst = max(worst, float(np.abs(found / (np.tan(tilt) * np.exp(0.3j)) - 1.0).max()))
     return Finding(
         "agree" if worst < 1e-12 else "disagree",
-        "Joint angles by eq (2), with β turning backwards at the spin rate, give the tilt back within "
-        f"{worst:.0e}.",
+        f"Joint angles by eq (2), with β turning backwards at the spin rate, give the tilt back within {worst:.0e}.",
         "Eq (2) is exact. The text leaves open that β turns backwards while a tilt stands still in the case.",
         {"largest_relative_error": worst},
     )
 
 
 def _caps(e: Evidence) -> Finding:
-    d, inertia = e.momentum.details, e.bench.value("rotor_inertia_z")
+    d, inertia = e.momentum, e.bench.value("rotor_inertia_z")
     radius = inertia * d.speed
     size = np.linalg.norm(d.exact_mean, axis=-1)
     off = float(np.abs(size / radius[:, None, None] - 1.0).max())
@@ -94,7 +90,7 @@ def _caps(e: Evidence) -> Finding:
 
 def _body(e: Evidence) -> Finding:
     low, high = e.momentum.along
-    across, d = e.momentum.across, e.momentum.details
+    across, d = e.momentum.across, e.momentum
     # the two ends are caps of different radius if momentum grows with speed at every tilt
     nested = bool(np.all(np.diff(np.linalg.norm(d.exact_mean, axis=-1), axis=0) > 0.0))
     return Finding(

@@ -27,9 +27,8 @@ def _needed(e: Evidence) -> Finding:
     share = abs(complex(coils[place])) / abs(complex(found.coil[place]))
     return Finding(
         "agree" if share > 0.1 else "disagree",
-        f"At 3° and 3500 rpm the air has {_MILLI * abs(complex(coils[place])):.2f} mN·m, {share:.1f} times what "
-        "the coils "
-        "hold in all.",
+        f"At 3° and 3500 rpm the air has {_MILLI * abs(complex(coils[place])):.2f} mN·m, {share:.1f} times what the "
+        "coils hold in all.",
         "Near the tuned speed springs and gimbal cancel, and the air is the largest part.",
         {"air_n_m": abs(complex(coils[place])), "air_over_all": share},
     )
@@ -44,12 +43,10 @@ def _platform(e: Evidence) -> Finding:
     samples = 2.0 * math.pi / fastest / bench.sample_period
     return Finding(
         "agree" if min(motor, coils) > 0.0 and samples > 2.0 else "disagree",
-        f"Tilts to {tilt / DEG:.0f}° and speeds to {SPEEDS[-1] / RPM:.0f} rpm leave {100.0 * motor:.0f} % of the "
-        "28 V to the "
-        f"motor and {100.0 * coils:.0f} % to the coils; the nutation has {samples:.0f} samples a period.",
+        f"Tilts to {tilt / DEG:.0f}° and speeds to {SPEEDS[-1] / RPM:.0f} rpm leave {100.0 * motor:.0f} % of the 28 "
+        f"V to the motor and {100.0 * coils:.0f} % to the coils; the nutation has {samples:.0f} samples a period.",
         "The test can be run with the stated supply and sampling. Constants of coils and motor are assumed. Our "
-        "bench has a "
-        "spin loop of either kind, proportional-integral or phase-locked.",
+        "bench has a spin loop of either kind, proportional-integral or phase-locked.",
         {"motor_margin": motor, "coil_margin": coils, "samples_per_nutation": samples},
         lambda: recording_figure(e.speeds.data),
     )
@@ -65,10 +62,9 @@ def _constant(e: Evidence) -> Finding:
         "disagree" if relative < 0.01 and off < _CLEAR else "agree",
         f"A slow cone gives {_MILLI * constant.value:.3f} ± {_MILLI * constant.standard_error:.3f} mN·m/V "
         f"({100.0 * relative:.2f} %) on a machine that has {_MILLI * true:.3f}; stated are 20 ± 0.4.",
-        f"Turning the tilt takes a torque known from Irz and Ω alone, {_MILLI * slew:.1f} mN·m for each °/s at "
-        "3500 rpm. It "
-        "calibrates the coils in place, whatever springs and air do. What varies with tilt or heat is an effect "
-        "to be found.",
+        f"Turning the tilt takes a torque known from Irz and Ω alone, {_MILLI * slew:.1f} mN·m for each °/s at 3500 "
+        "rpm. It calibrates the coils in place, whatever springs and air do. What varies with tilt or heat is an "
+        "effect to be found.",
         {
             "coil_constant_n_m_per_v": constant.value,
             "standard_error_n_m_per_v": constant.standard_error,
@@ -86,9 +82,8 @@ def _beats(e: Evidence) -> Finding:
     hertz = [value / (2.0 * math.pi) for value in (REFERENCE, 2.0 * REFERENCE, nutation, beat)]
     return Finding(
         "agree",
-        f"At 3500 rpm: {hertz[0]:.1f} and {hertz[1]:.1f} Hz once and twice a revolution, nutation at "
-        f"{hertz[2]:.1f} Hz, and a "
-        f"beat at {abs(hertz[3]):.1f} Hz, which an uneven rotor makes.",
+        f"At 3500 rpm: {hertz[0]:.1f} and {hertz[1]:.1f} Hz once and twice a revolution, nutation at {hertz[2]:.1f} "
+        f"Hz, and a beat at {abs(hertz[3]):.1f} Hz, which an uneven rotor makes.",
         "All of them are torques that average to nothing, but for two rectified ones of 0.01 mN·m.",
         {"nutation_hz": hertz[2], "beat_hz": abs(hertz[3])},
     )
@@ -114,9 +109,8 @@ def _uneven(e: Evidence) -> Finding:
         f"Moments of inertia that differ by {1e6 * values['d']:.3g} mg·m² give a torque of the order of "
         f"{_MILLI * ripple:.2f} mN·m twice a revolution, and make averaged voltages of both axes differ by "
         f"less than {max(0.001, 1e6 * abs(found - without)):.2g} µN·m.",
-        "The rotor turns, so that its unevenness averages out over a revolution. What differs between the axes "
-        "of the case "
-        "must stand in the case: coils, sensors, their alignment.",
+        "The rotor turns, so that its unevenness averages out over a revolution. What differs between the axes of "
+        "the case must stand in the case: coils, sensors, their alignment.",
         {"ripple_n_m": ripple, "asymmetry_n_m": found - without},
     )
 

@@ -116,7 +116,7 @@ def _where_picture(report: Report) -> Picture | None:
 
 def markdown_page(report: Report) -> str:
     """Return a report as Markdown: the words and tables of the terminal, recordings with hashes, commands."""
-    from gyrowheel.catalogue.bench_page import bench_page
+    from gyrowheel.catalogue.page import bench_page
 
     def block(text: str) -> str:
         fence = "`" * max(

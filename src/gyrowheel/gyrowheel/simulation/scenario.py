@@ -126,7 +126,9 @@ def simulated_bench(bench: str | Path | None, truth: Model | None, belief: Model
         source = str(bench or "gyrowheel")
         loaded = Bench.load(source)
     else:
-        source, loaded = bench_place(given[0], Path(given[0].origin)), given[0].stated_bench
+        source, loaded = given[0].bench_source, given[0].stated_bench
+        beside = Path(given[0].origin).parent / source
+        source = str(beside) if beside.is_file() else source
     for model in given:
         if model.stated_bench.parameters == loaded.parameters:
             continue

@@ -2,34 +2,134 @@
 
 from __future__ import annotations
 
+import copy
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gyrowheel.recordings.api import Recording
+from gyrowheel.show.result import Result
+from gyrowheel.show.sentences.setup import problem_and_map
 from gyrowheel_core.errors import InputError, one_line
 
 if TYPE_CHECKING:
-    from gyrowheel.tables.table_map import TableMap
+    from matplotlib.figure import Figure
+    from rich.console import RenderableType
+
+    from gyrowheel_recording.mapping.suggestion.result import Suggestion
     from gyrowheel_recording.tables import Grid
     from gyrowheel_sim.bench import Bench
 
 _IN_MEMORY = "table"  # name of a table that is no file
+_COLUMN = ("field", "column", "unit", "scale", "clock", "reason")  # of a suggested column
+
+
+@dataclass(frozen=True, repr=False)
+class TableMap(Result):
+    """Outcome of `gyrowheel.suggest_map`: suggested meaning of the columns of a table, and open questions.
+
+    Attributes
+    ----------
+    suggestion : gyrowheel_recording.mapping.suggestion.result.Suggestion
+        The facts.
+    """
+
+    suggestion: Suggestion
+
+    @property
+    def content(self) -> dict[str, Any]:
+        """A copy of the map, to be corrected and given to `gyrowheel.read_table`."""
+        return copy.deepcopy(dict(self.suggestion.content))
+
+    @property
+    def questions(self) -> tuple[str, ...]:
+        """Questions to answer before a diagnosis."""
+        asked = [f"{own.what} {own.cure}" for own in self.suggestion.problems if own.asks]
+        return (*asked, *(problem_and_map(wrong) for wrong in self.suggestion.setups))
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Missing readings and what an import does about them."""
+        found = self.suggestion
+        problems = [f"{own.what} {own.cure}" for own in found.problems if not own.asks]
+        return (*problems, *(f"{text}." for text in found.remarks if not text.startswith("not in the")))
+
+    @property
+    def settled(self) -> bool:
+        """Whether no question is open."""
+        return self.suggestion.settled
+
+    def headline(self) -> str:
+        """Return the table and the number of questions."""
+        count = len(self.questions)
+        asked = "no question" if not count else "one question" if count == 1 else f"{count} questions"
+        return f"{self.suggestion.table}: {len(self.suggestion.proposals)} columns, {asked}"
+
+    def page(self) -> Iterable[RenderableType]:
+        """Return the columns with their ranges and reasons, then the questions and the remarks."""
+        from gyrowheel.tables.page import suggestion_page
+
+        return suggestion_page(self.suggestion, self.questions, self.remarks)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of ``gyrowheel import --suggest --json``."""
+        d = self.suggestion
+        return {
+            "schema": 1,
+            "table": d.table,
+            "kind": d.kind,
+            "settled": self.settled,
+            "columns": [{name: getattr(own, name) for name in _COLUMN} for own in d.proposals],
+            "questions": list(self.questions),
+            "remarks": list(self.remarks),
+            "unused": list(d.unused),
+            "map": self.content,
+        }
+
+    def to_columns(self) -> Mapping[str, Any]:
+        """Return a row for each recognised column."""
+        return {name: [getattr(own, name) for own in self.suggestion.proposals] for name in _COLUMN}
+
+    def plot(self) -> Figure:
+        """Return a picture of the signals as the map reads them.
+
+        Raises
+        ------
+        InputError
+            If the table cannot be read by the map.
+        """
+        from gyrowheel.recordings.picture import recording_figure
+
+        if self.suggestion.recording is None:
+            raise InputError(f"{self.suggestion.table}: cannot be read by the suggested map; nothing to draw")
+        return recording_figure(self.suggestion.recording, self.questions)
+
+    def save(self, path: str | Path) -> None:
+        """Write the map file, with a reason for every column and the questions on top.
+
+        Raises
+        ------
+        InputError
+            If it cannot be written.
+        """
+        from gyrowheel_core.files import write_text
+
+        write_text(Path(path), self.suggestion.map_text())
 
 
 def suggest_map(table: Any, *, bench: str | Path = "gyrowheel") -> TableMap:
-    """Look at a table and suggest a map for it: which column holds which reading, in which unit, and why.
+    """Suggest a map for a table: the reading and the unit of every column, with reasons.
 
-    Names, units and ranges are looked at; then the laws of the wheel are asked whether the columns can be what they
-    are called. All that is doubtful is told at once.
+    The suggestion follows from names, units and ranges, and is checked by the laws of the wheel. All doubts are
+    reported at once.
 
     Parameters
     ----------
     table : path, pandas.DataFrame, pyarrow.Table or list of those
         CSV or other text, Parquet, MATLAB, HDF5, TDMS, MDF, a bag of ROS 1 or ROS 2, or a table in memory. Of
-        several, say of two loggers, columns are called ``file/column``; how far their clocks are apart is found and put
+        several, say of two loggers, columns are called ``file/column``; the offset of their clocks is found and put
         into the map.
     bench : str or Path
         The bench that it was measured on.
@@ -37,9 +137,8 @@ def suggest_map(table: Any, *, bench: str | Path = "gyrowheel") -> TableMap:
     Raises
     ------
     InputError
-        If it cannot be read at all.
+        If it cannot be read.
     """
-    from gyrowheel.tables.table_map import TableMap
     from gyrowheel_recording.mapping.suggestion.suggest import suggest
     from gyrowheel_sim.bench import Bench
 
@@ -55,7 +154,7 @@ def read_table(
     *,
     bench: str | Path = "gyrowheel",
 ) -> Recording:
-    """Return the recording that a table holds: one row per sample.
+    """Return a table as a recording: one row per sample.
 
     Parameters
     ----------
@@ -63,18 +162,18 @@ def read_table(
         CSV or other text, Parquet, MATLAB, HDF5, TDMS, MDF, a bag, or a table in memory; rows in the order of time. Of
         several the columns are called ``file/column``.
     column_map : TableMap, mapping or path, optional
-        Which column holds which reading, in which unit: what `suggest_map` returns, its content as a mapping, or a map
-        file (docs/exchange.md). What `suggest_map` finds if not given, where that leaves no question.
+        Reading and unit of every column: the result of `suggest_map`, its content as a mapping, or a map file
+        (docs/exchange.md). By default that of `suggest_map`, if it has no question.
     folder : str or Path, optional
         New directory to keep the recording in; a temporary one that is removed with the recording if not given.
     bench : str or Path
-        The bench that it was measured on, where no map says it.
+        The bench that it was measured on, if no map names it.
 
     Raises
     ------
     InputError
-        If a file cannot be read, a column is missing, a value is missing or cannot be meant, the times are those of no
-        clock, the folder cannot be written, or no map is given and one cannot be told without a question.
+        If a file cannot be read, a column or a value is missing, a value or the times are impossible, the folder cannot
+        be written, or no map is given and the suggested one has questions.
     """
     given = column_map
     if given is None:
@@ -82,7 +181,7 @@ def read_table(
         if not given.settled:
             asked = " ".join(f"({k}) {text}" for k, text in enumerate(given.questions, 1))
             raise InputError(
-                f"{given.details.table}: {len(given.questions)} questions about its columns: {asked} Answer by "
+                f"{given.suggestion.table}: {len(given.questions)} questions about its columns: {asked} Answer by "
                 "a map: `gyrowheel import --suggest` writes one to correct, gw.suggest_map returns one"
             )
     if folder is not None:
@@ -101,7 +200,7 @@ def read_bag(
     *,
     bench: str | Path = "gyrowheel",
 ) -> Recording:
-    """Return the recording that a bag of ROS 1 or ROS 2 with other messages than the bench's holds.
+    """Return a bag of ROS 1 or ROS 2 whose messages are not those of the bench as a recording.
 
     Columns are named by topic and field: ``/imu/data.angular_velocity.x``; those of a topic share its stamps. All else
     is as for `read_table`.
@@ -142,13 +241,13 @@ def _in_memory(table: Any) -> Grid | None:
 
 
 def _is_column(index: Any) -> bool:
-    """Whether the index of a table of pandas is a column of it: it has a name, or holds times or measured values."""
+    """Whether the index of a pandas table is a column: it has a name, or consists of times or measured values."""
     named = any(name is not None for name in getattr(index, "names", ()))
     return named or getattr(getattr(index, "dtype", None), "kind", "-") in "Mmf"
 
 
 def _joined(tables: Sequence[Any]) -> Grid:
-    """Return tables of several loggers as one: each a folder of columns, named like its file, with its own times."""
+    """Return tables of several loggers as one, columns called ``file/column``, each file with its own times."""
     from gyrowheel_recording.tables import Grid, read_grid
 
     if not tables:
@@ -166,14 +265,14 @@ def _joined(tables: Sequence[Any]) -> Grid:
 
 
 def _name(table: Any) -> str:
-    """Return what a table is called: the name of its file without endings, of several those of all."""
+    """Return the name of a table: that of its file without endings, of several those of all."""
     if isinstance(table, list | tuple):
         return "_".join(dict.fromkeys(map(_name, table)))
     return Path(table).name.partition(".")[0] if isinstance(table, str | Path) else _IN_MEMORY
 
 
 def _file(table: Any) -> str:
-    """Return how errors and pages name a table."""
+    """Return the path of a table for errors and pages."""
     if isinstance(table, list | tuple):
         return " and ".join(map(_file, table))
     return str(table) if isinstance(table, str | Path) else _IN_MEMORY
@@ -181,7 +280,7 @@ def _file(table: Any) -> str:
 
 @dataclass(frozen=True)
 class Imported:
-    """What a table held.
+    """Outcome of an import.
 
     Attributes
     ----------
@@ -194,9 +293,9 @@ class Imported:
     rate : float
         Samples in a second.
     remarks : tuple of str
-        What was done to make a recording of it, and what it lacks.
+        Conversions and missing readings.
     questions : tuple of str
-        What the laws of the wheel say against the map, each with its cure; empty unless it was asked for.
+        Contradictions of the map to the laws of the wheel, each with its fix; empty unless asked for.
     """
 
     bench: str
@@ -214,11 +313,10 @@ def import_table(
     *,
     question: bool = False,
 ) -> Imported:
-    """Make a recording of a table, as `read_table` does, without reading it back; the folder is whole or not there.
+    """Write a table as a recording, as `read_table` does, without reading it back; the folder is whole or absent.
 
-    With `question`, the laws of the wheel are asked whether its columns can be what the map calls them.
+    With `question`, the map is checked by the laws of the wheel.
     """
-    from gyrowheel.tables.table_map import TableMap
     from gyrowheel_core.files import new_directory, require_new
     from gyrowheel_recording.mapping import ColumnMap
     from gyrowheel_recording.mapping import import_table as write_recording
@@ -238,8 +336,7 @@ def import_table(
 
 
 def _questions(folder: Path, bench: Bench) -> tuple[str, ...]:
-    """Return what the laws of the wheel say against an imported recording, each with what to change in the map."""
-    from gyrowheel.show.sentences.setup import problem_and_map
+    """Return the contradictions of an imported recording to the laws of the wheel, each with a change of the map."""
     from gyrowheel_recording.mapping.suggestion.checks import broken_laws
     from gyrowheel_recording.mislabelled.find import wrong_setups
 
@@ -257,14 +354,14 @@ def write_table(
 ) -> list[str]:
     """Write a recording as a table: one row per sample, SI units.
 
-    Beside the readings stand the command that answers the sample and the setpoint in force.
+    The readings are followed by the command that answers the sample and by the setpoint in force.
 
     Parameters
     ----------
     recording : Recording or path
         The recording.
     file : str or Path
-        The ``.csv`` or ``.parquet`` file; it is whole or as it was before.
+        The ``.csv`` or ``.parquet`` file, written atomically.
     column_map : str or Path, optional
         Map file to write, with which `read_table` reads the table back.
     progress : callable, optional
@@ -288,7 +385,7 @@ def write_table(
 
 
 def check_suffix(file: str | Path) -> None:
-    """Refuse a table whose ending is not known."""
+    """Raise InputError if the ending of a table is not known."""
     from gyrowheel_recording.mapping import check_suffix
 
     check_suffix(Path(file))

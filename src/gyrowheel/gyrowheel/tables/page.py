@@ -1,9 +1,9 @@
-"""A map that is suggested for a table, as a page of the terminal."""
+"""Page of a suggested column map."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from rich.console import RenderableType
@@ -14,16 +14,17 @@ from gyrowheel.show.layout import heading, sentences, words_table
 from gyrowheel_core.quantities import short
 
 if TYPE_CHECKING:
-    from gyrowheel.tables.table_map import TableMap
+    from gyrowheel_recording.mapping.suggestion.result import Suggestion
 
 _INDENT = (0, 0, 0, 2)
 
 
-def suggestion_page(result: TableMap) -> Iterator[RenderableType]:
-    """Yield the columns with their ranges and reasons, then what is doubtful, then what is missing."""
-    d = result.details
+def suggestion_page(
+    d: Suggestion, questions: Sequence[str], remarks: Sequence[str]
+) -> Iterator[RenderableType]:
+    """Yield the columns with their ranges and reasons, then the questions, then the remarks."""
     yield Text.assemble((d.table, "bold cyan"), f"  {d.kind}")
-    table = words_table("reading", "column", "range, and why it is taken so")
+    table = words_table("reading", "column", "range, and reason")
     for own in d.proposals:
         seen = "" if math.isnan(own.lowest) else f"{short(own.lowest)} .. {short(own.highest)}"
         scale = "" if own.scale == 1.0 else f" × {short(own.scale)}"
@@ -32,9 +33,9 @@ def suggestion_page(result: TableMap) -> Iterator[RenderableType]:
     yield Padding(table, _INDENT)
     if d.unused:
         yield Padding(Text(f"not used: {', '.join(d.unused)}", style="dim"), _INDENT)
-    if result.questions:
-        yield heading("To be answered before anything is diagnosed")
-        yield from sentences(result.questions)
-    if result.remarks:
-        yield heading("Good to know")
-        yield from sentences(result.remarks)
+    if questions:
+        yield heading("Questions to answer before a diagnosis")
+        yield from sentences(questions)
+    if remarks:
+        yield heading("Remarks")
+        yield from sentences(remarks)

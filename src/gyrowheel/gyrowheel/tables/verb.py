@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from gyrowheel.cli.console import advancing, out, put_json, put_picture, put_text, working
+from gyrowheel.cli.console import advancing, out, put, put_json, put_picture, put_text, working
 from gyrowheel.cli.options import Json, example
 from gyrowheel.cli.outputs import COLUMN_MAP, PICTURE, TABLE, NewRecording
 from gyrowheel_core.errors import InputError
@@ -48,7 +48,7 @@ def import_(
         NewRecording(),
     ] = None,
     suggest: Annotated[
-        bool, typer.Option("--suggest", help="Look at the table and propose a map, with reasons.")
+        bool, typer.Option("--suggest", help="Propose a map for the table, with reasons.")
     ] = False,
     picture: Annotated[
         Path | None,
@@ -61,16 +61,19 @@ def import_(
         PICTURE,
     ] = None,
     bench: Annotated[
-        str, typer.Option("--bench", metavar="NAME|FILE", help="With --suggest: the bench it is of.")
+        str,
+        typer.Option(
+            "--bench", metavar="NAME|FILE", help="With --suggest: bench that the table was measured on."
+        ),
     ] = "gyrowheel",
     json: Json = None,
 ) -> None:
     """Convert a table, one row per sample, into a recording.
 
-    A map says which column holds which reading, in which unit. --suggest proposes
-    one: it looks at names, units and ranges, asks the laws of the wheel, and tells
-    at once all that is doubtful or missing, each with its cure.
-    Files of several loggers become one recording: their clocks are put together.
+    A map gives the reading and the unit of every column. --suggest proposes one
+    from names, units and ranges, checks it by the laws of the wheel, and lists all
+    that is doubtful or missing, each with its fix.
+    Files of several loggers become one recording: their clocks are aligned.
     docs/exchange.md shows maps, and a lab's recording in ten minutes.
     """
     if suggest:
@@ -110,7 +113,7 @@ def import_(
         for remark in made.remarks:
             out().print(f"  {remark}")
         if made.questions:
-            put_text([heading("To be answered before anything is diagnosed"), *sentences(made.questions)])
+            put_text([heading("Questions to answer before a diagnosis"), *sentences(made.questions)])
         out().print(f"recording: {output}", soft_wrap=True)
     put_picture(picture, lambda: Recording.open(output).plot(), quiet=json == "-")
 
@@ -127,30 +130,20 @@ def _suggest(
     from gyrowheel import suggest_map
     from gyrowheel.show.files import is_suggested_map
     from gyrowheel.show.layout import command
-    from gyrowheel.tables.page import suggestion_page
 
     if column_map is not None:
-        raise InputError("--map: is not allowed beside --suggest, which proposes one")
+        raise InputError("--map: cannot be combined with --suggest, which proposes one")
     if output is not None and output.exists() and not is_suggested_map(output):
         raise InputError(f"-o: {output} exists and is not an earlier suggested map; name a new file")
     with working(f"looking at {' and '.join(map(str, files))}"):
         found = suggest_map(files if len(files) > 1 else files[0], bench=bench)
     if output is not None:
         found.save(output)
-    if json is not None:
-        put_json(json, found.to_dict())
-    if json != "-":
-        put_text(suggestion_page(found))
-        if output is not None:
-            out().print(f"map: {output}", soft_wrap=True)
-            names = " ".join(map(str, files))
-            put_text(
-                [
-                    command(
-                        f"gyrowheel import {names} --map {output} -o runs/{files[0].name.partition('.')[0]}"
-                    )
-                ]
-            )
+    put(found, json)
+    if output is not None and json != "-":
+        names, folder = " ".join(map(str, files)), files[0].name.partition(".")[0]
+        out().print(f"map: {output}", soft_wrap=True)
+        put_text([command(f"gyrowheel import {names} --map {output} -o runs/{folder}")])
     put_picture(picture, found.plot, quiet=json == "-")
 
 
@@ -177,9 +170,9 @@ def export(
 ) -> None:
     """Convert a recording into a table, one row per sample, in SI units.
 
-    Beside the readings stand the command that answers the sample and the
-    setpoint in force. A Parquet file carries the units of its columns and what
-    is known of bench and rig; a CSV file has the names alone.
+    The readings are followed by the command that answers the sample and by the
+    setpoint in force. A Parquet file has the units of its columns and the
+    description of bench and rig; a CSV file has the names alone.
     """
     from gyrowheel import Recording
     from gyrowheel.tables.api import check_suffix, write_table

@@ -208,9 +208,8 @@ def _plan(spin_rate: float, tilt: float, azimuth: float, density: float, rig: st
     tangent = math.tan(tilt)
     about = [math.atan(tangent * part) / DEG for part in (math.cos(azimuth), math.sin(azimuth))]
     return Plan.load(
-        f"schema: 1\nname: hold\nhold_s: {_HOLD}\nsegments:\n"
-        f"  - {{spin_rpm: {spin_rate / RPM!r}, tilt_deg: [{about[0]!r}, {about[1]!r}], "
-        f"air_density_ratio: {density!r}, rig: {rig}}}\n"
+        f"schema: 1\nname: hold\nhold_s: {_HOLD}\nsegments:\n  - {{spin_rpm: {spin_rate / RPM!r}, tilt_deg: "
+        f"[{about[0]!r}, {about[1]!r}], air_density_ratio: {density!r}, rig: {rig}}}\n"
     )
 
 

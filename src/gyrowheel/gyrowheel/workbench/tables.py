@@ -110,7 +110,7 @@ def looked(number: int, file: Path, model: Model) -> Draft:
         found = suggest_map(file, bench=model.bench_source)
     except InputError as error:
         raise InputError(_said(error, file)) from None
-    d = found.details
+    d = found.suggestion
     used = [name for own in d.proposals for name in (own.column, own.clock) if name]
     return Draft(
         number,

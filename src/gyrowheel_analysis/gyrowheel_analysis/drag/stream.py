@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -20,6 +20,7 @@ from gyrowheel_core.readings import READINGS, Readings
 from gyrowheel_core.units import DEG
 from gyrowheel_recording.bags import Recording
 from gyrowheel_sim import environment as environments
+from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import Environment
 
 #: Samples that are handed over together: estimates are rare, and a block costs little more than a sample.
@@ -28,6 +29,41 @@ BLOCK: Final = 100
 PATIENCE: Final = 2000
 _SETPOINT_PERIOD_NS: Final = round(SETPOINT_PERIOD * 1e9)
 _STILL: Final = 0.1 * DEG  # a tilt that changes less is held
+
+
+@dataclass(frozen=True)
+class DragTest:
+    """Drag estimates of the holds of recordings.
+
+    Attributes
+    ----------
+    holds : tuple of tuple of gyrowheel_analysis.drag.estimate.Estimate
+        Drag estimates of the settled holds, for each recording.
+    bench : Bench
+        The bench, with the parameters of the believed model.
+    recordings : tuple of str
+        Paths of the recordings.
+    signals : tuple of dict
+        For each recording ``stamp`` [s] and the notch-filtered readings, of which the DC voltages are means:
+        ``notched_tilt_x``, ``notched_tilt_y`` [rad], ``notched_coil_voltage_x``, ``notched_coil_voltage_y``,
+        ``notched_motor_voltage`` [V] and ``notched_motor_current`` [A]; ndarrays (n,), NaN where a sample is lost.
+        Empty if they were not kept.
+    """
+
+    holds: tuple[tuple[Estimate, ...], ...]
+    bench: Bench
+    recordings: tuple[str, ...]
+    signals: tuple[Mapping[str, Any], ...]
+
+    @property
+    def estimates(self) -> list[Estimate]:
+        """The estimates of all recordings in one list."""
+        return [estimate for own in self.holds for estimate in own]
+
+    @property
+    def worst(self) -> float:
+        """Largest difference of measured and simulated torque, in standard errors."""
+        return max(float(np.max(np.abs(e.residual / e.residual_std))) for e in self.estimates)
 
 
 def drag_estimates(

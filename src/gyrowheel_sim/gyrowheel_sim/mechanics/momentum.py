@@ -1,14 +1,9 @@
-"""The momentum that a wheel can take: eqs (1) and (2) of Huo et al. 2016 over speeds, tilts and azimuths.
-
-The exact momentum of the rotor stands beside the approximations of the paper.
-"""
+"""Angular momentum that a wheel can store: exact, and by eqs (1) and (2) of Huo et al. 2016."""
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +35,8 @@ class Envelope:
     error_last, error_middle : ndarray (t,)
         Largest error within a revolution of the last form of eq (1) and of its middle expression, over the exact
         momentum, in the motor frame where they are written.
+    bench : Bench
+        The bench.
     """
 
     speed: Array
@@ -51,40 +48,18 @@ class Envelope:
     largest: Array
     error_last: Array
     error_middle: Array
+    bench: Bench
 
-    def to_json(self) -> dict[str, Any]:
-        """Return what the pictures show as a JSON object, to five digits, for the first azimuth: all are alike."""
+    @property
+    def along(self) -> tuple[float, float]:
+        """Least and most momentum along the case axis [N m s]."""
+        along = self.approximate[..., 2]
+        return float(along.min()), float(along.max())
 
-        def numbers(values: Any) -> Any:
-            if np.ndim(values):
-                return [numbers(value) for value in values]
-            return 0.0 if abs(values) < 1e-12 else float(f"{values:.5g}")
-
-        return {
-            "speed_rad_s": numbers(self.speed),
-            "tilt_rad": numbers(self.tilt),
-            "along_axis": numbers(self.approximate[:, :, 0, 2]),
-            "across_axis": numbers(np.hypot(self.approximate[:, :, 0, 0], self.approximate[:, :, 0, 1])),
-            "smallest": numbers(self.smallest[:, :, 0]),
-            "largest": numbers(self.largest[:, :, 0]),
-            "error_last": numbers(self.error_last),
-            "error_middle": numbers(self.error_middle),
-        }
-
-    def to_csv(self) -> str:
-        """Return all of it as a table, one state a line, SI units."""
-        head = "spin_rate,tilt,azimuth,h_x,h_y,h_z,exact_mean_x,exact_mean_y,exact_mean_z,exact_smallest,exact_largest"
-        lines = [head]
-        shape = self.smallest.shape
-        for s, t, a in itertools.product(*map(range, shape)):
-            if self.tilt[t] == 0.0 and a:
-                continue  # all azimuths are one
-            values = (
-                self.speed[s], self.tilt[t], self.azimuth[a], *self.approximate[s, t, a], *self.exact_mean[s, t, a],
-                self.smallest[s, t, a], self.largest[s, t, a],
-            )  # fmt: skip
-            lines.append(",".join(f"{0.0 if abs(v) < 1e-12 else v:.6g}" for v in values))
-        return "\n".join(lines) + "\n"
+    @property
+    def across(self) -> float:
+        """Most momentum across the case axis [N m s], the same in every direction."""
+        return float(np.linalg.norm(self.approximate[..., :2], axis=-1).max())
 
 
 def speeds_of(bench: Bench) -> Array:
@@ -124,6 +99,7 @@ def envelope(bench: Bench, speeds: Sequence[float] | Array | None = None) -> Env
         largest=size.max(axis=-1),
         error_last=last,
         error_middle=middle,
+        bench=bench,
     )
 
 
