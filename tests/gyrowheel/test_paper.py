@@ -13,8 +13,7 @@ import pytest
 import gyrowheel as gw
 from gyrowheel.paper_figures import flow
 from gyrowheel.paper_figures.api import STATEMENTS
-from gyrowheel.paper_figures.evidence import TILT, Evidence
-from gyrowheel.paper_figures.result import VERDICTS
+from gyrowheel.paper_figures.evidence import TILT, VERDICTS, Evidence
 from gyrowheel_air.flow import Flow, shipped, write
 from gyrowheel_air.table import TorqueTable
 

@@ -23,7 +23,7 @@ from gyrowheel.models.api import Model as Model
 from gyrowheel.momentum_envelope.api import momentum as momentum
 from gyrowheel.momentum_envelope.api import Momentum as Momentum
 from gyrowheel.paper_figures.api import paper as paper
-from gyrowheel.paper_figures.result import Paper as Paper
+from gyrowheel.paper_figures.api import Paper as Paper
 from gyrowheel.rate_sensing.api import Rates as Rates
 from gyrowheel.rate_sensing.api import rate as rate
 from gyrowheel.recordings.api import Recording as Recording

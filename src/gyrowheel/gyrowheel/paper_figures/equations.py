@@ -9,9 +9,18 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
+from gyrowheel.paper_figures.evidence import (
+    REFERENCE,
+    SPEEDS,
+    TILT,
+    Evidence,
+    Finding,
+    Statements,
+    Verdict,
+    part,
+    within,
+)
 from gyrowheel.paper_figures.curves import Curve, Panel, curves_figure
-from gyrowheel.paper_figures.evidence import REFERENCE, SPEEDS, TILT, Evidence, Statement, part, within
-from gyrowheel.paper_figures.result import Finding, Verdict
 from gyrowheel.show.style import BLUE, VERMILION
 from gyrowheel_core.quantities import short
 from gyrowheel_core.units import DEG, RPM
@@ -28,6 +37,8 @@ _LATITUDE = 40.0 * DEG
 _EARTH = 7.292e-5  # rad/s, of the Earth in inertial space (IERS conventions)
 _NOTHING = 0.01  # a torque below this share of the air's could be left out
 
+STATEMENTS = Statements()
+
 
 def _points() -> Array:
     """Return joint angles and rates, (n, 6) [rad, rad/s], at which expressions are compared."""
@@ -43,6 +54,7 @@ def _same(worst: float) -> Verdict:
     return "agree" if worst < _ROUNDING else "disagree"
 
 
+@STATEMENTS("eq-3-5", "Eqs (3) to (5)", "The angular velocities of shaft, gimbal and rotor.")
 def _rates(e: Evidence) -> Finding:
     derived = d.derive(body_rate=True)
     rate = _numeric(derived.rotor_rate, *d.BODY_RATE)
@@ -59,6 +71,11 @@ def _rates(e: Evidence) -> Finding:
     )
 
 
+@STATEMENTS(
+    "axes-order",
+    "Section 2.1.1",
+    "A sentence assigns the angles θx, θy, θz to the axes z of the motor, x and y of the gimbal, in this order.",
+)
 def _order(e: Evidence) -> Finding:
     rates = np.eye(3) * 100.0
     # at no tilt: the axis about which each rate turns the rotor
@@ -72,6 +89,7 @@ def _order(e: Evidence) -> Finding:
     )
 
 
+@STATEMENTS("eq-6", "Eq (6), Apps A, B", "Mass matrix and nonlinear terms of the equations of motion.")
 def _masses(e: Evidence) -> Finding:
     derived = d.derive(body_rate=False)
     inertias = [e.bench.value(f"{body}_inertia_{axis}") for body in ("rotor", "gimbal") for axis in "xyz"]
@@ -98,6 +116,7 @@ def _masses(e: Evidence) -> Finding:
     )
 
 
+@STATEMENTS("app-a-potential", "App. A", "The flexures' potential energy is K θ² of each.")
 def _half(e: Evidence) -> Finding:
     derived = d.derive(body_rate=False)
     x, y, _ = d.ANGLES
@@ -163,6 +182,7 @@ def _air_torque(e: Evidence) -> tuple[float, float]:
     return float(-row.torque.mean[0]), float(row.torque.mean[1])
 
 
+@STATEMENTS("eq-6-sign", "Eq (6), App. A", "A matrix maps the air's torque to the generalised forces.")
 def _sign(e: Evidence) -> Finding:
     derived = d.derive(body_rate=False).rotor_torque
     ours, theirs = _numeric(derived), _numeric(_printed_map())
@@ -189,6 +209,7 @@ def _sign(e: Evidence) -> Finding:
     )
 
 
+@STATEMENTS("eq-6-frame", "Eq (6), App. A", "That matrix is meant for the torques of Figs 8 and 9.")
 def _frame(e: Evidence) -> Finding:
     along, _ = _air_torque(e)
     angle, theta_x, theta_y, _ = _turning(TILT)
@@ -225,6 +246,23 @@ def _frame(e: Evidence) -> Finding:
     )
 
 
+@STATEMENTS("eq-7", "Eq (7)", "The measured tilts follow from the joint angles.")
+def _tilts(e: Evidence) -> Finding:
+    worst = 0.0
+    for point in _points():
+        x, y, z = point[:3]
+        sx, cx, sy, cy, sz, cz = math.sin(x), math.cos(x), math.sin(y), math.cos(y), math.sin(z), math.cos(z)
+        printed = np.array([sx * cy * cz - sy * sz, sx * cy * sz + sy * cz]) / (cx * cy)
+        worst = max(worst, float(np.abs(np.tan(k.tilt_of_joint(x, y, z)) - printed).max()))
+    return Finding(
+        _same(worst),
+        f"Eq (7) equals the derived tilt {within(worst)}.",
+        "It is exact.",
+        {"largest_error": worst},
+    )
+
+
+@STATEMENTS("eq-8", "Eq (8)", "A matrix maps the coils' torques to the generalised forces.")
 def _coils(e: Evidence) -> Finding:
     derived = _numeric(d.derive(body_rate=False).case_torque)
     worst = left_out = 0.0
@@ -245,21 +283,7 @@ def _coils(e: Evidence) -> Finding:
     )
 
 
-def _tilts(e: Evidence) -> Finding:
-    worst = 0.0
-    for point in _points():
-        x, y, z = point[:3]
-        sx, cx, sy, cy, sz, cz = math.sin(x), math.cos(x), math.sin(y), math.cos(y), math.sin(z), math.cos(z)
-        printed = np.array([sx * cy * cz - sy * sz, sx * cy * sz + sy * cz]) / (cx * cy)
-        worst = max(worst, float(np.abs(np.tan(k.tilt_of_joint(x, y, z)) - printed).max()))
-    return Finding(
-        _same(worst),
-        f"Eq (7) equals the derived tilt {within(worst)}.",
-        "It is exact.",
-        {"largest_error": worst},
-    )
-
-
+@STATEMENTS("earth-rate", "Section 2.2", "On the ground the case does not turn: its rate is zero.")
 def _earth(e: Evidence) -> Finding:
     rate = _EARTH * math.cos(_LATITUDE)
     needed = e.bench.value("rotor_inertia_z") * REFERENCE * rate
@@ -275,27 +299,3 @@ def _earth(e: Evidence) -> Finding:
             "share_of_air_across": needed / across,
         },
     )
-
-
-STATEMENTS = (
-    Statement("eq-3-5", "Eqs (3) to (5)", "The angular velocities of shaft, gimbal and rotor.", _rates),
-    Statement(
-        "axes-order",
-        "Section 2.1.1",
-        "A sentence assigns the angles θx, θy, θz to the axes z of the motor, x and y of the gimbal, in this order.",
-        _order,
-    ),
-    Statement(
-        "eq-6", "Eq (6), Apps A, B", "Mass matrix and nonlinear terms of the equations of motion.", _masses
-    ),
-    Statement("app-a-potential", "App. A", "The flexures' potential energy is K θ² of each.", _half),
-    Statement(
-        "eq-6-sign", "Eq (6), App. A", "A matrix maps the air's torque to the generalised forces.", _sign
-    ),
-    Statement(
-        "eq-6-frame", "Eq (6), App. A", "That matrix is meant for the torques of Figs 8 and 9.", _frame
-    ),
-    Statement("eq-7", "Eq (7)", "The measured tilts follow from the joint angles.", _tilts),
-    Statement("eq-8", "Eq (8)", "A matrix maps the coils' torques to the generalised forces.", _coils),
-    Statement("earth-rate", "Section 2.2", "On the ground the case does not turn: its rate is zero.", _earth),
-)

@@ -1,12 +1,12 @@
-"""What the statements are judged by: each thing is computed when it is first needed, and once."""
+"""Statements of the paper, their findings, and the evidence, computed once when it is needed."""
 
 from __future__ import annotations
 
 import functools
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from gyrowheel.drag_comparison.api import drag
 from gyrowheel.models.api import Model
 from gyrowheel.momentum_envelope.api import Momentum, momentum
-from gyrowheel.paper_figures.result import Finding
 from gyrowheel.recordings.api import Recording
 from gyrowheel.simulation.api import simulate
 from gyrowheel.torque_budget.api import Torques, torques
@@ -30,6 +29,9 @@ from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.blind import draw_machine
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 Array = NDArray[np.float64]
 #: The experiment's tilt and speeds [rad, rad/s].
 TILT = 3.0 * DEG
@@ -38,26 +40,117 @@ REFERENCE = 3500.0 * RPM
 _MACHINE = 1  # seed of the machine that is calibrated
 
 
+Verdict = Literal["agree", "disagree", "cannot be decided"]
+VERDICTS: tuple[Verdict, ...] = ("agree", "disagree", "cannot be decided")
+
+
 @dataclass(frozen=True)
-class Statement:
-    """A statement of the paper and how it is judged.
+class Finding:
+    """Judgement of one statement.
+
+    Attributes
+    ----------
+    verdict : str
+        ``agree``, ``disagree`` or ``cannot be decided``.
+    ours : str
+        Computed numbers, in words.
+    why : str
+        Reason of the verdict.
+    values : mapping of str to float
+        Numbers [SI], by names that end in their unit.
+    draw : callable, optional
+        Makes the picture.
+    """
+
+    verdict: Verdict
+    ours: str
+    why: str
+    values: Mapping[str, float] = field(default_factory=dict)
+    draw: Callable[[], Figure] | None = None
+
+
+@dataclass(frozen=True)
+class Row:
+    """A statement of the paper with its finding.
 
     Attributes
     ----------
     name : str
-        Short name, unique.
+        Short name, also of the picture.
     where : str
         Figure, table, equation or section.
     statement : str
-        What is stated there, in other words.
-    judge : callable
-        Returns the finding.
+        Content of the statement, in other words.
+    finding : Finding
+        The finding.
     """
 
     name: str
     where: str
     statement: str
-    judge: Callable[[Evidence], Finding]
+    finding: Finding
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the row as in the JSON file."""
+        found = self.finding
+        return {
+            "name": self.name,
+            "where": self.where,
+            "statement": self.statement,
+            "verdict": found.verdict,
+            "ours": found.ours,
+            "why": found.why,
+            "values": dict(found.values),
+            "picture": f"{self.name}.png" if found.draw is not None else None,
+        }
+
+
+@dataclass(frozen=True)
+class JudgedPaper:
+    """Statements of the paper with their findings.
+
+    Attributes
+    ----------
+    rows : tuple of Row
+        The statements, in the order of the paper.
+    total : int
+        Number of all statements; more than rows if the run was interrupted or some were selected.
+    seed : int
+        Seed of the noise of the recordings.
+    """
+
+    rows: tuple[Row, ...]
+    total: int
+    seed: int
+
+    def counts(self) -> dict[Verdict, int]:
+        """Return the number of rows of each verdict."""
+        return {verdict: sum(row.finding.verdict == verdict for row in self.rows) for verdict in VERDICTS}
+
+
+Judge: TypeAlias = Callable[["Evidence"], Finding]
+
+
+class Statement(NamedTuple):
+    """A statement of the paper: its name, place and content (see `Row`), and the function that judges it."""
+
+    name: str
+    where: str
+    statement: str
+    judge: Judge
+
+
+class Statements(list[Statement]):
+    """Statements of a part of the paper, in its order; called with name, place and content it decorates a judge."""
+
+    def __call__(self, name: str, where: str, statement: str) -> Callable[[Judge], Judge]:
+        """Return a decorator that adds a statement."""
+
+        def add(judge: Judge) -> Judge:
+            self.append(Statement(name, where, statement, judge))
+            return judge
+
+        return add
 
 
 class Evidence:
@@ -150,7 +243,7 @@ class Evidence:
 
     @functools.cached_property
     def other_machine(self) -> Mapping[str, float]:
-        """True parameters of that machine [SI], drawn within what the bench states."""
+        """True parameters of that machine [SI], drawn within their stated uncertainties."""
         return draw_machine(self.bench, np.random.default_rng(_MACHINE))
 
     def holds(self, recording: Recording, *, air: bool) -> tuple[Estimate, ...]:
@@ -166,7 +259,7 @@ class Evidence:
 
     @functools.cached_property
     def parts_by_speed(self) -> Torques:
-        """What coils and motor hold at the experiment's tilt and speeds, part by part."""
+        """Torque of coils and motor at the experiment's tilt and speeds, part by part."""
         return torques(model=self.model, tilt=TILT, spin_rate=SPEEDS)
 
     @functools.cached_property
@@ -176,7 +269,7 @@ class Evidence:
 
 
 def within(worst: float) -> str:
-    """Return how near two numbers are in words."""
+    """Return the accuracy of an agreement in words."""
     return f"within {worst:.0e}" if worst > 0.0 else "exactly"
 
 

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel.air_flow import flow_fields
 from gyrowheel.air_flow import picture as air_flow
-from gyrowheel.paper_figures.evidence import REFERENCE, Evidence, Statement
-from gyrowheel.paper_figures.result import Finding
+from gyrowheel.paper_figures.evidence import REFERENCE, Evidence, Finding, Statements, Verdict
 from gyrowheel.show.figure import finished
 from gyrowheel.show.style import style
 from gyrowheel_air.cfd.case import Result
@@ -32,6 +30,8 @@ _TAYLOR = 41.3  # Re_g sqrt(t/R) at the onset of Taylor vortices in a narrow gap
 _CONSTANT = 0.05  # what varies by less is almost constant
 _INDEPENDENT = 0.05  # a result that varies by less over meshes does not depend on them
 
+STATEMENTS = Statements()
+
 
 def _drawn(draw: Callable[[], tuple[Figure, str] | None]) -> Callable[[], Figure]:
     def figure() -> Figure:
@@ -43,6 +43,7 @@ def _drawn(draw: Callable[[], tuple[Figure, str] | None]) -> Callable[[], Figure
     return figure
 
 
+@STATEMENTS("table-2", "Table 2", "Lengths of rotor and case, and the air at 20 °C.")
 def _air(e: Evidence) -> Finding:
     usual = AirState.of(e.air.temperature, e.air.pressure)
     density, viscosity = e.air.density / usual.density - 1.0, e.air.viscosity / usual.viscosity - 1.0
@@ -65,6 +66,7 @@ def _air(e: Evidence) -> Finding:
     )
 
 
+@STATEMENTS("fig-5", "Fig. 5", "The flow is computed on a tetrahedral mesh of about two million cells.")
 def _mesh(e: Evidence) -> Finding:
     flow = max(e.flows, key=lambda own: own.tilt)
     row = e.table.at(flow.tilt, flow.spin_rate)
@@ -76,10 +78,15 @@ def _mesh(e: Evidence) -> Finding:
         "A picture of a mesh states nothing that could be true or false. Ours resolves the layer that wall functions "
         "leave out, with fewer cells.",
         {"cells": float(flow.cells), "y_plus": float(row.y_plus["rotor"][0])},
-        _drawn(lambda: flow_fields.mesh_section(e.flows)),
+        _drawn(lambda: air_flow.mesh_section(e.flows)),
     )
 
 
+@STATEMENTS(
+    "fig-6",
+    "Fig. 6",
+    "Three meshes, without tilt, show results that no longer depend on the mesh from 1.2 million cells on.",
+)
 def _independence(e: Evidence) -> Finding:
     upright = [r for r in e.table.rows if r.case.tilt == 0.0 and math.isclose(r.case.spin_rate, REFERENCE)]
     across = max(float(np.abs(r.torque.mean[:2]).max()) for r in upright)
@@ -97,6 +104,7 @@ def _independence(e: Evidence) -> Finding:
     )
 
 
+@STATEMENTS("fig-7", "Fig. 7, eq (9)", "The Reynolds number is so large that the flow is turbulent.")
 def _turbulent(e: Evidence) -> Finding:
     g, speeds = e.geometry, e.table.speeds
     re = [reynolds_number(e.air, g.rotor_radius, w) for w in speeds[[0, -1]]]
@@ -114,6 +122,7 @@ def _turbulent(e: Evidence) -> Finding:
     )
 
 
+@STATEMENTS("fig-7-density", "Fig. 7, eq (10)", "The air can be taken as incompressible.")
 def _incompressible(e: Evidence) -> Finding:
     top = float(e.table.speeds[-1])
     change = density_change(e.air, e.geometry.rotor_radius, top)
@@ -143,6 +152,7 @@ def _row(e: Evidence, tilt: float, rate: float) -> Result:
     return row
 
 
+@STATEMENTS("fig-8", "Fig. 8", "A tilt about one axis gives torques about both transverse axes.")
 def _both(e: Evidence) -> Finding:
     tilted = [r for r in e.table.grid if r.case.tilt > 0.0]
     clear = sum(bool(np.all(np.abs(r.torque.mean[:2]) > _CLEAR * r.torque.scatter[:2])) for r in tilted)
@@ -157,6 +167,7 @@ def _both(e: Evidence) -> Finding:
     )
 
 
+@STATEMENTS("fig-8-growth", "Fig. 8", "Both transverse torques grow with the tilt.")
 def _grow(e: Evidence) -> Finding:
     falls, within_scatter = [], 0
     for component in (0, 1):
@@ -192,6 +203,7 @@ def _grow(e: Evidence) -> Finding:
     )
 
 
+@STATEMENTS("fig-8-drag", "Fig. 8", "The torque on the spin hardly changes with the tilt.")
 def _constant(e: Evidence) -> Finding:
     ranges = []
     for rate in e.table.speeds:
@@ -215,6 +227,7 @@ def _constant(e: Evidence) -> Finding:
     )
 
 
+@STATEMENTS("fig-9", "Fig. 9", "At 5° all three torques grow with the speed, not linearly.")
 def _speeds(e: Evidence) -> Finding:
     tilt = float(e.table.tilts[-1])
     grows = [bool(np.all(np.diff(_series(e, i, tilts=False, at=tilt)[0]) > 0.0)) for i in range(3)]
@@ -230,14 +243,40 @@ def _speeds(e: Evidence) -> Finding:
     )
 
 
-def _flow(e: Evidence, tilt: float, rpm: float) -> Flow:
-    return next(f for f in e.flows if math.isclose(f.tilt, tilt) and math.isclose(f.spin_rate, rpm * RPM))
+def _flows(e: Evidence) -> list[Flow]:
+    """Return the flows without tilt, with the largest tilt, and with that at a lower speed."""
+    places = ((0.0, 3500.0), (5.0 * DEG, 3500.0), (5.0 * DEG, 2000.0))
+    return [
+        next(f for f in e.flows if math.isclose(f.tilt, tilt) and math.isclose(f.spin_rate, rpm * RPM))
+        for tilt, rpm in places
+    ]
 
 
+def _uneven(
+    e: Evidence, measure: Callable[[Flow], tuple[float, float]], which: str, factor: float
+) -> tuple[list[float], list[float], dict[str, float], Verdict, Callable[[], Figure]]:
+    """Return size and asymmetry of a velocity in `_flows`, and values, verdict and picture of the finding.
+
+    The flow is uneven if the tilt increases the asymmetry by more than `factor`.
+    """
+    sizes, apart = (list(column) for column in zip(*map(measure, _flows(e)), strict=True))
+    values = {
+        "asymmetry_5_deg": apart[1],
+        "asymmetry_0_deg": apart[0],
+        "rms_3500_rpm_m_s": sizes[1],
+        "rms_2000_rpm_m_s": sizes[2],
+    }
+    verdict: Verdict = "agree" if apart[1] > factor * apart[0] and sizes[1] > sizes[2] else "disagree"
+    return sizes, apart, values, verdict, _drawn(lambda: air_flow.section(e.flows, which))
+
+
+@STATEMENTS(
+    "fig-10",
+    "Fig. 10",
+    "A tilt shifts the pressure on the rotor's top; that makes the transverse torques. It grows with the speed.",
+)
 def _pressure(e: Evidence) -> Finding:
-    still, tilted, slow = (
-        _flow(e, *place) for place in ((0.0, 3500.0), (5.0 * DEG, 3500.0), (5.0 * DEG, 2000.0))
-    )
+    still, tilted, slow = _flows(e)
     moved, level = (math.hypot(*flow.moment) for flow in (tilted, still))
     ratio = float(np.ptp(tilted.pressure) / np.ptp(slow.pressure))
     row = _row(e, 5.0 * DEG, REFERENCE).torque
@@ -256,19 +295,30 @@ def _pressure(e: Evidence) -> Finding:
             "share_of_t2": float(share[1]),
             "range_ratio": ratio,
         },
-        _drawn(lambda: flow_fields.pressure(e.flows)),
+        _drawn(lambda: air_flow.pressure(e.flows)),
     )
 
 
-def _sides(flow: Flow, values: Array, *, rim: bool) -> tuple[float, float]:
-    """Return root mean square of a velocity, and of its difference between the two sides, over the largest [m/s, 1]."""
+def _sides(flow: Flow) -> tuple[float, float]:
+    """Return the rms of the axial velocity in the rim gap [m/s], and the difference of both sides over it."""
     middle, area = flow.section.mean(axis=1), _areas(flow.section)
-    inside = np.abs(middle[:, 0]) > flow.case_radius - 4.5e-3 if rim else np.ones(len(area), bool)
-    size = math.sqrt(float(np.average(np.square(values[inside]), weights=area[inside])))
-    right = inside & (middle[:, 0] > 0.0)
-    left = inside & (middle[:, 0] < 0.0)
-    means = [float(np.average(values[side], weights=area[side])) for side in (right, left)]
-    return size, abs(means[0] - means[1]) / size
+    inside = np.abs(middle[:, 0]) > flow.case_radius - 4.5e-3
+    size = math.sqrt(float(np.average(np.square(flow.axial[inside]), weights=area[inside])))
+    sides = (inside & (middle[:, 0] > 0.0), inside & (middle[:, 0] < 0.0))
+    right, left = (float(np.average(flow.axial[side], weights=area[side])) for side in sides)
+    return size, abs(right - left) / size
+
+
+def _halves(flow: Flow) -> tuple[float, float]:
+    """Return the rms of the radial velocity [m/s], and the difference of both sides above the rotor over it."""
+    middle, area = flow.section.mean(axis=1), _areas(flow.section)
+    size = math.sqrt(float(np.average(np.square(flow.radial), weights=area)))
+    upper = middle[:, 1] > 0.5 * flow.rotor_height
+    means = []
+    for side in (1.0, -1.0):
+        here = upper & (side * middle[:, 0] > 0.0)
+        means.append(float(np.average(np.square(flow.radial[here]), weights=area[here])))
+    return size, abs(math.sqrt(means[0]) - math.sqrt(means[1])) / size
 
 
 def _areas(quads: Array) -> Array:
@@ -276,57 +326,35 @@ def _areas(quads: Array) -> Array:
     return np.asarray(0.5 * np.abs(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]))
 
 
+@STATEMENTS("fig-11", "Fig. 11", "A tilt makes the axial flow uneven; it is weaker at a lower speed.")
 def _axial(e: Evidence) -> Finding:
-    still, tilted, slow = (
-        _flow(e, *place) for place in ((0.0, 3500.0), (5.0 * DEG, 3500.0), (5.0 * DEG, 2000.0))
-    )
-    sizes, apart = zip(*(_sides(f, f.axial, rim=True) for f in (still, tilted, slow)), strict=True)
+    sizes, apart, values, verdict, draw = _uneven(e, _sides, "axial", 10.0)
     return Finding(
-        "agree" if apart[1] > 10.0 * apart[0] and sizes[1] > sizes[2] else "disagree",
+        verdict,
         f"Up one rim gap and down the other: the means of both sides are {apart[1]:.2f} of the rms apart at 5°, "
         f"{apart[0]:.3f} without tilt. The rms in the gaps is {sizes[1]:.2f} m/s at 3500 rpm and {sizes[2]:.2f} "
         "at 2000.",
         "Without tilt a row of Taylor vortices fills the gap. What the figure does not say: the tilt sweeps them "
         "away, and with them a part of T3.",
-        {
-            "asymmetry_5_deg": apart[1],
-            "asymmetry_0_deg": apart[0],
-            "rms_3500_rpm_m_s": sizes[1],
-            "rms_2000_rpm_m_s": sizes[2],
-        },
-        _drawn(lambda: flow_fields.section(e.flows, "axial")),
+        values,
+        draw,
     )
 
 
+@STATEMENTS("fig-12", "Fig. 12", "A tilt makes the radial flow uneven; it is weaker at a lower speed.")
 def _radial(e: Evidence) -> Finding:
-    def halves(flow: Flow) -> tuple[float, float]:
-        """Return the rms, and how far the upper left is from the lower left where symmetry would make them one."""
-        middle, area = flow.section.mean(axis=1), _areas(flow.section)
-        size = math.sqrt(float(np.average(np.square(flow.radial), weights=area)))
-        upper = middle[:, 1] > 0.5 * flow.rotor_height
-        means = []
-        for side in (1.0, -1.0):
-            here = upper & (side * middle[:, 0] > 0.0)
-            means.append(float(np.average(np.square(flow.radial[here]), weights=area[here])))
-        return size, abs(math.sqrt(means[0]) - math.sqrt(means[1])) / size
-
-    places: tuple[Any, ...] = ((0.0, 3500.0), (5.0 * DEG, 3500.0), (5.0 * DEG, 2000.0))
-    sizes, apart = zip(*(halves(_flow(e, *place)) for place in places), strict=True)
+    sizes, apart, values, verdict, draw = _uneven(e, _halves, "radial", 3.0)
     return Finding(
-        "agree" if apart[1] > 3.0 * apart[0] and sizes[1] > sizes[2] else "disagree",
+        verdict,
         f"Above the rotor the rms of both sides is {100.0 * apart[1]:.0f} % apart at 5°, {100.0 * apart[0]:.1f} % "
         f"without tilt. The rms is {sizes[1]:.2f} m/s at 3500 rpm and {sizes[2]:.2f} at 2000.",
         "The faces of the rotor throw air out, and it comes back along the case.",
-        {
-            "asymmetry_5_deg": apart[1],
-            "asymmetry_0_deg": apart[0],
-            "rms_3500_rpm_m_s": sizes[1],
-            "rms_2000_rpm_m_s": sizes[2],
-        },
-        _drawn(lambda: flow_fields.section(e.flows, "radial")),
+        values,
+        draw,
     )
 
 
+@STATEMENTS("drag-friction", "Section 3.2", "The torque on the spin comes mainly from friction.")
 def _friction(e: Evidence) -> Finding:
     share = max(abs(r.torque.pressure[2] / r.torque.mean[2]) for r in e.table.grid)
     return Finding(
@@ -337,6 +365,7 @@ def _friction(e: Evidence) -> Finding:
     )
 
 
+@STATEMENTS("damping", "Section 5", "All torques of the air damp.")
 def _damping(e: Evidence) -> Finding:
     tilted = [r.torque.mean for r in e.table.grid if r.case.tilt > 0.0]
     restoring = sum(mean[0] < 0.0 for mean in tilted)
@@ -350,41 +379,3 @@ def _damping(e: Evidence) -> Finding:
         "feeds a motion that turns this way. Nothing here says what a rate of the tilt adds.",
         {"cases": float(len(tilted)), "t2_ahead": float(driving)},
     )
-
-
-STATEMENTS = (
-    Statement("table-2", "Table 2", "Lengths of rotor and case, and the air at 20 °C.", _air),
-    Statement(
-        "fig-5", "Fig. 5", "The flow is computed on a tetrahedral mesh of about two million cells.", _mesh
-    ),
-    Statement(
-        "fig-6",
-        "Fig. 6",
-        "Three meshes, without tilt, show results that no longer depend on the mesh from 1.2 million cells on.",
-        _independence,
-    ),
-    Statement(
-        "fig-7", "Fig. 7, eq (9)", "The Reynolds number is so large that the flow is turbulent.", _turbulent
-    ),
-    Statement("fig-7-density", "Fig. 7, eq (10)", "The air can be taken as incompressible.", _incompressible),
-    Statement("fig-8", "Fig. 8", "A tilt about one axis gives torques about both transverse axes.", _both),
-    Statement("fig-8-growth", "Fig. 8", "Both transverse torques grow with the tilt.", _grow),
-    Statement("fig-8-drag", "Fig. 8", "The torque on the spin hardly changes with the tilt.", _constant),
-    Statement("fig-9", "Fig. 9", "At 5° all three torques grow with the speed, not linearly.", _speeds),
-    Statement(
-        "fig-10",
-        "Fig. 10",
-        "A tilt shifts the pressure on the rotor's top; that makes the transverse torques. It grows with the speed.",
-        _pressure,
-    ),
-    Statement(
-        "fig-11", "Fig. 11", "A tilt makes the axial flow uneven; it is weaker at a lower speed.", _axial
-    ),
-    Statement(
-        "fig-12", "Fig. 12", "A tilt makes the radial flow uneven; it is weaker at a lower speed.", _radial
-    ),
-    Statement(
-        "drag-friction", "Section 3.2", "The torque on the spin comes mainly from friction.", _friction
-    ),
-    Statement("damping", "Section 5", "All torques of the air damp.", _damping),
-)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gyrowheel.paper_figures.evidence import Evidence, Statement, within
-from gyrowheel.paper_figures.result import Finding
+from gyrowheel.paper_figures.evidence import Evidence, Finding, Statements, within
 from gyrowheel_core.quantities import fixed, short
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.mechanics.kinematics import joint_of_azimuth, tilt_of_joint
@@ -14,7 +13,10 @@ from gyrowheel_sim.mechanics.momentum import revolution
 _SPHERE = 1e-3  # a mean momentum this near to the sphere, relative, lies on it
 _SMALL = 0.01  # an approximation this near is one
 
+STATEMENTS = Statements()
 
+
+@STATEMENTS("table-1", "Table 1", "Moments of inertia, tilt and spin range of the rotor.")
 def _rotor(e: Evidence) -> Finding:
     x, y, z = (e.bench.value(f"rotor_inertia_{axis}") for axis in "xyz")
     possible = z < x + y
@@ -27,6 +29,11 @@ def _rotor(e: Evidence) -> Finding:
     )
 
 
+@STATEMENTS(
+    "eq-1-middle",
+    "Eq (1), middle",
+    "The rotor's momentum is its inertia times the rates of the three joint angles.",
+)
 def _middle(e: Evidence) -> Finding:
     d = e.momentum
     errors = {round(tilt / DEG): float(error) for tilt, error in zip(d.tilt, d.error_middle, strict=True)}
@@ -41,6 +48,11 @@ def _middle(e: Evidence) -> Finding:
     )
 
 
+@STATEMENTS(
+    "eq-1-last",
+    "Eq (1), last form",
+    "As the spin is much faster than the flexures' rates, the momentum is Irz times the spin rate, along the rotor.",
+)
 def _last(e: Evidence) -> Finding:
     d = e.momentum
     errors = {round(tilt / DEG): float(error) for tilt, error in zip(d.tilt, d.error_last, strict=True)}
@@ -54,6 +66,7 @@ def _last(e: Evidence) -> Finding:
     )
 
 
+@STATEMENTS("eq-2", "Eq (2)", "A tilt φ in direction β gives the two joint angles.")
 def _joint(e: Evidence) -> Finding:
     limit = e.bench.value("tilt_limit")
     worst = 0.0
@@ -71,6 +84,11 @@ def _joint(e: Evidence) -> Finding:
     )
 
 
+@STATEMENTS(
+    "fig-3",
+    "Fig. 3",
+    "At a constant speed, the momenta of all tilts form part of a sphere whose radius the speed sets.",
+)
 def _caps(e: Evidence) -> Finding:
     d, inertia = e.momentum, e.bench.value("rotor_inertia_z")
     radius = inertia * d.speed
@@ -88,6 +106,7 @@ def _caps(e: Evidence) -> Finding:
     )
 
 
+@STATEMENTS("fig-4", "Fig. 4", "All momenta fill a solid between two spherical surfaces of different radii.")
 def _body(e: Evidence) -> Finding:
     low, high = e.momentum.along
     across, d = e.momentum.across, e.momentum
@@ -100,34 +119,3 @@ def _body(e: Evidence) -> Finding:
         {"along_least_n_m_s": low, "along_most_n_m_s": high, "across_most_n_m_s": across},
         lambda: e.momentum.plot("body"),
     )
-
-
-STATEMENTS = (
-    Statement("table-1", "Table 1", "Moments of inertia, tilt and spin range of the rotor.", _rotor),
-    Statement(
-        "eq-1-middle",
-        "Eq (1), middle",
-        "The rotor's momentum is its inertia times the rates of the three joint angles.",
-        _middle,
-    ),
-    Statement(
-        "eq-1-last",
-        "Eq (1), last form",
-        "As the spin is much faster than the flexures' rates, the momentum is Irz times the spin rate, along the "
-        "rotor.",
-        _last,
-    ),
-    Statement("eq-2", "Eq (2)", "A tilt φ in direction β gives the two joint angles.", _joint),
-    Statement(
-        "fig-3",
-        "Fig. 3",
-        "At a constant speed, the momenta of all tilts form part of a sphere whose radius the speed sets.",
-        _caps,
-    ),
-    Statement(
-        "fig-4",
-        "Fig. 4",
-        "All momenta fill a solid between two spherical surfaces of different radii.",
-        _body,
-    ),
-)

@@ -1,10 +1,10 @@
-"""The paper judged statement by statement: for the terminal, and as a page of HTML that needs no other file."""
+"""Pages of the judged paper: for the terminal, and as one HTML file."""
 
 from __future__ import annotations
 
 import base64
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.console import RenderableType
 from rich.padding import Padding
@@ -15,7 +15,7 @@ from gyrowheel.show.html import embedded, environment, style_sheet
 from gyrowheel.show.layout import heading, words_table
 
 if TYPE_CHECKING:
-    from gyrowheel.paper_figures.result import Paper, Verdict
+    from gyrowheel.paper_figures.evidence import JudgedPaper, Verdict
 
 CITATION = (
     "Huo, X.; Feng, S.; Liu, K.; Wang, L.; Chen, W. Aerodynamic Drag Analysis of 3-DOF Flex-Gimbal GyroWheel System in "
@@ -27,18 +27,18 @@ _MOODS: Mapping[Verdict, str] = {"agree": "good", "disagree": "bad", "cannot be 
 _INDENT = (0, 0, 0, 2)
 
 
-def paper_page(result: Paper) -> Iterator[RenderableType]:
-    """Yield the table of verdicts, and number and reason for those statements that are not agreed with."""
+def paper_page(result: JudgedPaper) -> Iterator[RenderableType]:
+    """Yield the table of verdicts, then numbers and reasons of the statements without agreement."""
     yield heading("Statements of Huo et al. 2016 (Sensors 16, 2081)")
     table = words_table("where", "name", "verdict")
     for row in result.rows:
         verdict = row.finding.verdict
         table.add_row(row.where, row.name, Text(verdict, style=_COLOURS[verdict]))
     yield Padding(table, _INDENT)
-    open_ones = [row for row in result.rows if row.finding.verdict != "agree"]
-    if open_ones:
-        yield heading("Not agreed with")
-    for row in open_ones:
+    others = [row for row in result.rows if row.finding.verdict != "agree"]
+    if others:
+        yield heading("Disagreements and open statements")
+    for row in others:
         verdict = row.finding.verdict
         yield Text.assemble(f"{row.where}: ", (verdict, _COLOURS[verdict]), f" ({row.name})")
         yield Padding(Text(row.statement, style="italic"), _INDENT)
@@ -47,23 +47,24 @@ def paper_page(result: Paper) -> Iterator[RenderableType]:
     yield Text(_summary(result))
 
 
-def _summary(result: Paper) -> str:
+def _summary(result: JudgedPaper) -> str:
     counted = ", ".join(f"{number} {verdict}" for verdict, number in result.counts().items())
     rest = result.total - len(result.rows)
     return f"{len(result.rows)} statements: {counted}." + (f" {rest} not judged." if rest else "")
 
 
-def html_page(result: Paper, pictures: Mapping[str, bytes]) -> str:
+def html_page(result: JudgedPaper, content: Mapping[str, Any], pictures: Mapping[str, bytes]) -> str:
     """Return the page: a table of all statements, then each with number, reason and picture.
 
     Parameters
     ----------
     result : Paper
         The statements.
+    content : mapping
+        The same as the content of ``paper.json``.
     pictures : mapping of str to bytes
         PNG files by the name of the row.
     """
-    content = result.to_dict()
     cells = Cells(content)
     rows = [
         {

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from gyrowheel.cli.console import advancing, notes, put_json, put_text
+from gyrowheel.cli.console import advancing, notes, put
 from gyrowheel.cli.options import Json, Seed, example
 
 
@@ -38,9 +38,9 @@ def paper(
 ) -> None:
     """Judge every figure, table and result of the published ground test.
 
-    Huo et al. 2016, statement by statement: what it says, the number made on the
-    spot, whether they agree, and why. Half a minute; what an interrupted run has
-    finished stays in DIR.
+    Huo et al. 2016, statement by statement: its content, the number computed
+    here, whether they agree, and why. Half a minute; the finished statements of an
+    interrupted run stay in DIR.
     """
     import gyrowheel as gw
 
@@ -51,11 +51,6 @@ def paper(
         if output is not None and (output / "index.html").is_file():
             notes().print(f"what is finished: {output / 'index.html'}", soft_wrap=True)
         raise
-    if json is not None:
-        put_json(json, result.to_dict())
-    if json != "-":
-        from gyrowheel.paper_figures.page import paper_page
-
-        put_text(paper_page(result))
-        if output is not None:
-            notes().print(f"page: {output / 'index.html'}", soft_wrap=True)
+    put(result, json)
+    if output is not None and json != "-":
+        notes().print(f"page: {output / 'index.html'}", soft_wrap=True)
