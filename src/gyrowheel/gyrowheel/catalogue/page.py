@@ -18,8 +18,8 @@ from gyrowheel_core.units import DEG, RPM
 if TYPE_CHECKING:
     from gyrowheel.catalogue.plan_check import CheckedPlan, Outlook
     from gyrowheel_analysis.capability import Reach
-    from gyrowheel_control.plans.plan import Plan
     from gyrowheel_control.plans.demands import Segment
+    from gyrowheel_control.plans.plan import Plan
     from gyrowheel_sim.bench import Bench
     from gyrowheel_sim.effects import Coefficient, Effect
     from gyrowheel_sim.environment import Environment
