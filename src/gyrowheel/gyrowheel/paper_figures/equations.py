@@ -9,6 +9,7 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
+from gyrowheel.paper_figures.curves import Curve, Panel, curves_figure
 from gyrowheel.paper_figures.evidence import (
     REFERENCE,
     SPEEDS,
@@ -20,7 +21,6 @@ from gyrowheel.paper_figures.evidence import (
     part,
     within,
 )
-from gyrowheel.paper_figures.curves import Curve, Panel, curves_figure
 from gyrowheel.show.style import BLUE, VERMILION
 from gyrowheel_core.quantities import short
 from gyrowheel_core.units import DEG, RPM
