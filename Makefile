@@ -36,7 +36,7 @@ ifdef _ROS_WHEELS_BOOTSTRAP_COMPLETE
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH
 endif
 
-.PHONY: all demo test quick workspace fuzz bench lint docs notebooks site lock clean help
+.PHONY: all demo test quick studies workspace fuzz bench lint docs notebooks site lock clean help
 
 all: $(DONE)/packages ## create .venv and install the nine packages into it (also: just `make`)
 	$(call say,ready: .venv/bin/gyrowheel ("make demo" shows what it does))
@@ -80,6 +80,9 @@ endif
 quick: lint ## lint, and the tests that are neither slow nor start nodes: for every commit
 	@$(BIN)/python -m pytest -n auto --dist worksteal -m 'not slow and not graph'
 
+studies: $(DONE)/packages ## run further cases of what the tests show, before a release (ARGS="-k events" picks some)
+	@$(BIN)/python -m pytest --studies -n auto --dist worksteal $(ARGS)
+
 fuzz: $(DONE)/packages ## try damaged input of every kind for MINUTES=5; what goes wrong is kept in fuzz_findings
 	@$(BIN)/python -m tests.fuzz --minutes $(MINUTES) $(ARGS)
 
@@ -104,7 +107,7 @@ site: $(DONE)/packages ## build the pages as a site with search: build/site/inde
 	@$(BIN)/python -m sphinx --quiet --fail-on-warning --conf-dir tools/site --doctree-dir build/site-cache . build/site
 	$(call say,site: build/site/index.html)
 
-lock: $(DONE)/venv ## write requirements.lock anew, with the newest versions
+lock: $(DONE)/venv ## write requirements.lock with the newest versions
 	@$(PIP) install uv
 	@$(BIN)/python tools/lock.py
 

@@ -18,7 +18,6 @@ SUBJECTS = {
     "diagnosis": "time and memory of a diagnosis, for minutes and for an hour of samples, stage by stage",
     "workbench": "an hour in the browser: opening, zoom, memory, compared with plotly-resampler; delay of a diagnosis",
     "recording": "columns read per second, rosbags and mcap_ros2 as peers; the recorder at 10 000 messages/s, killed",
-    "studies": "every effect, instrument and verdict one by one: number of cases that pass",
     "solver": "one fit of a recording, our Gauss-Newton compared with SciPy's least_squares: time, same minimum",
     "killed": "kill -9 at random instants of verbs that write, and fifty concurrent writers of one model",
     "readers": "our MCAP reader and writer compared with rosbags' raw bytes: time, detected damage, loss by a kill",

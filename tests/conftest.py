@@ -23,7 +23,7 @@ settings.load_profile("same")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Studies go through more cases than a change needs; ``python -m benchmarks studies`` runs them."""
+    """Add the option of ``make studies``, which runs further cases of what the tests show."""
     parser.addoption("--studies", action="store_true", help="run the studies, and nothing else")
 
 

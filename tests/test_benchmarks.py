@@ -15,7 +15,6 @@ import pytest
 from rich.console import Console
 
 import benchmarks
-from benchmarks import studies
 from benchmarks.__main__ import main
 from benchmarks.results import Bar, Figure, MeasurementError, Report, number, shown, to_json
 from benchmarks.timing import Timing, by_turns
@@ -165,18 +164,3 @@ def test_bad_input_is_one_line(subject: str, tmp_path: Path, capsys: pytest.Capt
     output = capsys.readouterr()
     assert output.err.strip().splitlines()[-1].startswith("error: ")
     assert not output.out  # refused before anything was measured
-
-
-def test_studies_are_counted_by_file(tmp_path: Path) -> None:
-    written = tmp_path / "studies.xml"
-    written.write_text(
-        '<testsuites><testsuite><testcase classname="tests.analysis.test_discovery" name="one"/>'
-        '<testcase classname="tests.analysis.test_discovery" name="two"><failure message="no"/></testcase>'
-        '<testcase classname="tests.sim.test_dynamics" name="three"/></testsuite></testsuites>'
-    )
-    report = studies.report(written)
-    assert [(f.name, f.value, f.unit, f.holds) for f in report.figures] == [
-        ("discovery", 1.0, "of 2 hold", False),
-        ("dynamics", 1.0, "of 1 hold", True),
-    ]
-    assert report.notes[1] == "discovery: two."

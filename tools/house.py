@@ -34,7 +34,7 @@ HOUSE = (
         "gyrowheel_core",
         "no physics: what every package uses",
         (
-            ("blocks", "errors", "memory", "wire", "cache", "temporary_files", "start_node"),
+            ("arrays", "errors", "wire", "cache", "start_node"),
             ("units", "files", "schema", "yaml_text", "readings", "topics", "processes", "origin_guard"),
             ("namespaces",),
             ("quantities", "node", "locks", "limits"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import importlib.util
 import itertools
 import json
@@ -28,7 +27,6 @@ from numpy.typing import NDArray
 
 from gyrowheel_bringup.graph import EXECUTABLES, Graph, find_executable, node_parameters
 from gyrowheel_bringup.viewers import robot_description, rviz_config, share_file
-from gyrowheel_control.plans.adaptation import plan_for
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import topics
 from gyrowheel_core.errors import InputError
@@ -39,7 +37,6 @@ from gyrowheel_recording.bags.definitions import typestore
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.mechanics.kinematics import axis_of_tilt
 from gyrowheel_sim.plant.scenario import Scenario
-from tools import workspace
 
 from ..domains import next_domain
 from .helpers import SHORT_PLAN, Bystander, wait_for
@@ -226,26 +223,6 @@ def test_the_client_of_a_launch_walks_a_plan_and_ends_with_it(domain: int, tmp_p
     assert "segments:" not in said[0].stderr  # the plan itself is not in the log
 
 
-@pytest.mark.study  # the same as above with another bench
-@pytest.mark.graph
-def test_the_client_of_a_launch_walks_a_shipped_plan_within_the_limits_of_another_bench(domain: int) -> None:
-    spin = plan_for("check", Bench.load("dtg")).initial_spin_rate
-    without = ["drag_estimator", "recorder"]
-    with Graph(bench="dtg", domain_id=domain, hold_after_plan=False, initial_spin_rate=spin, without=without):
-        said = subprocess.run(
-            [
-                str(find_executable("gyrowheel_bringup", "plan_client_node")),
-                *("--ros-args", "-p", "plan:=check"),
-            ],
-            env=os.environ | {"ROS_DOMAIN_ID": str(domain)},
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-    assert said.returncode == 0, said.stderr
-    assert "completed" in said.stderr.splitlines()[-1]
-
-
 @pytest.mark.usefixtures("stubs", "viewers")
 def test_launch_of_a_replay_has_parameters_that_the_node_takes() -> None:
     from gyrowheel_recording.nodes.replay import ReplayNode
@@ -416,55 +393,3 @@ def test_every_node_has_its_executable(package: str, node: str) -> None:
 
 
 # --- colcon
-
-
-@pytest.mark.study  # `make workspace` is the same, for all packages
-@pytest.mark.slow
-@pytest.mark.graph
-def test_colcon_builds_the_packages_finds_their_tests_and_their_nodes_run(tmp_path: Path) -> None:
-    """The same tree, built against the ROS of this environment, which has the messages; ``make workspace`` does all."""
-    ours = [package for package in PACKAGES if package != "gyrowheel_msgs"]
-    built = workspace.build(tmp_path, skip=["gyrowheel_msgs"])
-    assert built.returncode == 0, built.stdout[-2000:] + built.stderr[-4000:]
-    assert f"{len(ours)} packages finished" in built.stdout
-    ran = workspace.run_tests(
-        tmp_path,
-        packages=["gyrowheel_core"],
-        skip=["gyrowheel_msgs"],
-        options=["-o", "python_files=test_units.py"],
-    )
-    assert ran["gyrowheel_core"][0] > 5
-    assert ran["gyrowheel_core"][1] == 0
-
-    def shell(line: str, **more: str) -> str:
-        """Return what a command prints in a shell that has sourced the workspace."""
-        said = subprocess.run(
-            ["bash", "-c", f". install/setup.sh && exec {line}"],
-            cwd=tmp_path,
-            env=workspace.environment() | more,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert said.returncode == 0, said.stderr
-        return said.stdout
-
-    checks = [
-        "from ament_index_python.packages import get_packages_with_prefixes as g",
-        "print({n: p for n, p in g().items() if n.startswith('gyrowheel')})",
-        "import gyrowheel_sim; print(gyrowheel_sim.__file__)",
-    ]
-    # nothing of the packages installed in this environment may help: it is looked at after the workspace
-    index, file = shell(f"'{sys.executable}' -c \"{'; '.join(checks)}\"").strip().splitlines()
-    places = {package: f"{tmp_path}/install/{package}" for package in ours} | {"gyrowheel_msgs": sys.prefix}
-    assert places == ast.literal_eval(index)
-    assert file.startswith(str(tmp_path / "install"))
-    for package, node in (("gyrowheel_recording", "replay_node"), ("gyrowheel_bringup", "foxglove_node")):
-        assert "set parameters by --ros-args" in shell(f"install/{package}/lib/{package}/{node} --help")
-    # and the whole bench walks a plan with the nodes of the workspace
-    (tmp_path / "plan.yaml").write_text(SHORT_PLAN)
-    code = "import sys; from gyrowheel.cli.app import main; sys.argv[0] = 'gyrowheel'; main()"
-    said = shell(
-        f"'{sys.executable}' -c \"{code}\" up --plan plan.yaml --record run", ROS_DOMAIN_ID=str(next_domain())
-    )
-    assert "none missing" in said

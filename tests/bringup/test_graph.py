@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -24,7 +23,7 @@ from gyrowheel_sim.effects import registry
 from gyrowheel_sim.plant.scenario import Scenario
 
 from ..domains import next_domain
-from .helpers import LONG_PLAN, PATIENCE, SHORT_PLAN, Bystander, alive, odd_bench, wait_for
+from .helpers import SHORT_PLAN, Bystander, alive, odd_bench, wait_for
 
 pytestmark = pytest.mark.graph
 
@@ -151,21 +150,6 @@ def start_graph(tmp_path: Path) -> Iterator[StartGraph]:
     for starter in started:
         starter.kill()
         starter.wait()
-
-
-@pytest.mark.study  # test_faults.py has it with a recording
-def test_ctrl_c_twice_leaves_nothing_behind(tmp_path: Path, start_graph: StartGraph):
-    code = f"""if True:
-        with Graph({LONG_PLAN!r}, domain_id={next_domain()}, without=["drag_estimator", "recorder"]) as graph:
-            graph.run(progress=lambda p: print(*graph.pids.values(), flush=True))
-    """
-    starter, pids = start_graph(code)
-    starter.send_signal(signal.SIGINT)
-    wait_for(lambda: not all(alive(pid) for pid in pids))
-    starter.send_signal(signal.SIGINT)
-    assert starter.wait(PATIENCE) != 0
-    assert not any(alive(pid) for pid in pids)
-    assert (tmp_path / "log").read_text().strip().endswith("KeyboardInterrupt")
 
 
 def test_a_used_domain_is_refused_and_nodes_end_after_a_killed_starter(domain: int, start_graph: StartGraph):

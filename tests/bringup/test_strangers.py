@@ -18,10 +18,10 @@ from rosbags.highlevel import AnyReader
 from gyrowheel.recordings.page import info_page
 from gyrowheel.show.layout import plain_text
 from gyrowheel_bringup.graph import Graph, GraphError, Progress
-from gyrowheel_bringup.graph.strangers import Strangers
+from gyrowheel_bringup.graph.foreign_nodes import Strangers
 from gyrowheel_core import topics, wire
 from gyrowheel_core.node import SURPLUS
-from gyrowheel_core.node.publishers import NAMELESS, PublisherWatch
+from gyrowheel_core.node.endpoints import NAMELESS, PublisherWatch
 from gyrowheel_recording.bags import Recording, info
 
 from .helpers import SHORT_PLAN, Bystander, wait_for

@@ -17,7 +17,7 @@ from ..domains import next_domain
 
 NODE = """
 import ctypes, os, signal, sys
-from gyrowheel_core.node import BenchNode, Diagnosis, run_node
+from gyrowheel_core.node import BenchNode, NodeStatus, run_node
 
 class Fragile(BenchNode):
     NODE_NAME = "fragile"

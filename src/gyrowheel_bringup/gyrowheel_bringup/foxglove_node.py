@@ -16,7 +16,7 @@ from gyrowheel_bringup.viewers import ROBOT_DESCRIPTION, robot_description
 from gyrowheel_bringup.websocket_proxy import GuardedProxy
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError, one_line
-from gyrowheel_core.node import WARN, BenchNode, Diagnosis, Param, run_node
+from gyrowheel_core.node import WARN, BenchNode, NodeStatus, Param, run_node
 from gyrowheel_core.origin_guard import web_origins
 from gyrowheel_core.topics import Topic
 from gyrowheel_recording.bags.definitions import definition
@@ -111,15 +111,15 @@ class FoxgloveNode(BenchNode):
         self._server.stop()
         self._channels = {}
 
-    def diagnose(self) -> Diagnosis:
+    def diagnose(self) -> NodeStatus:
         """Return the address and counts."""
         proxy = self._proxy
         values = {"address": self.address, "messages": self._passed, "refused_connections": proxy.refused}
         text = "showing" if self._passed else "waiting for messages"
         if proxy.refused > self._told:
             self._told = proxy.refused
-            return Diagnosis(f"{text}; refused: {proxy.last_refusal}", values, WARN)
-        return Diagnosis(text, values)
+            return NodeStatus(f"{text}; refused: {proxy.last_refusal}", values, WARN)
+        return NodeStatus(text, values)
 
     def _channel(self, foxglove: Any, topic: Topic) -> Any:
         known = definition(topic.type_name)

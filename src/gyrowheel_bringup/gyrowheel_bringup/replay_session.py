@@ -9,7 +9,6 @@ import contextlib
 import os
 import select
 import signal
-import subprocess
 import sys
 import tempfile
 import time
@@ -19,12 +18,13 @@ from pathlib import Path
 from typing import Any, Final
 
 from gyrowheel_analysis.drag.estimate import Estimate
-from gyrowheel_bringup.graph import EXECUTABLES, find_executable
+from gyrowheel_bringup.graph import EXECUTABLES
 from gyrowheel_bringup.graph.nodes import write_parameters
+from gyrowheel_bringup.graph.processes import node_process
 from gyrowheel_bringup.graph.shared_memory import remove_dead
 from gyrowheel_core import namespaces, topics
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.node import PARENT_VARIABLE, ExitCode, prepare_environment, run_node
+from gyrowheel_core.node import ExitCode, prepare_environment, run_node
 from gyrowheel_recording.bags.playback import Tape
 from gyrowheel_recording.nodes.replay import ReplayNode
 
@@ -187,30 +187,10 @@ def _companion(
     file = folder / f"{_ESTIMATOR}.yaml"
     write_parameters(file, parameters)
     with (folder / f"{_ESTIMATOR}.log").open("wb") as log:
-        process = subprocess.Popen(
-            [
-                str(find_executable(*EXECUTABLES[_ESTIMATOR])),
-                "--ros-args",
-                "--params-file",
-                str(file),
-                *rules,
-            ],
-            stdin=subprocess.DEVNULL,
-            stdout=None if logs else log,
-            stderr=None if logs else log,
-            env=os.environ | {PARENT_VARIABLE: str(os.getpid())},
-            start_new_session=True,  # a Ctrl-C of the terminal is for this process alone
-        )
-    try:
-        yield process
-    finally:
-        if process.poll() is None:
-            process.send_signal(signal.SIGINT)
-            try:
-                process.wait(20.0)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
+        output = None if logs else log
+        arguments = ["--params-file", str(file), *rules]
+        with node_process(EXECUTABLES[_ESTIMATOR], arguments, stdout=output, stderr=output) as process:
+            yield process
 
 
 def _check(process: Any, folder: Path) -> None:

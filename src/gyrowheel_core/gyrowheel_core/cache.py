@@ -1,6 +1,7 @@
-"""What was worked out once, kept on disk for the next process: private to the user, and checked as it is read.
+"""Cache on disk of computed results: private to the user, verified when it is read.
 
-A cache is never a reason to fail: what is missing, damaged, of another user or cannot be written is worked out anew.
+A cache is never a reason to fail: a result that is missing, damaged, of another user or cannot be written is computed
+again.
 """
 
 from __future__ import annotations
@@ -20,31 +21,43 @@ from pathlib import Path
 VARIABLE = "GYROWHEEL_CACHE"
 _WRITABLE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
 _DIGEST = hashlib.sha256
-_TOKEN = 8  # bytes in the name of an entry on its way
+_TOKEN = 8  # bytes in the name of an entry that is being written
 _HALF = re.compile(rf"\.[0-9a-f]{{{2 * _TOKEN}}}")
 _OLD = 3600.0  # s; no entry takes so long to write
 
 
 def digest(*texts: str) -> str:
-    """Return a short name of texts: another one where any of them differs."""
+    """Return a short name of texts that differs where any of them does."""
     return _DIGEST("\0".join(texts).encode("utf-8", "surrogatepass")).hexdigest()[:20]
+
+
+def user_folder(kind: str) -> Path:
+    """Return the user's folder of a kind, by the XDG base directory specification.
+
+    Parameters
+    ----------
+    kind : str
+        ``cache``, ``config`` or ``state``.
+    """
+    usual = {"cache": "~/.cache", "config": "~/.config", "state": "~/.local/state"}[kind]
+    return Path(os.environ.get(f"XDG_{kind.upper()}_HOME") or os.path.expanduser(usual))
 
 
 def folder() -> Path | None:
     """Return the cache folder; None where no folder can be trusted.
 
-    It is ``$GYROWHEEL_CACHE``, else ``gyrowheel`` in the user's cache folder, else one folder a user in the folder for
-    temporary files; the first of them that is the user's own and that nobody else can write to.
+    It is ``$GYROWHEEL_CACHE``, else ``gyrowheel`` in the user's cache folder, else a folder per user in the one for
+    temporary files: the first that belongs to the user and that nobody else can write to.
     """
     return _folder(
         os.environ.get(VARIABLE, ""),
-        os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"),
+        str(user_folder("cache")),
         _temporary(),
     )
 
 
 def _temporary() -> str:
-    """Return the folder for temporary files; empty where there is none that can be written to."""
+    """Return the folder for temporary files; empty if none can be written to."""
     try:
         return tempfile.gettempdir()
     except OSError:
@@ -61,7 +74,7 @@ def _folder(named: str, usual: str, temporary: str) -> Path | None:
 
 
 def _is_private(place: Path) -> bool:
-    """Whether a folder, made if it is missing, is the user's own and nobody else can write to it."""
+    """Whether a folder, created if it is missing, belongs to the user and nobody else can write to it."""
     try:
         place.mkdir(mode=0o700, parents=True, exist_ok=True)
         found = place.lstat()
@@ -75,7 +88,7 @@ def _is_private(place: Path) -> bool:
 
 
 def read(name: str) -> bytes | None:
-    """Return what was kept under a name; None if nothing was, or if it is not what was written.
+    """Return the content of an entry; None if it is missing or not as it was written.
 
     The checksum in front of the content covers its name, so that a file under another name counts as damaged.
     """
@@ -101,7 +114,7 @@ def read(name: str) -> bytes | None:
 
 
 def write(name: str, content: bytes) -> None:
-    """Keep content under a name, as well as that is possible: a full or read-only disk is no error."""
+    """Write an entry if possible: a full or read-only disk is no error."""
     place = folder()
     if place is None:
         return

@@ -1,12 +1,21 @@
-"""Files and directories: read with one-line errors, written whole or not at all."""
+"""Files and folders: read with one-line errors, written atomically.
+
+A new file or folder is written to a hidden temporary one in the same folder, which takes its name at the end. The
+process that makes it locks it (`flock`), and the lock ends with the process: an unlocked one was left by a killed
+process, and is removed when the same path is written again.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import errno
+import fcntl
 import json
 import math
 import os
+import re
+import secrets
+import shutil
 import stat
 import tempfile
 from collections.abc import Iterator, Mapping
@@ -14,10 +23,11 @@ from pathlib import Path
 from typing import Any
 
 from gyrowheel_core.errors import InputError, one_line, with_article
-from gyrowheel_core.temporary_files import on_its_way
 
 #: More characters than any text that this project reads may have.
 LONGEST_TEXT = 50_000_000
+_TOKEN = 6  # bytes in the name of a temporary file
+_LONGEST_NAME = 40  # characters of the target's name in it; a file system takes 255 bytes
 
 
 def require_new(directory: Path, *, what: str = "recording") -> None:
@@ -57,7 +67,7 @@ def new_directory(directory: Path) -> Iterator[Path]:
         target.parent.mkdir(parents=True, exist_ok=True)
     with contextlib.ExitStack() as stack:
         with disk_errors(target):
-            workplace, _ = stack.enter_context(on_its_way(target, folder=True, mode=0o700))
+            workplace, _ = stack.enter_context(temporary_path(target, folder=True, mode=0o700))
         yield workplace / target.name
         with disk_errors(target):
             if target.exists():
@@ -169,7 +179,7 @@ def new_file(file: Path, *, private: bool = False) -> Iterator[Path]:
         target = _led_to(file)
         target.parent.mkdir(parents=True, exist_ok=True)
         mode = _mode(target, file)
-        with on_its_way(target, mode=0o600 if private or mode is not None else 0o666) as (place, opened):
+        with temporary_path(target, mode=0o600 if private or mode is not None else 0o666) as (place, opened):
             yield place
             if mode is not None and not private:
                 _keep_owner(opened, target)
@@ -280,3 +290,86 @@ def disk_errors(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror or one_line(error)}") from None
+
+
+@contextlib.contextmanager
+def temporary_path(path: Path, *, folder: bool = False, mode: int = 0o666) -> Iterator[tuple[Path, int]]:
+    """Make a hidden temporary file or folder in the folder of a path, for the time of the block.
+
+    Parameters
+    ----------
+    path : Path
+        The final path.
+    folder : bool
+        Whether it is a folder.
+    mode : int
+        Its permissions, less the process's mask.
+
+    Yields
+    ------
+    place : Path
+        The temporary file or folder; it is removed at the end of the block, if it is still there.
+    descriptor : int
+        Its descriptor, which holds the lock.
+
+    Raises
+    ------
+    OSError
+        If it cannot be made.
+    """
+    _sweep(path)
+    place, held = _made(path, folder, mode)
+    try:
+        yield place, held
+    finally:
+        _remove(place)
+        os.close(held)
+
+
+def _made(path: Path, folder: bool, mode: int) -> tuple[Path, int]:
+    while True:
+        place = path.with_name(f".{path.name[:_LONGEST_NAME]}.{secrets.token_hex(_TOKEN)}")
+        if folder:
+            os.mkdir(place, mode)
+            held = os.open(place, os.O_RDONLY | os.O_DIRECTORY)
+        else:
+            held = os.open(place, os.O_CREAT | os.O_EXCL | os.O_WRONLY, mode)
+        # between making and locking it another process may have taken it for left behind
+        if locked(held) is not False and place.exists():
+            return place, held
+        os.close(held)
+
+
+def _sweep(path: Path) -> None:
+    """Remove the temporary files that killed processes left for a path, as far as that is possible."""
+    name = re.compile(rf"\.{re.escape(path.name[:_LONGEST_NAME])}\.[0-9a-f]{{{2 * _TOKEN}}}")
+    with contextlib.suppress(OSError):
+        for entry in list(os.scandir(path.parent)):
+            if not name.fullmatch(entry.name) or entry.is_symlink():
+                continue
+            with contextlib.suppress(OSError):
+                opened = os.open(entry.path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+                try:
+                    if locked(opened):
+                        _remove(Path(entry.path))
+                finally:
+                    os.close(opened)
+
+
+def locked(opened: int) -> bool | None:
+    """Lock a descriptor; False if another process holds the lock, None where the file system has no locks."""
+    try:
+        fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        return None
+    return True
+
+
+def _remove(place: Path) -> None:
+    if place.is_dir():
+        shutil.rmtree(place, ignore_errors=True)
+    else:
+        with contextlib.suppress(OSError):
+            place.unlink(missing_ok=True)

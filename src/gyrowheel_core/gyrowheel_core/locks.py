@@ -1,4 +1,8 @@
-"""Files that several processes may change: one at a time, from the reading to the writing."""
+"""Locks of files that several processes change, from the reading to the writing, and of folders that one works in.
+
+Not by the library filelock: it leaves the lock file in the user's folder, refuses one that another user has left there,
+and fails where the file system has no locks.
+"""
 
 from __future__ import annotations
 
@@ -10,14 +14,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.files import disk_errors
-from gyrowheel_core.temporary_files import locked
+from gyrowheel_core.files import disk_errors, locked
 
 #: How long a process waits for another one that changes the same file [s].
 LONGEST_WAIT = 600.0
 _PAUSE = 0.05  # s
-#: Lock files that are held, and by which process and thread.
-_HOLDING: dict[Path, tuple[int, int]] = {}
+#: Locked files, and the process and thread that hold each lock.
+_HOLDERS: dict[Path, tuple[int, int]] = {}
 
 
 @contextlib.contextmanager
@@ -26,9 +29,9 @@ def changing(
 ) -> Iterator[None]:
     """Keep other processes from changing a file while the block reads, changes and writes it.
 
-    The lock is a file beside it, ``.NAME.lock``, which goes when the block ends. It is held by the process and not by
-    the file: one that a killed process left behind hinders nobody. A block within a block on the same file takes no
-    lock. Where the file system has no locks, nobody is kept: what is written has to be compared with what was read.
+    The lock is a file next to it, ``.NAME.lock``, which is removed at the end of the block. The process holds the lock:
+    a lock file that a killed process left behind blocks nobody. A block within a block on the same file takes no lock.
+    A file system without locks keeps nobody away: compare what is to be written over with what was read.
 
     Parameters
     ----------
@@ -37,7 +40,7 @@ def changing(
     wait : float
         How long to wait for another process [s].
     waiting : callable, optional
-        Called with a line of text once, if there is need to wait.
+        Called once with a line of text, if another process holds the lock.
 
     Raises
     ------
@@ -50,83 +53,78 @@ def changing(
         folder = folder.parent
     place = folder / f".{target.name[:40]}.lock"
     own = os.getpid(), threading.get_ident()
-    if _HOLDING.get(place) == own:
+    if _HOLDERS.get(place) == own:
         yield
         return
-    held = _held(place, file, wait, waiting)
-    _HOLDING[place] = own
-    try:
-        yield
-    finally:
-        del _HOLDING[place]
-        # removed while it is held: whoever opened it before finds that it is not there any more, and begins anew
-        with contextlib.suppress(OSError):
-            place.unlink()
-        os.close(held)
+    end = time.monotonic() + wait
+    reported = waiting is None
+
+    def retry() -> None:
+        nonlocal reported
+        if time.monotonic() > end:
+            raise InputError(
+                f"{file}: another process has been changing it for {wait:.0f} s; nothing was changed"
+            )
+        if waiting is not None and not reported:
+            waiting(f"waiting: another process changes {file}")
+            reported = True
+        time.sleep(_PAUSE)
+
+    with _lock(place, file, retry):
+        _HOLDERS[place] = own
+        try:
+            yield
+        finally:
+            del _HOLDERS[place]
 
 
 @contextlib.contextmanager
 def alone_in(folder: Path, what: str) -> Iterator[None]:
-    """Hold a folder while the block works in it: two at a time would undo each other's work.
+    """Lock a folder while the block works in it: two at a time would undo each other's work.
 
     Parameters
     ----------
     folder : Path
-        The folder, which is there.
+        The folder, which exists.
     what : str
         What works in it, for the message.
 
     Raises
     ------
     InputError
-        If another process holds it, or it cannot be written to.
+        If another process holds the lock, or the folder cannot be written to.
     """
-    place = folder / ".lock"
+
+    def refuse() -> None:
+        raise InputError(f"{folder}: another {what} works in this folder")
+
+    with _lock(folder / ".lock", folder, refuse):
+        yield
+
+
+@contextlib.contextmanager
+def _lock(place: Path, path: Path, busy: Callable[[], None]) -> Iterator[None]:
+    """Hold a lock file for the time of the block; call `busy` as long as another process holds it."""
     while True:
-        with disk_errors(folder):
+        with disk_errors(path):
             opened = _opened(place)
-        if locked(opened) is False:
-            os.close(opened)
-            raise InputError(f"{folder}: another {what} works in this folder")
-        if _is_at(opened, place):
+        is_free = locked(opened) is not False  # where the file system has no locks, nobody holds one
+        if is_free and _is_at(opened, place):
             break
-        os.close(opened)  # of one that has just ended
+        os.close(opened)
+        if not is_free:
+            busy()
     try:
         yield
     finally:
+        # removed while it is locked: whoever opened it before finds it gone, and tries again
         with contextlib.suppress(OSError):
             place.unlink()
         os.close(opened)
 
 
-def _held(place: Path, file: Path, wait: float, waiting: Callable[[str], None] | None) -> int:
-    """Return a descriptor of the lock file, locked."""
-    end = time.monotonic() + wait
-    told = False
-    while True:
-        with disk_errors(file):
-            opened = _opened(place)
-        try:
-            if locked(opened) is not False:  # where the file system has no locks, nobody holds one
-                if _is_at(opened, place):
-                    held, opened = opened, -1
-                    return held
-                continue
-            if time.monotonic() > end:
-                raise InputError(
-                    f"{file}: another process has been changing it for {wait:.0f} s; nothing was changed"
-                )
-            if waiting is not None and not told:
-                waiting(f"waiting: another process changes {file}")
-                told = True
-            time.sleep(_PAUSE)
-        finally:
-            if opened >= 0:
-                os.close(opened)
-
-
 def _opened(place: Path) -> int:
-    """Return a descriptor of a lock file; one that another user has left behind can be locked without writing to it."""
+    """Return a descriptor of a lock file; one that another user has left can be locked without writing to it."""
     flags = os.O_NOFOLLOW | os.O_CLOEXEC | os.O_NONBLOCK
     try:
         return os.open(place, flags | os.O_CREAT | os.O_RDWR, 0o666)
@@ -139,8 +137,6 @@ def _opened(place: Path) -> int:
 def _is_at(opened: int, place: Path) -> bool:
     """Whether an open file is still the one at a path."""
     try:
-        there = place.stat()
+        return os.path.samestat(os.fstat(opened), place.stat())
     except FileNotFoundError:
         return False
-    own = os.fstat(opened)
-    return (own.st_dev, own.st_ino) == (there.st_dev, there.st_ino)

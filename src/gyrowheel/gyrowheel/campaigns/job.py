@@ -17,8 +17,7 @@ from gyrowheel.campaigns.judge import Judged, failed, judge
 from gyrowheel.show.contract import diagnosis_json
 from gyrowheel_analysis.model import Model
 from gyrowheel_core.errors import one_line
-from gyrowheel_core.files import disk_errors, json_text, write_text
-from gyrowheel_core.temporary_files import on_its_way
+from gyrowheel_core.files import disk_errors, json_text, temporary_path, write_text
 
 
 def run_case(case: Case, keep: str | None = None, scratch: str | None = None) -> Judged:
@@ -80,7 +79,7 @@ def _answered(case: Case, secret: Secret, recording: Path, unused: Path, folder:
 
 def _move(folder: Path, target: Path) -> None:
     """Copy a folder to a place where it appears as a whole."""
-    with disk_errors(target), on_its_way(target, folder=True, mode=0o700) as (place, _):
+    with disk_errors(target), temporary_path(target, folder=True, mode=0o700) as (place, _):
         shutil.copytree(folder, place / target.name)
         shutil.rmtree(target, ignore_errors=True)  # of this case, before the campaign was interrupted
         os.replace(place / target.name, target)

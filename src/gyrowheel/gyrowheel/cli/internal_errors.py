@@ -13,6 +13,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import TracebackType
 
+from gyrowheel_core.cache import user_folder
 from gyrowheel_core.errors import one_line, printable
 
 #: Errors of the machine, not of the program: no descriptors, memory or room left, a broken disk.
@@ -95,8 +96,7 @@ def _places(at: TracebackType | None) -> Iterator[str]:
 
 def _kept(report: str) -> Path | None:
     """Write a report into the user's folder for the state of programs, else that for temporary files."""
-    state = os.environ.get("XDG_STATE_HOME") or os.path.expanduser("~/.local/state")
-    for folder in (Path(state) / "gyrowheel", None):  # None: where temporary files are
+    for folder in (user_folder("state") / "gyrowheel", None):  # None: where temporary files are
         try:
             if folder is not None:
                 folder.mkdir(mode=0o700, parents=True, exist_ok=True)

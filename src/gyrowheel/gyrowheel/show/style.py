@@ -29,7 +29,7 @@ _VARIABLE = "MPLCONFIGDIR"
 
 def _keep_settings() -> None:
     """Have matplotlib use our cache where it may not write to the user's settings: else it warns and is slow."""
-    usual = Path(os.environ.get("XDG_CONFIG_HOME") or os.path.expanduser("~/.config")) / "matplotlib"
+    usual = cache.user_folder("config") / "matplotlib"
     there = next((folder for folder in (usual, *usual.parents) if folder.exists()), Path("/"))
     place = cache.folder()
     if _VARIABLE not in os.environ and place is not None and not os.access(there, os.W_OK):

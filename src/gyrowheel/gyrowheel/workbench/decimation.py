@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_core.blocks import by_blocks
+from gyrowheel_core.arrays import by_blocks
 
 _BLOCK = 256  # samples whose extremes are kept; `by_blocks` has a whole number of them
 _DIRECT = 2 * _BLOCK  # samples of a stretch from which on the extremes of blocks are used

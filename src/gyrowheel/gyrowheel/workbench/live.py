@@ -160,7 +160,7 @@ class LiveBenches:
 
     def _listen(self) -> None:
         try:
-            from gyrowheel_bringup.graph.listener import listening
+            from gyrowheel_bringup.graph.local_node import listening
         except ImportError as error:
             self.missing = f"ROS is not installed here ({error})"
             return

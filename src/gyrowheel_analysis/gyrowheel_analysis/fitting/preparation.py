@@ -29,7 +29,7 @@ from gyrowheel_analysis.reduction import (
     reduce_and_account,
 )
 from gyrowheel_analysis.reduction.not_as_stated import ReadingFindings, reading_findings
-from gyrowheel_core.blocks import by_blocks
+from gyrowheel_core.arrays import by_blocks
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording
 from gyrowheel_recording.bags.sampling import require_rate

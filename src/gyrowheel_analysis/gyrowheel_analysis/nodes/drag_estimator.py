@@ -13,7 +13,7 @@ from gyrowheel_analysis.drag.estimate import Estimate
 from gyrowheel_analysis.drag.stream import BLOCK, DragStream
 from gyrowheel_analysis.model import Model
 from gyrowheel_core import topics, wire
-from gyrowheel_core.node import PRIORITY, BenchNode, Diagnosis, Inbox, Param, run_node
+from gyrowheel_core.node import PRIORITY, BenchNode, Inbox, NodeStatus, Param, run_node
 
 #: Period at which arrived messages are taken [s, wall-clock time].
 TAKE_PERIOD = 0.02
@@ -89,7 +89,7 @@ class DragEstimatorNode(BenchNode):
             full = count == BLOCK
             self._publish(self._stream.estimates())
 
-    def diagnose(self) -> Diagnosis:
+    def diagnose(self) -> NodeStatus:
         """Return counts."""
         values = {
             "samples": self._stream.samples,
@@ -99,12 +99,12 @@ class DragEstimatorNode(BenchNode):
             "malformed_messages": self._stream.malformed,
         }
         if self._inputs is None:
-            return Diagnosis(f"waiting for subscribers: {self._subscribers_missing()} missing", values)
+            return NodeStatus(f"waiting for subscribers: {self._subscribers_missing()} missing", values)
         if self._stream.missing or self._stream.malformed:
-            return Diagnosis("running; samples are missing or malformed", values, DiagnosticStatus.WARN)
+            return NodeStatus("running; samples are missing or malformed", values, DiagnosticStatus.WARN)
         if self._stream.first > 0:
-            return Diagnosis(f"running; joined late, at sample {self._stream.first}", values)
-        return Diagnosis("running" if self._stream.samples else "waiting for samples", values)
+            return NodeStatus(f"running; joined late, at sample {self._stream.first}", values)
+        return NodeStatus("running" if self._stream.samples else "waiting for samples", values)
 
     def _take(self) -> None:
         """Take the messages that have arrived, once there are enough subscribers."""

@@ -7,7 +7,7 @@
 
 from __future__ import annotations
 
-from gyrowheel_bringup.graph.neighbours import require_free
+from gyrowheel_bringup.graph.foreign_nodes import require_free
 from gyrowheel_bringup.graph.nodes import (
     EXECUTABLES,
     executables,

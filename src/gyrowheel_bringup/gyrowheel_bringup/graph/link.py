@@ -16,11 +16,11 @@ from lifecycle_msgs.srv import ChangeState
 from rclpy.action import ActionClient
 
 from gyrowheel_analysis.drag.estimate import Estimate
-from gyrowheel_bringup.graph.own_node import own_node
+from gyrowheel_bringup.graph.foreign_nodes import Strangers
+from gyrowheel_bringup.graph.local_node import executor_of, local_node
 from gyrowheel_bringup.graph.plan_run import fault_of, walked
 from gyrowheel_bringup.graph.processes import Processes
 from gyrowheel_bringup.graph.results import GraphError, Progress
-from gyrowheel_bringup.graph.strangers import Strangers
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import namespaces, topics
 from gyrowheel_core.node import PRIORITY, RepeatedRequest, is_refused
@@ -93,8 +93,8 @@ class Link:
         self._troubles: set[tuple[str, str]] = set()
         self._alarm: GraphError | None = None  # guards that have tripped
         self._closing = contextlib.ExitStack()
-        self._node, self._executor = own_node("graph", namespace, domain_id, self._closing)
-        node = self._node
+        self._node = node = local_node("graph", namespace, domain_id, self._closing)
+        self._executor = executor_of(node, self._closing)
         # of nodes with other names of topics it is not known which they publish
         self._others = Strangers(node, () if renamed else names, namespace)
         topic = topics.DIAGNOSTICS

@@ -14,7 +14,7 @@ from rclpy.action import ActionClient
 
 from gyrowheel_bringup.graph.plan_run import PlanRequest, fault_of
 from gyrowheel_control.plans.plan import Plan
-from gyrowheel_core.node import BenchNode, Diagnosis, Param, RepeatedRequest, run_node
+from gyrowheel_core.node import BenchNode, NodeStatus, Param, RepeatedRequest, run_node
 
 
 class PlanClientNode(BenchNode):
@@ -44,9 +44,9 @@ class PlanClientNode(BenchNode):
         """Give up the action."""
         self._client.destroy()
 
-    def diagnose(self) -> Diagnosis:
+    def diagnose(self) -> NodeStatus:
         """Return what is being walked."""
-        return Diagnosis(
+        return NodeStatus(
             self._label or ("plan sent" if self._request is not None else "waiting for a conductor")
         )
 

@@ -9,9 +9,10 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import IO
 
 from gyrowheel_bringup.graph.nodes import (
     EXECUTABLES,
@@ -23,7 +24,7 @@ from gyrowheel_bringup.graph.nodes import (
 from gyrowheel_bringup.graph.results import GraphError
 from gyrowheel_bringup.graph.shared_memory import used_by
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.node import TORN, ExitCode
+from gyrowheel_core.node import PARENT_VARIABLE, TORN, ExitCode
 from gyrowheel_core.start_node import NodeRequest, command
 
 _STOP_TIMEOUT = 20.0  # time for a node to end by itself [s]
@@ -302,3 +303,50 @@ def _threads(pid: int) -> list[int]:
         return [int(name) for name in os.listdir(f"/proc/{pid}/task")]
     except OSError:  # the node has just ended
         return []
+
+
+@contextlib.contextmanager
+def node_process(
+    executable: tuple[str, str],
+    arguments: Sequence[str],
+    *,
+    stdout: IO[bytes] | int | None = None,
+    stderr: IO[bytes] | int | None = None,
+) -> Iterator[subprocess.Popen[str]]:
+    """Run a single node for the time of the block.
+
+    Parameters
+    ----------
+    executable : tuple of str
+        Its package and executable.
+    arguments : sequence of str
+        Its arguments of ROS.
+    stdout, stderr : file or int, optional
+        As `subprocess.Popen` takes them.
+
+    Raises
+    ------
+    InputError
+        If the executable is not installed.
+    """
+    process = subprocess.Popen(
+        [str(find_executable(*executable)), "--ros-args", *arguments],
+        stdin=subprocess.DEVNULL,
+        stdout=stdout,
+        stderr=stderr,
+        text=True,
+        errors="replace",
+        env=os.environ | {PARENT_VARIABLE: str(os.getpid())},
+        start_new_session=True,  # a Ctrl-C of the terminal is for this process alone
+    )
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+        # keeps reading, so that the process does not block on its output
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.communicate(timeout=_STOP_TIMEOUT)
+        if process.poll() is None:
+            process.kill()
+            process.communicate()

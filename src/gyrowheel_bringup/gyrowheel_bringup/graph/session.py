@@ -16,11 +16,10 @@ from types import TracebackType
 from typing import Self
 
 from gyrowheel_analysis.model import Model
-from gyrowheel_bringup.graph.completeness import counted
 from gyrowheel_bringup.graph.link import Link
 from gyrowheel_bringup.graph.nodes import EXECUTABLES, node_parameters
 from gyrowheel_bringup.graph.processes import Processes, share_core
-from gyrowheel_bringup.graph.results import GraphError, GraphResult, Progress
+from gyrowheel_bringup.graph.results import GraphError, GraphResult, Progress, counted
 from gyrowheel_bringup.graph.shared_memory import remove_dead, remove_left
 from gyrowheel_control.loops.supervision import plan_tilt_limit, tilt_limit
 from gyrowheel_control.plans.adaptation import plan_for

@@ -38,7 +38,7 @@ from gyrowheel_control.plans.adaptation import plan_for
 from gyrowheel_control.plans.plan import RAMP, Plan
 from gyrowheel_core import namespaces, topics, wire
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.node import PRIORITY, BenchNode, Diagnosis, Newcomers, Param, run_node
+from gyrowheel_core.node import PRIORITY, BenchNode, Newcomers, NodeStatus, Param, run_node
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import to_json
 
@@ -229,7 +229,7 @@ class ConductorNode(BenchNode):
         self._tilt_limit = self._limit(self.parameter("tilt_limit"))
         self._wheel.begin()
 
-    def diagnose(self) -> Diagnosis:
+    def diagnose(self) -> NodeStatus:
         """Return the plan in progress, and whether the wheel follows."""
         walk = self._walk
         values = {
@@ -239,13 +239,13 @@ class ConductorNode(BenchNode):
         }
         if self._wheel.lost:
             values["guard"] = TRACKING_LOST
-            return Diagnosis(f"{TRACKING_LOST}: {self._wheel.lost}", values, DiagnosticStatus.ERROR)
+            return NodeStatus(f"{TRACKING_LOST}: {self._wheel.lost}", values, DiagnosticStatus.ERROR)
         if walk is None:
-            return Diagnosis("holding" if self._held is not None else "waiting for a plan", values)
+            return NodeStatus("holding" if self._held is not None else "waiting for a plan", values)
         values["plan"] = walk.plan.name
         if walk.start_ns is None:
-            return Diagnosis(f"waiting for {walk.waits_for}", values)
-        return Diagnosis(f"walking plan {walk.plan.name}", values)
+            return NodeStatus(f"waiting for {walk.waits_for}", values)
+        return NodeStatus(f"walking plan {walk.plan.name}", values)
 
     # ---- the action, and the start of a plan
 

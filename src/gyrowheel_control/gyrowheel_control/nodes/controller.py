@@ -25,7 +25,7 @@ from gyrowheel_control.loops.controller import Controller, Gains
 from gyrowheel_control.loops.supervision import LOWEST_SPIN, Rest, SetpointGuard, tilt_limit
 from gyrowheel_control.plans.plan import SETPOINT_PERIOD
 from gyrowheel_core import topics, wire
-from gyrowheel_core.node import PRIORITY, WAITS_FOR, BenchNode, Diagnosis, Param, run_node
+from gyrowheel_core.node import PRIORITY, WAITS_FOR, BenchNode, NodeStatus, Param, run_node
 from gyrowheel_sim.bench import Bench
 
 SETPOINT_PERIOD_NS = round(SETPOINT_PERIOD * 1e9)
@@ -142,7 +142,7 @@ class ControllerNode(BenchNode):
         self._guard.limit = self._limit(self.parameter("tilt_limit"))
         self._controller.tune(self._gains())
 
-    def diagnose(self) -> Diagnosis:
+    def diagnose(self) -> NodeStatus:
         """Return counts, and what the limits have done since the last time."""
         guard = self._guard
         values = {
@@ -158,27 +158,27 @@ class ControllerNode(BenchNode):
         limited, refused, malformed = self._told
         self._told = guard.limited, guard.refused + self._refused, self._malformed
         if not self._ready:
-            return Diagnosis("waiting for subscribers", values)
+            return NodeStatus("waiting for subscribers", values)
         if self._rest is not None:
             text = "setpoint_lost: no setpoints come; the last one is held, then brought to rest"
-            return Diagnosis(text, values, DiagnosticStatus.WARN)
+            return NodeStatus(text, values, DiagnosticStatus.WARN)
         if self._malformed > malformed:
-            return Diagnosis(f"input_refused: {self._why}", values, DiagnosticStatus.WARN)
+            return NodeStatus(f"input_refused: {self._why}", values, DiagnosticStatus.WARN)
         if guard.refused + self._refused > refused:
-            return Diagnosis(
+            return NodeStatus(
                 "input_refused: samples or setpoints that are no numbers or out of range",
                 values,
                 DiagnosticStatus.WARN,
             )
         if guard.limited > limited:
-            return Diagnosis(
+            return NodeStatus(
                 f"tilt_limited: setpoints beyond {math.degrees(guard.limit):.2f} deg are held there",
                 values,
                 DiagnosticStatus.WARN,
             )
         if self._sample is not None:
-            return Diagnosis("waiting for a setpoint", values | {WAITS_FOR: topics.SETPOINT.name})
-        return Diagnosis("running" if self._answered else "waiting for a sample", values)
+            return NodeStatus("waiting for a setpoint", values | {WAITS_FOR: topics.SETPOINT.name})
+        return NodeStatus("running" if self._answered else "waiting for a sample", values)
 
     def _limit(self, wanted: float) -> float:
         return tilt_limit(self._bench, wanted, "parameter tilt_limit")

@@ -17,7 +17,7 @@ from sensor_msgs.msg import JointState
 
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.node import PRIORITY, BenchNode, Diagnosis, Param, run_node
+from gyrowheel_core.node import PRIORITY, BenchNode, NodeStatus, Param, run_node
 from gyrowheel_core.topics import JOINTS
 from gyrowheel_sim.bench import Bench
 
@@ -136,13 +136,13 @@ class JointCommandsNode(BenchNode):
         for subscription in self._inputs:
             self.destroy_subscription(subscription)
 
-    def diagnose(self) -> Diagnosis:
+    def diagnose(self) -> NodeStatus:
         """Return counts, and why messages were refused."""
         values = {"commands": self._answered, "refused_messages": self._refused}
         if self._refused > self._told:
             self._told = self._refused
-            return Diagnosis(f"input_refused: {self._why}", values, DiagnosticStatus.WARN)
-        return Diagnosis("running" if self._answered else "waiting for efforts", values)
+            return NodeStatus(f"input_refused: {self._why}", values, DiagnosticStatus.WARN)
+        return NodeStatus("running" if self._answered else "waiting for efforts", values)
 
     def _on_measurement(self, raw: bytes) -> None:
         try:

@@ -21,8 +21,8 @@ by `run_node`::
         def deactivate(self) -> None:
             self.destroy_timer(self._timer)
 
-        def diagnose(self) -> Diagnosis:
-            return Diagnosis("ticking", values={"ticks": self._ticks})
+        def diagnose(self) -> NodeStatus:
+            return NodeStatus("ticking", values={"ticks": self._ticks})
 
     def main() -> int:
         return run_node(TickNode)
@@ -45,9 +45,9 @@ What this gives each node:
 * ``--help`` with the table of the parameters.
 """
 
-from gyrowheel_core.node.base import SURPLUS, WAITS_FOR, WARN, BenchNode, Diagnosis, Fault
+from gyrowheel_core.node.base import SURPLUS, WAITS_FOR, WARN, BenchNode, Fault, NodeStatus
+from gyrowheel_core.node.endpoints import Newcomers
 from gyrowheel_core.node.inbox import Inbox
-from gyrowheel_core.node.newcomers import Newcomers
 from gyrowheel_core.node.parameters import AUTOSTART, Param
 from gyrowheel_core.node.priority import PRIORITY, is_refused
 from gyrowheel_core.node.process import (
@@ -72,11 +72,11 @@ __all__ = [
     "WAITS_FOR",
     "WARN",
     "BenchNode",
-    "Diagnosis",
     "ExitCode",
     "Fault",
     "Inbox",
     "Newcomers",
+    "NodeStatus",
     "Param",
     "RepeatedRequest",
     "StopSignals",

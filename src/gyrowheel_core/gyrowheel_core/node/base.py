@@ -22,17 +22,17 @@ from rclpy.timer import Timer
 
 from gyrowheel_core import namespaces, topics
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.node.endpoints import PublisherWatch
 from gyrowheel_core.node.inbox import Inbox
 from gyrowheel_core.node.parameters import AUTOSTART, Param
 from gyrowheel_core.node.priority import PRIORITY, prioritise
-from gyrowheel_core.node.publishers import PublisherWatch
 from gyrowheel_core.start_node import PARENT_VARIABLE
 
 #: Value of a diagnosis that names topics with more than one publisher, and their publishers.
 SURPLUS = "surplus_publishers"
 #: Value of a diagnosis that names the topic without which the node cannot go on.
 WAITS_FOR = "waits_for"
-#: Level of a `Diagnosis` that says that something is not as it should be.
+#: Level of a `NodeStatus` that says that something is not as it should be.
 WARN: bytes = DiagnosticStatus.WARN
 
 _LAST_CALLBACKS = 50
@@ -64,7 +64,7 @@ class Fault(RuntimeError):
 
 
 @dataclass
-class Diagnosis:
+class NodeStatus:
     """What a node says of itself on ``/diagnostics``.
 
     Attributes
@@ -141,9 +141,9 @@ class BenchNode(LifecycleNode):
     def cleanup(self) -> None:
         """Release what `configure` acquired."""
 
-    def diagnose(self) -> Diagnosis:
+    def diagnose(self) -> NodeStatus:
         """Return the state for ``/diagnostics``; called once per second while the node is active."""
-        return Diagnosis()
+        return NodeStatus()
 
     def drain(self) -> None:
         """Take what waits in the inboxes.
@@ -402,7 +402,7 @@ class BenchNode(LifecycleNode):
         if self.failure is not None:
             text = str(self.failure) or type(self.failure).__name__
             values = {"fault": self.failure.name} if isinstance(self.failure, Fault) else {}
-            self._publish_diagnosis(Diagnosis(text, values, DiagnosticStatus.ERROR))
+            self._publish_diagnosis(NodeStatus(text, values, DiagnosticStatus.ERROR))
             self.deliver(self._diagnostics, timeout=1.0)
         self._unattended = True
         if self.state == "active":
@@ -474,7 +474,7 @@ class BenchNode(LifecycleNode):
         """Publish the diagnosis at once: a state has changed, and a second would be too late."""
         active = self.state == "active"
         self._publish_diagnosis(
-            self.diagnose() if active else Diagnosis(self.state, level=DiagnosticStatus.WARN)
+            self.diagnose() if active else NodeStatus(self.state, level=DiagnosticStatus.WARN)
         )
 
     def _every_second(self) -> None:
@@ -490,7 +490,7 @@ class BenchNode(LifecycleNode):
             self._surplus = surplus
             self.announce()
 
-    def _publish_diagnosis(self, diagnosis: Diagnosis) -> None:
+    def _publish_diagnosis(self, diagnosis: NodeStatus) -> None:
         values = {**diagnosis.values, **self._granted, "state": self.state, "pid": os.getpid()}
         level, text = diagnosis.level, diagnosis.message
         self.watch.look()

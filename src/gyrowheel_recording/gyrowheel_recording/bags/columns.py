@@ -15,8 +15,8 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 from rosbags.typesys.store import Typestore
 
 from gyrowheel_core import wire
+from gyrowheel_core.arrays import everywhere, gathered
 from gyrowheel_core.errors import InputError, one_line
-from gyrowheel_core.memory import everywhere, gathered
 from gyrowheel_core.wire import Layout
 from gyrowheel_recording.bags.definitions import typestore
 from gyrowheel_recording.bags.mcap.topics import TopicData, Want, joined

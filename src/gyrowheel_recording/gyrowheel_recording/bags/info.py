@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_core.blocks import by_blocks
+from gyrowheel_core.arrays import by_blocks
 from gyrowheel_recording.bags.metadata import METADATA_FILE, read_metadata
 from gyrowheel_recording.bags.publishers import ENTRY, Publisher, from_text
 from gyrowheel_recording.bags.reader import Integrity, Recording

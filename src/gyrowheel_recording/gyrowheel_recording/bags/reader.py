@@ -14,9 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from gyrowheel_core import topics, wire
-from gyrowheel_core.blocks import by_blocks
+from gyrowheel_core.arrays import by_blocks, picked
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.memory import picked
 from gyrowheel_core.readings import READINGS, Readings, possible
 from gyrowheel_recording.bags.columns import STALL, columns, is_earlier, texts, wanted
 from gyrowheel_recording.bags.mcap.records import load_walk

@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from gyrowheel_core import topics, wire
+from gyrowheel_core.arrays import picked
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.memory import picked
 from gyrowheel_core.topics import Topic
 from gyrowheel_recording.bags.definitions import definition
 from gyrowheel_recording.bags.mcap.writer import Block, McapWriter

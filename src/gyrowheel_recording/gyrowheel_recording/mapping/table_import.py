@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from gyrowheel_control.plans.plan import SETPOINT_PERIOD
 from gyrowheel_core import topics, wire
+from gyrowheel_core.arrays import picked
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.memory import picked
 from gyrowheel_core.units import DEG, conversion
 from gyrowheel_recording.bags import Origin, RecordingWriter, described
 from gyrowheel_recording.mapping.clock import Clock

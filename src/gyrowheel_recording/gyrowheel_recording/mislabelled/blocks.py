@@ -12,7 +12,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from gyrowheel_core.blocks import by_blocks
+from gyrowheel_core.arrays import by_blocks
 from gyrowheel_core.readings import Readings
 from gyrowheel_recording.bags import Recording
 from gyrowheel_recording.bags.sampling import PAUSE, pauses

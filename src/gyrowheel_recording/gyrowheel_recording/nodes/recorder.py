@@ -13,7 +13,7 @@ from rclpy.serialization import deserialize_message
 
 from gyrowheel_core import namespaces, topics
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.node import PRIORITY, BenchNode, Diagnosis, Inbox, Param, run_node
+from gyrowheel_core.node import PRIORITY, BenchNode, Inbox, NodeStatus, Param, run_node
 from gyrowheel_core.topics import Topic
 from gyrowheel_recording.bags.live import LiveRecording
 
@@ -96,15 +96,15 @@ class RecorderNode(BenchNode):
         for service in self._offers:
             self.destroy_service(service)
 
-    def diagnose(self) -> Diagnosis:
+    def diagnose(self) -> NodeStatus:
         """Return what is being recorded."""
         recording = self._recording
         if recording is None:
             ended = {ENDED: self._report} if self._begun else {}
             if not self._cut:
-                return Diagnosis(self._report, ended)
+                return NodeStatus(self._report, ended)
             text = f"not recording: the plant was started again, which ended {self._report}"
-            return Diagnosis(text, ended, DiagnosticStatus.WARN)
+            return NodeStatus(text, ended, DiagnosticStatus.WARN)
         values = {
             "directory": recording.writer.path,
             "messages": recording.messages,
@@ -115,14 +115,14 @@ class RecorderNode(BenchNode):
             "stalls": recording.stalls.number,
         }
         if recording.count.missing:
-            return Diagnosis("recording; samples are missing", values, DiagnosticStatus.WARN)
+            return NodeStatus("recording; samples are missing", values, DiagnosticStatus.WARN)
         if recording.count.surplus or recording.surplus_commands:
             text = "recording; samples or commands came more than once"
-            return Diagnosis(text, values, DiagnosticStatus.WARN)
+            return NodeStatus(text, values, DiagnosticStatus.WARN)
         if recording.stalls.number:
             text = f"recording; the bench {recording.stalls.last}"
-            return Diagnosis(text, values | {"last_stall": recording.stalls.last}, DiagnosticStatus.WARN)
-        return Diagnosis("recording", values)
+            return NodeStatus(text, values | {"last_stall": recording.stalls.last}, DiagnosticStatus.WARN)
+        return NodeStatus("recording", values)
 
     def _begin(self, directory: str) -> None:
         """Start a recording; InputError if the directory exists or cannot be created."""

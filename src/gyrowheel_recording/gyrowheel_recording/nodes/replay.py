@@ -24,7 +24,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.node import BenchNode, Diagnosis, Param, run_node
+from gyrowheel_core.node import BenchNode, NodeStatus, Param, run_node
 from gyrowheel_core.topics import Topic
 from gyrowheel_recording.bags.playback import Message, Pace, Tape, parse_names
 from gyrowheel_recording.bags.sampling import PAUSE
@@ -135,7 +135,7 @@ class ReplayNode(BenchNode):
         for client in self._state_clients.values():
             self.destroy_client(client)
 
-    def diagnose(self) -> Diagnosis:
+    def diagnose(self) -> NodeStatus:
         """Return where the replay is."""
         values: dict[str, object] = {
             "recording": self._tape.path,
@@ -146,12 +146,12 @@ class ReplayNode(BenchNode):
             "left_out": ", ".join(f"{topic.name}: {why}" for topic, why in self.left_out.items()),
         }
         if not self.started:
-            return Diagnosis("waiting for readers", values)
+            return NodeStatus("waiting for readers", values)
         if self.finished:
-            return Diagnosis("at the end", values)
+            return NodeStatus("at the end", values)
         if self._slow:
-            return Diagnosis("waiting for a slow reader", values, DiagnosticStatus.WARN)
-        return Diagnosis("paused" if self._pace.paused else "running", values)
+            return NodeStatus("waiting for a slow reader", values, DiagnosticStatus.WARN)
+        return NodeStatus("paused" if self._pace.paused else "running", values)
 
     def tune(self) -> None:
         """Continue at another rate."""

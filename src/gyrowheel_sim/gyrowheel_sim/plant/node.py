@@ -33,8 +33,8 @@ from gyrowheel_core.node import (
     PRIORITY,
     WAITS_FOR,
     BenchNode,
-    Diagnosis,
     Newcomers,
+    NodeStatus,
     Param,
     run_node,
 )
@@ -275,7 +275,7 @@ class PlantNode(BenchNode):
         if self._real_time is not None:
             self._real_time.pace()
 
-    def diagnose(self) -> Diagnosis:
+    def diagnose(self) -> NodeStatus:
         """Return the state of the guard, counts and time."""
         guard = self._guard
         share = guard.held_share
@@ -303,35 +303,35 @@ class PlantNode(BenchNode):
             stall, late = self._real_time.lateness()
             jump = self._real_time.clock_jump
         if self._first is not None and (missing := self._missing()):
-            return Diagnosis(f"waiting for {' and '.join(missing)}", values)
+            return NodeStatus(f"waiting for {' and '.join(missing)}", values)
         if guard.trip is not None:
-            return Diagnosis(
+            return NodeStatus(
                 f"{guard.trip}: {guard.reason}; coils off, motor {outputs}", values, DiagnosticStatus.ERROR
             )
         if stall:
-            return Diagnosis(stall, values, DiagnosticStatus.WARN)
+            return NodeStatus(stall, values, DiagnosticStatus.WARN)
         if state in (GuardState.WAITING, GuardState.STOPPED):
             why = guard.refusals() or self._unheard()
             if not why and self._ignored:
                 why = f": {self._ignored} came, and none answers the sample that waits"
             level = DiagnosticStatus.WARN if why else DiagnosticStatus.OK
-            return Diagnosis(f"{_MESSAGES[state]}{why}", values, level)
+            return NodeStatus(f"{_MESSAGES[state]}{why}", values, level)
         holding = f"holding: {share:.1%} of the samples had no new command, the last one went on acting"
         if state is GuardState.HOLDING and share > HELD_SHARE:
-            return Diagnosis(holding, values, DiagnosticStatus.WARN)
+            return NodeStatus(holding, values, DiagnosticStatus.WARN)
         if state not in (GuardState.NORMAL, GuardState.HOLDING):
-            return Diagnosis(_MESSAGES[state], values, DiagnosticStatus.WARN)
+            return NodeStatus(_MESSAGES[state], values, DiagnosticStatus.WARN)
         if abs(jump) > CLOCK_JUMP:
-            return Diagnosis(
+            return NodeStatus(
                 f"clock_jump: the clock of the computer was set and is {jump:+.2f} s from the stamps",
                 values,
                 DiagnosticStatus.WARN,
             )
         if late:
-            return Diagnosis(f"late: {late}", values, DiagnosticStatus.WARN)
+            return NodeStatus(f"late: {late}", values, DiagnosticStatus.WARN)
         if self._ignored or self._late_environments:
-            return Diagnosis("running; some input came late or twice", values, DiagnosticStatus.WARN)
-        return Diagnosis(holding if state is GuardState.HOLDING else "running", values)
+            return NodeStatus("running; some input came late or twice", values, DiagnosticStatus.WARN)
+        return NodeStatus(holding if state is GuardState.HOLDING else "running", values)
 
     def _limits(self, values: Mapping[str, Any]) -> GuardLimits:
         """Return the limits of the guard; InputError where one is beyond that of the bench."""

@@ -16,8 +16,8 @@ import numpy as np
 import numpy.typing as npt
 import zstandard
 
+from gyrowheel_core.arrays import everywhere, gathered
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.memory import everywhere, gathered
 from gyrowheel_recording.bags.mcap.format import (
     CHANNEL,
     MESSAGE,

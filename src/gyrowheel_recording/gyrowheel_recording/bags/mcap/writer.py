@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gyrowheel_core.memory import everywhere
+from gyrowheel_core.arrays import everywhere
 from gyrowheel_recording.bags.mcap.format import (
     CHANNEL,
     CHUNK,

@@ -1,18 +1,22 @@
-"""Nodes that are not of the graph and publish what the bench lives by: commands, samples, setpoints, time."""
+"""Nodes that are not of the graph: those of a bench that runs already, and publishers of the topics of this one."""
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Collection, Iterator, Mapping
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
+from rclpy.node import Node
+
+from gyrowheel_bringup.graph.local_node import local_node
+from gyrowheel_bringup.graph.nodes import EXECUTABLES
+from gyrowheel_bringup.graph.shared_memory import remove_dead
 from gyrowheel_core import topics
-from gyrowheel_core.node import SURPLUS
-from gyrowheel_core.node.publishers import NAMELESS
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.node import SURPLUS, prepare_environment
+from gyrowheel_core.node.endpoints import NAMELESS
 from gyrowheel_core.topics import Topic
-
-if TYPE_CHECKING:
-    from rclpy.node import Node
 
 #: The node that publishes a topic in the graph.
 PUBLISHERS: Final[Mapping[Topic, str]] = {
@@ -27,6 +31,10 @@ PUBLISHERS: Final[Mapping[Topic, str]] = {
     topics.DRAG_ESTIMATE: "drag_estimator",
 }
 _PERIOD: Final = 1.0  # between two looks [s]
+#: How long nodes are looked for [s]; on one computer they are found within some tenths of a second.
+_LOOK = 2.0
+#: How long a computer with other work may take to find a node of this process [s].
+_PATIENCE = 20.0
 
 
 class Strangers:
@@ -96,3 +104,47 @@ class Strangers:
         for info in self._node.get_publishers_info_by_topic(topic.within(self._namespace)):
             if "UNKNOWN" not in info.node_name:  # its name is yet to come
                 yield f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+
+
+def require_free(
+    names: Collection[str] = tuple(EXECUTABLES), *, namespace: str = "", seconds: float = _LOOK
+) -> None:
+    """Refuse to start a bench where another one runs in the same namespace of the same ROS domain.
+
+    Parameters
+    ----------
+    names : collection of str
+        The nodes that are to be started.
+    namespace : str
+        Their namespace: empty for the root, else such as ``/bench2``.
+    seconds : float
+        How long to look for them [s], from when a second node of this process was found: as long as that is not
+        found, others may not be either.
+
+    Raises
+    ------
+    InputError
+        With the names of the nodes that are there.
+    """
+    prepare_environment()
+    remove_dead()
+    with contextlib.ExitStack() as closing:
+        echo = local_node("echo", "", None, closing)
+        node = local_node("look", "", None, closing)
+        domain = node.context.get_domain_id()
+        end = time.monotonic() + max(_PATIENCE, seconds)
+        while not (found := _names_in(node, namespace) & set(names)) and time.monotonic() < end:
+            if echo.get_name() in _names_in(node, ""):
+                end = min(end, time.monotonic() + seconds)
+            time.sleep(0.05)
+    if found:
+        where = f" in the namespace {namespace}" if namespace else ""
+        raise InputError(
+            f"ROS domain {domain} has a bench already{where} (nodes {', '.join(sorted(found))}): end it, or choose "
+            "another namespace, or another ROS_DOMAIN_ID"
+        )
+
+
+def _names_in(node: Node, namespace: str) -> set[str]:
+    """Return the names of the nodes in a namespace."""
+    return {name for name, where in node.get_node_names_and_namespaces() if where == (namespace or "/")}

@@ -13,8 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from gyrowheel_core.files import new_directory, new_file, write_bytes
-from gyrowheel_core.temporary_files import on_its_way
+from gyrowheel_core.files import new_directory, new_file, temporary_path, write_bytes
 
 #: A process that forks one that writes for ever, at every line that it reads, and says its number.
 _WRITES = """
@@ -130,7 +129,7 @@ def test_what_another_process_has_on_its_way_stays(tmp_path: Path) -> None:
     others = [tmp_path / ".a.yaml.0123", tmp_path / ".a.yaml.0123456789ag", tmp_path / ".b.yaml.0123456789ab"]
     for other in others:
         other.write_text("x")
-    with on_its_way(path) as (first, _):
+    with temporary_path(path) as (first, _):
         first.write_text("first")
         write_bytes(path, b"second")
         assert first.read_text() == "first"

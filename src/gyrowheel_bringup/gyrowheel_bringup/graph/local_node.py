@@ -1,21 +1,63 @@
-"""Listening to running benches from beside their graphs, in every namespace: raw messages come, nothing is sent."""
+"""Nodes of this process that talk to benches or listen to them, next to whatever else the process does with ROS."""
 
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Iterator, Sequence
 
 import rclpy
 from rclpy.context import Context
+from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from gyrowheel_core import topics
-from gyrowheel_core.node import prepare_environment
-from gyrowheel_core.node.inbox import Inbox
+from gyrowheel_core.node import Inbox, make_executor, prepare_environment
 from gyrowheel_core.topics import Topic
 
 _MOST = 32  # namespaces that are listened to
+
+
+def local_node(name: str, namespace: str, domain: int | None, closing: contextlib.ExitStack) -> Node:
+    """Return a node in a context of its own.
+
+    Parameters
+    ----------
+    name : str
+        What the node does; the number of the process follows it.
+    namespace : str
+        Namespace of the node.
+    domain : int or None
+        ROS domain; None: that of the environment.
+    closing : ExitStack
+        Destroys node and context.
+    """
+    context = Context()
+    rclpy.init(
+        args=["--ros-args", "--disable-external-lib-logs"],
+        context=context,
+        domain_id=domain,
+        signal_handler_options=SignalHandlerOptions.NO,
+    )
+    closing.callback(context.try_shutdown)
+    node = Node(
+        f"{name}_{os.getpid()}",
+        context=context,
+        namespace=namespace,
+        use_global_arguments=False,
+        enable_rosout=False,
+    )
+    closing.callback(node.destroy_node)
+    return node
+
+
+def executor_of(node: Node, closing: contextlib.ExitStack) -> Executor:
+    """Return an executor that serves a node until `closing` ends it."""
+    executor = make_executor(node.context)
+    closing.callback(executor.shutdown)
+    executor.add_node(node)
+    return executor
 
 
 class Ear:
@@ -85,11 +127,6 @@ def listening(name: str, heard: Sequence[Topic], domain: int | None = None) -> I
         What is asked for benches, and for what they have said.
     """
     prepare_environment()
-    context = Context()
-    rclpy.init(context=context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
-    node = rclpy.create_node(name, context=context, enable_rosout=False, start_parameter_services=False)
-    try:
+    with contextlib.ExitStack() as closing:
+        node = local_node(name, "", domain, closing)
         yield Ear(node, heard)
-    finally:
-        node.destroy_node()
-        context.try_shutdown()

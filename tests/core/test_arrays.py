@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from gyrowheel_core.blocks import by_blocks
+from gyrowheel_core.arrays import by_blocks
 
 
 @pytest.mark.parametrize("count", [0, 1, 9, 10, 11, 95])

@@ -1,0 +1,68 @@
+"""Process long arrays in chunks that fit the cache of the processor, and structured arrays as plain bytes."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+_T = TypeVar("_T")
+
+#: Rows of a block: some megabytes of columns.
+ROWS = 1 << 15
+_MOST_THREADS = 4
+
+
+def by_blocks(count: int, work: Callable[[int, int], _T], rows: int = ROWS) -> list[_T]:
+    """Process the rows of an array in blocks.
+
+    Parameters
+    ----------
+    count : int
+        Number of rows.
+    work : callable
+        Called with the first row of a block and the row after its last one, in several threads.
+    rows : int
+        Rows of a block; the last one may have fewer.
+
+    Returns
+    -------
+    list
+        Results of the calls, in the order of the rows.
+    """
+    firsts = range(0, count, rows)
+    lasts = [min(first + rows, count) for first in firsts]
+    threads = min(_MOST_THREADS, len(os.sched_getaffinity(0)), max(len(firsts), 1))
+    with ThreadPoolExecutor(threads) as pool:
+        return list(pool.map(work, firsts, lasts))
+
+
+def everywhere(
+    memory: memoryview | npt.NDArray[np.uint8], dtype: np.dtype[Any], *, writeable: bool = False
+) -> npt.NDArray[Any]:
+    """Return overlapping elements of a memory, one at every byte where a whole one fits.
+
+    The result is read-only by default, also for writable memory: a compiled loop is then compiled once for both.
+    """
+    result: npt.NDArray[Any] = np.ndarray(
+        (len(memory) - dtype.itemsize + 1,), dtype=dtype, buffer=memory, strides=(1,)
+    )
+    result.flags.writeable = writeable
+    return result
+
+
+def gathered(memory: memoryview, places: npt.NDArray[np.int64], dtype: np.dtype[Any]) -> npt.NDArray[Any]:
+    """Return a copy of the elements at `places` of a memory."""
+    if len(places) == 0:
+        return np.empty(0, dtype)
+    # as plain bytes, which numpy copies at once
+    return everywhere(memory, np.dtype(f"V{dtype.itemsize}"))[places].view(dtype)
+
+
+def picked(rows: npt.NDArray[Any], which: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return some rows of a structured array, padding bytes included, which numpy's indexing leaves undefined."""
+    return rows.view(f"V{rows.dtype.itemsize}")[which].view(rows.dtype)
