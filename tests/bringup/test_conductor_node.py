@@ -18,7 +18,7 @@ from rclpy.action import ActionClient
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from gyrowheel_bringup.graph.plan_run import PlanRequest, walked
+from gyrowheel_bringup.graph.plan_run import PlanRequest, run_plan
 from gyrowheel_bringup.graph.results import GraphError
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import topics, wire
@@ -206,7 +206,7 @@ def test_a_plan_is_walked_once_although_the_first_answer_to_it_is_lost(
                 client.clock.publish(wire.CLOCK.pack(now))
 
         plan = Plan.load(SHORT_PLAN)
-        result = walked(
+        result = run_plan(
             client.action,
             plan,
             spin=spin,

@@ -65,7 +65,7 @@ class FoxgloveNode(BenchNode):
             ) from None
         origins = web_origins(self.parameter("origins"))
         self._sink = foxglove.Context()
-        # the last messages of latched topics, and those that a viewer has just asked for, by the names of its channels
+        # the last messages of latched topics, and the channels to which a viewer has just subscribed
         self._kept: dict[str, deque[bytes]] = {}
         self._asked_for: deque[str] = deque()
         asked_for = self._asked_for
@@ -103,7 +103,7 @@ class FoxgloveNode(BenchNode):
         self.get_logger().info(f"open {self.address} in Foxglove")
 
     def cleanup(self) -> None:
-        """Close the server and give up the topics."""
+        """Close the server and destroy the subscriptions."""
         self.destroy_timer(self._answering)
         for subscription in self._inputs:
             self.destroy_subscription(subscription)
@@ -151,7 +151,7 @@ class FoxgloveNode(BenchNode):
         return take
 
     def _show_latched(self) -> None:
-        """Show what is latched to viewers that have come since: all viewers see it again."""
+        """Send latched messages again, to all viewers, where a viewer has subscribed since."""
         asked = set()
         while self._asked_for:
             asked.add(self._asked_for.popleft())

@@ -1,4 +1,4 @@
-"""A replay session: the node ``replay`` in this process, shown as it runs, with a drag estimator beside it if wanted.
+"""A replay session: the node ``replay`` in this process with its progress shown, and optionally a drag estimator.
 
 `gyrowheel_recording.bags.playback` orders the messages; the node publishes them; this runs the node.
 """
@@ -86,7 +86,7 @@ def play(
     show : callable
         Called ten times a second with the node.
     estimator : mapping, optional
-        Parameters of a drag estimator that runs beside it; by default none runs.
+        Parameters of a drag estimator that runs during the replay; by default none runs.
     namespace : str
         Namespace of the nodes and of what they publish, such as ``/bench2``; empty: the root.
     logs : bool
@@ -204,7 +204,7 @@ def _check(process: Any, folder: Path) -> None:
 
 @contextlib.contextmanager
 def _keys() -> Iterator[Callable[[], str]]:
-    """Give a function that returns the keys pressed since its last call; none without a terminal."""
+    """Yield a function that returns the keys pressed since its last call; without a terminal it returns none."""
     if not sys.stdin or not sys.stdin.isatty():
         yield lambda: ""
         return

@@ -1,4 +1,4 @@
-"""Errors that tell the user what is wrong with what they gave."""
+"""Errors for bad input of the user."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ class InputError(ValueError):
 
 
 def printable(text: str) -> str:
-    """Return a text with escapes in the place of characters that cannot be printed.
+    """Return a text with characters that cannot be printed replaced by escapes.
 
-    Messages quote files that anybody may have written, and a terminal would obey what they hold.
+    Messages quote files from anywhere, and a terminal would obey escape sequences in them.
     """
     if text.isprintable():
         return text
@@ -33,12 +33,12 @@ def printable(text: str) -> str:
 
 
 def one_line(error: BaseException) -> str:
-    """Return what an error says, in one line; the name of its class where it says nothing."""
+    """Return the message of an error in one line; the name of its class if the message is empty."""
     return " ".join(str(error).split()) or type(error).__name__
 
 
 def nearest(name: str, known: Iterable[str], what: str = "allowed") -> str:
-    """Return what a message says after an unknown name: the known one that it resembles, else all of them."""
+    """Return a hint after an unknown name: the known name that it resembles, else all of them."""
     names = list(known)
     near = difflib.get_close_matches(name[:60], names, n=1)
     return f"did you mean {near[0]}?" if near else f"{what}: {', '.join(names) or 'none'}"

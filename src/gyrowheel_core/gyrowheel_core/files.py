@@ -38,7 +38,7 @@ def require_new(directory: Path, *, what: str = "recording") -> None:
     directory : Path
         The directory.
     what : str
-        What is to be made in it, for the message.
+        What is to be created in it, for the message.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def new_directory(directory: Path) -> Iterator[Path]:
 
 
 def require_writable(file: Path) -> None:
-    """Refuse a file that cannot be written, before the work whose result it is to hold begins.
+    """Refuse a file that cannot be written, before the work that it is for begins.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def is_file(path: Path) -> bool:
     Raises
     ------
     InputError
-        If the system does not tell: the name is too long, or the folder may not be read.
+        If the system cannot tell: the name is too long, or the folder may not be read.
     """
     with read_errors(path):
         return path.is_file()
@@ -113,7 +113,7 @@ def read_text(file: Path, *, errors: str = "strict") -> str:
     file : Path
         Path of the file.
     errors : str
-        What becomes of bytes that are no text, as `bytes.decode` takes it.
+        Handling of bytes that are not text, as for `bytes.decode`.
 
     Raises
     ------
@@ -155,8 +155,8 @@ def read_json(file: Path) -> Any:
 def new_file(file: Path, *, private: bool = False) -> Iterator[Path]:
     """Yield a temporary file; it replaces `file` when the block ends without an error, and is removed otherwise.
 
-    A file that is there keeps its permissions and, as far as the user may give it away, its owner and group; where a
-    link stands, the file that it leads to is replaced.
+    An existing file keeps its permissions and, as far as the user may change them, its owner and group; of a link, the
+    target is replaced.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ def new_file(file: Path, *, private: bool = False) -> Iterator[Path]:
     Yields
     ------
     Path
-        An empty file beside `file`, to be written over.
+        An empty file in the same folder, to be overwritten.
 
     Raises
     ------
@@ -189,9 +189,9 @@ def new_file(file: Path, *, private: bool = False) -> Iterator[Path]:
 
 
 def _mode(target: Path, file: Path) -> int | None:
-    """Return the permissions of a file that is to be replaced, None if it is not there; refuse what may not be.
+    """Return the permissions of a file to be replaced, None if it does not exist; refuse what may not be replaced.
 
-    Replacing needs no permission for the file, but whoever has made it read-only means it.
+    Replacing needs no permission for the file, but a read-only file is read-only for a reason.
     """
     try:
         found = target.lstat().st_mode
@@ -205,7 +205,7 @@ def _mode(target: Path, file: Path) -> int | None:
 
 
 def _keep_owner(opened: int, target: Path) -> None:
-    """Give a new file the owner and the group of the one that it replaces, as far as the user may."""
+    """Set owner and group of a new file to those of the replaced one, as far as the user may."""
     before = target.stat()
     for owner, group in ((before.st_uid, -1), (-1, before.st_gid)):
         with contextlib.suppress(OSError):
@@ -213,7 +213,7 @@ def _keep_owner(opened: int, target: Path) -> None:
 
 
 def _led_to(file: Path) -> Path:
-    """Return the file that a link leads to; a link that another user may have put there is none (it is replaced)."""
+    """Return the target of a link; a link that another user may have placed is not followed, but replaced."""
     try:
         link = file.lstat()
     except FileNotFoundError:
@@ -228,7 +228,7 @@ def _led_to(file: Path) -> Path:
 
 
 def write_bytes(file: Path, content: bytes, *, private: bool = False) -> None:
-    """Write a file; after an error it is as it was before (see `new_file`).
+    """Write a file; after an error it is unchanged (see `new_file`).
 
     Raises
     ------
@@ -240,9 +240,9 @@ def write_bytes(file: Path, content: bytes, *, private: bool = False) -> None:
 
 
 def write_text(file: Path, text: str, *, private: bool = False) -> None:
-    """Write a text file; after an error it is as it was before (see `new_file`).
+    """Write a text file; after an error it is unchanged (see `new_file`).
 
-    Bytes of a file's name that are no text are written as escapes, which JSON reads back as they were.
+    Bytes of a file's name that are not text are written as escapes, which JSON restores.
 
     Raises
     ------

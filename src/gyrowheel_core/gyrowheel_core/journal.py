@@ -1,8 +1,7 @@
-"""Long work that can be taken up again: its settings, and everything that it has finished, kept in its folder.
+"""Long work that can be resumed: its settings and all finished parts are kept in its folder.
 
-Each finished part is a file of its own that is written whole or not at all, so that a kill at any instant costs no
-more than the parts that were being worked on. What was begun with other settings or another code is refused: parts of
-the two would not belong together.
+Each finished part is one file, written atomically, so that a kill at any instant costs no more than the unfinished
+parts. Resuming with other settings or other code is refused: the parts would not belong together.
 """
 
 from __future__ import annotations
@@ -28,20 +27,20 @@ _LONGEST = 60  # characters of a value that a message repeats
 
 
 class Work(Section):
-    """What some work is, and so what its results depend on: the file of the settings.
+    """Settings of some work, on which its results depend: the content of the settings file.
 
     Attributes
     ----------
     kind : str
-        Which work it is, in a word.
+        Kind of work, in a word.
     settings : dict
-        What it was asked for, by the names of the options: content of a JSON file.
+        Values by the names of the options: content of a JSON file.
     contents : dict of str to str
         Digests of the files that `settings` names.
     versions : dict of str to str
         Versions of the code and of all that it uses.
     sum : str
-        Digest of all of this; what somebody has edited since was not begun.
+        Digest of all of this, which shows later edits.
     """
 
     schema_: Literal[1] = Field(default=1, alias="schema")
@@ -73,7 +72,7 @@ class Journal:
     identity: str
 
     def finish(self, name: str, content: Any) -> None:
-        """Keep a finished part: content of a JSON file, in which numbers need not be finite.
+        """Write a finished part: content of a JSON file, in which numbers need not be finite.
 
         Raises
         ------
@@ -84,7 +83,7 @@ class Journal:
         write_text(self.folder / FINISHED / f"{name}.json", text)
 
     def finished(self) -> dict[str, Any]:
-        """Return the finished parts by name; those that were damaged since are not among them.
+        """Return the finished parts by name, without damaged ones.
 
         Numbers that are not finite come back as the texts ``nan``, ``inf`` and ``-inf``.
         """
@@ -98,12 +97,12 @@ class Journal:
 
 
 def begun(folder: Path, kind: str) -> Work:
-    """Return what was begun in a folder.
+    """Return the settings of the work in a folder.
 
     Raises
     ------
     InputError
-        If there is nothing, it is of another kind, or it is not what was written.
+        If there are none, the work is of another kind, or they were edited.
     """
     file = folder / SETTINGS
     if not file.is_file():
@@ -119,7 +118,7 @@ def begun(folder: Path, kind: str) -> Work:
 
 
 def begin(folder: Path, work: Work) -> None:
-    """Write into a folder what is begun in it.
+    """Write the settings of new work into a folder.
 
     Raises
     ------
@@ -130,12 +129,12 @@ def begin(folder: Path, work: Work) -> None:
 
 
 def require_same(folder: Path, work: Work) -> None:
-    """Refuse to go on in a folder with other work than what was begun there.
+    """Refuse to resume other work than that of a folder.
 
     Raises
     ------
     InputError
-        If nothing was begun, or a setting, a file or the code is another one; it is named.
+        If there is no work, or a setting, a file or the code differs; the message names it.
     """
     stored = begun(folder, work.kind)
     given = Work.model_validate(json.loads(work.text()))
@@ -157,24 +156,24 @@ def require_same(folder: Path, work: Work) -> None:
 
 @contextlib.contextmanager
 def journal(folder: Path, work: Work, *, resume: bool = False) -> Iterator[Journal]:
-    """Hold a folder for some work, and yield the journal of what it finishes.
+    """Lock a folder for some work, and yield its journal.
 
-    A folder in which nothing was finished before an InputError is left as it was.
+    A folder in which nothing was finished before an InputError is left unchanged.
 
     Parameters
     ----------
     folder : Path
-        New or empty; with `resume` that of the work to go on with.
+        New or empty; with `resume` that of the work to resume.
     work : Work
-        What it is.
+        Its settings.
     resume : bool
-        Whether to go on with what is in the folder.
+        Whether to resume the work in the folder.
 
     Raises
     ------
     InputError
-        If the folder is not new, or holds nothing to go on with or something else (see `require_same`); if another
-        process works in it, or the disk refuses it.
+        If the folder is not new, or has no work to resume or other work (see `require_same`); if another process
+        works in it, or the disk refuses it.
     """
     if resume:
         require_same(folder, work)
@@ -200,7 +199,7 @@ def journal(folder: Path, work: Work, *, resume: bool = False) -> Iterator[Journ
 
 
 def _is_left_over(folder: Path) -> bool:
-    """Whether a folder has nothing but what work leaves that is killed before it begins."""
+    """Whether a folder has nothing but the files of work that was killed before it began."""
     try:
         return all(path.name.startswith((".lock", f".{SETTINGS}")) for path in folder.iterdir())
     except OSError:
@@ -208,20 +207,20 @@ def _is_left_over(folder: Path) -> bool:
 
 
 def _differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any]]:
-    """Yield what differs, with both values; None stands for what is not there."""
+    """Yield the names of differing values and both values; None for a missing one."""
     for name in {**before, **now}:
         if before.get(name) != now.get(name):
             yield name, before.get(name), now.get(name)
 
 
 def _said(value: Any) -> str | None:
-    """Return how a message names a value; None where it is too long."""
+    """Return a value for a message; None if it is too long."""
     text = "none" if value is None else value if isinstance(value, str) else json.dumps(value)
     return text if len(text) <= _LONGEST and text.isprintable() else None
 
 
 def _spelled(content: Any) -> Any:
-    """Return content with numbers that are not finite as texts, which JSON has no numbers for."""
+    """Return content with numbers that are not finite as texts: JSON has no such numbers."""
     if isinstance(content, Mapping):
         return {str(key): _spelled(value) for key, value in content.items()}
     if isinstance(content, list | tuple):

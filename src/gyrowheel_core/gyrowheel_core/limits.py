@@ -1,4 +1,4 @@
-"""Limits to what a file may grow to as it is read: a small file can claim, or unpack to, more than the memory holds."""
+"""Limit of the size of unpacked files: a small file can claim, or unpack to, more than the memory."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ _GIGABYTE = 10**9
 
 
 def largest() -> int:
-    """Return how many bytes one file may have once it is unpacked.
+    """Return the largest size of an unpacked file [bytes].
 
     Raises
     ------
     InputError
-        If the environment variable is no number above zero.
+        If the environment variable is not a number above zero.
     """
     given = os.environ.get(VARIABLE, "")
     try:
@@ -32,19 +32,19 @@ def largest() -> int:
 
 
 def require_room(size: float, what: str) -> None:
-    """Refuse what is larger than `largest`.
+    """Refuse a size above `largest`.
 
     Parameters
     ----------
     size : float
-        Bytes that are needed.
+        Needed memory [bytes].
     what : str
-        What needs them, with the file's name, as the beginning of the message.
+        Beginning of the message, with the file's name.
 
     Raises
     ------
     InputError
-        If they are too many; the message names the limit and the variable that raises it.
+        If it is too large; the message names the limit and the variable that raises it.
     """
     limit = largest()
     if size > limit:

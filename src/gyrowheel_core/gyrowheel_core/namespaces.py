@@ -1,7 +1,7 @@
 """Namespaces of benches: with a namespace each, several benches share one ROS domain.
 
 Nodes ask for topics, services and actions by relative names, so that ``-r __ns:=/bench2`` moves them all. Only
-``/diagnostics`` has one name in every namespace, because aggregators look for it there; what is said on it carries the
+``/diagnostics`` has one name in every namespace, because aggregators look for it there; its messages carry the
 namespace instead.
 """
 
@@ -19,19 +19,19 @@ _HARDWARE: Final = "gyrowheel"
 
 
 def checked(text: str, what: str = "namespace") -> str:
-    """Return a namespace as the others here take it: empty for the root, else such as ``/bench2``.
+    """Return a namespace in the form of this module: empty for the root, else such as ``/bench2``.
 
     Parameters
     ----------
     text : str
         The namespace, with or without the first slash.
     what : str
-        What names it in an error.
+        Its name in an error.
 
     Raises
     ------
     InputError
-        If it is no namespace of ROS.
+        If it is not a namespace of ROS.
     """
     tokens = text.strip("/").split("/") if text.strip("/") else []
     if any("__" in token or not _TOKEN.fullmatch(token) for token in tokens) or text.startswith("//"):
@@ -42,7 +42,7 @@ def checked(text: str, what: str = "namespace") -> str:
 
 
 def of_node(namespace: str) -> str:
-    """Return the namespace of a node as the others here take it, from what rclpy calls it: ``/`` for the root."""
+    """Return the namespace of a node in the form of this module, from that of rclpy: ``/`` for the root."""
     return namespace.rstrip("/")
 
 
@@ -52,7 +52,7 @@ def status_name(namespace: str, node: str) -> str:
 
 
 def hardware_id(namespace: str) -> str:
-    """Return what the nodes of a bench call it on ``/diagnostics``."""
+    """Return the ``hardware_id`` of the nodes of a bench on ``/diagnostics``."""
     return f"{_HARDWARE}{namespace}"
 
 

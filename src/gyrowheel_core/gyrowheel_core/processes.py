@@ -1,4 +1,4 @@
-"""Processes that others start."""
+"""Child processes that end with their parent."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ _PR_SET_PDEATHSIG = 1
 
 
 def die_with_parent() -> None:
-    """Have the kernel end this process when its parent ends: one that is killed can end nothing any more (Linux)."""
+    """Have the kernel end this process when its parent ends, also when that is killed (Linux)."""
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def end_with(parent: int) -> None:
-    """Let this process not outlive the one that started it, also where that one has ended already.
+    """End this process with the one that started it, also if that has ended already.
 
     Parameters
     ----------
     parent : int
-        Number of the process that started it. Its own number changes nothing: then it works for itself.
+        Id of the process that started it; the own id changes nothing.
     """
     if os.getpid() == parent:
         return
@@ -32,7 +32,7 @@ def end_with(parent: int) -> None:
 
 
 def hindrance() -> str:
-    """Return why several processes cannot work together here; empty where they can.
+    """Return why several processes cannot work together here; empty if they can.
 
     They need semaphores, which Linux keeps in ``/dev/shm``: in a container it may be missing, full or read-only.
     """

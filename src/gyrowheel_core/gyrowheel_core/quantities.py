@@ -1,4 +1,4 @@
-"""Numbers with units as texts show them: in sentences, and in tables. JSON stays in SI, with all digits."""
+"""Formatted numbers with units, for sentences and tables. JSON stays in SI, with all digits."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from gyrowheel_core.units import Unit, unit_for
 
-NOT_KNOWN = "–"  #: stands where a number is not finite
+NOT_KNOWN = "–"  #: shown for a number that is not finite
 
 # --- numbers
 
@@ -51,7 +51,7 @@ def fixed(value: float, digits: int = 3) -> str:
 
 
 def decimal(value: float, places: int, *, sign: bool = False) -> str:
-    """Return a number with some digits behind the point, with its sign if asked for; a zero is never negative."""
+    """Return a number with a fixed number of decimals, optionally with its sign; a zero is never negative."""
     if not math.isfinite(value):
         return NOT_KNOWN
     return _minus(f"{round(value, places) + 0.0:{'+' if sign else ''}.{places}f}")
@@ -100,13 +100,13 @@ def span(low: float, high: float, unit: str, *, pure: bool = False) -> str:
 
 
 def size(value: float, unit: str, *, sign: bool = False) -> str:
-    """Return a value [SI] as a sentence says it: ``0.25 mN·m``, ``34 µN·m``."""
+    """Return a value [SI] for a sentence: ``0.25 mN·m``, ``34 µN·m``."""
     shown = unit_for(value, unit)
     return _with(number(value / shown.size, sign=sign), shown)
 
 
 def size_and_noise(value: float, noise: float, unit: str, word: str = "") -> str:
-    """Return a value [SI] and the noise beside it, both in one unit: ``0.25 mN·m rms, noise 0.021``."""
+    """Return a value [SI] and its noise in one unit: ``0.25 mN·m rms, noise 0.021``."""
     shown = unit_for(max(value, noise), unit)
     return f"{number(value / shown.size)} {shown.label}{word}, noise {number(noise / shown.size)}"
 

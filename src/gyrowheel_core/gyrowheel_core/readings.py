@@ -14,10 +14,10 @@ Array = NDArray[np.float64]
 
 #: Names of the columns.
 READINGS: Final = wire.MEASUREMENT.fields
-#: Beyond this no value of a bench is one, whatever its unit [SI].
+#: Largest possible value of any reading, whatever its unit [SI].
 LARGEST: Final = 1e12
-#: The largest size that a reading can have, even in a wrong unit such as degrees, millivolts or degrees Celsius [SI].
-#: Loggers write 1e30 and the like for one that is missing.
+#: Largest possible magnitude of each reading, even in a wrong unit such as degrees, millivolts or degrees Celsius
+#: [SI]. Loggers write 1e30 and the like for a missing value.
 POSSIBLE: Final = {
     "tilt_x": 1e6,
     "tilt_y": 1e6,
@@ -35,7 +35,7 @@ _PLACES: Final = {name: place for place, name in enumerate(READINGS)}
 
 
 def possible(values: NDArray[np.float64], name: str) -> NDArray[np.bool_]:
-    """Return which values can be readings of a quantity, see `POSSIBLE`; of others, which are finite and not absurd."""
+    """Return which values are possible readings: finite, and within `POSSIBLE` of the quantity, else `LARGEST`."""
     return np.asarray(np.abs(values) <= POSSIBLE.get(name, LARGEST))
 
 
@@ -106,7 +106,7 @@ class Readings:
         self.array = array
 
     def whole(self, names: Iterable[str]) -> NDArray[np.bool_]:
-        """Return in which samples some readings were all taken, see `possible`."""
+        """Return the samples in which all of some readings are `possible`."""
         taken = np.ones(len(self), dtype=bool)
         for name in names:
             taken &= possible(self.array[:, _PLACES[name]], name)
@@ -114,7 +114,7 @@ class Readings:
 
     @staticmethod
     def columns(names: Iterable[str]) -> list[int]:
-        """Return the numbers of columns, for code that needs several of them as one array."""
+        """Return the indices of columns, for code that needs several of them as one array."""
         return [_PLACES[name] for name in names]
 
     def copy(self) -> Readings:

@@ -1,4 +1,4 @@
-"""Files of users checked against a schema; whatever is wrong becomes one line that names file, field and value."""
+"""Checks of users' files against a schema; an error is one line that names file, field and value."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pydantic_core import PydanticCustomError
 from gyrowheel_core.errors import InputError, nearest, one_line
 
 _LONGEST: Final = 60  # characters of a value that a message repeats
-#: What is said about a value by the type of pydantic's error; what is not here is said in pydantic's words.
+#: Messages by the type of pydantic's error; other types keep pydantic's message.
 _SAID: Final = {
     "missing": "missing",
     "extra_forbidden": "no such field",
@@ -50,13 +50,13 @@ _OWN: Final = "refused"  # type of the errors of `refuse`
 
 
 class Section(BaseModel):
-    """A mapping in a file of a user: a key that it does not know is refused, and what was read does not change."""
+    """A mapping in a user's file: unknown keys are refused, and its values are immutable."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 class Problem(NamedTuple):
-    """What is wrong in one place of a file."""
+    """An error in one place of a file."""
 
     place: tuple[str, ...]
     """Keys and numbers of list items on the way to it."""
@@ -65,7 +65,7 @@ class Problem(NamedTuple):
 
 
 class Key(NamedTuple):
-    """A key that a section of a file may have, in words."""
+    """Description of a key of a section of a file."""
 
     name: str
     unit: str
@@ -133,11 +133,11 @@ def check(
     where : str
         The file, or the place in a file; messages begin with it.
     kind : str
-        What the file is, such as ``plan``: said when the content is not even a mapping.
+        Kind of file, such as ``plan``, for the message if the content is not a mapping.
     separator : str
-        What stands between `where` and the name of the field: ``.`` if `where` is a place in a file.
+        Text between `where` and the name of the field: ``.`` if `where` is a place in a file.
     every : bool
-        Whether to tell all that is wrong, not the first of it alone.
+        Whether to report all errors, not only the first.
 
     Raises
     ------
@@ -156,13 +156,13 @@ def check(
 
 
 def joined(found: Sequence[str]) -> str:
-    """Return all that is wrong as one line; of very much, the beginning and how much more there is."""
+    """Return error messages in one line; of very many, the first ones and the number of the others."""
     more = len(found) - _MOST_TOLD
     return "; ".join([*found[:_MOST_TOLD], *([f"and {more} more"] if more > 0 else [])])
 
 
 def problems(schema: type[BaseModel], content: Any) -> list[Problem]:
-    """Return everything that `check` would refuse in the content of a file, not the first of it alone."""
+    """Return all errors that `check` finds in the content of a file."""
     try:
         schema.model_validate(content)
     except ValidationError as error:
@@ -171,7 +171,7 @@ def problems(schema: type[BaseModel], content: Any) -> list[Problem]:
 
 
 def keys(schema: type[BaseModel]) -> list[Key]:
-    """Return the keys of a section in words, for a page; units stand in the schema of a field as ``unit``."""
+    """Return descriptions of the keys of a section, for a page; a unit is the extra ``unit`` of a field's schema."""
     document = schema.model_json_schema(by_alias=True)
     found = []
     for name, field in schema.model_fields.items():
@@ -192,7 +192,7 @@ def keys(schema: type[BaseModel]) -> list[Key]:
 
 
 def _kind(document: Node, node: Node) -> str:
-    """Return in words which values a node of the schema allows."""
+    """Return the allowed values of a node of the schema in words."""
     if node.get("type") == "array":
         if "prefixItems" in node:
             each = [
@@ -213,7 +213,7 @@ def finite(value: Any, where: str) -> float:
     Raises
     ------
     InputError
-        If it is none; the message begins with `where`.
+        If it is not a finite number; the message begins with `where`.
     """
     try:
         if isinstance(value, bool) or not isinstance(value, int | float | str):
@@ -227,13 +227,13 @@ def finite(value: Any, where: str) -> float:
 
 
 def shown(value: Any) -> str:
-    """Return a value as it stands in a message: in one line, cut if it is long."""
+    """Return a value for a message: in one line, cut if it is long."""
     text = one_line(ValueError(repr(value)))
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
 
 
 def _told(schema: type[BaseModel], error: ValidationError) -> Iterator[Problem]:
-    """Yield what is wrong, each place once, that first which helps most."""
+    """Yield the errors, one for each place, the most helpful first."""
     document = schema.model_json_schema(by_alias=True)
     errors = error.errors(include_url=False)
     # another version of the schema explains all else, and an unknown key often the one that is missing
@@ -251,7 +251,7 @@ def _told(schema: type[BaseModel], error: ValidationError) -> Iterator[Problem]:
 
 
 def _problem(document: Node, error: Mapping[str, Any]) -> Problem:
-    """Return an error of pydantic in the words of this project."""
+    """Return an error of pydantic with the message of this project."""
     path, nodes, _ = _walk(document, error["loc"])
     kind, context = error["type"], error.get("ctx", {})
     if kind == "extra_forbidden":
@@ -319,7 +319,7 @@ def _names(nodes: Sequence[Node]) -> Iterator[str]:
         yield from node.get("properties", ())
 
 
-#: Bounds of numbers: names in JSON schema, and names where a validator stands before them.
+#: Bounds of numbers: names in JSON schema, and names behind a validator.
 _BOUNDS: Final = {
     ">": ("exclusiveMinimum", "gt"),
     ">=": ("minimum", "ge"),
@@ -330,7 +330,7 @@ _COUNTS: Final = {"minItems": ">=", "maxItems": "<=", "minLength": ">=", "maxLen
 
 
 def _allowed(nodes: Sequence[Node], *, count: bool) -> str:
-    """Return in words what the schema says about a value, or about its length."""
+    """Return the allowed values, or the allowed lengths, in words."""
     words = (_length(node) if count else _values(node) for node in nodes)
     return " or ".join(dict.fromkeys(word for word in words if word))
 

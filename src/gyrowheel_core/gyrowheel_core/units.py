@@ -1,4 +1,4 @@
-"""Units: SI inside, those of the laboratory where people read and write; one table of them for every text."""
+"""Units: SI in the code, units of the laboratory for people, from one table."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Unit(NamedTuple):
 
 
 #: Units for people by SI unit, largest first, each with the smallest magnitude that is shown in it (in SI).
-#: An SI unit that is not listed is shown as it is.
+#: An unlisted SI unit is kept.
 _SHOWN: Final[dict[str, tuple[tuple[Unit, float], ...]]] = {
     "N*m": ((Unit("mN·m", 1e-3), 5e-5), (Unit("µN·m", 1e-6), 0.0)),
     "N*m*s": ((Unit("N·m·s", 1.0), 0.1), (Unit("mN·m·s", 1e-3), 0.0)),
@@ -95,12 +95,12 @@ def unit_registry() -> pint.UnitRegistry[Any]:
 
 
 def require_unit(unit: str) -> None:
-    """Refuse what is no unit. Products of SI units, as the project writes them, need no library.
+    """Refuse a text that is not a unit. Products of SI units, as the project writes them, need no library.
 
     Raises
     ------
     pint.PintError
-        If it is no unit.
+        If it is not a unit.
     """
     if not (_PRODUCT.fullmatch(unit) and {*_NAMES.findall(unit)} <= _SI):
         unit_registry().parse_units(unit)

@@ -204,7 +204,7 @@ def stamp(data: bytes) -> int:
     Raises
     ------
     ValueError
-        If it is no plain CDR in little endian, or the stamp is negative or no time.
+        If it is not plain CDR in little endian, or the stamp is negative or invalid.
     """
     if data[:4] != _ENCAPSULATION or len(data) < 12:
         raise ValueError("not a stamped message in plain CDR, little endian")
@@ -227,7 +227,7 @@ def unpack_text(data: bytes) -> str:
     Raises
     ------
     ValueError
-        If it is none.
+        If it is not one.
     """
     if data[:4] != _ENCAPSULATION or len(data) < 8:
         raise ValueError("std_msgs/msg/String: encapsulation is not that of plain CDR, little endian")

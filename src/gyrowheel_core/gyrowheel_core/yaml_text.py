@@ -1,4 +1,4 @@
-"""YAML files of users, read strictly: nothing in them is silently ignored."""
+"""Strict reading of users' YAML files: nothing in them is silently ignored."""
 
 from __future__ import annotations
 
@@ -80,8 +80,8 @@ def read_yaml(text: str, origin: str) -> Any:
     Raises
     ------
     InputError
-        If it is no YAML, has a key twice in one mapping, or refers to itself without end; or if it is far longer than
-        any file of this project.
+        If it is not YAML, has a key twice in one mapping, refers to itself, or is far longer than any file of this
+        project.
     """
     if len(text) > LARGEST:
         raise InputError(f"{origin}: has {len(text)} characters; allowed: up to {LARGEST}")

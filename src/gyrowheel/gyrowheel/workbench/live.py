@@ -143,11 +143,11 @@ class LiveBenches:
         if own is None or own.silent:
             raise InputError(f"bench {key[:60]!r}: does not run")
         try:
-            from gyrowheel.graph.api import GraphError, walk
+            from gyrowheel.graph.api import GraphError, run_and_record
         except ImportError as error:
             raise InputError(f"ROS is not installed here ({error})") from None
         try:
-            return walk(
+            return run_and_record(
                 Plan.load(plan),
                 folder,
                 namespace=own.namespace,
@@ -173,7 +173,7 @@ class LiveBenches:
                     there, looked = ear.look(), now
                     for namespace in there - self._runs.keys():
                         self._runs[namespace] = Running(_NEVER, _NEVER, namespace=namespace)
-                for namespace, topic, data in ear.heard():
+                for namespace, topic, data in ear.messages():
                     self._heard[namespace] = now
                     takers[topic](namespace, data)
                 for namespace, own in self._runs.items():

@@ -31,17 +31,17 @@ PUBLISHERS: Final[Mapping[Topic, str]] = {
     topics.DRAG_ESTIMATE: "drag_estimator",
 }
 _PERIOD: Final = 1.0  # between two looks [s]
-#: How long nodes are looked for [s]; on one computer they are found within some tenths of a second.
+#: How long to look for nodes [s]; on one computer they are found within some tenths of a second.
 _LOOK = 2.0
-#: How long a computer with other work may take to find a node of this process [s].
+#: How long a busy computer may take to find a node of this process [s].
 _PATIENCE = 20.0
 
 
 class Strangers:
-    """What is known of publishers that are not of the graph.
+    """Publishers of the topics of the graph that are not of the graph.
 
-    Every node of the graph watches the topics that it reads and names topics with several publishers in its diagnoses;
-    those are collected here. A publisher of a topic that no node of the graph publishes is found by its name.
+    Every node of the graph watches the topics that it reads and reports topics with several publishers in its status;
+    the reports are collected here. A publisher of a topic that no node of the graph publishes is found by its name.
 
     Parameters
     ----------
@@ -61,14 +61,14 @@ class Strangers:
         self._due = 0.0
 
     def note(self, values: Mapping[str, str]) -> None:
-        """Take over what the diagnosis of a node of the graph says."""
+        """Note the surplus publishers in the status of a node of the graph."""
         for entry in filter(None, values.get(SURPLUS, "").split("; ")):
             topic, _, who = entry.partition(": ")
             others = who.split(", ")
             if (mine := self._mine.get(topic)) in others:
                 others.remove(mine)  # once: a second node of that name is another
             before = self._found.get(topic, [])
-            # of two nodes that say so, one may know a name that the other does not know yet
+            # of two nodes that report it, one may know a name that the other does not know yet
             is_less = NAMELESS in others and NAMELESS not in before and len(others) <= len(before)
             if others and not is_less:
                 self._found[topic] = others
@@ -81,7 +81,7 @@ class Strangers:
         for topic, own in self._own.items():
             mine, found = f"{self._namespace}/{own}", set(self._names(topic))
             if topic is topics.CLOCK and mine not in found:
-                continue  # a bench in real time has none, and does not listen to one
+                continue  # a bench in real time has no clock topic, and does not read one
             name = topic.within(self._namespace)
             before = self._found.get(name, [])
             new = sorted(found - {mine, *before})
@@ -90,7 +90,7 @@ class Strangers:
                 self._found[name] = [*(who for who in before if who != NAMELESS), *new, *nameless]
 
     def text(self) -> str:
-        """Return who published what, in one line; empty if nobody did."""
+        """Return topics and their foreign publishers in one line; empty if there are none."""
         return "; ".join(
             f"{topic} was also published by others: {', '.join(who)}" for topic, who in self._found.items()
         )

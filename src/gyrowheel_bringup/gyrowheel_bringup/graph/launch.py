@@ -1,4 +1,4 @@
-"""What launch files need beside the actions of launch: arguments that are checked, nodes that end with the launch."""
+"""Helpers of launch files: checked arguments, and nodes that end with the launch."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ _YES, _NO = ("true", "1", "yes", "on"), ("false", "0", "no", "off")
 
 
 def flag(name: str, text: str) -> bool:
-    """Return whether an argument of a launch file says yes.
+    """Return an argument of a launch file as a flag.
 
     Raises
     ------
     InputError
-        If it says neither yes nor no: a misspelt word must not start another bench than was asked for.
+        If it is neither yes nor no: a misspelt word must not start another bench than the intended one.
     """
     word = text.strip().lower()
     if word not in (*_YES, *_NO):
@@ -30,12 +30,12 @@ def flag(name: str, text: str) -> bool:
 
 
 def number(name: str, text: str) -> float:
-    """Return the number that an argument of a launch file says.
+    """Return an argument of a launch file as a number.
 
     Raises
     ------
     InputError
-        If it says none.
+        If it is not a number.
     """
     try:
         return float(text)
@@ -44,12 +44,12 @@ def number(name: str, text: str) -> float:
 
 
 def without(name: str, text: str, nodes: Collection[str]) -> list[str]:
-    """Return the nodes that are left over where an argument of a launch file says which are not to be started.
+    """Return the nodes to start, without those that an argument of a launch file excludes.
 
     Raises
     ------
     InputError
-        If it names a node that there is not.
+        If it names an unknown node.
     """
     left_out = text.replace(",", " ").split()
     for node in left_out:
@@ -78,9 +78,9 @@ def namespace_of(text: str, pushed: str = "") -> str:
 
 
 def parameter_options(parameters: Mapping[str, object]) -> dict[str, Any]:
-    """Return the options with which launch gives a node its parameters, each with the type that it has here.
+    """Return the options with which launch passes parameters to a node, each in its type.
 
-    Texts are given on the command line, in quotes: launch writes them into a file without, where ROS takes 3e32 for a
+    Texts go on the command line, in quotes: launch writes them into a file without quotes, where ROS reads 3e32 as a
     number.
     """
     texts = {name: value for name, value in parameters.items() if isinstance(value, str)}
@@ -90,14 +90,14 @@ def parameter_options(parameters: Mapping[str, object]) -> dict[str, Any]:
 
 
 def ends_with_launch(namespace: str) -> dict[str, Any]:
-    """Return the options with which launch starts a node of this project: it ends however the launch ends."""
+    """Return the options for a node of this project, so that it ends however the launch ends."""
     parent = {PARENT_VARIABLE: str(os.getpid())}
     return {"output": "screen", "additional_env": parent, "namespace": namespace}
 
 
 def ends_too() -> str | None:
-    """Return what is put before a program that is not of this project, so that the kernel ends it with the launch.
+    """Return the prefix of the command of a foreign program with which the kernel ends it with the launch.
 
-    None where the system has nothing to ask the kernel with.
+    None where the system has no `setpriv`.
     """
     return "setpriv --pdeathsig TERM" if shutil.which("setpriv") else None

@@ -1,4 +1,4 @@
-"""The node of this process in a graph: what it hears of the nodes, and what it asks them."""
+"""The node of this process in a graph: status messages of the nodes, and requests to them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from rclpy.action import ActionClient
 from gyrowheel_analysis.drag.estimate import Estimate
 from gyrowheel_bringup.graph.foreign_nodes import Strangers
 from gyrowheel_bringup.graph.local_node import executor_of, local_node
-from gyrowheel_bringup.graph.plan_run import fault_of, walked
+from gyrowheel_bringup.graph.plan_run import fault_of, run_plan
 from gyrowheel_bringup.graph.processes import Processes
 from gyrowheel_bringup.graph.results import GraphError, Progress
 from gyrowheel_control.plans.plan import Plan
@@ -31,9 +31,9 @@ _FINISH_TIMEOUT = 120.0  # time for the recorder to complete its files [s]
 _EXPLAIN = 3.0  # time for a node to end, or to report why a plan was aborted [s]
 _WIND_DOWN = 60.0  # time to stop the motor [s]
 _AT_REST = 30.0  # spin rate of a wheel that the controller has brought to rest [rpm]
-_ACTIVATE = 10.0  # time for a node to say that it is active [s]
+_ACTIVATE = 10.0  # time for a node to report that it is active [s]
 _NOTICED = 2.0 * TAKE_PERIOD  # after a plan, the recorder has seen by then how it ended [s]
-_NAMED = 3.0  # time for the name of a node to arrive after its publisher; it is told once a second [s]
+_NAMED = 3.0  # time for the name of a node to arrive after its publisher; it is sent once a second [s]
 _LAST = 0.1  # time to take what has arrived [s]
 
 
@@ -58,13 +58,13 @@ class Link:
     Attributes
     ----------
     starting : bool
-        Whether nodes of the same names that are not of this graph are looked for.
+        Whether nodes with the same names that are not of this graph are still searched.
     active : set of str
-        Nodes that have said that they are active.
+        Nodes that have reported that they are active.
     strangers : dict of str to str
-        Nodes of the same names that are not of this graph, and their process ids.
+        Nodes with the same names that are not of this graph, and their process ids.
     values : dict of str to dict
-        Values of the last diagnosis of each active node.
+        Values of the last status of each active node.
     estimates : list of Estimate
         Drag estimates so far.
     """
@@ -86,8 +86,8 @@ class Link:
         self.strangers: dict[str, str] = {}
         self.values: dict[str, dict[str, str]] = {}
         self.estimates: list[Estimate] = []
-        self._said: dict[str, str] = {}  # message of the last diagnosis
-        self._told: dict[str, float] = {}  # when it was made [s of the system's clock]
+        self._said: dict[str, str] = {}  # message of the last status
+        self._told: dict[str, float] = {}  # when it was sent [s of the system's clock]
         self._walked = 0.0  # when the last plan ended [s of the system's clock]
         self._states: dict[str, str] = {}  # state of the lifecycle, in it
         self._troubles: set[tuple[str, str]] = set()
@@ -95,7 +95,7 @@ class Link:
         self._closing = contextlib.ExitStack()
         self._node = node = local_node("graph", namespace, domain_id, self._closing)
         self._executor = executor_of(node, self._closing)
-        # of nodes with other names of topics it is not known which they publish
+        # renamed topics have unknown publishers
         self._others = Strangers(node, () if renamed else names, namespace)
         topic = topics.DIAGNOSTICS
         node.create_subscription(DiagnosticArray, topic.relative, self._on_diagnostics, topic.qos)
@@ -111,7 +111,7 @@ class Link:
         self._closing.callback(self._plans.destroy)
 
     def close(self) -> None:
-        """Give up the node; a second call does nothing."""
+        """Destroy the node; a second call does nothing."""
         self._closing.close()
 
     @property
@@ -120,7 +120,7 @@ class Link:
         return int(self._node.context.get_domain_id())
 
     def states(self, names: Collection[str] = ()) -> str:
-        """Return what nodes have said last, in one line: those given, else all that have said something."""
+        """Return the last messages of some nodes in one line; by default of all that have sent one."""
         shown = names or sorted(self._said)
         return "; ".join(f"{name}: {self._said.get(name, 'silent')}" for name in shown)
 
@@ -143,7 +143,7 @@ class Link:
                 self.strangers.setdefault(name, "unknown")
 
     def others(self) -> str:
-        """Return who else published what the bench lives by, in one line; empty if nobody did."""
+        """Return foreign publishers of the topics of the bench in one line; empty if there are none."""
         return self._others.text()
 
     def await_names(self) -> None:
@@ -155,10 +155,10 @@ class Link:
     # ---- a plan
 
     def require_active(self, *, recorded: bool) -> None:
-        """Raise if a node of the graph is not active, and does not say within a moment that it is.
+        """Raise if a node of the graph is not active, and does not report within a moment that it is.
 
-        With `recorded` the recorder must record, too, by what it says after the last plan: that plan may have ended
-        because the plant was started again, which ends a recording.
+        With `recorded` the recorder must record, too, by its status after the last plan: it may have ended because the
+        plant was restarted, which ends a recording.
         """
         end = time.monotonic() + _ACTIVATE
         while True:
@@ -170,10 +170,10 @@ class Link:
             if not idle:
                 return
             if time.monotonic() > end or (fault == "not_recorded" and ENDED in values and not old):
-                raise GraphError(fault, f"no plan can run: {self.states(idle)}; start the graph anew")
+                raise GraphError(fault, f"no plan can run: {self.states(idle)}; start the graph again")
             self.spin()
 
-    def walk(
+    def run(
         self, plan: Plan, progress: Callable[[Progress], None] | None, *, stall_timeout: float
     ) -> RunPlan.Result:
         """Send a plan to the conductor and wait for its end.
@@ -181,15 +181,15 @@ class Link:
         Raises
         ------
         GraphError
-            If nobody walks plans, it is refused or aborted, makes no progress, or a node fails.
+            If no conductor is there, it refuses or aborts the plan, the plan makes no progress, or a node fails.
         """
         end = time.monotonic() + stall_timeout
         while not self._plans.server_is_ready():
             if time.monotonic() > end:
-                raise GraphError("stalled", f"no node offers the action that walks plans ({self.states()})")
+                raise GraphError("stalled", f"no node offers the action that runs plans ({self.states()})")
             self.spin()
         try:
-            result = walked(
+            result = run_plan(
                 self._plans,
                 plan,
                 spin=self.spin,
@@ -214,7 +214,7 @@ class Link:
     # ---- ending
 
     def await_samples(self, count: int) -> None:
-        """Wait until the recorder has so many samples, where nobody can be asked to deliver those on their way."""
+        """Wait until the recorder has a number of samples, where no node of the graph can confirm delivery."""
         end = time.monotonic() + _SETTLE_TIMEOUT
         while int(self.values.get("recorder", {}).get("samples", 0)) < count and time.monotonic() < end:
             self.spin()
@@ -231,7 +231,7 @@ class Link:
             return
         now, end = time.time(), time.monotonic() + _WIND_DOWN
         while self._processes.runs("plant") and time.monotonic() < end:
-            # the last diagnosis is up to a second old, and older ones may still wait to be taken
+            # the last status is up to a second old, and older ones may still wait
             values = self.values.get("plant", {}) if self._told.get("plant", 0.0) > now else {}
             # before the first command nothing is lost, and the motor keeps turning
             if values.get("outputs") == "off" or values.get("guard") in ("waiting", "stopped"):
@@ -270,7 +270,7 @@ class Link:
     # ---- hearing
 
     def _on_estimate(self, data: bytes) -> None:
-        # what is no estimate comes from a stranger, who is told as such
+        # other bytes come from a foreign node, which is reported as such
         with contextlib.suppress(ValueError):
             self.estimates.append(Estimate.from_bytes(data))
 

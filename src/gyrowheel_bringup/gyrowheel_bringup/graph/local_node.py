@@ -20,7 +20,7 @@ _MOST = 32  # namespaces that are listened to
 
 
 def local_node(name: str, namespace: str, domain: int | None, closing: contextlib.ExitStack) -> Node:
-    """Return a node in a context of its own.
+    """Return a node in its own context.
 
     Parameters
     ----------
@@ -60,23 +60,23 @@ def executor_of(node: Node, closing: contextlib.ExitStack) -> Executor:
     return executor
 
 
-class Ear:
-    """Hears some topics in all namespaces in which somebody publishes them.
+class Listener:
+    """Receives some topics in all namespaces in which they are published.
 
     Parameters
     ----------
     node : Node
-        The node that listens; nothing of it is served by an executor.
-    heard : sequence of Topic
-        What is heard.
+        The node that listens; no executor serves it.
+    wanted : sequence of Topic
+        The topics.
     """
 
-    def __init__(self, node: Node, heard: Sequence[Topic]) -> None:
-        self._node, self._topics = node, heard
+    def __init__(self, node: Node, wanted: Sequence[Topic]) -> None:
+        self._node, self._topics = node, wanted
         self._inboxes: dict[str, list[Inbox]] = {}
 
     def look(self) -> set[str]:
-        """Listen to those benches, too, that have come since the last look; return the namespaces that have one now."""
+        """Subscribe to benches that have come since the last call; return the namespaces that have one now."""
         there = dict(self._node.get_topic_names_and_types())
         found = {
             name.removesuffix(topic.name)
@@ -100,8 +100,8 @@ class Ear:
             ]
         return found & self._inboxes.keys()
 
-    def heard(self) -> Iterator[tuple[str, Topic, bytes]]:
-        """Take what has arrived: the namespace of the bench, the topic, and the serialized message."""
+    def messages(self) -> Iterator[tuple[str, Topic, bytes]]:
+        """Take the messages that have arrived: namespace of the bench, topic, and serialized message."""
         for namespace, inboxes in self._inboxes.items():
             for inbox in inboxes:
                 for data in inbox.take():
@@ -109,24 +109,24 @@ class Ear:
 
 
 @contextlib.contextmanager
-def listening(name: str, heard: Sequence[Topic], domain: int | None = None) -> Iterator[Ear]:
-    """Listen to topics in all namespaces for the time of the block, in a context of its own.
+def listening(name: str, wanted: Sequence[Topic], domain: int | None = None) -> Iterator[Listener]:
+    """Listen to topics in all namespaces for the time of the block.
 
     Parameters
     ----------
     name : str
         Name of the node that listens.
-    heard : sequence of Topic
-        What is heard.
+    wanted : sequence of Topic
+        The topics.
     domain : int, optional
         ROS domain; by default that of the environment.
 
     Yields
     ------
-    Ear
-        What is asked for benches, and for what they have said.
+    Listener
+        Subscriptions, benches and messages.
     """
     prepare_environment()
     with contextlib.ExitStack() as closing:
         node = local_node(name, "", domain, closing)
-        yield Ear(node, heard)
+        yield Listener(node, wanted)

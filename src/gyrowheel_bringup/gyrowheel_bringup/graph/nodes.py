@@ -1,4 +1,4 @@
-"""The nodes of the graph: their executables, and the parameters with which they work together."""
+"""The nodes of the graph: executables, parameters with which they work together, and parameter files."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ SHARED_MODULE = "gyrowheel_bringup.preload"
 
 #: Priority of the nodes of the loop in real time, where the system allows it.
 REALTIME_PRIORITY = 10
-#: Of those that only listen: they must get along beside other work on the computer, too. One that falls behind asks for
-#: its messages again and again, and the loop spends its time on sending them.
+#: Priority of those that only listen, above that of other work on the computer: one that falls behind requests its
+#: messages again and again, and the loop spends its time on sending them.
 LISTENER_PRIORITY = 5
 #: Time by which the setpoints precede their samples [s].
 LOCKSTEP_LEAD, REALTIME_LEAD = 0.5, 1.0
@@ -101,7 +101,7 @@ def node_parameters(
             "lead": REALTIME_LEAD if realtime else LOCKSTEP_LEAD,
             "priority": priority,
             "wait_for_subscribers": 1 + recorders + estimators,
-            # one of somebody's own has no limit that could be set
+            # a user-defined controller has no limit to be set
             **({} if "controller" in nodes else {"controller": "none"}),
         },
         "recorder": {"directory": record, "priority": of_listeners},
@@ -115,7 +115,7 @@ def node_parameters(
 
 
 class _Dumper(yaml.SafeDumper):
-    """Writes every text in quotes: ROS takes 3e32 without them for a number, while to this library it is a text."""
+    """Writes every text in quotes: without them ROS reads 3e32 as a number, this library as a text."""
 
 
 _Dumper.add_representer(
@@ -140,7 +140,7 @@ def write_parameters(file: Path, parameters: Mapping[str, object], node: str = "
 
 
 def text_rule(name: str, text: str) -> str:
-    """Return what stands behind ``-p`` for a parameter that is a text, whatever it looks like."""
+    """Return the argument of ``-p`` for a parameter that is a text, whatever it looks like."""
     return f"{name}:={json.dumps(text, ensure_ascii=False)}"
 
 

@@ -1,7 +1,7 @@
-"""The node ``plan_client``: asks the conductor to walk one plan, tells its progress, and ends with it.
+"""The node ``plan_client``: sends one plan to the conductor, logs its progress, and ends with it.
 
-For a launch file, which can start processes and notice their end and nothing else: exit code 0 where the plan went to
-its end, 3 where it did not, with the reason in the last line.
+For launch files, which only start processes and notice their end: exit code 0 after a completed plan, else 3, with the
+reason in the last line.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from gyrowheel_core.node import BenchNode, NodeStatus, Param, RepeatedRequest, r
 
 
 class PlanClientNode(BenchNode):
-    """Asks the conductor to walk a test plan, and ends with it."""
+    """Sends a test plan to the conductor, and ends with it."""
 
     NODE_NAME = "plan_client"
     PARAMETERS = (Param("plan", "quick", "Test plan: shipped name, also with @settings, or path of a file"),)
@@ -37,15 +37,15 @@ class PlanClientNode(BenchNode):
         self._looking = self.wall_timer(0.1, self._look)
 
     def deactivate(self) -> None:
-        """Ask for nothing any more; a plan on its way goes on."""
+        """Stop polling; a plan in progress goes on."""
         self.destroy_timer(self._looking)
 
     def cleanup(self) -> None:
-        """Give up the action."""
+        """Destroy the client of the action."""
         self._client.destroy()
 
     def diagnose(self) -> NodeStatus:
-        """Return what is being walked."""
+        """Return the current segment."""
         return NodeStatus(
             self._label or ("plan sent" if self._request is not None else "waiting for a conductor")
         )

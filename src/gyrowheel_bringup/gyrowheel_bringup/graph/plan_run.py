@@ -30,10 +30,10 @@ _FINISH = 120.0  # time for the recorder to complete its files [s]
 
 
 class PlanRequest(RepeatedRequest):
-    """A plan that a conductor is asked to walk; the answer is the goal, accepted or refused.
+    """A plan sent to a conductor; the answer is the goal, accepted or refused.
 
     rclpy's action server begins no goal whose acceptance it cannot send, so a conductor that does not answer is asked
-    anew, under another identifier. Feedback tells that a plan is walked although its acceptance was lost on the way.
+    again, under another identifier. Feedback shows that a plan runs although its acceptance was lost.
 
     Parameters
     ----------
@@ -63,11 +63,11 @@ class PlanRequest(RepeatedRequest):
 
     def _chosen(self, answers: list[Any]) -> Any:
         accepted = next((goal for goal in answers if goal.accepted), self._heard)
-        # while it walks what it was asked for before, it refuses the same plan
+        # while it runs the plan of an earlier request, it refuses the same plan
         return accepted or (answers[-1] if len(answers) == self.times else None)
 
 
-def walked(
+def run_plan(
     plans: ActionClient,
     plan: Plan,
     *,
@@ -77,7 +77,7 @@ def walked(
     progress: Callable[[Progress], None] | None = None,
     ended: Callable[[], bool] | None = None,
 ) -> RunPlan.Result | None:
-    """Have a conductor walk a plan and return how it ended; None if `ended` said so before.
+    """Run a plan on a conductor and return its result; None if `ended` returned true before.
 
     Parameters
     ----------
@@ -88,13 +88,13 @@ def walked(
     spin : callable
         Serves the node of the client for a moment; what it raises ends the wait, not the plan.
     stalled : callable
-        Given what does not come, returns the error to raise.
+        Returns the error to raise; called with what does not come.
     patience : float
         Longest time between two signs of progress [s].
     progress : callable, optional
         Called at each change of segment and each second of the bench; what it raises ends the plan, too.
     ended : callable, optional
-        Asked all along whether to end: then the bench stops the plan and holds where it is.
+        Polled for whether to end: then the bench stops the plan and holds where it is.
 
     Raises
     ------
@@ -103,13 +103,13 @@ def walked(
     """
     last = time.monotonic()
     raised: list[BaseException] = []
-    walking = True
+    is_running = True
 
     def report(message: Any) -> None:
         nonlocal last
         last = time.monotonic()
         f = message.feedback
-        if progress is None or raised or not walking:
+        if progress is None or raised or not is_running:
             return
         try:
             progress(Progress(f.segment, f.segments, f.label, f.elapsed, f.duration))
@@ -117,7 +117,7 @@ def walked(
             raised.append(error)
 
     def wait(look: Callable[[], Any], what: str, *, to_the_end: bool = False) -> Any:
-        """Return what `look` finds; None once the plan is to end, unless the end is what is waited for."""
+        """Return what `look` finds; None once the plan is to end, unless `to_the_end`."""
         began = time.monotonic()
         while (found := look()) is None:
             spin()
@@ -142,11 +142,11 @@ def walked(
             return None
         return found.result
     finally:
-        walking = False
+        is_running = False
 
 
 def fault_of(message: str) -> str:
-    """Return the name of the fault for which a conductor has ended a plan: that of a guard, or its own.
+    """Return the name of the fault that ended a plan: of a guard, or of the conductor.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def fault_of(message: str) -> str:
     Returns
     -------
     str
-        As ``tilt_stop``; ``plan_aborted`` where it names none.
+        Such as ``tilt_stop``; ``plan_aborted`` where the message names no fault.
     """
     if not message.startswith("aborted: "):
         return "plan_aborted"
@@ -166,7 +166,7 @@ def fault_of(message: str) -> str:
 
 
 class _Asking:
-    """A node that asks a bench for things, one after another."""
+    """A node that makes requests to a bench, one after another."""
 
     def __init__(self, namespace: str, domain: int | None, closing: contextlib.ExitStack) -> None:
         prepare_environment()
@@ -187,7 +187,7 @@ class _Asking:
         return GraphError("stalled", f"the bench in {self._where}: {what}")
 
     def until(self, done: Callable[[], bool], end: float, what: str) -> None:
-        """Serve the node until something is so; GraphError at the `end` [s of the monotonic clock]."""
+        """Serve the node until `done` returns true; GraphError at the `end` [s of the monotonic clock]."""
         while not done():
             if time.monotonic() > end:
                 raise self.stalled(what)
@@ -202,7 +202,7 @@ class _Asking:
         return asked.answer()
 
 
-def walk(
+def run_and_record(
     plan: Plan,
     record: Path,
     *,
@@ -211,7 +211,7 @@ def walk(
     progress: Callable[[Progress], None] | None = None,
     ended: Callable[[], bool] | None = None,
 ) -> bool:
-    """Have a running bench walk a plan and record it; afterwards it goes on as before.
+    """Run and record a plan on a bench that runs already; afterwards it goes on as before.
 
     Parameters
     ----------
@@ -226,7 +226,7 @@ def walk(
     progress : callable, optional
         Called at each change of segment and each second of the bench; what it raises ends the plan, too.
     ended : callable, optional
-        Asked all along whether to end: then the bench stops the plan and holds where it is.
+        Polled for whether to end: then the bench stops the plan and holds where it is.
 
     Returns
     -------
@@ -243,14 +243,14 @@ def walk(
     with contextlib.ExitStack() as closing:
         asking = _Asking(namespace, domain, closing)
         began = time.monotonic()
-        asking.until(asking.plans.server_is_ready, began + _APPEAR, "no conductor, which walks plans")
+        asking.until(asking.plans.server_is_ready, began + _APPEAR, "no conductor")
         directory = str(record.absolute())
         answer = asking.call(asking.start, StartRecording.Request(directory=directory), "recorder")
-        # so it answers where it was asked again: the folder is new, nobody else has it recorded into
+        # its answer to a repeated request: the folder is new, so no other recording is in it
         if not answer.success and answer.message != already_recording(directory):
             raise InputError(f"recorder of the bench: {answer.message}")
         try:
-            result = walked(
+            result = run_plan(
                 asking.plans,
                 plan,
                 spin=asking.spin,

@@ -1,4 +1,4 @@
-"""The processes of a graph: started together, watched, ended together, each end explained."""
+"""The processes of a graph: start, supervision, end, and the reason for each end."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import PARENT_VARIABLE, TORN, ExitCode
 from gyrowheel_core.start_node import NodeRequest, command
 
-_STOP_TIMEOUT = 20.0  # time for a node to end by itself [s]
+_STOP_TIMEOUT = 20.0  # time for a node to end before it is killed [s]
 _UNLOCKED = 2.0  # by then Fast DDS has replaced shared memory that a killed process had locked [s]
 #: Nodes that wait for each other's messages: only one of them runs at a time.
 _LOOP = ("plant", "controller")
@@ -72,13 +72,13 @@ class Child:
 
     @property
     def ended_well(self) -> bool:
-        """Whether the process ended well; until a node handles signals, SIGINT ends it."""
+        """Whether the process ended well; SIGINT ends it until the node handles signals."""
         code = self.returncode
         return code == 0 or (self.expected and (code == -signal.SIGINT or code in TORN))
 
     @property
     def ending(self) -> str:
-        """How the process ended, in words."""
+        """End of the process in words."""
         code = self.returncode
         if code is not None and code < 0:
             return f"killed by {signal.Signals(-code).name}"
@@ -238,10 +238,10 @@ class Processes:
             self._look(rest)
 
     def clear(self) -> set[str]:
-        """Kill what still runs, and forget all; return the shared memory that killed ones may have left.
+        """Kill what still runs, and clear the list; return the shared memory that killed processes may have left.
 
         A process may have been killed while it held a lock on shared memory. After a second Fast DDS replaces that
-        memory, under the feet of whoever is closing its node at this moment: that is waited for.
+        memory, which would crash a process that closes its node at this moment: so wait for it.
         """
         self._kill()
         self.show()
@@ -260,7 +260,7 @@ def _failure(children: Collection[Child]) -> Exception:
     """Return the error why nodes ended; a fault that a node names takes precedence."""
     ranks = (ExitCode.BAD_INPUT, ExitCode.FAULT)
     first = min(children, key=lambda c: (*ranks, c.returncode or 0).index(c.returncode))
-    # how a single node ended is told by the message
+    # the message already contains the end of a single node
     heads = [f"{c.name}: {c.ending}\n" if len(children) > 1 else "" for c in children]
     report = "\n".join(head + c.last_words for head, c in zip(heads, children, strict=True))
     line = first.last_words.rpartition("\n")[2].removeprefix(f"{first.name}: ")

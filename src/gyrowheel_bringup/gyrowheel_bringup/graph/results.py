@@ -108,11 +108,11 @@ def counted(record: Path, plan: Plan, sample_period: float, *, exactly: bool) ->
     record : Path
         The recording.
     plan : Plan
-        The plan that was walked.
+        The plan that was run.
     sample_period : float
         Time between two samples [s].
     exactly : bool
-        Whether it has the samples of the plan and no others, as in lock-step; else it lasts at least as long.
+        Whether it must have exactly the samples of the plan, as in lock-step; else it must last at least as long.
 
     Raises
     ------
@@ -124,14 +124,14 @@ def counted(record: Path, plan: Plan, sample_period: float, *, exactly: bool) ->
     if exactly:
         end_ns = round(plan.duration * 1e9)
         end_ns += -end_ns % _CLOCK_PERIOD_NS
-        # the last one is the first at which no setpoint holds any more
+        # the last one is the first without a setpoint
         published = -(-end_ns // round(sample_period * 1e9)) + 1
         if samples != published:
             raise GraphError("samples_lost", f"{record}: {samples} samples recorded of {published} published")
         return dict(found.topics), samples
     if missing:
         raise GraphError("samples_lost", f"{record}: {missing} of {samples + missing} samples are missing")
-    # by the stamps: where the bench stood still there are fewer samples, and their times are true
+    # by the stamps: a pause of the bench has no samples, and the times are right
     if found.duration < plan.duration - 1.5 * sample_period:
         raise GraphError(
             "samples_lost",

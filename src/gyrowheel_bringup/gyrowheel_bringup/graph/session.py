@@ -144,7 +144,7 @@ class Graph:
         try:
             self._start()
         except BaseException:
-            with contextlib.suppress(GraphError, InputError):  # the first error tells the cause
+            with contextlib.suppress(GraphError, InputError):  # the first error is the cause
                 self.close()
             raise
         return self
@@ -220,7 +220,7 @@ class Graph:
         link.require_active(recorded=self._record is not None and "recorder" in self._names)
         begin = time.monotonic()
         known = len(link.estimates)
-        result = link.walk(chosen, progress, stall_timeout=self._stall_timeout)
+        result = link.run(chosen, progress, stall_timeout=self._stall_timeout)
         wall = time.monotonic() - begin
         counts: dict[str, int] = {}
         samples = 0
@@ -288,7 +288,7 @@ class Graph:
         return self._link
 
     def _machine(self) -> str:
-        """Return the name of the machine, of which nothing of it can be read."""
+        """Return the name of the machine, which reveals nothing about it."""
         known = self._scenario if isinstance(self._scenario, Scenario) else Scenario()
         if self._scenario is not None and not isinstance(self._scenario, Scenario):
             known = Scenario.load(self._scenario, self._bench)
@@ -329,7 +329,7 @@ class Graph:
         deadline = began + self._start_timeout
         while True:
             waiting = [name for name in self._names if name not in link.active]
-            # nodes of another graph show in their diagnoses, once a second, and in their names, which may come sooner:
+            # nodes of another graph show in their status, once a second, and in their names, which may come sooner:
             # listen for a while before the namespace counts as free
             if not waiting and time.monotonic() - began > _LISTEN:
                 link.starting = False
@@ -358,9 +358,9 @@ class Graph:
     # ---- judging
 
     def _check_publishers(self, link: Link) -> None:
-        """Raise if nodes that are not of this graph have published what the bench lives by.
+        """Raise if foreign nodes have published on the topics of the bench.
 
-        The nodes watch the topics that they read all along; here only what was found is judged.
+        The nodes watch the topics that they read; here only their findings are judged.
         """
         if found := link.others():
             kept = "" if self._record is None else f"; the recording {self._record} is kept"

@@ -1,8 +1,8 @@
 """Shared memory of the middleware that dead processes have left behind, and its removal.
 
 A process that is killed leaves its segments in ``/dev/shm``, and the ports that it listened to: megabytes that stay
-until the computer is restarted. Whoever uses one holds a lock (`flock`) on a file beside it, which ends with the
-process.
+until the computer is restarted. A process that uses one holds a lock (`flock`) on a file next to it, which ends with
+the process.
 """
 
 from __future__ import annotations

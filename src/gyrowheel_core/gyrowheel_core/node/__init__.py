@@ -1,4 +1,4 @@
-"""The shell that every node of the bench shares.
+"""Base of the nodes: lifecycle, parameters, status, signals, exit codes.
 
 A node derives from `BenchNode`, lists its parameters in one place, fills in the hooks it needs and is started
 by `run_node`::

@@ -28,22 +28,22 @@ from gyrowheel_core.node.parameters import AUTOSTART, Param
 from gyrowheel_core.node.priority import PRIORITY, prioritise
 from gyrowheel_core.start_node import PARENT_VARIABLE
 
-#: Value of a diagnosis that names topics with more than one publisher, and their publishers.
+#: Value of a status: topics with more than one publisher, and their publishers.
 SURPLUS = "surplus_publishers"
-#: Value of a diagnosis that names the topic without which the node cannot go on.
+#: Value of a status: the topic without which the node cannot go on.
 WAITS_FOR = "waits_for"
-#: Level of a `NodeStatus` that says that something is not as it should be.
+#: Level of a `NodeStatus` for a warning.
 WARN: bytes = DiagnosticStatus.WARN
 
 _LAST_CALLBACKS = 50
-_LOOK = 0.1  # time between two looks at who publishes [s]
-#: How long a node waits at most for a message before it looks for what else there is [s].
+_LOOK = 0.1  # period of looking at the publishers [s]
+#: Longest wait for a message before other work is looked for [s].
 _PATIENCE = 0.1
-_LET_GO = 0.05  # time for the executor and for messages on their way to let go of a subscription [s]
+_LET_GO = 0.05  # time for the executor and for messages in transit to release a subscription [s]
 
 
 def _unused(_: Any) -> None:
-    """Stand for the callback of a subscription that no executor serves."""
+    """Replace the callback of a subscription that no executor serves."""
 
 
 class Fault(RuntimeError):
@@ -65,7 +65,7 @@ class Fault(RuntimeError):
 
 @dataclass
 class NodeStatus:
-    """What a node says of itself on ``/diagnostics``.
+    """Status of a node, as published on ``/diagnostics``.
 
     Attributes
     ----------
@@ -97,25 +97,25 @@ class BenchNode(LifecycleNode):
 
     NODE_NAME: ClassVar[str]
     PARAMETERS: ClassVar[tuple[Param, ...]] = ()
-    #: How long the node goes on taking messages after it was told to end [s].
+    #: How long the node goes on taking messages after the request to end [s].
     LINGER: ClassVar[float] = 0.0
 
     def __init__(self) -> None:
         # Declared from the command line first: only so does the node see values of a wrong type or name.
         self._inboxes: list[Inbox] = []
-        self._leaving: list[tuple[float, Any]] = []  # subscriptions to be taken apart, and when
+        self._leaving: list[tuple[float, Any]] = []  # subscriptions to be destroyed, and when
         #: Who publishes what this node reads.
         self.watch = PublisherWatch(self)
-        self._surplus: dict[str, str] = {}  # as it was last said
-        self._granted: dict[str, str] = {}  # priority and memory, where they were asked for
+        self._surplus: dict[str, str] = {}  # as last published
+        self._granted: dict[str, str] = {}  # priority and memory, if requested
         super().__init__(self.NODE_NAME, automatically_declare_parameters_from_overrides=True)
         self._service_change_state.callback = self._change_state(self._service_change_state.callback)
         self._service_get_state.callback = self._answer_when_drained(self._service_get_state.callback)
         self.stopping = False
-        #: Whether somebody asked for the end by the service of the lifecycle, and waits for the answer.
+        #: Whether a client of the lifecycle service requested the end, and waits for the answer.
         self.shut_down = False
         self.failure: BaseException | None = None
-        #: True in transitions that no lifecycle manager requested: none can act on their failure.
+        #: True in transitions that no lifecycle manager requested, so that none can act on a failure.
         self._unattended = False
         self._params = {param.name: param for param in (AUTOSTART, *self.PARAMETERS)}
         self._declare()
@@ -142,14 +142,14 @@ class BenchNode(LifecycleNode):
         """Release what `configure` acquired."""
 
     def diagnose(self) -> NodeStatus:
-        """Return the state for ``/diagnostics``; called once per second while the node is active."""
+        """Return the status for ``/diagnostics``; called once per second while the node is active."""
         return NodeStatus()
 
     def drain(self) -> None:
-        """Take what waits in the inboxes.
+        """Process the messages in the inboxes.
 
-        Called before the state of the lifecycle is told: who asks for it knows with the answer that everything this
-        node was sent before has been worked on.
+        Called before the state of the lifecycle is reported: the answer means that the node has processed all messages
+        that it was sent before.
         """
 
     def check_tuning(self, values: Mapping[str, Any]) -> None:
@@ -188,21 +188,21 @@ class BenchNode(LifecycleNode):
     def destroy_subscription(self, subscription: Subscription) -> bool:
         """Destroy a subscription, a moment after the executor has let go of it.
 
-        Fast DDS crashes where a message is passed on by a reader that is taken apart at the same time.
+        Fast DDS crashes where a reader is destroyed while it delivers a message.
         """
         self.watch.remove(subscription)
-        subscription.handle.__enter__()  # in use: it is not taken apart yet
+        subscription.handle.__enter__()  # in use: it is not destroyed yet
         self._leaving.append((time.monotonic() + _LET_GO, subscription.handle))
         return super().destroy_subscription(subscription)
 
-    def _part(self) -> None:
-        """Take apart the subscriptions that were destroyed a moment ago."""
+    def _release(self) -> None:
+        """Release the subscriptions that were destroyed a moment ago."""
         now = time.monotonic()
         while self._leaving and self._leaving[0][0] <= now:
             self._leaving.pop(0)[1].__exit__(None, None, None)
 
     def destroy_node(self) -> None:
-        """Destroy the node with all that it has, and what its hooks have given up."""
+        """Destroy the node with all subscriptions, including those that its hooks have destroyed."""
         for _, handle in self._leaving:
             handle.__exit__(None, None, None)
         self._leaving.clear()
@@ -211,14 +211,14 @@ class BenchNode(LifecycleNode):
         super().destroy_node()
 
     def inbox(self, topic: topics.Topic, *, room: int = 0) -> Inbox:
-        """Create a subscription whose messages wait until they are taken; end it with `close_inbox`.
+        """Create a subscription whose messages wait until they are taken; close it by `close_inbox`.
 
         Parameters
         ----------
         topic : Topic
             The topic.
         room : int
-            How many messages may wait at least, where the topic's own depth is less.
+            Smallest number of messages that may wait, where the depth of the topic is less.
         """
         asked = replace(topic, depth=max(topic.depth, room))
         inbox = Inbox(topic, self.subscription(asked, _unused, raw=True))
@@ -257,7 +257,7 @@ class BenchNode(LifecycleNode):
         )
 
     def wall_timer(self, period: float, callback: Callable[[], None]) -> Timer:
-        """Create a timer that runs on wall-clock time, whatever ``use_sim_time`` says.
+        """Create a timer on wall-clock time, regardless of ``use_sim_time``.
 
         Parameters
         ----------
@@ -273,13 +273,13 @@ class BenchNode(LifecycleNode):
         return _PATIENCE
 
     def pace(self) -> None:
-        """Do what is due; called after whatever the node has done, and when `patience` is over.
+        """Do the work that is due; called after every callback, and when `patience` is over.
 
-        For what has to keep a pace: a timer of the middleware has a thread of its own, and wakes two for every call.
+        For work at a fixed pace: a timer of the middleware has its own thread, and wakes two threads for every call.
         """
 
     def prioritise(self) -> None:
-        """Set the priority that the parameter `PRIORITY` requests, and tell if the system does not allow it."""
+        """Set the priority of the parameter `PRIORITY`, and warn if the system refuses it."""
         self._granted = prioritise(self, self.parameter(PRIORITY.name))
 
     def stop(self) -> None:
@@ -321,8 +321,8 @@ class BenchNode(LifecycleNode):
         return self._transition(self.activate)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Publish the last diagnosis and run the hook `deactivate`."""
-        self._say_last()
+        """Publish the last status and run the hook `deactivate`."""
+        self._publish_last()
         return self._transition(self.deactivate)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -332,7 +332,7 @@ class BenchNode(LifecycleNode):
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Run the hooks of an orderly shutdown; then the process ends."""
         if state.label == "active":
-            self._say_last()
+            self._publish_last()
         hooks = {"active": (self.deactivate, self.cleanup), "inactive": (self.cleanup,)}.get(state.label, ())
         results = [self._transition(hook) for hook in hooks]
         self.stopping, self.shut_down = True, True
@@ -390,19 +390,18 @@ class BenchNode(LifecycleNode):
             if self.failure is not None:
                 raise self.failure
         self._unattended = False
-        self._publish_diagnosis(self.diagnose())
+        self._publish_status(self.diagnose())
 
     def finish(self, executor: Executor) -> None:
-        """Publish the last diagnosis, or why the node failed, and bring the lifecycle to its end.
+        """Publish the last status, or the reason of the failure, and end the lifecycle.
 
-        Between the hooks `deactivate` and `cleanup` a few callbacks are served, so that a client of the
-        node gets the answers that `deactivate` has prepared. Then the executor is shut down. All work is done after
-        that; what is left is to take the middleware apart, by `destroy_node`.
+        Between the hooks `deactivate` and `cleanup` a few callbacks are served, so that a client of the node gets the
+        answers that `deactivate` has prepared. Then the executor is shut down; `destroy_node` remains.
         """
         if self.failure is not None:
             text = str(self.failure) or type(self.failure).__name__
             values = {"fault": self.failure.name} if isinstance(self.failure, Fault) else {}
-            self._publish_diagnosis(NodeStatus(text, values, DiagnosticStatus.ERROR))
+            self._publish_status(NodeStatus(text, values, DiagnosticStatus.ERROR))
             self.deliver(self._diagnostics, timeout=1.0)
         self._unattended = True
         if self.state == "active":
@@ -414,10 +413,10 @@ class BenchNode(LifecycleNode):
         if self.state in ("unconfigured", "inactive", "active"):
             self.trigger_shutdown()
 
-    def _say_last(self) -> None:
-        """Publish the last diagnosis of an active node before it is deactivated; a failure was published already."""
+    def _publish_last(self) -> None:
+        """Publish the last status of an active node before it is deactivated; a failure was published already."""
         if self.failure is None:
-            self._publish_diagnosis(self.diagnose())
+            self._publish_status(self.diagnose())
             self.deliver(self._diagnostics, timeout=1.0)
 
     # ---- parameters
@@ -471,9 +470,9 @@ class BenchNode(LifecycleNode):
     # ---- once per second
 
     def announce(self) -> None:
-        """Publish the diagnosis at once: a state has changed, and a second would be too late."""
+        """Publish the status at once, after a change of state."""
         active = self.state == "active"
-        self._publish_diagnosis(
+        self._publish_status(
             self.diagnose() if active else NodeStatus(self.state, level=DiagnosticStatus.WARN)
         )
 
@@ -483,27 +482,27 @@ class BenchNode(LifecycleNode):
         self.announce()
 
     def _look_at_publishers(self) -> None:
-        """Say at once that a topic has got a second publisher: it may be gone before the next diagnosis."""
+        """Report a second publisher of a topic at once: it may be gone before the next status."""
         self.watch.look()
-        self._part()
+        self._release()
         if (surplus := self.watch.surplus()) != self._surplus:
             self._surplus = surplus
             self.announce()
 
-    def _publish_diagnosis(self, diagnosis: NodeStatus) -> None:
-        values = {**diagnosis.values, **self._granted, "state": self.state, "pid": os.getpid()}
-        level, text = diagnosis.level, diagnosis.message
+    def _publish_status(self, status: NodeStatus) -> None:
+        values = {**status.values, **self._granted, "state": self.state, "pid": os.getpid()}
+        level, text = status.level, status.message
         self.watch.look()
         if surplus := self.watch.surplus():
             values[SURPLUS] = "; ".join(f"{topic}: {who}" for topic, who in surplus.items())
             level, text = max(level, WARN), f"{text}; several publishers of {values[SURPLUS]}"
-        status = DiagnosticStatus(
+        published = DiagnosticStatus(
             level=level,
             name=namespaces.status_name(self.namespace, self.get_name()),
             message=text,
             hardware_id=namespaces.hardware_id(self.namespace),
             values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
         )
-        message = DiagnosticArray(status=[status])
+        message = DiagnosticArray(status=[published])
         message.header.stamp = self._wall_clock.now().to_msg()
         self._diagnostics.publish(message)

@@ -18,21 +18,20 @@ from gyrowheel_core.topics import Topic
 _UNKNOWN: Final = "_NODE_NAME_UNKNOWN_"  # of rclpy, until the name of a node has arrived
 _MOMENT: Final = 0.05  # [s]
 _PARTICIPANT: Final = 24  # digits of a GID that publishers of one participant share
-#: How a publisher is called whose node is not known.
+#: Name of a publisher whose node is not known.
 NAMELESS: Final = "an unknown node"
-#: How often what they have missed is sent again, until the time goes on [s]: the first time they may not know the
-#: sender yet.
+#: Period of repeating the missed message until the time advances [s]: at first the readers may not know the sender.
 REPEAT_PERIOD = 1.0
 
 
 @dataclass
 class _Seen:
-    """What was seen of the publishers of one topic."""
+    """Publishers of one topic as seen so far."""
 
     topic: Topic
     subscription: Subscription
     name: str  # of the topic, full
-    matches: Any  # tells how many publishers this reader was connected to; None where nothing does
+    matches: Any  # counts the publishers that this reader was connected to; None if unsupported
     nodes: dict[str, str] = field(default_factory=dict)  # name of the node by the GID of its publisher
     present: set[str] = field(default_factory=set)  # at the last look
     several: float | None = None  # since when there is more than one [s, monotonic]
@@ -50,16 +49,16 @@ class _Seen:
 
     @property
     def missed(self) -> int:
-        """Publishers that were gone before a look found them."""
+        """Publishers that were gone before they were seen."""
         return max(self.matched - self.arrived, 0)
 
 
 class PublisherWatch:
-    """Notes every publisher of the topics that a node reads.
+    """Watches the publishers of the topics that a node reads.
 
-    A topic of the bench has one publisher. With a second one it is not known any more who said what: the middleware
-    does not tell of a message who sent it. One that is gone before it is looked for shows in the number of publishers
-    that the reader was connected to.
+    A topic of the bench has one publisher. With a second one the origin of a message is unknown: the middleware does
+    not report it. A publisher that is gone before the next look shows in the number of publishers that the reader was
+    connected to.
 
     Parameters
     ----------
@@ -72,7 +71,7 @@ class PublisherWatch:
         self._seen: dict[str, _Seen] = {}
 
     def add(self, topic: Topic, subscription: Subscription) -> None:
-        """Watch the publishers of a topic from now on, by a new subscription to it."""
+        """Watch the publishers of a topic by a new subscription to it."""
         matches = None
         with contextlib.suppress(UnsupportedEventTypeError):
             # asked now and then, not served by an executor: the events executor crashes over an event of a subscription
@@ -83,7 +82,7 @@ class PublisherWatch:
         self._seen[topic.name] = _Seen(topic, subscription, subscription.topic_name, matches)
 
     def remove(self, subscription: Subscription) -> None:
-        """Watch a subscription no longer that is about to be destroyed; what was seen is kept."""
+        """Stop watching a subscription that is about to be destroyed; its publishers are kept."""
         for seen in self._seen.values():
             if seen.subscription is subscription and seen.matches is not None:
                 self._look(seen)
@@ -91,7 +90,7 @@ class PublisherWatch:
                 seen.matches = None
 
     def look(self) -> None:
-        """Look again where something has changed or is not known yet; cheap where nothing has."""
+        """Update topics whose publishers have changed or are not known yet; cheap for the others."""
         for seen in self._seen.values():
             changed = self._node.count_publishers(seen.name) != len(seen.present)
             unsure = seen.missed or seen.several is not None or NAMELESS in seen.nodes.values()
@@ -107,7 +106,7 @@ class PublisherWatch:
         return list(seen.nodes.items())
 
     def surplus(self) -> dict[str, str]:
-        """Return, by topic, who published it where that was more than one at the same time."""
+        """Return the publishers of each topic that had more than one at the same time."""
         found = {}
         for seen in self._seen.values():
             if seen.topic.shared or not (seen.crowd or (seen.missed and seen.nodes)):
@@ -137,7 +136,7 @@ class PublisherWatch:
 
 
 def _nodes(present: Collection[str], names: Mapping[str, str]) -> int:
-    """Return how many nodes publishers are of: one that is configured anew has another publisher, as it was before."""
+    """Return the number of nodes of some publishers: a node that is configured again has a second publisher."""
     by_participant: dict[str, set[str]] = {}
     for gid in present:
         by_participant.setdefault(gid[:_PARTICIPANT], set()).add(names[gid])
@@ -149,7 +148,7 @@ def _full_name(namespace: str, name: str) -> str:
 
 
 class Newcomers:
-    """Knows whether a topic has got readers since the time of the bench last went on.
+    """Detects new readers of a topic since the time of the bench last advanced.
 
     Parameters
     ----------
@@ -161,17 +160,17 @@ class Newcomers:
 
     def __init__(self, node: Node, topic: Topic) -> None:
         self._node, self._name = node, topic.relative
-        self._known: frozenset[bytes] | None = None  # before anything was sent nobody has missed it
+        self._known: frozenset[bytes] | None = None  # before the first message nobody has missed one
         self._seen: frozenset[bytes] = frozenset()
         self._sent = 0.0
 
     def begin(self) -> None:
-        """Note who is there as the first message is sent; later calls do nothing."""
+        """Note the readers at the first message; later calls do nothing."""
         if self._known is None:
             self._known = self._seen = self._there()
 
     def look(self, *, goes_on: bool, now: float) -> bool:
-        """Return whether what they have missed is to be sent now; to be called a few times a second.
+        """Return whether to send the missed message now; to be called a few times a second.
 
         Parameters
         ----------
@@ -184,7 +183,7 @@ class Newcomers:
             return False
         there = self._there()
         if goes_on:
-            # one that has come since the last call may have missed what came before it
+            # a reader that has come since the last call may have missed the message before it
             self._known, self._seen = self._seen, there
             return False
         if not there - self._known or now - self._sent < REPEAT_PERIOD:

@@ -12,8 +12,8 @@ from gyrowheel_core.topics import Topic
 class Inbox:
     """The messages of one topic that have arrived, as bytes, until they are taken.
 
-    For a node that needs not answer at once: to be woken for every single message takes several times as long as to
-    take it. As many messages wait as the subscription has room for; beyond that the oldest are lost.
+    For a node that need not answer at once: waking it for every message takes several times as long as taking the
+    message. The depth of the subscription limits the waiting messages; beyond it the oldest are lost.
 
     Parameters
     ----------
@@ -29,8 +29,8 @@ class Inbox:
     subscription : Subscription
         As given.
     number : int or None
-        Which message of its publisher the last one taken was, counted by the publisher; None where the middleware
-        does not say.
+        Sequence number that the publisher gave the last message taken; None where the middleware
+        does not report it.
     """
 
     def __init__(self, topic: Topic, subscription: Subscription) -> None:

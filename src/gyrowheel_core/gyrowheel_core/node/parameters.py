@@ -45,7 +45,7 @@ class Param:
 
     @property
     def allowed(self) -> str:
-        """What values are allowed, in words."""
+        """Allowed values in words."""
         if self.choices:
             return ", ".join(self.choices)
         kind = _KINDS[type(self.default)]

@@ -48,10 +48,10 @@ def raise_priority(level: int) -> bool:
 
 
 def _sends_again(thread: Path) -> bool:
-    """Whether a thread of this process is the one of Fast DDS that sends what a reader has not got.
+    """Whether a thread of this process is that of Fast DDS that repeats messages to a reader.
 
-    It does not rest until the reader takes it. With a real-time priority it would keep a reader on the same core from
-    running that has none, or the same.
+    It does not rest until the reader has them. With a real-time priority it would block a reader on the same core with
+    the same priority or none.
     """
     with contextlib.suppress(OSError):
         return (thread / "comm").read_text(encoding="utf-8", errors="replace").startswith("dds.asyn")
@@ -72,27 +72,27 @@ def lock_memory() -> bool:
 
 
 def keep_pace(level: int) -> dict[str, str]:
-    """Raise the priority and lock the memory as far as the system allows; return what came of it, for a diagnosis.
+    """Raise the priority and lock the memory as far as the system allows; return the result as values of a status.
 
     Parameters
     ----------
     level : int
-        Real-time priority, 1 .. 99; 0 changes nothing and tells nothing.
+        Real-time priority, 1 .. 99; 0 changes nothing.
     """
     if level == 0:
         return {}
-    told = str(level) if raise_priority(level) else f"{_REFUSED}: {level} (ulimit -r, or CAP_SYS_NICE)"
+    granted = str(level) if raise_priority(level) else f"{_REFUSED}: {level} (ulimit -r, or CAP_SYS_NICE)"
     locked = "yes" if lock_memory() else f"{_REFUSED} (ulimit -l unlimited, or CAP_IPC_LOCK)"
-    return {PRIORITY.name: told, "memory_locked": locked}
+    return {PRIORITY.name: granted, "memory_locked": locked}
 
 
 def is_refused(values: dict[str, str]) -> bool:
-    """Whether the values of a diagnosis tell that the system refuses a real-time priority."""
+    """Return whether the values of a status report a refused real-time priority."""
     return values.get(PRIORITY.name, "").startswith(_REFUSED)
 
 
 def prioritise(node: Node, level: int) -> dict[str, str]:
-    """Do the same as `keep_pace` for the process of a node, and log a warning if the system refuses the priority."""
+    """Call `keep_pace` for the process of a node, and log a warning if the system refuses the priority."""
     granted = keep_pace(level)
     if is_refused(granted):
         node.get_logger().warning(f"real-time priority {granted[PRIORITY.name]}")

@@ -28,13 +28,13 @@ from gyrowheel_core.node.base import BenchNode, Fault
 from gyrowheel_core.node.parameters import AUTOSTART
 from gyrowheel_core.node.priority import prioritise
 
-_LAST_DOMAIN = 232  # beyond it there are no ports
+_LAST_DOMAIN = 232  # larger ones have no ports
 _RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 _PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
 _ANSWER = 0.3  # how long a node that was shut down stays, so that its answer arrives [s]
 
 
-#: Exit codes of a node that has done its work, and whose middleware crashed or hung while it was taken apart.
+#: Exit codes of a node whose work was done, and whose middleware crashed or hung in its shutdown.
 TORN: Final = frozenset({int(signal.SIGSEGV), int(signal.SIGABRT), int(signal.SIGALRM)})
 _TAKEN_APART = 5  # how long that may take [s]
 
@@ -69,7 +69,7 @@ def prepare_environment() -> None:
         and "fastrtps" in os.environ.get("RMW_IMPLEMENTATION", "fastrtps")
     ):
         os.environ[_PROFILES] = str(resources.files("gyrowheel_core").joinpath("config/fastdds.xml"))
-        os.environ[_RANGE] = "SYSTEM_DEFAULT"  # as the file says
+        os.environ[_RANGE] = "SYSTEM_DEFAULT"  # as in the file
 
 
 def make_executor(context: Context | None = None) -> Executor:
@@ -86,7 +86,7 @@ def make_executor(context: Context | None = None) -> Executor:
 
 
 def spin(node: Node, *, priority: int = 0) -> None:
-    """Spin a node of your own with the fastest executor, until Ctrl-C, SIGTERM or the shutdown of its context.
+    """Spin a user-defined node with the fastest executor, until Ctrl-C, SIGTERM or the shutdown of its context.
 
     For a node that does not derive from `BenchNode`; `run_node` is for those that do. ``rclpy.spin`` does not keep up
     with the samples of the bench.
@@ -109,7 +109,7 @@ def spin(node: Node, *, priority: int = 0) -> None:
 
 
 def _prepare_for_pace() -> None:
-    """Do now what would cost samples later."""
+    """Do in advance what would cost samples later."""
     # the first line of rclpy's logger takes a tenth of a second: it looks for its caller among all modules
     inspect.getframeinfo(sys._getframe())
     # objects made so far are permanent: collecting among them again and again takes longer than a sample
@@ -175,7 +175,7 @@ def _ros(arguments: Sequence[str]) -> Iterator[None]:
 
 
 def run_node(node_class: type[BenchNode], arguments: Sequence[str] | None = None) -> int:
-    """Run a node until it is told to end; the whole of a node's ``main``.
+    """Run a node until it is asked to end: the ``main`` of a node.
 
     Parameters
     ----------
@@ -202,7 +202,7 @@ def run_node(node_class: type[BenchNode], arguments: Sequence[str] | None = None
     except InputError as error:
         failure = error
     finally:
-        signal.alarm(0)  # it is taken apart
+        signal.alarm(0)  # the shutdown is complete
     if failure is None:
         return ExitCode.OK
     if isinstance(failure, InputError | Fault):

@@ -1,4 +1,4 @@
-"""Requests to services and actions that are made again where the answer is lost."""
+"""Requests to services and actions that are repeated if the answer is lost."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ ASK_AGAIN = 2.0
 
 
 class RepeatedRequest:
-    """A request that is made again where no answer comes.
+    """A request that is repeated if no answer comes.
 
     The answer of a node that does not know its client yet is lost, and so may be one whose sender or receiver shares
     memory with a process that was killed.
@@ -29,16 +29,16 @@ class RepeatedRequest:
 
     @property
     def times(self) -> int:
-        """How often the request was made."""
+        """Number of requests."""
         return len(self._futures)
 
     def answer(self, heard: float = 0.0) -> Any:
-        """Return the answer; None while there is none. To be called again and again.
+        """Return the answer, None until it comes; to be called repeatedly.
 
         Parameters
         ----------
         heard : float
-            When there was the last sign that the answer is still to come [s, by `time.monotonic`].
+            Time of the last sign that the answer is still to come [s, by `time.monotonic`].
         """
         found = self._chosen([future.result() for future in self._futures if future.done()])
         if found is None and time.monotonic() - max(self._asked, heard) > ASK_AGAIN:
@@ -47,5 +47,5 @@ class RepeatedRequest:
         return found
 
     def _chosen(self, answers: list[Any]) -> Any:
-        """Return the one of the answers so far that counts; None to wait for another one."""
+        """Return the valid one of the answers so far; None to wait for another."""
         return answers[0] if answers else None

@@ -11,8 +11,7 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS is not installed")
 
-from gyrowheel_bringup.graph import GraphError, Progress
-from gyrowheel_bringup.graph import plan_run as walking
+from gyrowheel_bringup.graph import GraphError, Progress, plan_run
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.node import requests
 
@@ -39,7 +38,7 @@ class Conductor:
 
     accepted: bool = True
     unanswered: int = 0  # requests for the plan that it does not answer
-    walks_unanswered: bool = False  # although it walks the plan
+    runs_unanswered: bool = False  # although it runs the plan
     requests: int = 0
     lost: int = 0  # answers about the end that never come
     feedback: int = 0  # signs of progress that come at first
@@ -50,7 +49,7 @@ class Conductor:
     def send_goal_async(self, goal: Any, feedback_callback: Callable[[Any], None], goal_uuid: Any) -> Answer:
         self.requests += 1
         if self.requests <= self.unanswered:
-            if self.walks_unanswered:
+            if self.runs_unanswered:
                 self.tell, self.accepted = feedback_callback, False
             return Answer()
         self.tell = self.tell or feedback_callback
@@ -83,8 +82,8 @@ class Conductor:
         elif len(self.asked) > self.lost:
             self.asked[-1].value = DONE
 
-    def walk(self, patience: float = 60.0, **options: Any) -> Any:
-        return walking.walked(
+    def run(self, patience: float = 60.0, **options: Any) -> Any:
+        return plan_run.run_plan(
             self,
             Plan.load("check"),
             spin=self.spin,
@@ -97,14 +96,14 @@ class Conductor:
 def test_an_answer_that_is_lost_is_asked_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(requests, "ASK_AGAIN", 0.0)
     conductor = Conductor(lost=2)
-    assert conductor.walk().success
+    assert conductor.run().success
     assert [answer.done() for answer in conductor.asked[:2]] == [False, False]
 
 
 def test_a_plan_whose_acceptance_is_lost_is_asked_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(requests, "ASK_AGAIN", 0.0)
     conductor = Conductor(unanswered=2)
-    assert conductor.walk().success
+    assert conductor.run().success
     assert conductor.requests == 3
 
 
@@ -121,14 +120,14 @@ def with_late_feedback(conductor: Conductor) -> Callable[[], None]:
     return spin
 
 
-def test_feedback_tells_that_a_plan_is_walked_although_its_acceptance_is_lost(
+def test_feedback_shows_that_a_plan_runs_although_its_acceptance_is_lost(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Asked again the conductor refuses the plan, since it walks it."""
+    """At a repeated request the conductor refuses the plan, since it runs it."""
     monkeypatch.setattr(requests, "ASK_AGAIN", 0.0)
-    conductor = Conductor(unanswered=1, walks_unanswered=True)
+    conductor = Conductor(unanswered=1, runs_unanswered=True)
     monkeypatch.setattr(conductor, "spin", with_late_feedback(conductor))
-    assert conductor.walk().success
+    assert conductor.run().success
     assert conductor.requests > 1
 
 
@@ -139,25 +138,25 @@ def test_what_progress_raises_ends_the_plan_and_comes_back() -> None:
         raise ZeroDivisionError(progress.label)
 
     with pytest.raises(ZeroDivisionError, match="level"):
-        conductor.walk(progress=fail)
+        conductor.run(progress=fail)
     assert conductor.cancelled
 
 
 def test_a_plan_is_ended_on_request() -> None:
     conductor, asked = Conductor(lost=99), iter([False, False, True])
-    assert conductor.walk(ended=lambda: next(asked, True)) is None
+    assert conductor.run(ended=lambda: next(asked, True)) is None
     assert conductor.cancelled
 
 
 def test_no_progress_is_an_error() -> None:
     with pytest.raises(GraphError, match="plan check makes no progress for 0 s") as caught:
-        Conductor(lost=99).walk(patience=0.0)
+        Conductor(lost=99).run(patience=0.0)
     assert caught.value.fault == "stalled"
 
 
 def test_a_plan_may_be_refused() -> None:
     with pytest.raises(GraphError, match="refused") as caught:
-        Conductor(accepted=False).walk()
+        Conductor(accepted=False).run()
     assert caught.value.fault == "plan_refused"
 
 
@@ -177,4 +176,4 @@ def test_a_plan_may_be_refused() -> None:
     ],
 )
 def test_the_fault_of_a_plan_is_that_of_what_ended_it(message: str, fault: str) -> None:
-    assert walking.fault_of(message) == fault
+    assert plan_run.fault_of(message) == fault
