@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 import sys
 from pathlib import Path
 from types import FrameType
@@ -47,8 +48,9 @@ class Walk:
         if here and here != caller:
             if here not in self.entered:
                 self.entered.append(here)
-            # the base of results calls the methods of the result that it is
-            if caller and frame.f_back.f_globals["__name__"] != "gyrowheel.show.result":  # type: ignore[union-attr]
+            # the base of results calls methods of the result that it is, and a page is advanced by what prints it
+            base = frame.f_back is not None and frame.f_back.f_globals["__name__"] == "gyrowheel.show.result"
+            if caller and not base and not frame.f_code.co_flags & inspect.CO_GENERATOR:
                 self.calls.setdefault((caller, here), frame.f_code.co_qualname)
 
 
